@@ -1,4 +1,6 @@
-"""Put the demos and the cases of the thesis, whose scenes benchmarks measure, where Python finds them."""
+"""Put the demos and the cases of the thesis, whose scenes benchmarks measure, where Python finds
+them.
+"""
 
 import sys
 from pathlib import Path

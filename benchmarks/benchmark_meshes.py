@@ -1,4 +1,6 @@
-"""Meshes of published benchmarks: half of a disc or ball and what it is pressed on, fine where they touch."""
+"""Meshes of published benchmarks: half of a disc or ball and what it is pressed on, fine where they
+touch.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -9,7 +11,13 @@ from hhr_dolfinx.geometries.gmsh_model import mesh_of
 
 
 def half_round(
-    comm: Any, *, radius: float, fine: float, reach: float, block: Sequence[float] = (), order: int = 1
+    comm: Any,
+    *,
+    radius: float,
+    fine: float,
+    reach: float,
+    block: Sequence[float] = (),
+    order: int = 1,
 ) -> Any:
     """A quarter of a disc with its pole at the origin, on a block below it; or without one.
 
@@ -23,7 +31,11 @@ def half_round(
 
     def make() -> None:
         occ = gmsh.model.occ
-        pole, top, end = occ.addPoint(0, 0, 0), occ.addPoint(0, radius, 0), occ.addPoint(radius, radius, 0)
+        pole, top, end = (
+            occ.addPoint(0, 0, 0),
+            occ.addPoint(0, radius, 0),
+            occ.addPoint(radius, radius, 0),
+        )
         lines = [occ.addCircleArc(pole, top, end), occ.addLine(end, top), occ.addLine(top, pole)]
         bodies = {
             "round": (
@@ -33,8 +45,14 @@ def half_round(
         }
         if block:
             width, height = block
-            corners = [occ.addPoint(x, y, 0) for x, y in ((0, 0), (0, -height), (width, -height), (width, 0))]
-            sides = [occ.addLine(one, two) for one, two in zip(corners, corners[1:] + corners[:1], strict=True)]
+            corners = [
+                occ.addPoint(x, y, 0)
+                for x, y in ((0, 0), (0, -height), (width, -height), (width, 0))
+            ]
+            sides = [
+                occ.addLine(one, two)
+                for one, two in zip(corners, corners[1:] + corners[:1], strict=True)
+            ]
             named = dict(zip(("block_axis", "base", "side", "face"), sides, strict=True))
             bodies["block"] = occ.addPlaneSurface([occ.addCurveLoop(sides)]), named
         occ.synchronize()
@@ -46,7 +64,10 @@ def half_round(
         gmsh.model.mesh.generate(2)
         gmsh.model.mesh.setOrder(order)
 
-    quiet = {f"Mesh.MeshSize{name}": 0.0 for name in ("FromPoints", "FromCurvature", "ExtendFromBoundary")}
+    quiet = {
+        f"Mesh.MeshSize{name}": 0.0
+        for name in ("FromPoints", "FromCurvature", "ExtendFromBoundary")
+    }
     return mesh_of(make, comm, dim=2, options=quiet)
 
 

@@ -1,7 +1,9 @@
-"""One answer beside CalculiX, on tetrahedra of second order: seconds from nothing, and how far displacements differ.
+"""One answer beside CalculiX, on tetrahedra of second order: seconds from nothing, and how far
+displacements differ.
 
-A block is pressed on a wider one by a displacement of its top; meshes do not match. CalculiX reads the deck that the
-scene writes, contact by penalty, surface to surface, with large displacements: both leave some parts of a thousand.
+A block is pressed on a wider one by a displacement of its top; meshes do not match. CalculiX reads
+the deck that the scene writes, contact by penalty, surface to surface, with large displacements:
+both leave some parts of a thousand.
 
     python benchmarks/calculix.py [--out DIR] [--quick] [--seed N] [--cells N] [--patience SECONDS]
 """
@@ -36,15 +38,22 @@ def scene(cells: int) -> hhr.Scene:
     lower = ((0.0, 0.0, 0.0), (2.0, 2.0, 1.0), (2 * along, 2 * along, along))
     upper = ((0.0, 0.0, 1.0), (1.0, 1.0, 2.0), (cells, cells, cells))
     top = side(PRESSED, 2, True)
-    held = [hhr.Displacement(side(body, axis, False), axis) for body in (WIDE, PRESSED) for axis in (0, 1)]
+    held = [
+        hhr.Displacement(side(body, axis, False), axis)
+        for body in (WIDE, PRESSED)
+        for axis in (0, 1)
+    ]
     push = hhr.Displacement(top, 2, hhr.Amplitude(slopes={"push": -1.0}))
     return hhr.Scene(
-        "pressed_blocks", lambda comm: two_blocks(comm, first=lower, second=upper, simplices=True), "solid",
+        "pressed_blocks",
+        lambda comm: two_blocks(comm, first=lower, second=upper, simplices=True),
+        "solid",
         (hhr.Body(WIDE, 70e3, 0.3), hhr.Body(PRESSED, 210e3, 0.3)),
         (hhr.Mortar(side(PRESSED, 2, False), side(WIDE, 2, True)),),
         hhr.ParameterSpace(("push",), (0.0,), (2 * PUSH,)),
-        displacements=(*held, *hhr.Displacement.clamp(side(WIDE, 2, False), 3), push), order=2,
-    )  # fmt: skip
+        displacements=(*held, *hhr.Displacement.clamp(side(WIDE, 2, False), 3), push),
+        order=2,
+    )
 
 
 def ours(given: hhr.Scene) -> tuple[np.ndarray, dict[str, float]]:
@@ -67,7 +76,12 @@ def by_calculix(deck: Path, count: int, patience: float) -> tuple[np.ndarray | N
     one_core = os.environ | {"OMP_NUM_THREADS": "1", "CCX_NPROC_EQUATION_SOLVER": "1"}
     try:
         subprocess.run(
-            ["ccx", deck.stem], cwd=deck.parent, capture_output=True, check=True, timeout=patience, env=one_core
+            ["ccx", deck.stem],
+            cwd=deck.parent,
+            capture_output=True,
+            check=True,
+            timeout=patience,
+            env=one_core,
         )
     except subprocess.TimeoutExpired:
         return None, time.perf_counter() - start
@@ -98,13 +112,17 @@ def main() -> None:
     """Compare, print, report."""
     parser = cli.demo_parser("calculix", __doc__)
     parser.add_argument("--cells", type=int, default=12, help="along the upper block [12]")
-    parser.add_argument("--patience", type=float, default=3600.0, help="seconds that CalculiX may take [3600]")
+    parser.add_argument(
+        "--patience", type=float, default=3600.0, help="seconds that CalculiX may take [3600]"
+    )
     options = cli.parse_on_first_rank(parser)
     if shutil.which("ccx") is None:
         raise SystemExit("there is no ccx on the PATH: install CalculiX, on Debian calculix-ccx")
     found = compared(4 if options.quick else options.cells, options.out, options.patience)
     options.console.print(", ".join(f"{name} {value:.4g}" for name, value in found.items()))
-    report.write_report({"scene": "calculix", "calculix": found, **report.environment()}, options.out)
+    report.write_report(
+        {"scene": "calculix", "calculix": found, **report.environment()}, options.out
+    )
 
 
 if __name__ == "__main__":

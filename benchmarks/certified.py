@@ -1,19 +1,21 @@
-"""Answers that know their error: bounds beside errors on random points, and a model that falls back on the full one.
+"""Answers that know their error: bounds beside errors on random points, and a model that falls back
+on the full one.
 
-Reduced models of the half-discs, the pellet, the sphere, the pellet with its materials as parameters (six in all), and
-a condensed one of a press fit with its shape as parameters, are asked at random points that they have never seen. Each
-answer has a bound of its displacement, in energy, of its contact forces, in the S norm and as users read them, nodal
-forces in the Euclidean norm, and of the largest error of a pressure (docs/bounds.md); where the shape varies it is an
-estimate, as nothing is proved of the interpolation in it. Beside the true errors the report has how many exceed their
-bound (none should), the effectivity, that is bound over error, and whether bounds rank as errors do. Poor models are
-asked too: the thesis' recipe, and one of a tenth of the training.
+Reduced models of the half-discs, the pellet, the sphere, the pellet with its materials as
+parameters (six in all), and a condensed one of a press fit with its shape as parameters, are asked
+at random points that they have never seen. Each answer has a bound of its displacement, in energy,
+of its contact forces, in the S norm and as users read them, nodal forces in the Euclidean norm, and
+of the largest error of a pressure (docs/bounds.md); where the shape varies it is an estimate, as
+nothing is proved of the interpolation in it. Beside the true errors the report has how many exceed
+their bound (none should), the effectivity, that is bound over error, and whether bounds rank as
+errors do. Poor models are asked too: the thesis' recipe, and one of a tenth of the training.
 
-What to see: no error exceeds its bound, and in the median of the usual models the bound is the error to some per
-cent; of poor ones it is within a factor of 1.5. The thesis bounds the same by inf-sup constants, in
-Euclidean norms: its effectivities there are 3.0 and 4.8 for displacements and 71.5 and 20,600 for forces, in the mean
-on the half-discs and the pellet (section 2.6). They are evaluated here too, as printed and with constants that proofs
-allow. With a bound as sharp as ours a model that may ask the full one hands out no answer that is off by more than a
-hundredth.
+What to see: no error exceeds its bound, and in the median of the usual models the bound is the
+error to some per cent; of poor ones it is within a factor of 1.5. The thesis bounds the same by
+inf-sup constants, in Euclidean norms: its effectivities there are 3.0 and 4.8 for displacements and
+71.5 and 20,600 for forces, in the mean on the half-discs and the pellet (section 2.6). They are
+evaluated here too, as printed and with constants that proofs allow. With a bound as sharp as ours a
+model that may ask the full one hands out no answer that is off by more than a hundredth.
 
     python benchmarks/certified.py [--out DIR] [--quick] [--seed N]
 """
@@ -66,9 +68,13 @@ def scenes(quick: bool) -> dict[str, Scene]:
     found = {
         "half-discs": Scene(hertz_half_discs.scene(), [31]),
         "pellet": Scene(pellet_cladding.scene(**mesh), [8, 6] if quick else pellet_cladding.GRID),
-        "materials": Scene(pellet_materials.scene(**mesh), hhr.Sobol(128 if quick else 512), pellet_materials.RECIPE,
-                           thesis=False),
-    }  # fmt: skip
+        "materials": Scene(
+            pellet_materials.scene(**mesh),
+            hhr.Sobol(128 if quick else 512),
+            pellet_materials.RECIPE,
+            thesis=False,
+        ),
+    }
     if not quick:
         found["sphere"] = Scene(sphere_on_block.scene(), sphere_on_block.TRAINING)
     # on a coarse mesh: each of a thousand shapes is a mesh to assemble
@@ -78,7 +84,10 @@ def scenes(quick: bool) -> dict[str, Scene]:
 
 
 def models(training: Training, how: Scene) -> dict[str, Any]:
-    """The usual model, the thesis', and one of a tenth of the training; where shapes vary the condensed one alone."""
+    """The usual model, the thesis', and one of a tenth of the training.
+
+    Where shapes vary the condensed one alone.
+    """
     if how.scene.shapes:
         return {"usual": training.condense()}
     few = training.snapshots.take(slice(None, None, 10))
@@ -88,8 +97,12 @@ def models(training: Training, how: Scene) -> dict[str, Any]:
     return found | {"a tenth": hhr.build(training.full_order, few, how.recipe.as_it_is())}
 
 
-def asked(full: Any, found: dict[str, Any], points: Iterable[np.ndarray]) -> dict[str, dict[str, np.ndarray]]:
-    """Each model, and one that falls back on the full one, at some points: columns by name, (n,) each, by model."""
+def asked(
+    full: Any, found: dict[str, Any], points: Iterable[np.ndarray]
+) -> dict[str, dict[str, np.ndarray]]:
+    """Each model, and one that falls back on the full one, at some points: columns by name, (n,)
+    each, by model.
+    """
     rows: dict[str, list] = {name: [] for name in found}
     safe = {name: hhr.FallbackModel(model, full, TOLERANCE) for name, model in found.items()}
     for point in points:
@@ -106,11 +119,33 @@ def asked(full: Any, found: dict[str, Any], points: Iterable[np.ndarray]) -> dic
                 continue
             primal, dual, *sizes = norms.of(answer)
             times = spent, seconds, *norms.of(handed)[:2], float(safe[name].fell_back(handed))
-            read = [*norms.as_read(answer, problem.contact_areas), estimate.forces_euclid, estimate.pressure]
+            read = [
+                *norms.as_read(answer, problem.contact_areas),
+                estimate.forces_euclid,
+                estimate.pressure,
+            ]
             rows[name].append([*estimate[1:5], primal, dual, *sizes, *read, *times])
-    names = ("primal_bound", "dual_bound", "primal_relative", "dual_relative", "primal", "dual", "field", "forces",
-             "forces_euclid", "pressure", "euclid", "peak", "forces_euclid_bound", "pressure_bound", "query", "full",
-             "handed_primal", "handed_dual", "fell_back")  # fmt: skip
+    names = (
+        "primal_bound",
+        "dual_bound",
+        "primal_relative",
+        "dual_relative",
+        "primal",
+        "dual",
+        "field",
+        "forces",
+        "forces_euclid",
+        "pressure",
+        "euclid",
+        "peak",
+        "forces_euclid_bound",
+        "pressure_bound",
+        "query",
+        "full",
+        "handed_primal",
+        "handed_dual",
+        "fell_back",
+    )
     return {name: dict(zip(names, np.array(row).T, strict=True)) for name, row in rows.items()}
 
 
@@ -123,17 +158,30 @@ class Norms(NamedTuple):
     forces: np.ndarray
 
     def of(self, answer: hhr.Answer) -> list[float]:
-        """Errors of displacement and forces, in energy and in the S norm, and the sizes of the exact ones."""
+        """Errors of displacement and forces, in energy and in the S norm, and the sizes of the
+        exact ones.
+        """
         moved, pushed = answer.displacement() - self.field, answer.forces() - self.forces
-        squares = (moved @ (self.stiffness @ moved), pushed @ self.schur @ pushed,
-                   self.field @ (self.stiffness @ self.field), self.forces @ self.schur @ self.forces)  # fmt: skip
+        squares = (
+            moved @ (self.stiffness @ moved),
+            pushed @ self.schur @ pushed,
+            self.field @ (self.stiffness @ self.field),
+            self.forces @ self.schur @ self.forces,
+        )
         return [float(np.sqrt(max(value, 0.0))) for value in squares]
 
     def as_read(self, answer: hhr.Answer, areas: np.ndarray) -> list[float]:
-        """Errors of nodal forces, in the Euclidean norm, and of pressures, the largest; sizes of the exact ones."""
+        """Errors of nodal forces, in the Euclidean norm, and of pressures, the largest.
+
+        Sizes of the exact ones.
+        """
         off, per_area = answer.forces() - self.forces, 1 / np.where(areas > 0, areas, np.inf)
-        return [float(np.linalg.norm(off)), float(np.abs(off * per_area).max()),
-                float(np.linalg.norm(self.forces)), float((self.forces * per_area).max())]  # fmt: skip
+        return [
+            float(np.linalg.norm(off)),
+            float(np.abs(off * per_area).max()),
+            float(np.linalg.norm(self.forces)),
+            float((self.forces * per_area).max()),
+        ]
 
 
 KINDS = {"primal": "field", "dual": "forces", "forces_euclid": "euclid", "pressure": "peak"}
@@ -141,35 +189,53 @@ KINDS = {"primal": "field", "dual": "forces", "forces_euclid": "euclid", "pressu
 
 
 def relative(errors: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Errors over the sizes of exact answers, (n,) each; where bodies only graze each other a size is round-off."""
+    """Errors over the sizes of exact answers, (n,) each.
+
+    Where bodies only graze each other a size is round-off.
+    """
     return errors / np.maximum(sizes, EXACT * sizes.max())
 
 
 def judged(found: dict[str, np.ndarray]) -> dict[str, float]:
-    """How many errors exceed their bound, effectivities, and the rank correlation of bounds and errors."""
+    """How many errors exceed their bound, effectivities, and the rank correlation of bounds and
+    errors.
+    """
     row: dict[str, Any] = {"answers": len(found["dual"])}
     for kind, size in KINDS.items():
         bound, error = found[f"{kind}_bound"], found[kind]
         off = error > EXACT * found[size]
         row |= {f"{kind} exceeded": int((error > bound).sum()), f"{kind} off": int(off.sum())}
         for share in (50, 95, 100):
-            row[f"{kind} {share} %"] = float(np.percentile(bound[off] / error[off], share)) if off.any() else np.nan
-        row[f"{kind} rank"] = float(spearmanr(bound[off], error[off]).statistic) if off.sum() > 2 else np.nan
+            row[f"{kind} {share} %"] = (
+                float(np.percentile(bound[off] / error[off], share)) if off.any() else np.nan
+            )
+        row[f"{kind} rank"] = (
+            float(spearmanr(bound[off], error[off]).statistic) if off.sum() > 2 else np.nan
+        )
         row[f"{kind} worst error"] = float(relative(error, found[size]).max())
     return row
 
 
 def fallen_back(found: dict[str, np.ndarray]) -> dict[str, float]:
-    """What a model that falls back hands out: how often it fell back, its worst error, and what a query costs."""
+    """What a model that falls back hands out: how often it fell back, its worst error, and what a
+    query costs.
+    """
     means = {name: float(found[name].mean()) for name in ("query", "full")}
-    worst = max(relative(found[f"handed_{kind}"], found[KINDS[kind]]).max() for kind in ("primal", "dual"))
+    worst = max(
+        relative(found[f"handed_{kind}"], found[KINDS[kind]]).max() for kind in ("primal", "dual")
+    )
     return {"share": float(found["fell_back"].mean()), "worst error": float(worst), **means}
 
 
 def told(row: dict[str, Any], fell: dict[str, Any], kind: str) -> dict[str, Any]:
     """What the report says of the estimates of one model."""
-    every = {name: {key: row[f"{name} {share} %"] for key, share in (("median", 50), ("p95", 95), ("max", 100))}
-             for name in KINDS}  # fmt: skip
+    every = {
+        name: {
+            key: row[f"{name} {share} %"]
+            for key, share in (("median", 50), ("p95", 95), ("max", 100))
+        }
+        for name in KINDS
+    }
     off = {name: every[name] for name in ("primal", "dual")}
     read = {name: {"effectivity": every[name], "violated": row[f"{name} exceeded"]}
             for name in ("forces_euclid", "pressure")}  # fmt: skip
@@ -181,9 +247,14 @@ def told(row: dict[str, Any], fell: dict[str, Any], kind: str) -> dict[str, Any]
         "violated": row["primal exceeded"] + row["dual exceeded"],
         **read,
         "cost": row["estimate"] / row["solve"],
-        "fallback": {"target": TOLERANCE, "share": fell["share"], "worst": fell["worst error"],
-                     "query_s": fell["query"], "full_s": fell["full"]},
-    }  # fmt: skip
+        "fallback": {
+            "target": TOLERANCE,
+            "share": fell["share"],
+            "worst": fell["worst error"],
+            "query_s": fell["query"],
+            "full_s": fell["full"],
+        },
+    }
 
 
 def costs(model: Any, point: np.ndarray, count: int = 200) -> dict[str, float]:
@@ -208,7 +279,13 @@ def draw(found: dict[str, dict[str, np.ndarray]], options: Namespace) -> None:
         for name, values in found.items():
             off = values[kind] > EXACT * values[size]
             scale = values[size][off]
-            axis.loglog(values[kind][off] / scale, values[f"{kind}_bound"][off] / scale, ".", markersize=3, label=name)
+            axis.loglog(
+                values[kind][off] / scale,
+                values[f"{kind}_bound"][off] / scale,
+                ".",
+                markersize=3,
+                label=name,
+            )
         ends = np.array(axis.get_xlim())
         axis.loglog(ends, ends, "k-", linewidth=0.8)
         axis.set(xlabel=f"relative error, {kind}", ylabel="bound")
@@ -223,10 +300,14 @@ def main() -> None:
     theirs, constants, scenes_told = [], {}, {}
     for scene, how in scenes(options.quick).items():
         folder = options.out / f"snapshots_{scene}"
-        training = hhr.train(how.scene, how.training, folder=folder, comm=MPI.COMM_SELF, progress=options.progress)
+        training = hhr.train(
+            how.scene, how.training, folder=folder, comm=MPI.COMM_SELF, progress=options.progress
+        )
         points = training.full_order.parameters.random(count, options.seed + 11)
         found = models(training, how)
-        for name, columns in asked(training.full_order, found, options.progress(scene)(points)).items():
+        for name, columns in asked(
+            training.full_order, found, options.progress(scene)(points)
+        ).items():
             drawn[f"{scene}, {name}"] = columns
             label = {"scene": scene, "model": name}
             rows.append({**label, **judged(columns), **costs(found[name], points[0])})
@@ -238,14 +319,28 @@ def main() -> None:
             found_rows, constants[scene] = theorems.thesis_bounds(scene, training, points, options)
             theirs += found_rows
     draw(drawn, options)
-    found_all = {"scenes": scenes_told, "bounds": rows, "thesis_bounds": theirs, "thesis_constants": constants}
+    found_all = {
+        "scenes": scenes_told,
+        "bounds": rows,
+        "thesis_bounds": theirs,
+        "thesis_constants": constants,
+    }
     report.write_report({"points": count, **found_all, **report.environment()}, options.out)
     for kind in KINDS:
-        shown = [{key: row[key] for key in row if key in ("scene", "model") or key.startswith(kind)} for row in rows]
+        shown = [
+            {key: row[key] for key in row if key in ("scene", "model") or key.startswith(kind)}
+            for row in rows
+        ]
         cli.print_rows(f"bounds, {kind}: bound over error", shown, options.console)
     cli.print_rows("the thesis' own: right over left side", theorems.shown(theirs), options.console)
-    cli.print_rows("seconds", [{key: row[key] for key in ("scene", "model", "solve", "forces", "estimate")}
-                                  for row in rows], options.console)  # fmt: skip
+    cli.print_rows(
+        "seconds",
+        [
+            {key: row[key] for key in ("scene", "model", "solve", "forces", "estimate")}
+            for row in rows
+        ],
+        options.console,
+    )
     cli.print_rows(f"never off by more than {TOLERANCE:g}", falls, options.console)
 
 

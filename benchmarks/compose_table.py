@@ -175,7 +175,9 @@ def page(rows: Rows, names: list[str]) -> str:
     changes = [row["neutral"] for row in rows if row["neutral"] is not None]
     said = []
     for item in refusals(rows):
-        why, example = (in_a_cell(text) for text in (reason(item["verb"], item["place"]), item["reason"]))
+        why, example = (
+            in_a_cell(text) for text in (reason(item["verb"], item["place"]), item["reason"])
+        )
         said.append(f"| {item['pairs']} | {item['verb']} | `{item['place']}` | {why} | {example} |")
     neutral = NEUTRAL.format(largest=max(changes), count=len(changes)) if changes else ""
     return ABOUT.format(

@@ -44,8 +44,9 @@ OF_LAWS = 0.25
 SLOPES = 1e-3
 """The same of gradients along paths, over differences; those of laws 3e-4."""
 NEUTRAL = 1e-6
-"""Change of answers by a capability whose value is neutral; 4e-7 seen, of laws in axisymmetry, whose rule has fewer
-points for weights 1/r than that of elastic bodies. Others are round-off."""
+"""Change of answers by a capability whose value is neutral; 4e-7 seen, of laws in axisymmetry,
+whose rule has fewer points for weights 1/r than that of elastic bodies. Others are round-off.
+"""
 PARTS_OF_ESTIMATE = {"bound": 1.0, "estimate": 2.0}
 """Most of an error over its estimate, by the kind of estimate; indicators promise nothing."""
 STEPS = (3e-4, 3e-5, 3e-6, 1e-6)
@@ -234,7 +235,9 @@ class Case:
             return hhr.train(self.scene, hhr.Sobol(24), held_out=6, comm=MPI.COMM_SELF)
         constant = any(not isinstance(one.values, tuple) for one in self.draft.varied)
         ways = [(1.06, 0.25), (0.75, 0.8), (0.9, 0.5)]
-        if not self.inelastic:  # forces of three paths of friction do not span those of others: 0.06 off, with six 4e-3
+        if (
+            not self.inelastic
+        ):  # forces of three paths of friction do not span those of others: 0.06 off, with six 4e-3
             ways += [(1.0, 0.1), (0.8, 0.4), (0.65, 0.6)]
         ways += [(0.95, 0.02), (0.95, 0.98), (0.9, 0.35), (0.9, 0.65)] if constant else []
         paths = [self.draft.path(*way) for way in ways]
@@ -314,7 +317,8 @@ def contact_of(answers: Sequence[Any]) -> np.ndarray:
 
 
 def differences(case: Case, closed: np.ndarray, widths: np.ndarray) -> np.ndarray:
-    """Derivatives of outputs, (outputs, P), times ranges, (P, P) diagonal, by a step that meets no kink.
+    """Derivatives of outputs, (outputs, P), times ranges, (P, P) diagonal, by a step that meets no
+    kink.
 
     Raises:
         Unknown: if contacts open or close, or points yield, within the smallest steps.
@@ -334,7 +338,10 @@ def differences(case: Case, closed: np.ndarray, widths: np.ndarray) -> np.ndarra
 
 
 def slopes(case: Case, closed: np.ndarray, width: np.ndarray, step: float) -> np.ndarray | None:
-    """Derivatives of outputs along a range, (P,), times that range; None if a contact opens or closes."""
+    """Derivatives of outputs along a range, (P,), times that range.
+
+    None if a contact opens or closes.
+    """
     ends = []
     for sign in (1.0, -1.0):
         moved = [(time, point + sign * step * width) for time, point in case.path]

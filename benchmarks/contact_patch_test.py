@@ -1,8 +1,9 @@
 """Contact patch test: which pairing passes a constant pressure between meshes that do not match.
 
-Two stacked blocks are pressed together with Poisson's ratio zero, so that the pressure is uniform and known. Mortar
-passes to round-off for any pair of meshes; node-to-surface does not (R. L. Taylor and P. Papadopoulos, "On a patch test
-for contact problems in two dimensions", 1991); two passes give the right stress, but share out multipliers uselessly.
+Two stacked blocks are pressed together with Poisson's ratio zero, so that the pressure is uniform
+and known. Mortar passes to round-off for any pair of meshes; node-to-surface does not (R. L. Taylor
+and P. Papadopoulos, "On a patch test for contact problems in two dimensions", 1991); two passes
+give the right stress, but share out multipliers uselessly.
 
     python benchmarks/contact_patch_test.py [--out DIR] [--quick] [--seed N]
 """
@@ -28,7 +29,9 @@ def pair(name: str, *tags: Any, **options: Any) -> Any:
     return getattr(hhr, name)(*tags, **options)
 
 
-mortar, node_to_surface, double_pass = (partial(pair, name) for name in ("Mortar", "NodeToSurface", "DoublePass"))
+mortar, node_to_surface, double_pass = (
+    partial(pair, name) for name in ("Mortar", "NodeToSurface", "DoublePass")
+)
 PAIRINGS = {"node_to_surface": node_to_surface, "double_pass": double_pass, "mortar, dual": mortar}
 PAIRINGS["mortar, standard"] = partial(mortar, multipliers="standard")
 
@@ -42,13 +45,23 @@ def scene(
     slave: int = geometry.UPPER,
     **shape: Any,
 ) -> hhr.Scene:
-    """The lower block clamped, the upper pushed down by its top and aside; ``shape``: :func:`stacked_blocks`."""
-    dim, master, turn = len(lower), 3 - slave, geometry.rotation(len(lower), shape.get("angle", 0.0))
+    """The lower block clamped, the upper pushed down by its top and aside.
+
+    ``shape``: :func:`stacked_blocks`.
+    """
+    dim, master, turn = (
+        len(lower),
+        3 - slave,
+        geometry.rotation(len(lower), shape.get("angle", 0.0)),
+    )
     towards = turn[:, -1] if slave == geometry.LOWER else -turn[:, -1]
     tags = geometry.interface(slave, dim), geometry.interface(master, dim)
     down = {geometry.LOWER: np.zeros(dim), geometry.UPPER: -turn[:, -1]}
-    moves = tuple(hhr.Displacement(geometry.outer_end(body, dim), k, hhr.Amplitude(slopes={"push": way[k]}))
-                  for body, way in down.items() for k in range(dim))  # fmt: skip
+    moves = tuple(
+        hhr.Displacement(geometry.outer_end(body, dim), k, hhr.Amplitude(slopes={"push": way[k]}))
+        for body, way in down.items()
+        for k in range(dim)
+    )
     aside = hhr.Amplitude(slopes={"side": 1.0})
     return hhr.Scene(
         name="stacked_blocks",
@@ -63,7 +76,9 @@ def scene(
 
 
 def solve(built: hhr.Scene) -> tuple[np.ndarray, np.ndarray, float]:
-    """Positions along the first axis, nodal pressures over the exact one, and the largest relative stress error."""
+    """Positions along the first axis, nodal pressures over the exact one, and the largest relative
+    stress error.
+    """
     full = hhr.FullOrderModel(built, MPI.COMM_SELF)
     problem, answer = full.problem, full.solve([PUSH, 0.0])
     pressure = answer.forces() / problem.contact_areas / PRESSURE
@@ -81,7 +96,10 @@ def main() -> None:
     meshes = {"3 on 5": ((3, 3), (5, 4)), "5 on 3": ((5, 4), (3, 3)), "7 on 8": ((7, 4), (8, 4)),
               "1 on 20": ((1, 2), (20, 6)), "20 on 1": ((20, 6), (1, 2))}  # fmt: skip
     if not options.quick:
-        meshes |= {"4 x 4 on 6 x 6": ((4, 4, 3), (6, 6, 3)), "6 x 6 on 4 x 4": ((6, 6, 3), (4, 4, 3))}
+        meshes |= {
+            "4 x 4 on 6 x 6": ((4, 4, 3), (6, 6, 3)),
+            "6 x 6 on 4 x 4": ((6, 6, 3), (4, 4, 3)),
+        }
     rows, curves = [], {}
     for mesh, cells in meshes.items():
         for name, pairing in PAIRINGS.items():
@@ -94,7 +112,9 @@ def main() -> None:
     written = {"scene": "contact_patch_test", "seed": options.seed, "pairings": rows}
     report.write_report({**written, **report.environment()}, options.out)
     cli.print_rows("largest error of stress and pressure", rows, options.console)
-    plots.plot_curves(curves, options.out / "pressures.png", ("position along the interface", "pressure / exact"))
+    plots.plot_curves(
+        curves, options.out / "pressures.png", ("position along the interface", "pressure / exact")
+    )
 
 
 if __name__ == "__main__":

@@ -1,8 +1,10 @@
-"""One contract: every kind of model, every verb, in every place; what a kind does not offer it refuses by name.
+"""One contract: every kind of model, every verb, in every place.
 
-Small scenes of two blocks stand for all: a constant stiffness, moduli that are parameters, a shape, a body that contact
-alone holds, a body that flows. ``cases`` of the report say for each kind, verb and place how it ended; the page
-``docs/contract.md`` lists what is refused, and why.
+What a kind does not offer it refuses by name.
+
+Small scenes of two blocks stand for all: a constant stiffness, moduli that are parameters, a shape,
+a body that contact alone holds, a body that flows. ``cases`` of the report say for each kind, verb
+and place how it ended; the page ``docs/contract.md`` lists what is refused, and why.
 
     python benchmarks/contract.py [--out DIR] [--quick] [--seed N] [--page docs/contract.md]
 """
@@ -31,9 +33,14 @@ from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.models.estimates import FORCES, STRESS
 
 EXACT = 1e-9
-"""Difference that copies, files and tables may make: other libraries and other orders of summation, 1e-12 seen."""
+"""Difference that copies, files and tables may make: other libraries and other orders of summation,
+1e-12 seen.
+"""
 LOOSE = 0.05
-"""Difference of a small model from the full order that says that it answers the right question; 3 % was seen."""
+"""Difference of a small model from the full order that says that it answers the right question.
+
+3 % was seen.
+"""
 
 
 class Kind(NamedTuple):
@@ -51,7 +58,9 @@ class Kind(NamedTuple):
 
 
 class Case(NamedTuple):
-    """How one combination ended: ``answers``, ``refused``, ``unknown`` (nothing is known of the error), ``broken``."""
+    """How one combination ended: ``answers``, ``refused``, ``unknown`` (nothing is known of the
+    error), ``broken``.
+    """
 
     kind: str
     verb: str
@@ -64,9 +73,16 @@ class Case(NamedTuple):
 
 
 def blocks(
-    lower: Any = (3.0, 0.3), *, free: bool = False, law: Any = None, friction: Any = None, **others: Any
+    lower: Any = (3.0, 0.3),
+    *,
+    free: bool = False,
+    law: Any = None,
+    friction: Any = None,
+    **others: Any,
 ) -> hhr.Scene:
-    """Two blocks on each other: the lower one is clamped, the upper one pushed down, or pressed where it is free."""
+    """Two blocks on each other: the lower one is clamped, the upper one pushed down, or pressed
+    where it is free.
+    """
     side = two_blocks.side
     box = {"press": (0.01, 0.1)} if free else {"push": (0.005, 0.06), "load": (0.0, 0.1)}
     box |= others.pop("box", {})
@@ -75,7 +91,9 @@ def blocks(
     held = [hhr.Displacement(side(two_blocks.FIRST, 1, False), axis) for axis in range(2)]
     moved = [hhr.Displacement(top, 0)]
     moved += [] if free else [hhr.Displacement(top, 1, hhr.Amplitude(slopes={"push": -1.0}))]
-    load = hhr.Pressure(top if free else flank, hhr.Amplitude(slopes={"press" if free else "load": 1.0}))
+    load = hhr.Pressure(
+        top if free else flank, hhr.Amplitude(slopes={"press" if free else "load": 1.0})
+    )
     return hhr.Scene(
         name="contract",
         geometry=lambda comm: two_blocks.two_blocks(
@@ -172,7 +190,12 @@ def hyper_reduced(full: hhr.FullOrderModel) -> Any:
         start[fixed] = point[fixed]
         shares = (0.25, 0.5, 1.0, 0.6)
         histories.append(
-            full.march([(0.0, start), *((1.0 + k, start + s * (point - start)) for k, s in enumerate(shares))])
+            full.march(
+                [
+                    (0.0, start),
+                    *((1.0 + k, start + s * (point - start)) for k, s in enumerate(shares)),
+                ]
+            )
         )
     recipe = hhr.Recipe.with_friction(domain=hhr.Rid(1, 1), enrichment=hhr.Enrich(2.0)).as_it_is()
     return hhr.build(full, hhr.SnapshotSet.of_histories(histories), recipe)
@@ -186,7 +209,9 @@ def sliding(condensed: bool) -> Any:
         dataclasses.replace(
             scene,
             geometry=lambda comm: two_blocks.two_blocks(
-                comm, first=((0.0, 0.0), (3.0, 1.0), (9, 3)), second=((1.0, 1.0), (2.0, 2.0), (4, 4))
+                comm,
+                first=((0.0, 0.0), (3.0, 1.0), (9, 3)),
+                second=((1.0, 1.0), (2.0, 2.0), (4, 4)),
             ),
             contacts=(hhr.NodeToSurface(upper, lower, friction=0.1),),
             outputs=scene.outputs[1:],
@@ -202,7 +227,9 @@ def local_set() -> Any:
     model = training("constant").build(AS_IT_IS)
     other = model.changed(fields=dataclasses.replace(model.fields))
     axis, inner = np.array([0, LEAF, LEAF]), np.array([1, 0, 0])
-    choice = Choice(axis, np.array([0.03, 0.0, 0.0]), inner, 2 * inner, np.array([0, 0, 1]), np.zeros(2))
+    choice = Choice(
+        axis, np.array([0.03, 0.0, 0.0]), inner, 2 * inner, np.array([0, 0, 1]), np.zeros(2)
+    )
     return hhr.LocalModels([model, other], choice)
 
 
@@ -215,7 +242,11 @@ def _flowing(make: Callable[[hhr.Training], Any]) -> Kind:
 
 
 def _rubbing_flow(make: Callable[[hhr.Training], Any]) -> Kind:
-    return Kind(lambda: make(rubbing_flow()), lambda: rubbing_flow().full_order, {"push": 0.04, "load": 0.02})
+    return Kind(
+        lambda: make(rubbing_flow()),
+        lambda: rubbing_flow().full_order,
+        {"push": 0.04, "load": 0.02},
+    )
 
 
 def _rubbing(name: str, make: Callable[[hhr.FullOrderModel], Any], mu: dict[str, float]) -> Kind:
@@ -253,12 +284,17 @@ BY_WORD = {
 
 def needed(name: str) -> set[str]:
     """Plug-ins that a kind or a place needs."""
-    return {*OF_PLUGINS.get(name, ()), *(plugin for word, plugin in BY_WORD.items() if word in name)}
+    return {
+        *OF_PLUGINS.get(name, ()),
+        *(plugin for word, plugin in BY_WORD.items() if word in name),
+    }
 
 
 def there(cases: dict[str, Any]) -> dict[str, Any]:
     """Those whose plug-ins are installed."""
-    return {name: case for name, case in cases.items() if needed(name) <= registry.installed().keys()}
+    return {
+        name: case for name, case in cases.items() if needed(name) <= registry.installed().keys()
+    }
 
 
 VARIED, PRESSED = {**MIDDLE, "E1": 2.5}, {"press": 0.05}
@@ -267,19 +303,29 @@ KINDS = there(
         "full": _elastic("constant", lambda item: item.full_order, MIDDLE),
         "naive": _elastic("constant", lambda item: naive(item.full_order), MIDDLE),
         "exact condensation": _elastic(
-            "constant", lambda item: hhr.exact_condensation(item.full_order, item.snapshots.known_statuses()), MIDDLE
+            "constant",
+            lambda item: hhr.exact_condensation(item.full_order, item.snapshots.known_statuses()),
+            MIDDLE,
         ),
         "exact condensation, floating": _elastic(
-            "floating", lambda item: hhr.exact_condensation(item.full_order, item.snapshots.known_statuses()), PRESSED
+            "floating",
+            lambda item: hhr.exact_condensation(item.full_order, item.snapshots.known_statuses()),
+            PRESSED,
         ),
-        "interpolated condensation, moduli": _elastic("moduli", lambda item: item.condense(), VARIED),
-        "interpolated condensation, shape": _elastic("shape", lambda item: item.condense(), {**MIDDLE, "crown": 0.01}),
+        "interpolated condensation, moduli": _elastic(
+            "moduli", lambda item: item.condense(), VARIED
+        ),
+        "interpolated condensation, shape": _elastic(
+            "shape", lambda item: item.condense(), {**MIDDLE, "crown": 0.01}
+        ),
         "interpolated condensation, floating": _elastic(
             "floating moduli", lambda item: item.condense(), {**PRESSED, "E1": 2.5}
         ),
         "HHR, constant": _elastic("constant", lambda item: item.build(AS_IT_IS), MIDDLE),
         "HHR, moduli": _elastic("moduli", lambda item: item.build(AS_IT_IS), VARIED),
-        "HHR, shape": _elastic("shape", lambda item: item.build(AS_IT_IS), {**MIDDLE, "crown": 0.01}),
+        "HHR, shape": _elastic(
+            "shape", lambda item: item.build(AS_IT_IS), {**MIDDLE, "crown": 0.01}
+        ),
         "HHR, floating": _elastic("floating", lambda item: item.build(AS_IT_IS), PRESSED),
         "local models": _elastic("constant", lambda item: local_set(), MIDDLE),
         "fallback": _elastic("constant", lambda item: _in_fallback("HHR, constant"), MIDDLE),
@@ -289,7 +335,9 @@ KINDS = there(
         "full, friction": _rubbing("constant", lambda full: full, MIDDLE),
         "exact condensation, friction": _rubbing("constant", hhr.condense, MIDDLE),
         "exact condensation, friction and floating": _rubbing("floating", hhr.condense, PRESSED),
-        "interpolated condensation, friction": _rubbing("moduli", lambda full: hhr.condense(full, fields=True), VARIED),
+        "interpolated condensation, friction": _rubbing(
+            "moduli", lambda full: hhr.condense(full, fields=True), VARIED
+        ),
         "interpolated condensation, friction and shape": _rubbing(
             "shape", lambda full: hhr.condense(full, fields=True), {**MIDDLE, "crown": 0.01}
         ),
@@ -297,7 +345,9 @@ KINDS = there(
         "HHR, friction and moduli": _rubbing("moduli", hyper_reduced, VARIED),
         "HHR, friction and shape": _rubbing("shape", hyper_reduced, {**MIDDLE, "crown": 0.01}),
         "HHR, friction and floating": _rubbing("floating", hyper_reduced, PRESSED),
-        "sliding past the mesh": Kind(lambda: sliding(True), lambda: sliding(False), {"push": 0.03, "load": 0.005}),
+        "sliding past the mesh": Kind(
+            lambda: sliding(True), lambda: sliding(False), {"push": 0.03, "load": 0.005}
+        ),
         "full, friction and flowing": _rubbing_flow(lambda item: item.full_order),
         "HHR, friction and flowing": _rubbing_flow(reduced_flow),
     }
@@ -322,7 +372,9 @@ def exact(kind: str) -> Any:
 
 
 class Context(NamedTuple):
-    """What a verb is tried on: a model as it stands in its place, its kind, and whether it has a mesh."""
+    """What a verb is tried on: a model as it stands in its place, its kind, and whether it has a
+    mesh.
+    """
 
     model: Any
     kind: str
@@ -340,8 +392,12 @@ class Context(NamedTuple):
         """Hold a field against the full order, and the same of the model in memory."""
         reference = getattr(exact(self.kind), name)()
         own = getattr(model_of(self.kind).solve(self.mu, outside="ignore"), name)()
-        assert _difference(found, reference) < LOOSE, f"{name} is off by {_difference(found, reference):.1g}"
-        assert _difference(found, own) < EXACT, f"{name} differs by {_difference(found, own):.1g} from that in memory"
+        assert _difference(found, reference) < LOOSE, (
+            f"{name} is off by {_difference(found, reference):.1g}"
+        )
+        assert _difference(found, own) < EXACT, (
+            f"{name} differs by {_difference(found, own):.1g} from that in memory"
+        )
 
 
 def _difference(found: np.ndarray, expected: np.ndarray) -> float:
@@ -370,7 +426,9 @@ def _march(item: Context) -> None:
     end = np.array(list(item.mu.values()))
     points = [(0.5 * k, start + 0.5 * k * (end - start)) for k in range(3)]
     history = item.model.march(points, hhr.MarchSettings(outside="ignore"))
-    assert [answer.time for answer in history.answers] == [0.5, 1.0] and history.answers[-1].converged
+    assert [answer.time for answer in history.answers] == [0.5, 1.0] and history.answers[
+        -1
+    ].converged
 
 
 def _outputs(item: Context) -> None:
@@ -385,7 +443,9 @@ def _gradient(item: Context) -> None:
     if item.model.equilibrium is None:
         assert item.solved(gradient=True).gradient.multipliers.shape[1] == len(item.mu)
         return
-    settings = hhr.MarchSettings(outside="ignore", gradient=True, relative_force=1e-8, relative_stress=1e-8)
+    settings = hhr.MarchSettings(
+        outside="ignore", gradient=True, relative_force=1e-8, relative_stress=1e-8
+    )
     history = item.model.march(path(0.03), settings)
     assert history.answers[-1].gradient.multipliers.shape[1] == len(item.mu)
 
@@ -398,7 +458,10 @@ def _estimate(item: Context) -> None:
     estimate = item.solved().estimate()
     if estimate is None:
         raise Unknown
-    assert estimate.kind in ("bound", "estimate", "indicator", STRESS, FORCES) and estimate.dual_relative >= 0
+    assert (
+        estimate.kind in ("bound", "estimate", "indicator", STRESS, FORCES)
+        and estimate.dual_relative >= 0
+    )
 
 
 def _field(name: str) -> Callable[[Context], None]:
@@ -442,7 +505,10 @@ def _no_exception(item: Context) -> None:
 
 def _outside(item: Context) -> None:
     _refuses(ParameterError, outside="rubbish")(item)
-    corner = {name: low for name, low in zip(item.model.parameters.names, item.model.parameters.lower, strict=True)}
+    corner = {
+        name: low
+        for name, low in zip(item.model.parameters.names, item.model.parameters.lower, strict=True)
+    }
     try:
         item.model.solve(corner, outside="refuse", raise_on_failure=False)
     except OutsideTrainingError:
@@ -476,7 +542,9 @@ def _from_file(kind: str) -> Any:
 
 def _in_fallback(kind: str) -> Any:
     model = model_of(kind)
-    of = "forces" if model.fields.interface is not None else None  # their indicator is silent on all else
+    of = (
+        "forces" if model.fields.interface is not None else None
+    )  # their indicator is silent on all else
     return hhr.FallbackModel(model, KINDS[kind].full(), 0.05, of=of)
 
 
@@ -494,7 +562,9 @@ PLACES: dict[str, Callable[[str], Any]] = there(
 def _table(kind: str) -> None:
     """A table, of which one row is bad, in memory."""
     model, mu = model_of(kind), np.array(list(KINDS[kind].mu.values()))
-    found = hhr.answer_points(model, np.array([mu, np.full(mu.size, np.nan)]), outside="ignore", displacement=True)
+    found = hhr.answer_points(
+        model, np.array([mu, np.full(mu.size, np.nan)]), outside="ignore", displacement=True
+    )
     assert found.status[0] == "ok" and found.status[1] != "ok" and np.isnan(found.forces[1]).all()
     Context(model, kind).near(found.forces[0], "forces")
     assert {head.split(" ")[0] for head in found.outputs} == set(exact(kind).outputs().keys())
@@ -512,14 +582,24 @@ def _command(kind: str) -> None:
         hhr.save_model(folder / "model.npz", model_of(kind))
         values = ",".join(repr(value) for value in mu.values())
         (folder / "q.csv").write_text(f"{','.join(mu)}\n{values}\n{values}\n")
-        words = ["answer", str(folder / "model.npz"), str(folder / "q.csv"), "--out", str(folder / "a.csv")]
+        words = [
+            "answer",
+            str(folder / "model.npz"),
+            str(folder / "q.csv"),
+            "--out",
+            str(folder / "a.csv"),
+        ]
         run = CliRunner().invoke(command, words, catch_exceptions=False)
         rows = list(csv.DictReader((folder / "a.csv").open()))
         assert run.exit_code in (0, 1) and len(rows) == 2, run.output
         statuses = {row["status"] for row in rows}
-        assert statuses == {"ok"} or all("outside what was trained" in status for status in statuses), statuses
+        assert statuses == {"ok"} or all(
+            "outside what was trained" in status for status in statuses
+        ), statuses
         at = ",".join(f"{name}={value!r}" for name, value in mu.items())
-        run = CliRunner().invoke(command, ["solve", str(folder / "model.npz"), "--at", at], catch_exceptions=False)
+        run = CliRunner().invoke(
+            command, ["solve", str(folder / "model.npz"), "--at", at], catch_exceptions=False
+        )
         assert run.exit_code == 0 and "force" in run.output, run.output
 
 
@@ -545,7 +625,10 @@ def _ended(action: Callable[..., Any], *given: Any) -> tuple[str, str]:
 
 
 def cases_of(kind: str) -> list[Case]:
-    """All cases of a kind. One that cannot be made, or be brought to a place, has one case for that."""
+    """All cases of a kind.
+
+    One that cannot be made, or be brought to a place, has one case for that.
+    """
     found = [Case(kind, "make", "in memory", *_ended(model_of, kind))]
     if found[0].outcome != "answers":
         return found
@@ -556,7 +639,9 @@ def cases_of(kind: str) -> list[Case]:
             continue
         item = Context(brought(kind), kind)
         found += [Case(kind, verb, place, *_ended(check, item)) for verb, check in VERBS.items()]
-    return found + [Case(kind, "answer", place, *_ended(check, kind)) for place, check in TABLES.items()]
+    return found + [
+        Case(kind, "answer", place, *_ended(check, kind)) for place, check in TABLES.items()
+    ]
 
 
 def page(cases: list[Case]) -> str:
@@ -565,8 +650,9 @@ def page(cases: list[Case]) -> str:
         "# What each kind of model offers",
         "",
         f"Made by `benchmarks/contract.py`: {len(KINDS)} kinds of models, {len(VERBS)} verbs, "
-        f"{len(PLACES) + len(TABLES)} places, {len(cases)} cases. All answer but for those below: `refused` by a "
-        "`NotOfferedError` with this reason; `unknown`, since nothing is known of the error and `estimate()` is None.",
+        f"{len(PLACES) + len(TABLES)} places, {len(cases)} cases. All answer but for those below: "
+        "`refused` by a `NotOfferedError` with this reason; `unknown`, since nothing is known of "
+        "the error and `estimate()` is None.",
         "",
         "| kind | verb | place | outcome | why |",
         "|---|---|---|---|---|",
@@ -576,7 +662,9 @@ def page(cases: list[Case]) -> str:
         if case.outcome != "answers":
             groups.setdefault((case.kind, case.verb, case.outcome, case.why), []).append(case.place)
     for (kind, verb, outcome, why), places in groups.items():
-        lines.append(f"| {kind} | {verb} | {', '.join(places)} | {outcome} | {' '.join(why.split())} |")
+        lines.append(
+            f"| {kind} | {verb} | {', '.join(places)} | {outcome} | {' '.join(why.split())} |"
+        )
     return "\n".join(lines) + "\n"
 
 
@@ -614,9 +702,15 @@ def main() -> None:
     parser.add_argument("--page", type=Path, help="the page to write, of all kinds")
     options = cli.parse_on_first_rank(parser)
     if options.page is not None and options.quick:
-        parser.error("--page lists all kinds, and --quick tries some of them: leave one of both out")
+        parser.error(
+            "--page lists all kinds, and --quick tries some of them: leave one of both out"
+        )
     cases = [case for kind in (QUICK if options.quick else KINDS) for case in cases_of(kind)]
-    written = {"scene": "contract", "seed": options.seed, "cases": [case._asdict() for case in cases]}
+    written = {
+        "scene": "contract",
+        "seed": options.seed,
+        "cases": [case._asdict() for case in cases],
+    }
     report.write_report({**written, **report.environment()}, options.out)
     if options.page is not None:
         options.page.write_text(page(cases))

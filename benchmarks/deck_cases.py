@@ -28,16 +28,33 @@ def _facets(box: Box, where: Where) -> np.ndarray:
 def _mail(path: Path, places: np.ndarray, plate: Box) -> None:
     """Text of code_aster with groups of nodes and of faces."""
     rows = [f"N{number} {x!r} {y!r} {z!r}" for number, (x, y, z) in enumerate(places.tolist())]
-    order = [*range(12), 16, 17, 18, 19, 12, 13, 14, 15]  # edges upright come before those of the lid
+    order = [
+        *range(12),
+        16,
+        17,
+        18,
+        19,
+        12,
+        13,
+        14,
+        15,
+    ]  # edges upright come before those of the lid
     text = ["COOR_3D", *rows, "FINSF", "HEXA20"]
-    text += [f"M{row} " + " ".join(f"N{node}" for node in cell[order]) for row, cell in enumerate(plate.cells)]
+    text += [
+        f"M{row} " + " ".join(f"N{node}" for node in cell[order])
+        for row, cell in enumerate(plate.cells)
+    ]
     text += ["FINSF", "QUAD8"]
     lid = _facets(plate, at(2, 0.6))
     text += [f"F{row} " + " ".join(f"N{node}" for node in face) for row, face in enumerate(lid)]
     text += ["FINSF", "GROUP_MA PLATE", *(f"M{row}" for row in range(len(plate.cells))), "FINSF"]
     text += ["GROUP_MA LID", *(f"F{row}" for row in range(len(lid))), "FINSF"]
     for name, where in SUPPORTS.items():
-        text += [f"GROUP_NO {name}", *(f"N{node}" for node in np.flatnonzero(where(plate.points))), "FINSF"]
+        text += [
+            f"GROUP_NO {name}",
+            *(f"N{node}" for node in np.flatnonzero(where(plate.points))),
+            "FINSF",
+        ]
     path.write_text("\n".join([*text, "FIN", ""]))
 
 
@@ -66,13 +83,25 @@ def le10(ending: str, folder: Path) -> float:
             14: _sides(plate, at(0, 1)),
         }
         middle = _sides(plate, at(0, 1))
-        lines = np.concatenate([middle[:, [a, b, c]] for a, b, c in ((0, 1, 4), (1, 2, 5), (2, 3, 6), (3, 0, 7))])
+        lines = np.concatenate(
+            [middle[:, [a, b, c]] for a, b, c in ((0, 1, 4), (1, 2, 5), (2, 3, 6), (3, 0, 7))]
+        )
         lines = lines[np.isin(lines, np.flatnonzero(SUPPORTS["MID"](plate.points))).all(axis=1)]
-        blocks = [("hexahedron20", plate.cells), *(("quad8", face) for face in faces.values()), ("line3", lines)]
-        tags = [np.full(len(cells), tag) for (_, cells), tag in zip(blocks, (1, *faces, 15), strict=True)]
+        blocks = [
+            ("hexahedron20", plate.cells),
+            *(("quad8", face) for face in faces.values()),
+            ("line3", lines),
+        ]
+        tags = [
+            np.full(len(cells), tag)
+            for (_, cells), tag in zip(blocks, (1, *faces, 15), strict=True)
+        ]
         data = {"gmsh:physical": tags, "gmsh:geometrical": tags}
         names = {"PLATE": 1, "LID": 11, "YSYM": 12, "XSYM": 13, "RIM": 14, "MID": 15}
-        field = {name: np.array([tag, 3 if tag == 1 else 1 if tag == 15 else 2]) for name, tag in names.items()}
+        field = {
+            name: np.array([tag, 3 if tag == 1 else 1 if tag == 15 else 2])
+            for name, tag in names.items()
+        }
         meshio.Mesh(mesh.points, blocks, cell_data=data, field_data=field).write(
             path, file_format="gmsh22", binary=False
         )
@@ -109,8 +138,13 @@ def _sides(box: Box, where: Where) -> np.ndarray:
     return table[np.isin(table, np.flatnonzero(where(box.points))).all(axis=1)]
 
 
-def two_cubes(folder: Path, gap: float = 0.0, more: str = "", pairing: Any = hhr.NodeToSurface) -> float:
-    """Pressure of two unit cubes with E = 1000, nu = 0 that are closed by .02: 10. ``more`` is added to the deck."""
+def two_cubes(
+    folder: Path, gap: float = 0.0, more: str = "", pairing: Any = hhr.NodeToSurface
+) -> float:
+    """Pressure of two unit cubes with E = 1000, nu = 0 that are closed by .02: 10.
+
+    ``more`` is added to the deck.
+    """
     deck, _, _ = cubes("C3D8", 0.0, "", "", "", comma=",")
     lines = deck.text.partition("*MATERIAL")[0]
     words = [line.split(", ") for line in lines.splitlines()]
@@ -139,7 +173,9 @@ def two_cubes(folder: Path, gap: float = 0.0, more: str = "", pairing: Any = hhr
     return hhr.FullOrderModel(scene).solve(gap + 0.02).outputs()["pressure"]
 
 
-def _scene(path: Path, hypothesis: str, tags: dict[str, float], contact: Any, *parts: Any, **more: Any) -> Any:
+def _scene(
+    path: Path, hypothesis: str, tags: dict[str, float], contact: Any, *parts: Any, **more: Any
+) -> Any:
     """Outputs at a point of parameters; bodies by name with their moduli, nu = 0 if not given."""
     names, point, outputs = more["names"], more["point"], more["outputs"]
     bodies = tuple(hhr.Body(tag, young, more.get("poisson", 0.0)) for tag, young in tags.items())
@@ -159,7 +195,10 @@ def _scene(path: Path, hypothesis: str, tags: dict[str, float], contact: Any, *p
 
 
 def whole_outsides(pairing: Any, kind: str, folder: Path) -> float:
-    """Force between two unit squares or cubes, .01 apart, closed by .03; surfaces are their whole outsides: 10."""
+    """Force between two unit squares or cubes, .01 apart, closed by .03.
+
+    Surfaces are their whole outsides: 10.
+    """
     deck = Writer()
     up_to = 1 if kind == "CPE4" else 2
     side, count = (1.0,) * up_to, 4 if kind == "CPE4" else 3
@@ -196,9 +235,12 @@ def lines_of_supports(folder: Path) -> float:
     deck = Writer()
     beam = deck.box("BEAM", "C3D8", (4, 1, 1), (0, 0, 0), (4, 1, 1))
     lines = {
-        name: beam.nodes(lambda points, x=x: at(0, x)(points) & at(2, 0)(points)) for name, x in (("L", 0), ("R", 4))
+        name: beam.nodes(lambda points, x=x: at(0, x)(points) & at(2, 0)(points))
+        for name, x in (("L", 0), ("R", 4))
     }
-    first = beam.nodes(lambda points: np.isin(points[:, 0], (0.0, 4.0)) & at(1, 0)(points) & at(2, 0)(points))
+    first = beam.nodes(
+        lambda points: np.isin(points[:, 0], (0.0, 4.0)) & at(1, 0)(points) & at(2, 0)(points)
+    )
     for name, nodes in (*lines.items(), ("PIN", first[:1]), ("PINS", first)):
         deck.nset(name, nodes)
     deck.surface("BELLY", beam.faces(at(2, 0)))
@@ -222,14 +264,19 @@ def lines_of_supports(folder: Path) -> float:
 
 
 def imposed_on_both(folder: Path) -> float:
-    """Friction over mu N of a block that slips on a floor, its left side moved as well, corner included."""
+    """Friction over mu N of a block that slips on a floor, its left side moved as well, corner
+    included.
+    """
     deck = Writer()
     block = deck.box("BLOCK", "CPE4", (4, 1), (0, 0), (4, 1))
     for name, where in (("FOOT", at(1, 0)), ("LID", at(1, 1)), ("LEFT", at(0, 0))):
         deck.surface(name, block.faces(where))
     path = folder / "slips.inp"
     path.write_text(deck.text)
-    moved = [hhr.Displacement("LID", 1, "-down"), *(hhr.Displacement(tag, 0, "slip") for tag in ("LID", "LEFT"))]
+    moved = [
+        hhr.Displacement("LID", 1, "-down"),
+        *(hhr.Displacement(tag, 0, "slip") for tag in ("LID", "LEFT")),
+    ]
     directions = {"normal": (0.0, 1.0), "friction": (1.0, 0.0)}
     found = _scene(
         path,
@@ -248,14 +295,18 @@ TOOL = "*NODE/100, 0., 0., 9./101, 1., 0., 9./102, 1., 1., 9./103, 0., 1., 9./"
 GLUE = "*NODE/104, 0., 0., 9./105, 1., 0., 9./106, 1., 1., 9./107, 0., 1., 9./"
 GLUE += "*ELEMENT, TYPE={}, ELSET=GLUE/30, 100, 101, 102, 103, 104, 105, 106, 107"
 PASSED = {
-    "rigid tool": TOOL + "*ELEMENT, TYPE=R3D4, ELSET=TOOL/30, 100, 101, 102, 103/*SURFACE, NAME=STOOL/TOOL, SNEG",
-    "skin of shells": "*ELEMENT, TYPE=S4, ELSET=SKIN/30, 13, 14, 16, 15/*SURFACE, NAME=SSKIN/SKIN, SPOS",
+    "rigid tool": TOOL
+    + "*ELEMENT, TYPE=R3D4, ELSET=TOOL/30, 100, 101, 102, 103/*SURFACE, NAME=STOOL/TOOL, SNEG",
+    "skin of shells": (
+        "*ELEMENT, TYPE=S4, ELSET=SKIN/30, 13, 14, 16, 15/*SURFACE, NAME=SSKIN/SKIN, SPOS"
+    ),
     "beam": "*ELEMENT, TYPE=B31, ELSET=ROD/30, 1, 16/*SURFACE, NAME=SROD/30, S1",
     "pipe": "*ELEMENT, TYPE=PIPE31, ELSET=ROD/30, 1, 16",
     "cohesive cell": TOOL + GLUE.format("COH3D8"),
     "gasket": TOOL + GLUE.format("GK3D8"),
     "wedge of another body": TOOL
-    + "*NODE/104, 0., 0., 8./105, 1., 0., 8./*ELEMENT, TYPE=C3D6, ELSET=OTHER/30, 100, 104, 103, 101, 105, 102",
+    + "*NODE/104, 0., 0., 8./105, 1., 0., 8./"
+    + "*ELEMENT, TYPE=C3D6, ELSET=OTHER/30, 100, 104, 103, 101, 105, 102",
     "axisymmetric cell": TOOL + "*ELEMENT, TYPE=CGAX4, ELSET=TOOL/30, 100, 101, 102, 103",
     "analytical surface": "*SURFACE, TYPE=CYLINDER, NAME=RIGID/START, 0., 0./LINE, 1., 0.",
     "union": "*SURFACE, NAME=BOTH, COMBINE=UNION/MASTER, SLAVE",
@@ -263,10 +314,11 @@ PASSED = {
 
 
 def leaf_spring_of_20_nodes(folder: Path, push: float = 10.0) -> float:
-    """Force of the leaf spring on the cells of the example, with elements and contact as CalculiX has them.
+    """Force of the leaf spring on the cells of the example, with elements and contact as CalculiX
+    has them.
 
-    CalculiX has 218.0 N per 10 mm for small displacements, and 220.0 with NLGEOM; its contact is that of displaced
-    surfaces.
+    CalculiX has 218.0 N per 10 mm for small displacements, and 220.0 with NLGEOM; its contact is
+    that of displaced surfaces.
     """
     path = folder / "leaf_spring_of_20_nodes.inp"
     path.write_text(leaf_spring((1, 3, 4, 5, 6, 8), across=1))
@@ -275,7 +327,10 @@ def leaf_spring_of_20_nodes(folder: Path, push: float = 10.0) -> float:
         hhr.MeshFile(path),
         "solid",
         (hhr.Body("EALL", 210e3, 0.3),),
-        tuple(hhr.NodeToSurface(f"TOP{number}", f"BOT{number + 1}", at_nodes=True) for number in range(1, 6)),
+        tuple(
+            hhr.NodeToSurface(f"TOP{number}", f"BOT{number + 1}", at_nodes=True)
+            for number in range(1, 6)
+        ),
         hhr.ParameterSpace(("push",), (0.0,), (20.0,)),
         displacements=(
             hhr.Displacement("SYM1", 0),
@@ -291,7 +346,15 @@ def leaf_spring_of_20_nodes(folder: Path, push: float = 10.0) -> float:
 
 CASES: tuple[Case, ...] = (
     *(
-        Case(f"LE10{ending}", "C3D20, no contact", partial(le10, ending), "stress at D in MPa", -5.38, "NAFEMS", 0.02)
+        Case(
+            f"LE10{ending}",
+            "C3D20, no contact",
+            partial(le10, ending),
+            "stress at D in MPa",
+            -5.38,
+            "NAFEMS",
+            0.02,
+        )
         for ending in (".msh", ".mail")
     ),
     *(
@@ -326,6 +389,15 @@ CASES: tuple[Case, ...] = (
         for kind in ("CPE4", "C3D4")
         for pairing in (hhr.NodeToSurface, hhr.DoublePass, hhr.Mortar)
     ),
-    Case("case A7, lines and nodes", "C3D8", lines_of_supports, "force", 13.3106, "own elements and active set"),
-    Case("case B1, both sides imposed", "CPE4, friction", imposed_on_both, "friction over mu N", 1.0),
+    Case(
+        "case A7, lines and nodes",
+        "C3D8",
+        lines_of_supports,
+        "force",
+        13.3106,
+        "own elements and active set",
+    ),
+    Case(
+        "case B1, both sides imposed", "CPE4, friction", imposed_on_both, "friction over mu N", 1.0
+    ),
 )

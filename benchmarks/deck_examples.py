@@ -1,4 +1,6 @@
-"""Decks of the makes of the contact examples for CalculiX, written anew: a valve on its seat, an eye bar, tubes."""
+"""Decks of the makes of the contact examples for CalculiX, written anew: a valve on its seat, an
+eye bar, tubes.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,10 @@ from deck_writer import Writer, at, both
 
 
 def valve() -> str:
-    """The head of a valve on a conical seat of 45 degrees, rubbing, under a pressure of 20; r + z = 17 in contact."""
+    """The head of a valve on a conical seat of 45 degrees, rubbing, under a pressure of 20.
+
+    r + z = 17 in contact.
+    """
 
     def head(points: np.ndarray) -> np.ndarray:
         high = points[:, 1]
@@ -18,8 +23,12 @@ def valve() -> str:
 
     def seat(points: np.ndarray) -> np.ndarray:
         out, along = points[:, :1], points[:, 1]
-        outer = np.stack([np.minimum(18, 24 - 12 * along), np.minimum(1 + 10 * along, 6), 0 * along], axis=1)
-        return (1 - out) * np.stack([16 - 4 * along, 1 + 4 * along, 0 * along], axis=1) + out * outer
+        outer = np.stack(
+            [np.minimum(18, 24 - 12 * along), np.minimum(1 + 10 * along, 6), 0 * along], axis=1
+        )
+        return (1 - out) * np.stack(
+            [16 - 4 * along, 1 + 4 * along, 0 * along], axis=1
+        ) + out * outer
 
     deck = Writer()
     low = deck.box("EALL", "CAX6", (16, 10), (0, 0), (1, 4), head)
@@ -34,14 +43,18 @@ def valve() -> str:
     deck.section()
     deck.pair("VC", "VSC", "LINEAR/1.E7, .1, .01", more="*FRICTION/.3, 1.E6")
     deck.add(
-        "*BOUNDARY/X0, 1, 1, 0/VSY2, 2, 2, 0/VSR5, 1, 1, 0/*STEP, NLGEOM, INC=200/*STATIC/.1, 1./*DSLOAD/PRESS, P, 20"
+        "*BOUNDARY/X0, 1, 1, 0/VSY2, 2, 2, 0/VSR5, 1, 1, 0/*STEP, NLGEOM, INC=200/*STATIC/.1, "
+        "1./*DSLOAD/PRESS, P, 20"
     )
     deck.add("*NODE PRINT, NSET=NALL/U/*END STEP")
     return deck.text
 
 
 def eyebar(thick: float = 1.0, push: float = 0.05) -> str:
-    """Half of an eye, radius 10, with a hollow pin of radius 9.5, so thick, that is pulled; plane strain."""
+    """Half of an eye, radius 10, with a hollow pin of radius 9.5, so thick, that is pulled.
+
+    Plane strain.
+    """
 
     def eye(points: np.ndarray) -> np.ndarray:
         out, turn = points[:, :1], points[:, 1]
@@ -59,7 +72,9 @@ def eyebar(thick: float = 1.0, push: float = 0.05) -> str:
     bar = deck.box("EEYE", "CPE4", (10, 64), (0, 0), (1, 180), eye)
     bolt = deck.box("EPIN", "CPE4", (6, 60), (4, 0), (9.5, 180), pin)
     deck.nset("FIX", bar.nodes(both(at(0, 1), lambda points: points[:, 1] >= 135)))
-    deck.nset("SYM", [one for box in (bar, bolt) for angle in (0, 180) for one in box.nodes(at(1, angle))])
+    deck.nset(
+        "SYM", [one for box in (bar, bolt) for angle in (0, 180) for one in box.nodes(at(1, angle))]
+    )
     deck.nset("CONTROL", bolt.nodes(at(0, 4)))
     deck.surface("SEYE", bar.faces(at(0, 0)))
     deck.surface("SPIN", bolt.faces(at(0, 9.5)))
@@ -68,18 +83,23 @@ def eyebar(thick: float = 1.0, push: float = 0.05) -> str:
     deck.section("EEYE", more="1")
     deck.pair("SEYE", "SPIN", "LINEAR/1.E7, .1, .01", "NODE TO SURFACE")
     deck.add(
-        f"*BOUNDARY/FIX, 1, 1, 0/SYM, 2, 2, 0/*STEP, NLGEOM, INC=200/*STATIC/.1, 1./*BOUNDARY/CONTROL, 1, 1, {push}"
+        "*BOUNDARY/FIX, 1, 1, 0/SYM, 2, 2, 0/*STEP, NLGEOM, INC=200/*STATIC/.1, "
+        f"1./*BOUNDARY/CONTROL, 1, 1, {push}"
     )
     deck.add("*NODE PRINT, NSET=NALL/U/*END STEP")
     return deck.text
 
 
 def tubes(turn: float = 0.003) -> str:
-    """Half of a tube in another one along x, 150 of 500 in it, whose end is turned about y by a kinematic coupling."""
+    """Half of a tube in another one along x, 150 of 500 in it, whose end is turned about y by a
+    kinematic coupling.
+    """
 
     def bend(points: np.ndarray) -> np.ndarray:
         angle = np.radians(points[:, 1])
-        return np.stack([points[:, 0], points[:, 2] * np.sin(angle), points[:, 2] * np.cos(angle)], axis=1)
+        return np.stack(
+            [points[:, 0], points[:, 2] * np.sin(angle), points[:, 2] * np.cos(angle)], axis=1
+        )
 
     deck = Writer()
     control = deck.node(850.0, 0.0, 0.0)
@@ -87,7 +107,10 @@ def tubes(turn: float = 0.003) -> str:
     inner = deck.box("EALL", "C3D20", (10, 8, 1), (350, 0, 40), (850, 180, 45), bend)
     deck.nset("CONTROL", [control])
     deck.nset("FIX", outer.nodes(at(0, 0)))
-    deck.nset("YSYM", [one for box in (outer, inner) for angle in (0, 180) for one in box.nodes(at(1, angle))])
+    deck.nset(
+        "YSYM",
+        [one for box in (outer, inner) for angle in (0, 180) for one in box.nodes(at(1, angle))],
+    )
     deck.surface("IND", outer.faces(at(2, 45)))
     deck.surface("DEP", inner.faces(at(2, 45)))
     deck.surface("LOAD", inner.faces(at(0, 850)))
@@ -108,7 +131,9 @@ def ball_ratio(answer: Answer) -> float:
 
 
 def cubes_without_freedom(gap: float = -0.1) -> str:
-    """A cube of side 10 in one of side 20 by .1, whose nodes are all imposed: a penalty alone has forces."""
+    """A cube of side 10 in one of side 20 by .1, whose nodes are all imposed: a penalty alone has
+    forces.
+    """
     deck = Writer()
     large = deck.box("EALL", "C3D8", (1, 1, 1), (0, 0, 0), (20, 20, 20))
     small = deck.box("EALL", "C3D8", (1, 1, 1), (20, 5, 5), (30, 15, 15))
@@ -119,7 +144,9 @@ def cubes_without_freedom(gap: float = -0.1) -> str:
     deck.material(70000.0, 0.34)
     deck.section()
     deck.pair("CKW", "CGW", "LINEAR/1.E4")
-    deck.add(f"*BOUNDARY/NGW, 1, 3/NKW, 2, 3/*STEP, NLGEOM/*STATIC/1., 1./*BOUNDARY/NKW, 1, 1, {gap}")
+    deck.add(
+        f"*BOUNDARY/NGW, 1, 3/NKW, 2, 3/*STEP, NLGEOM/*STATIC/1., 1./*BOUNDARY/NKW, 1, 1, {gap}"
+    )
     deck.add("*NODE PRINT, NSET=NALL/U/*END STEP")
     return deck.text
 
@@ -127,13 +154,54 @@ def cubes_without_freedom(gap: float = -0.1) -> str:
 PIN = "CPE4, node to surface"
 ENTRIES = (
     Entry(
-        "Hertz_axi (examples)", "CAX4", partial(hertz, "CAX4", push=0.2), "pressure over that of Hertz", ball_ratio, 1.0
+        "Hertz_axi (examples)",
+        "CAX4",
+        partial(hertz, "CAX4", push=0.2),
+        "pressure over that of Hertz",
+        ball_ratio,
+        1.0,
     ),
-    Entry("Penalty (examples)", "C3D8, all imposed", cubes_without_freedom, "", node((20, 5, 5), 0), "imposed"),
-    Entry("Valve (examples)", "CAX6, friction", valve, "lift of the middle", node((0, 0, 0), 1), 0.0200378, CCX),
-    Entry("Eyebar (examples)", PIN, eyebar, "displacement of the crown", node((10, 0, 0), 0), 0.04028123, CCX),
-    Entry("Eyebar, thick pin (examples)", PIN, partial(eyebar, 2.0), "", node((10, 0, 0), 0), "has one thickness"),
     Entry(
-        "Tubes (examples)", "C3D20, coupling", tubes, "displacement of the end", node((850, 0, 45), 2), -1.177473, CCX
+        "Penalty (examples)",
+        "C3D8, all imposed",
+        cubes_without_freedom,
+        "",
+        node((20, 5, 5), 0),
+        "imposed",
+    ),
+    Entry(
+        "Valve (examples)",
+        "CAX6, friction",
+        valve,
+        "lift of the middle",
+        node((0, 0, 0), 1),
+        0.0200378,
+        CCX,
+    ),
+    Entry(
+        "Eyebar (examples)",
+        PIN,
+        eyebar,
+        "displacement of the crown",
+        node((10, 0, 0), 0),
+        0.04028123,
+        CCX,
+    ),
+    Entry(
+        "Eyebar, thick pin (examples)",
+        PIN,
+        partial(eyebar, 2.0),
+        "",
+        node((10, 0, 0), 0),
+        "has one thickness",
+    ),
+    Entry(
+        "Tubes (examples)",
+        "C3D20, coupling",
+        tubes,
+        "displacement of the end",
+        node((850, 0, 45), 2),
+        -1.177473,
+        CCX,
     ),
 )

@@ -1,4 +1,6 @@
-"""Files and scenes of others that ended wrong, in silence or in a foreign error: small, by generators."""
+"""Files and scenes of others that ended wrong, in silence or in a foreign error: small, by
+generators.
+"""
 
 from __future__ import annotations
 
@@ -21,12 +23,17 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.compat import netcdf4
 from hhr_dolfinx.errors import HHRError
 
-POINTS = np.array([(x, y, z) for z in (0.0, 1.0, 1.01, 2.01) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))])
+POINTS = np.array(
+    [(x, y, z) for z in (0.0, 1.0, 1.01, 2.01) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
+)
 CUBES = np.arange(16).reshape(2, 8)
 FACES = np.arange(16).reshape(4, 4)
 TAGS = 1, 2, 11, 12, 13, 14
 NAMES = "lower", "upper", "floor", "top", "under", "lid"
-"""Two cubes, .01 apart, one on the other; their numbers, those of their faces, and names of them all."""
+"""Two cubes, .01 apart, one on the other.
+
+Their numbers, those of their faces, and names of them all.
+"""
 
 
 def pressed(path: Path, tags: Sequence[Any] = TAGS) -> float:
@@ -57,7 +64,9 @@ def apart(kind: str, folder: Path) -> float:
     """Displacement of the end of a bar, 2 long, E = 1000 and nu = 0, under a traction of 5: .01."""
     deck = Writer()
     dim = 2 if kind.startswith("CPE") else 3
-    bar = deck.box("BAR", kind, (1,) * (dim - 1) + (2,), (0,) * dim, (1,) * (dim - 1) + (2,), shared=False)
+    bar = deck.box(
+        "BAR", kind, (1,) * (dim - 1) + (2,), (0,) * dim, (1,) * (dim - 1) + (2,), shared=False
+    )
     deck.surface("FOOT", bar.faces(at(dim - 1, 0)))
     deck.surface("TOP", bar.faces(at(dim - 1, 2)))
     path = folder / f"apart_{kind.lower()}.inp"
@@ -80,21 +89,25 @@ def apart(kind: str, folder: Path) -> float:
 
 
 def _xdmf(variant: str, folder: Path) -> Path:
-    """Two cubes: cells and facets in grids, with numbers in the file, compressed, or in a file that is not there."""
+    """Two cubes: cells and facets in grids, with numbers in the file, compressed, or in a file that
+    is not there.
+    """
     path = folder / f"cubes_{variant.replace(' ', '_')}.xdmf"
     data = path.with_suffix(".h5")
     arrays: dict[str, np.ndarray] = {}
 
     def item(values: np.ndarray) -> str:
         kind = "Float" if values.dtype.kind == "f" else "Int"
-        head = f'<DataItem DataType="{kind}" Precision="8" Dimensions="{" ".join(map(str, values.shape))}"'
+        shape = " ".join(map(str, values.shape))
+        head = f'<DataItem DataType="{kind}" Precision="8" Dimensions="{shape}"'
         if variant in ("numbers inside", "apart", "two grids"):
             return f'{head} Format="XML">{" ".join(map(str, values.ravel()))}</DataItem>'
         arrays[f"a{len(arrays)}"] = values
         return f'{head} Format="HDF">{data.name}:/a{len(arrays) - 1}</DataItem>'
 
     def grid(name: str, kind: str, cells: np.ndarray, tags: Sequence[int]) -> str:
-        topology = f'<Topology TopologyType="{kind}" NumberOfElements="{len(cells)}">{item(cells)}</Topology>'
+        count = f'NumberOfElements="{len(cells)}"'
+        topology = f'<Topology TopologyType="{kind}" {count}>{item(cells)}</Topology>'
         numbers = f'<Attribute Name="{name}" Center="Cell">{item(np.array(tags))}</Attribute>'
         return f'<Grid Name="{name}" GridType="Uniform">{geometry}{topology}{numbers}</Grid>'
 
@@ -103,15 +116,25 @@ def _xdmf(variant: str, folder: Path) -> Path:
     if variant == "apart":
         grids = [f'<Grid Name="points" GridType="Uniform">{geometry}</Grid>']
         geometry = "<xi:include xpointer=\"xpointer(/Xdmf/Domain/Grid[@Name='points']/Geometry)\"/>"
-    parts = {"supports": [0, 3], "contacts": [1, 2]} if variant == "two grids" else {"facets": [0, 1, 2, 3]}
+    parts = (
+        {"supports": [0, 3], "contacts": [1, 2]}
+        if variant == "two grids"
+        else {"facets": [0, 1, 2, 3]}
+    )
     grids += [grid("cells", "Hexahedron", CUBES, TAGS[:2])]
-    grids += [grid(name, "Quadrilateral", FACES[own], [TAGS[2 + one] for one in own]) for name, own in parts.items()]
+    grids += [
+        grid(name, "Quadrilateral", FACES[own], [TAGS[2 + one] for one in own])
+        for name, own in parts.items()
+    ]
     include = 'xmlns:xi="http://www.w3.org/2001/XInclude"'
     path.write_text(f'<Xdmf Version="3.0" {include}><Domain>{"".join(grids)}</Domain></Xdmf>')
     if variant == "compressed":
         with netcdf4("the compressed file").Dataset(data, "w") as file:
             for name, values in arrays.items():
-                axes = [file.createDimension(f"{name}{k}", size).name for k, size in enumerate(values.shape)]
+                axes = [
+                    file.createDimension(f"{name}{k}", size).name
+                    for k, size in enumerate(values.shape)
+                ]
                 file.createVariable(name, values.dtype, axes, zlib=True)[:] = values
     return path
 
@@ -132,10 +155,13 @@ def _by_dolfinx(ascii_: bool, folder: Path) -> Path:
     mesh.topology.create_entities(2)
     mesh.topology.create_connectivity(2, 3)
     found = {
-        tag: meshes.locate_entities_boundary(mesh, 2, lambda x, z=z: np.isclose(x[2], z)) for tag, z in places.items()
+        tag: meshes.locate_entities_boundary(mesh, 2, lambda x, z=z: np.isclose(x[2], z))
+        for tag, z in places.items()
     }
     facets = np.concatenate(list(found.values()))
-    values = np.concatenate([np.full(len(some), tag, dtype=np.int32) for tag, some in found.items()])
+    values = np.concatenate(
+        [np.full(len(some), tag, dtype=np.int32) for tag, some in found.items()]
+    )
     order = np.argsort(facets)
     cells = np.arange(mesh.topology.index_map(3).size_local, dtype=np.int32)
     upper = meshes.compute_midpoints(mesh, 3, cells)[:, 2] > 1.005
@@ -143,7 +169,10 @@ def _by_dolfinx(ascii_: bool, folder: Path) -> Path:
     encoding = io.XDMFFile.Encoding.ASCII if ascii_ else io.XDMFFile.Encoding.HDF5
     with io.XDMFFile(mesh.comm, str(path), "w", encoding=encoding) as file:
         file.write_mesh(mesh)
-        for name, dim, own, numbers in (("cells", 3, cells, 1 + upper), ("facets", 2, facets[order], values[order])):
+        for name, dim, own, numbers in (
+            ("cells", 3, cells, 1 + upper),
+            ("facets", 2, facets[order], values[order]),
+        ):
             tags = meshes.meshtags(mesh, dim, own, numbers.astype(np.int32))
             tags.name = name
             file.write_meshtags(tags, mesh.geometry)
@@ -154,7 +183,9 @@ def _by_dolfinx(ascii_: bool, folder: Path) -> Path:
 
 
 def _by_meshio(ending: str, folder: Path) -> Path:
-    """A cell array called ``marker``, properties of Nastran, or entities of gmsh without physical ones."""
+    """A cell array called ``marker``, properties of Nastran, or entities of gmsh without physical
+    ones.
+    """
     tags = [np.array(TAGS[:2]), np.array(TAGS[2:])]
     keys = {".bdf": "nastran:ref", ".msh": "gmsh:geometrical"}
     data = {keys.get(ending, "marker"): tags}
@@ -170,7 +201,9 @@ def _by_meshio(ending: str, folder: Path) -> Path:
 
 def _exodus(folder: Path) -> Path:
     """Blocks of cells, of faces, each a surface, and of a line, by meshio."""
-    blocks = [("hexahedron", cube[None]) for cube in CUBES] + [("quad", face[None]) for face in FACES]
+    blocks = [("hexahedron", cube[None]) for cube in CUBES] + [
+        ("quad", face[None]) for face in FACES
+    ]
     path = folder / "blocks.e"
     netcdf4("the writer")  # before meshio loads it: PETSc has another HDF5
     meshio.Mesh(POINTS, [*blocks, ("line", FACES[:1, :2])]).write(path, file_format="exodus")
@@ -206,7 +239,11 @@ def _unv(folder: Path) -> Path:
 
 def _su2(folder: Path) -> Path:
     """Names of surfaces in SU2; it has no names of bodies, whose cells are one."""
-    rows = ["NDIME= 3", "NELEM= 2", *(f"12 {' '.join(map(str, cell))} {k}" for k, cell in enumerate(CUBES))]
+    rows = [
+        "NDIME= 3",
+        "NELEM= 2",
+        *(f"12 {' '.join(map(str, cell))} {k}" for k, cell in enumerate(CUBES)),
+    ]
     rows += ["NPOIN= 16", *(f"{x} {y} {z} {k}" for k, (x, y, z) in enumerate(POINTS)), "NMARK= 4"]
     for name, face in zip(NAMES[2:], FACES, strict=True):
         rows += [f"MARKER_TAG= {name}", "MARKER_ELEMS= 1", f"9 {' '.join(map(str, face))}"]
@@ -219,7 +256,9 @@ def _su2(folder: Path) -> Path:
 
 
 def roller(kind: str, order: int | None, folder: Path) -> float:
-    """Largest pressure below a quarter of a disc of radius 50, pressed on a plane by .1, over that of Hertz."""
+    """Largest pressure below a quarter of a disc of radius 50, pressed on a plane by .1, over that
+    of Hertz.
+    """
 
     def arcs(points: np.ndarray) -> np.ndarray:
         turn, depth = points[:, 0] ** 1.5 * np.pi / 2, points[:, 1]
@@ -252,7 +291,10 @@ def roller(kind: str, order: int | None, folder: Path) -> float:
 
 
 def whole_round(plate: bool, folder: Path) -> float:
-    """Largest pressure of a ring, cut at its top, over that of Hertz; its surface is all of its outside."""
+    """Largest pressure of a ring, cut at its top, over that of Hertz.
+
+    Its surface is all of its outside.
+    """
 
     def bend(points: np.ndarray) -> np.ndarray:
         turn = np.pi * (np.sign(points[:, 0]) * points[:, 0] ** 2 - 0.5)
@@ -326,7 +368,10 @@ def written(name: str, text: str, folder: Path) -> Path:
     return path
 
 
-SHELL = "*NODE/20, 0, 0, 3/21, 1, 0, 3/22, 1, 1, 3/23, 0, 1, 3/*ELEMENT, TYPE=S4, ELSET=TABLE/3, 20, 21, 22, 23"
+SHELL = (
+    "*NODE/20, 0, 0, 3/21, 1, 0, 3/22, 1, 1, 3/23, 0, 1, 3/*ELEMENT, TYPE=S4, ELSET=TABLE/3, 20, "
+    "21, 22, 23"
+)
 OF_PARTS = "lower-1", "upper-1", "lower-1.under", "lower-1.over", "upper-1.under", "upper-1.over"
 
 
@@ -346,29 +391,43 @@ def of_elmer(folder: Path) -> float:
 
 def kratos(folder: Path) -> float:
     """Two cubes of Kratos, with sub model parts of elements and of nodes."""
-    rows = ["Begin Nodes", *(f"{k} {x} {y} {z}" for k, (x, y, z) in enumerate(POINTS, 1)), "End Nodes"]
+    rows = [
+        "Begin Nodes",
+        *(f"{k} {x} {y} {z}" for k, (x, y, z) in enumerate(POINTS, 1)),
+        "End Nodes",
+    ]
     rows += ["Begin Elements SmallDisplacementElement3D8N"]
-    rows += [f"{k} 0 {' '.join(map(str, cell + 1))}" for k, cell in enumerate(CUBES, 1)] + ["End Elements"]
+    rows += [f"{k} 0 {' '.join(map(str, cell + 1))}" for k, cell in enumerate(CUBES, 1)] + [
+        "End Elements"
+    ]
     for k, name in enumerate(NAMES):
         inside = k < 2
-        rows += [f"Begin SubModelPart {name}", f"Begin SubModelPart{'Elements' if inside else 'Nodes'}"]
+        rows += [
+            f"Begin SubModelPart {name}",
+            f"Begin SubModelPart{'Elements' if inside else 'Nodes'}",
+        ]
         rows += [str(k + 1)] if inside else [str(node + 1) for node in FACES[k - 2]]
         rows += [f"End SubModelPart{'Elements' if inside else 'Nodes'}", "End SubModelPart"]
     return pressed(written("cubes.mdpa", "\n".join([*rows, ""]), folder), NAMES)
 
 
 def gaps_of_moduli(folder: Path) -> float:
-    """Gap as drawn that ``hhr check`` gives where a modulus varies and a body is moved as a whole: .01."""
+    """Gap as drawn that ``hhr check`` gives where a modulus varies and a body is moved as a whole:
+    .01.
+    """
     written("two.inp", _deck(), folder)
     written(
         "two.py",
         """import hhr_dolfinx as hhr
 
 scene = hhr.Scene(
-    "two", hhr.MeshFile("two.inp"), "solid", (hhr.Body("lower", "E", 0.0), hhr.Body("upper", 1e3, 0.0)),
-    (hhr.NodeToSurface("under", "top"),), hhr.ParameterSpace(("push", "E"), (0.0, 5e2), (0.05, 1.5e3)),
+    "two", hhr.MeshFile("two.inp"), "solid",
+    (hhr.Body("lower", "E", 0.0), hhr.Body("upper", 1e3, 0.0)),
+    (hhr.NodeToSurface("under", "top"),),
+    hhr.ParameterSpace(("push", "E"), (0.0, 5e2), (0.05, 1.5e3)),
     displacements=(
-        *hhr.Displacement.clamp("floor", 3), *hhr.Displacement.clamp("lid", 2), hhr.Displacement("lid", 2, "-push"),
+        *hhr.Displacement.clamp("floor", 3), *hhr.Displacement.clamp("lid", 2),
+        hhr.Displacement("lid", 2, "-push"),
     ),
 )
 """,
@@ -379,12 +438,15 @@ scene = hhr.Scene(
 
 
 def folded(folder: Path) -> float:
-    """A tetrahedron of second order with a node in the middle of an edge moved to four fifths of it."""
+    """A tetrahedron of second order with a node in the middle of an edge moved to four fifths of
+    it.
+    """
     deck = Writer()
     box = deck.box("BLOCK", "C3D10", (1, 1, 1), (0, 0, 0), (1, 1, 1))
     number = box.numbers[np.linalg.norm(box.points - (0.5, 0, 0), axis=1).argmin()]
     lines = [
-        f"{number}, 0.8, 0, 0" if line.startswith(f"{number}, 0.5, 0, 0") else line for line in deck.text.splitlines()
+        f"{number}, 0.8, 0, 0" if line.startswith(f"{number}, 0.5, 0, 0") else line
+        for line in deck.text.splitlines()
     ]
     deck.text = "\n".join([*lines, ""])
     for name, where in (("FOOT", at(2, 0)), ("LID", at(2, 1))):
@@ -403,9 +465,12 @@ def folded(folder: Path) -> float:
 
 
 def sorted_imports(folder: Path) -> float:
-    """First lines of a script as sorters of imports order them, and the base of all errors: the exit code."""
+    """First lines of a script as sorters of imports order them, and the base of all errors: the
+    exit code.
+    """
     text = (
-        "from dolfinx import mesh\n\nimport hhr_dolfinx as hhr\n\nassert mesh and issubclass(hhr.HHRError, Exception)\n"
+        "from dolfinx import mesh\n\nimport hhr_dolfinx as hhr\n\n"
+        "assert mesh and issubclass(hhr.HHRError, Exception)\n"
     )
     return float(run_program([sys.executable, written("imports.py", text, folder)]).returncode == 0)
 
@@ -447,7 +512,9 @@ def strained_row(folder: Path) -> float:
     rubber(folder)
     (folder / "rubber.csv").write_text("down\n1\n10\n")
     said(folder, "reduce", "rubber.py", "--out", "rubber")
-    command(folder, "answer", "rubber/model.npz", "rubber.csv")  # ends with the code of a table with bad rows
+    command(
+        folder, "answer", "rubber/model.npz", "rubber.csv"
+    )  # ends with the code of a table with bad rows
     with (folder / "answers.csv").open(newline="") as file:
         row = list(csv.DictReader(file))[-1]
     if row["status"] != "ok":
@@ -460,42 +527,103 @@ def _folder(write: Callable[[Path], Path], tags: Sequence[Any], folder: Path) ->
 
 
 def _read(
-    source: str, kind: str, write: Callable[[Path], Path], tags: Sequence[Any] = TAGS, reference: Any = 10.0
+    source: str,
+    kind: str,
+    write: Callable[[Path], Path],
+    tags: Sequence[Any] = TAGS,
+    reference: Any = 10.0,
 ) -> Case:
     return Case(source, kind, partial(_folder, write, tags), "pressure", reference)
 
 
 XDMF: Mapping[str, float | str] = {
-    "numbers inside": 10.0, "compressed": 10.0, "apart": 10.0, "two grids": 10.0, "no h5": "put it there too"
-}  # fmt: skip
+    "numbers inside": 10.0,
+    "compressed": 10.0,
+    "apart": 10.0,
+    "two grids": 10.0,
+    "no h5": "put it there too",
+}
 CASES = (
     *(
         Case(f"case A2, {kind}", f"{kind}, do not meet", partial(apart, kind), "displacement", 0.01)
         for kind in ("CPE6", "C3D10", "C3D20")
     ),
-    *(_read(f"case A3, {name}", "XDMF", partial(_xdmf, name), reference=reference) for name, reference in XDMF.items()),
-    *(_read(f"case A3, DOLFINx{', ASCII' if one else ''}", "XDMF", partial(_by_dolfinx, one)) for one in (False, True)),
-    *(_read(f"case A8, {ending}", ending, partial(_by_meshio, ending)) for ending in (".bdf", ".msh", ".vtu", ".vtk")),
+    *(
+        _read(f"case A3, {name}", "XDMF", partial(_xdmf, name), reference=reference)
+        for name, reference in XDMF.items()
+    ),
+    *(
+        _read(f"case A3, DOLFINx{', ASCII' if one else ''}", "XDMF", partial(_by_dolfinx, one))
+        for one in (False, True)
+    ),
+    *(
+        _read(f"case A8, {ending}", ending, partial(_by_meshio, ending))
+        for ending in (".bdf", ".msh", ".vtu", ".vtk")
+    ),
     _read("case A9, .e, blocks of faces", ".e", _exodus, range(6)),
     _read("case A8, .unv, set 2467", ".unv", _unv, NAMES),
     _read("case A8, .su2", ".su2", _su2, (1, 1, *NAMES[2:])),
-    Case("case A4, first order", "CPE4", partial(roller, "CPE4", 1), "pressure over that of Hertz", 1.0),
-    Case("case A4, second order on chords", "CPE4", partial(roller, "CPE4", 2), "", "first order, Scene(order=1)"),
-    Case("case A4, second order on arcs", "CPE8", partial(roller, "CPE8", None), "pressure over that of Hertz", 1.0),
-    *(
-        Case(f"case A6, hhr {words[0]}", "CPE4, strain of 1.1", partial(strained, words), "", "a program for finite")
-        for words in (("solve", "rubber.py", "--at", "down=10"), ("train", "rubber.py", "--sobol", "8"))
+    Case(
+        "case A4, first order",
+        "CPE4",
+        partial(roller, "CPE4", 1),
+        "pressure over that of Hertz",
+        1.0,
     ),
-    Case("case A6, hhr answer", "CPE4, strain of 1.1", strained_row, "", "lower the load, or take a program for large"),
+    Case(
+        "case A4, second order on chords",
+        "CPE4",
+        partial(roller, "CPE4", 2),
+        "",
+        "first order, Scene(order=1)",
+    ),
+    Case(
+        "case A4, second order on arcs",
+        "CPE8",
+        partial(roller, "CPE8", None),
+        "pressure over that of Hertz",
+        1.0,
+    ),
+    *(
+        Case(
+            f"case A6, hhr {words[0]}",
+            "CPE4, strain of 1.1",
+            partial(strained, words),
+            "",
+            "a program for finite",
+        )
+        for words in (
+            ("solve", "rubber.py", "--at", "down=10"),
+            ("train", "rubber.py", "--sobol", "8"),
+        )
+    ),
+    Case(
+        "case A6, hhr answer",
+        "CPE4, strain of 1.1",
+        strained_row,
+        "",
+        "lower the load, or take a program for large",
+    ),
     Case("case B2, plane", "CPE4", partial(whole_round, False), "pressure over that of Hertz", 1.0),
     Case("case B2, plate", "CPE4", partial(whole_round, True), "pressure over that of Hertz", 1.0),
-    Case("case B3 1, check of a mesh", ".inp", partial(listed, NAMES, "cubes.inp", _deck()), "names listed", 6.0),
+    Case(
+        "case B3 1, check of a mesh",
+        ".inp",
+        partial(listed, NAMES, "cubes.inp", _deck()),
+        "names listed",
+        6.0,
+    ),
     _read("case B3 2, a deck called .msh", ".msh", partial(written, "cgx.msh", _deck()), NAMES),
     Case("case B3 3, a folder of Elmer", "folder", of_elmer, "", "ElmerGrid"),
     Case(
         "case B3 4, shells left out",
         "C3D8 and S4",
-        partial(listed, ("left out", "TABLE.*S4"), "table.inp", _deck() + SHELL.replace("/", "\n") + "\n"),
+        partial(
+            listed,
+            ("left out", "TABLE.*S4"),
+            "table.inp",
+            _deck() + SHELL.replace("/", "\n") + "\n",
+        ),
         "words of what is left out",
         2.0,
     ),

@@ -43,7 +43,9 @@ ELASTIC: Mapping[str, tuple[Any, int]] = {
     "mortar": (hhr.Mortar, 10),
     "mortar, standard": (partial(hhr.Mortar, multipliers="standard"), 10),
 }
-"""Pairings of two bodies, and cells along the hub, whose nodes meet those of the shaft if there are 8."""
+"""Pairings of two bodies, and cells along the hub, whose nodes meet those of the shaft if there are
+8.
+"""
 RIGID: Mapping[str, tuple[str, Callable[..., Any]]] = {
     "plane": ("axisymmetric", partial(hhr.Obstacle, "BORE", (-1.0, 0.0), -1.0)),
     "profile": ("axisymmetric", partial(hhr.Profile, "BORE", "1 + 0 * z", (0.0, 2.0))),
@@ -54,8 +56,13 @@ RIGID: Mapping[str, tuple[str, Callable[..., Any]]] = {
 """Rigid shafts, in axisymmetry or in space."""
 
 
-def pushed_off(path: Path, deck: Writer, hypothesis: str, pairing: Any, held: tuple[Any, ...], bodies: Any) -> float:
-    """Friction along the axis over mu times the sum of normal forces; an interference of .001, a push of .02."""
+def pushed_off(
+    path: Path, deck: Writer, hypothesis: str, pairing: Any, held: tuple[Any, ...], bodies: Any
+) -> float:
+    """Friction along the axis over mu times the sum of normal forces.
+
+    An interference of .001, a push of .02.
+    """
     path.write_text(deck.text)
     axis = 1 if hypothesis == "axisymmetric" else 2
     scene = hhr.Scene(
@@ -87,14 +94,19 @@ def elastic(name: str, folder: Path) -> float:
     shaft = deck.box("SHAFT", "CAX4", (4, 16), (0.5, 0), (1, 2))
     hub = deck.box("HUB", "CAX4", (4, along), (1, 0.5), (1.5, 1.5))
     deck.surface(
-        "OUTSIDE", shaft.faces(lambda points: at(0, 1)(points) & (points[:, 1] > 0.49) & (points[:, 1] < 1.51))
+        "OUTSIDE",
+        shaft.faces(
+            lambda points: at(0, 1)(points) & (points[:, 1] > 0.49) & (points[:, 1] < 1.51)
+        ),
     )
     deck.surface("BORE", hub.faces(at(0, 1)))
     deck.nset("FOOT", shaft.nodes(at(1, 0)))
     deck.nset("HEAD", hub.nodes(at(1, 1.5)))
     path = folder / f"push_off_{name.replace(' ', '_')}.inp"
     contact = pairing("BORE", "OUTSIDE", friction=FRICTION)
-    return pushed_off(path, deck, "axisymmetric", contact, (hhr.Displacement("FOOT", 1),), ("SHAFT", "HUB"))
+    return pushed_off(
+        path, deck, "axisymmetric", contact, (hhr.Displacement("FOOT", 1),), ("SHAFT", "HUB")
+    )
 
 
 def rigid(name: str, folder: Path) -> float:
@@ -112,19 +124,36 @@ def rigid(name: str, folder: Path) -> float:
         hub = deck.box("HUB", "CAX4", (4, 10), (1, 0.5), (1.5, 1.5))
         deck.nset("HEAD", hub.nodes(at(1, 1.5)))
     deck.surface("BORE", hub.faces(at(0, 1)))
-    ratio = pushed_off(folder / f"push_off_{name}.inp", deck, hypothesis, pairing(friction=FRICTION), held, ("HUB",))
+    ratio = pushed_off(
+        folder / f"push_off_{name}.inp",
+        deck,
+        hypothesis,
+        pairing(friction=FRICTION),
+        held,
+        ("HUB",),
+    )
     return ratio / np.cos(np.radians(DEGREES)) if name == "cone" else ratio
 
 
-def _case(name: str, kind: str, run: Callable[[str, Path], float], reference: float | str = 1.0) -> Case:
+def _case(
+    name: str, kind: str, run: Callable[[str, Path], float], reference: float | str = 1.0
+) -> Case:
     quantity = "friction along the side over mu N" if name == "cone" else "push-off force over mu N"
     return Case(f"press fit, {name}", kind, partial(run, name), quantity, reference, within=0.005)
 
 
 CASES = (
     *(
-        _case(name, "CAX4, friction", elastic, "which needs dual multipliers" if "standard" in name else 1.0)
+        _case(
+            name,
+            "CAX4, friction",
+            elastic,
+            "which needs dual multipliers" if "standard" in name else 1.0,
+        )
         for name in ELASTIC
     ),
-    *(_case(name, "CAX4" if kind == "axisymmetric" else "C3D8", rigid) for name, (kind, _) in RIGID.items()),
+    *(
+        _case(name, "CAX4" if kind == "axisymmetric" else "C3D8", rigid)
+        for name, (kind, _) in RIGID.items()
+    ),
 )

@@ -1,4 +1,6 @@
-"""Small decks of CalculiX: boxes of cells, also bent into rings or arcs, with sets, surfaces and other blocks."""
+"""Small decks of CalculiX: boxes of cells, also bent into rings or arcs, with sets, surfaces and
+other blocks.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +58,9 @@ def both(*conditions: Where) -> Where:
 
 @dataclass(frozen=True)
 class Box:
-    """Nodes, (n,) numbers at points, (n, 3), before they are bent, and cells, (c, k) places among them."""
+    """Nodes, (n,) numbers at points, (n, 3), before they are bent, and cells, (c, k) places among
+    them.
+    """
 
     shape: str
     first: int
@@ -111,7 +115,8 @@ class Writer:
     ) -> Box:
         """Cells of a kind, counts along each axis, in the set of elements ``elset``.
 
-        Commas end lines of elements. Nodes in the middle of edges are shared by cells, or each cell has its own.
+        Commas end lines of elements. Nodes in the middle of edges are shared by cells, or each cell
+        has its own.
         """
         shape, second = shape_of(kind)
         dim = len(counts)
@@ -120,7 +125,10 @@ class Writer:
         places = np.arange(len(grid)).reshape([n + 1 for n in counts])
         steps = [(0, 0), (1, 0), (1, 1), (0, 1)]
         steps = steps if dim == 2 else [(*one, z) for z in (0, 1) for one in steps]
-        corner = [places[tuple(slice(s, s + n) for s, n in zip(step, counts, strict=True))].ravel() for step in steps]
+        corner = [
+            places[tuple(slice(s, s + n) for s, n in zip(step, counts, strict=True))].ravel()
+            for step in steps
+        ]
         parts = [[int(digit) for digit in part] for part in _PARTS[shape].split()]
         whole = np.stack(corner, axis=1)
         cells = np.stack([whole[:, part] for part in parts], axis=1).reshape(-1, len(parts[0]))
@@ -136,7 +144,10 @@ class Writer:
         numbers = self.nodes + 1 + np.arange(len(points))
         bent = points if bend is None else bend(points)
         self.text += "*NODE, NSET=NALL\n"
-        self.text += "".join(f"{n}, {x:.12g}, {y:.12g}, {z:.12g}\n" for n, (x, y, z) in zip(numbers, bent, strict=True))
+        self.text += "".join(
+            f"{n}, {x:.12g}, {y:.12g}, {z:.12g}\n"
+            for n, (x, y, z) in zip(numbers, bent, strict=True)
+        )
         self.text += f"*ELEMENT, TYPE={kind}, ELSET={elset}\n"
         for row, cell in enumerate(numbers[cells], self.elements + 1):
             words = [str(row), *map(str, cell)]
@@ -159,15 +170,28 @@ class Writer:
         self.nset(f"N{name}", nodes)
         self.add(f"*SURFACE, NAME={name}, TYPE=NODE/N{name}")
 
-    def material(self, young: float = 210000.0, poisson: float = 0.3, name: str = "EL", more: str = "") -> None:
+    def material(
+        self, young: float = 210000.0, poisson: float = 0.3, name: str = "EL", more: str = ""
+    ) -> None:
         """An elastic material, and blocks that follow it."""
-        self.add(f"*MATERIAL, NAME={name}/*ELASTIC/{young}, {poisson}" + (f"/{more}" if more else ""))
+        self.add(
+            f"*MATERIAL, NAME={name}/*ELASTIC/{young}, {poisson}" + (f"/{more}" if more else "")
+        )
 
     def section(self, elset: str = "EALL", material: str = "EL", more: str = "") -> None:
         """The material of a set of elements."""
-        self.add(f"*SOLID SECTION, ELSET={elset}, MATERIAL={material}" + (f"/{more}" if more else ""))
+        self.add(
+            f"*SOLID SECTION, ELSET={elset}, MATERIAL={material}" + (f"/{more}" if more else "")
+        )
 
-    def pair(self, slave: str, master: str, law: str, kind: str = "SURFACE TO SURFACE", more: str = "") -> None:
-        """A contact pair with its interaction: ``law`` are the words after PRESSURE-OVERCLOSURE=."""
-        self.add(f"*CONTACT PAIR, INTERACTION=SI1, TYPE={kind}/{slave}, {master}/*SURFACE INTERACTION, NAME=SI1")
+    def pair(
+        self, slave: str, master: str, law: str, kind: str = "SURFACE TO SURFACE", more: str = ""
+    ) -> None:
+        """A contact pair with its interaction: ``law`` are the words after
+        PRESSURE-OVERCLOSURE=.
+        """
+        self.add(
+            f"*CONTACT PAIR, INTERACTION=SI1, TYPE={kind}/{slave}, {master}/*SURFACE INTERACTION, "
+            "NAME=SI1"
+        )
         self.add(f"*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE={law}" + (f"/{more}" if more else ""))

@@ -1,12 +1,14 @@
-"""Decks of strangers: `hhr start`, `check`, `solve` or `march` as they are, and how far the first number is right.
+"""Decks of strangers: `hhr start`, `check`, `solve` or `march` as they are, and how far the first
+number is right.
 
     python benchmarks/decks.py [--out DIR] [--quick] [--seed N] [--only WORDS] [--again]
 
-Small decks of the makes of CalculiX' own tests and examples, with closed forms or figures of CalculiX 2.20 beside them.
-An outcome is "right" within 1 % (or within what the entry allows), "refused: SENTENCE" where a keyword has no
-counterpart, "by hand: SENTENCE" where `hhr start` names a keyword that it leaves to its user, "warned: SENTENCE" of a
-case whose number is off and says so, or "off by x %".
-Minutes are those of the machine for the three commands, each a process; reading and typing are not in them.
+Small decks of the makes of CalculiX' own tests and examples, with closed forms or figures of
+CalculiX 2.20 beside them. An outcome is "right" within 1 % (or within what the entry allows),
+"refused: SENTENCE" where a keyword has no counterpart, "by hand: SENTENCE" where `hhr start` names
+a keyword that it leaves to its user, "warned: SENTENCE" of a case whose number is off and says so,
+or "off by x %". Minutes are those of the machine for the three commands, each a process; reading
+and typing are not in them.
 """
 
 from __future__ import annotations
@@ -40,8 +42,12 @@ QUICK = ("contact4", "plate", "ring1, two sets")
 
 def rows_of(said: str) -> dict[str, float]:
     """Rows ``name: number`` of what a command printed, or the last row of a table of steps."""
-    found = re.findall(r"^([^:\n]+(?:: [^:\n]*)?): (-?[0-9.]+(?:e[+-]?[0-9]+)?)$", said, re.MULTILINE)
-    table = [re.split(r"\s{2,}", line.strip()) for line in said.splitlines() if line.startswith("  ")]
+    found = re.findall(
+        r"^([^:\n]+(?:: [^:\n]*)?): (-?[0-9.]+(?:e[+-]?[0-9]+)?)$", said, re.MULTILINE
+    )
+    table = [
+        re.split(r"\s{2,}", line.strip()) for line in said.splitlines() if line.startswith("  ")
+    ]
     heads = next((k for k, row in enumerate(table) if row[0].startswith("time")), None)
     if heads is not None:
         found = list(zip(table[heads], table[-1], strict=True))
@@ -50,18 +56,26 @@ def rows_of(said: str) -> dict[str, float]:
 
 def displacements(file: Path) -> tuple[np.ndarray, np.ndarray]:
     """Places and displacements of nodes, (n, 3), of a field file."""
-    text = file.read_text().replace('version="2.3"', 'version="1.0"')  # meshio knows no later one, which is alike
+    text = file.read_text().replace(
+        'version="2.3"', 'version="1.0"'
+    )  # meshio knows no later one, which is alike
     file.write_text(text)
     read = meshio.read(file)
-    moved = next(values for name, values in read.point_data.items() if name.startswith("displacement"))
+    moved = next(
+        values for name, values in read.point_data.items() if name.startswith("displacement")
+    )
     return read.points, np.hstack([moved, np.zeros((len(moved), 3 - moved.shape[1]))])
 
 
 def again(deck: Path, entry: Entry) -> float | None:
     """The quantity by CalculiX; None where it ends early, or has none."""
     environment = os.environ | {"OMP_NUM_THREADS": "1"}
-    subprocess.run(["ccx", deck.stem], cwd=deck.parent, capture_output=True, timeout=300, env=environment)
-    nodes = re.findall(r"^(\d+), ([-+.e\d]+), ([-+.e\d]+), ([-+.e\d]+)$", deck.read_text(), re.MULTILINE)
+    subprocess.run(
+        ["ccx", deck.stem], cwd=deck.parent, capture_output=True, timeout=300, env=environment
+    )
+    nodes = re.findall(
+        r"^(\d+), ([-+.e\d]+), ([-+.e\d]+), ([-+.e\d]+)$", deck.read_text(), re.MULTILINE
+    )
     count = max(int(words[0]) for words in nodes)
     points, moved = np.full((count, 3), 1e9), np.full((count, 3), np.nan)
     for number, *place in nodes:
@@ -82,11 +96,19 @@ def judged(entry: Any, ours: float | None, said: str) -> str:
         return "foreign: " + said.strip().splitlines()[-1]
     expected = entry.reference if isinstance(entry.reference, str) else ""
     lines = said.replace("\n  ", " ").splitlines()
-    sentence = next((line for line in lines if line.lower().startswith("error") or "Error:" in line), "")
-    left = [line for line in lines if line.startswith("TODO") and "NLGEOM" not in line and "OVERCLOSURE" not in line]
+    sentence = next(
+        (line for line in lines if line.lower().startswith("error") or "Error:" in line), ""
+    )
+    left = [
+        line
+        for line in lines
+        if line.startswith("TODO") and "NLGEOM" not in line and "OVERCLOSURE" not in line
+    ]
     if expected:
         found = next((line for line in (*left, sentence) if expected in line), "")
-        warned = next((line for line in lines if line.startswith("warning") and expected in line), "")
+        warned = next(
+            (line for line in lines if line.startswith("warning") and expected in line), ""
+        )
         if warned and not found:
             return f"warned: {warned}"
         return f"refused: {found}" if found else f"silent: nothing says {expected}"
@@ -100,7 +122,8 @@ def judged(entry: Any, ours: float | None, said: str) -> str:
 
 def run(entry: Entry, folder: Path, with_calculix: bool) -> dict[str, Any]:
     """The row of a deck: written, then started, checked and solved as it is."""
-    deck = folder / f"{re.sub(r'[^A-Za-z0-9]+', '_', entry.source.removesuffix('.inp')).strip('_').lower()}.inp"
+    stem = re.sub(r"[^A-Za-z0-9]+", "_", entry.source.removesuffix(".inp")).strip("_").lower()
+    deck = folder / f"{stem}.inp"
     deck.write_text(entry.write())
     scene, fields = deck.with_suffix(".py"), deck.with_suffix(".vtu")
     begin = time.perf_counter()
@@ -109,14 +132,27 @@ def run(entry: Entry, folder: Path, with_calculix: bool) -> dict[str, Any]:
     if well:
         said += command(folder, "check", scene.name)[1]
         steps = "\nPATHS = " in scene.read_text()  # answers depend on the path
-        well, solved = command(folder, "march" if steps else "solve", scene.name, "--out", fields.name)
+        well, solved = command(
+            folder, "march" if steps else "solve", scene.name, "--out", fields.name
+        )
         said += solved
         fields = sorted(folder.glob(f"{fields.stem}_[0-9]*.vtu"))[-1] if well and steps else fields
     minutes = (time.perf_counter() - begin) / 60
     if well and not isinstance(entry.reference, str):
         ours = entry.read(Answer(scene, rows_of(solved), *displacements(fields)))
-    found = {"source": entry.source, "kind": entry.kind, "minutes": minutes, "outcome": judged(entry, ours, said)}
-    found |= {"quantity": entry.quantity, "reference": entry.reference, "by": entry.by, "ours": ours, "started": well}
+    found = {
+        "source": entry.source,
+        "kind": entry.kind,
+        "minutes": minutes,
+        "outcome": judged(entry, ours, said),
+    }
+    found |= {
+        "quantity": entry.quantity,
+        "reference": entry.reference,
+        "by": entry.by,
+        "ours": ours,
+        "started": well,
+    }
     return found | ({"calculix": again(deck, entry)} if with_calculix else {})
 
 
@@ -132,15 +168,31 @@ def run_case(case: Case, folder: Path) -> dict[str, Any]:
             said = f"FOREIGN {type(error).__name__}: {error}"
     said = "\n".join([said, *(f"warning: {item.message}".replace("\n", " ") for item in warned)])
     minutes = (time.perf_counter() - begin) / 60
-    found = {"source": case.source, "kind": case.kind, "minutes": minutes, "outcome": judged(case, ours, said)}
-    return found | {"quantity": case.quantity, "reference": case.reference, "by": case.by, "ours": ours}
+    found = {
+        "source": case.source,
+        "kind": case.kind,
+        "minutes": minutes,
+        "outcome": judged(case, ours, said),
+    }
+    return found | {
+        "quantity": case.quantity,
+        "reference": case.reference,
+        "by": case.by,
+        "ours": ours,
+    }
 
 
 def counted(rows: list[dict[str, Any]]) -> dict[str, dict[str, int]]:
     """Numbers of outcomes of decks, press fits and cases of faults."""
     found: dict[str, dict[str, int]] = {}
     for row in rows:
-        sort = "decks" if "started" in row else "press fits" if row["source"].startswith("press") else "cases"
+        sort = (
+            "decks"
+            if "started" in row
+            else "press fits"
+            if row["source"].startswith("press")
+            else "cases"
+        )
         outcome = re.split(r": | by ", row["outcome"])[0]
         own = found.setdefault(sort, {})
         own[outcome] = own.get(outcome, 0) + 1
@@ -158,23 +210,39 @@ def main() -> None:
     folder = (options.out / "decks").resolve()
     folder.mkdir(exist_ok=True)
     rows = []
-    for entry in (*ENTRIES, *deck_examples.ENTRIES, *deck_fits.CASES, *deck_cases.CASES, *deck_faults.CASES):
-        if (options.quick and entry.source not in QUICK) or (words and not any(one in entry.source for one in words)):
+    for entry in (
+        *ENTRIES,
+        *deck_examples.ENTRIES,
+        *deck_fits.CASES,
+        *deck_cases.CASES,
+        *deck_faults.CASES,
+    ):
+        if (options.quick and entry.source not in QUICK) or (
+            words and not any(one in entry.source for one in words)
+        ):
             continue
         deck = isinstance(entry, Entry)
         rows.append(run(entry, folder, options.again) if deck else run_case(entry, folder))
         options.console.print(
-            *(rows[-1].get(name, "") for name in ("source", "ours", "calculix", "outcome")), markup=False
+            *(rows[-1].get(name, "") for name in ("source", "ours", "calculix", "outcome")),
+            markup=False,
         )
     table = Table("source", "kind", "minutes", "quantity", "reference", "ours", "outcome")
     for row in rows:
         shown = [
-            f"{row[name]:.4g}" if isinstance(row[name], float) else "" for name in ("minutes", "reference", "ours")
+            f"{row[name]:.4g}" if isinstance(row[name], float) else ""
+            for name in ("minutes", "reference", "ours")
         ]
-        table.add_row(row["source"], row["kind"], shown[0], row["quantity"], *shown[1:], row["outcome"])
+        table.add_row(
+            row["source"], row["kind"], shown[0], row["quantity"], *shown[1:], row["outcome"]
+        )
     options.console.print(table)
     first = [row["minutes"] for row in rows if row.get("started") and row["outcome"] == "right"]
-    found = {"decks": rows, "started_and_solved": len(first), "median_minutes": statistics.median(first or [0.0])}
+    found = {
+        "decks": rows,
+        "started_and_solved": len(first),
+        "median_minutes": statistics.median(first or [0.0]),
+    }
     found["foreign"] = sum(row["outcome"].startswith(("foreign", "silent")) for row in rows)
     found["outcomes"] = counted(rows)
     options.console.print({name: value for name, value in found.items() if name != "decks"})

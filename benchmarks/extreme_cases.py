@@ -1,8 +1,8 @@
 """Stiff and extreme cases: solved right, or refused with the reason, and never silently wrong.
 
-Each case changes one thing about a small pellet-cladding scene, or is a small scene of its own: blocks, half-discs,
-rings, strips and tubes. What is checked against what stands in ``benchmarks/verify.py``. The exit code is 1 if
-any answer is wrong without a word.
+Each case changes one thing about a small pellet-cladding scene, or is a small scene of its own:
+blocks, half-discs, rings, strips and tubes. What is checked against what stands in
+``benchmarks/verify.py``. The exit code is 1 if any answer is wrong without a word.
 
     python benchmarks/extreme_cases.py [--out DIR] [--quick] [--seed N]
 """
@@ -24,13 +24,23 @@ from hhr_dolfinx.plugins.studies import report
 
 
 def main() -> int:
-    """Run all cases, print the table, write ``report.json``, and the rows as printed to ``extreme_cases.json``."""
+    """Run all cases, print the table, write ``report.json``, and the rows as printed to
+    ``extreme_cases.json``.
+    """
     options = cli.parse_on_first_rank(cli.demo_parser("extreme_cases", __doc__))
     counts = (10, 8) if options.quick else (20, 16)
     elastic = [*matching_cases(), *contact_cases(), *non_matching_cases(), *surface_cases()]
     flowing = [*flow_cases(), *tube_cases(), *([] if options.quick else law_cases())]
-    rows = [row for case in options.progress("cases")(elastic) for row in verify(case, counts, options.seed)]
-    rows += [row for case in options.progress("flow")(flowing) for row in verify(case, counts, options.seed)]
+    rows = [
+        row
+        for case in options.progress("cases")(elastic)
+        for row in verify(case, counts, options.seed)
+    ]
+    rows += [
+        row
+        for case in options.progress("flow")(flowing)
+        for row in verify(case, counts, options.seed)
+    ]
     cli.print_rows("extreme cases", rows, options.console)
     report.write_report(rows, options.out, "extreme_cases")
     report.write_report(as_report(rows, options.seed), options.out)

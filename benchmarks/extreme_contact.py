@@ -1,4 +1,6 @@
-"""Extreme contact, for ``extreme_cases.py``: press fits, half-discs by poor recipes, pairs of unlike forces."""
+"""Extreme contact, for ``extreme_cases.py``: press fits, half-discs by poor recipes, pairs of
+unlike forces.
+"""
 
 import dataclasses
 from collections.abc import Iterator
@@ -17,7 +19,9 @@ MESH = demo.QUICK_MESH
 
 
 def contact_cases() -> Iterator[Case]:
-    """Contact that never opens, forces outside the RID, contact that counts as round-off, unlike pairs."""
+    """Contact that never opens, forces outside the RID, contact that counts as round-off, unlike
+    pairs.
+    """
     # so small a RID leaves most forces to be completed
     small, tall = hhr.Recipe(domain=hhr.Rid(layers=0)), {**MESH, "axial_cells": 40}
     yield Case("press fit, contact never opens", demo.scene("held", **tall, gap=-0.01), small)
@@ -27,14 +31,22 @@ def contact_cases() -> Iterator[Case]:
     fitted = dataclasses.replace(fitted, parameters=space, openings=(opening,))
     yield Case("opening in [-0.01, 0]", fitted, small, counts=(6, 5, 5))
     yield Case("three shrink-fitted rings", three_rings())
-    # contact grows steadily there, and a tenth is wrong; where a single node touches is hit by one point in a hundred
+    # contact grows steadily there, and a tenth is wrong; where a single node touches is hit by one
+    # point in a hundred
     strict = {"tests": 200, "worst_force": 0.1}
     yield Case("half-discs, thesis recipe", discs.scene(), discs.THESIS, counts=(31,), **strict)
-    bare = hhr.Recipe(hhr.Pod(2.1e-6, relative=True), (hhr.Deim(), hhr.LoadNodes()), hhr.Rid(layers=0))
+    bare = hhr.Recipe(
+        hhr.Pod(2.1e-6, relative=True), (hhr.Deim(), hhr.LoadNodes()), hhr.Rid(layers=0)
+    )
     yield Case("half-discs, few modes, no layers, no dual DEIM", discs.scene(), bare, counts=(31,))
     yield Case("curved block on 21 points", curved_block(), bare, counts=(21,))
     yield Case("half-discs carried by 1e8 m", carried(1e8), counts=(31,))
-    yield Case("forces 1e11 apart", unlike(), counts=(21,), known=Known("pressure of a block", off_pressure, 1e-6))
+    yield Case(
+        "forces 1e11 apart",
+        unlike(),
+        counts=(21,),
+        known=Known("pressure of a block", off_pressure, 1e-6),
+    )
     base = demo.scene(**MESH)
     far = hhr.Obstacle(pellet_cladding.CLADDING_OUTER, (1.0, 0.0), 1e8)
     yield Case("far obstacle at 1e8", dataclasses.replace(base, contacts=(*base.contacts, far)))
@@ -58,9 +70,12 @@ def carried(length: float) -> hhr.Scene:
 
 
 def unlike() -> hhr.Scene:
-    """Two blocks of E = 1e11 and 1, each on a floor of its own; a side pull lifts a part of the soft one.
+    """Two blocks of E = 1e11 and 1, each on a floor of its own.
 
-    The stiff one is squeezed between its top and its floor, free at its sides: its pressure is known.
+    a side pull lifts a part of the soft one.
+
+    The stiff one is squeezed between its top and its floor, free at its sides: its pressure is
+    known.
     """
     shape = {"first": ((0.0, 0.0), (1.0, 1.0), (4, 4)), "second": ((3.0, 0.0), (4.0, 1.0), (6, 4))}
     down = hhr.Amplitude(slopes={"push": -1.0})

@@ -1,4 +1,6 @@
-"""Extreme cases of bodies that flow, for ``extreme_cases.py``: the small pellet of ``pellet_cladding_plastic.py``."""
+"""Extreme cases of bodies that flow, for ``extreme_cases.py``: the small pellet of
+``pellet_cladding_plastic.py``.
+"""
 
 import dataclasses
 import functools
@@ -21,7 +23,9 @@ def with_laws(pellet: hhr.Law | None = None, cladding: hhr.Law | None = None) ->
     """The scene with other laws."""
     base = demo.scene(**QUICK_MESH, cladding_axial_cells=15)
     laws = (pellet or base.bodies[0].law, cladding or base.bodies[1].law)
-    bodies = tuple(dataclasses.replace(body, law=law) for body, law in zip(base.bodies, laws, strict=True))
+    bodies = tuple(
+        dataclasses.replace(body, law=law) for body, law in zip(base.bodies, laws, strict=True)
+    )
     return dataclasses.replace(base, bodies=bodies)
 
 
@@ -30,11 +34,14 @@ def paced(seconds: float) -> Family:
     return lambda gap: [(seconds * time, parameter) for time, parameter in demo.path(gap, 20)]
 
 
-def shares(parts: Sequence[float], top: float = demo.PRESSURE, times: Sequence[float] | None = None) -> Family:
+def shares(
+    parts: Sequence[float], top: float = demo.PRESSURE, times: Sequence[float] | None = None
+) -> Family:
     """A path of pressures as parts of the largest one, within a second where no times are given."""
     times = np.arange(len(parts)) / (len(parts) - 1) if times is None else times
     return lambda gap: [
-        (t, np.array([top * part, demo.HEIGHT, gap * 1e-3])) for t, part in zip(times, parts, strict=True)
+        (t, np.array([top * part, demo.HEIGHT, gap * 1e-3]))
+        for t, part in zip(times, parts, strict=True)
     ]
 
 
@@ -44,7 +51,9 @@ def in_gigapascals() -> hhr.Scene:
     bodies = tuple(dataclasses.replace(body, young=body.young * unit) for body in base.bodies)
     space = base.parameters
     upper = (space.upper[0] * unit, *space.upper[1:])
-    return dataclasses.replace(base, bodies=bodies, parameters=hhr.ParameterSpace(space.names, space.lower, upper))
+    return dataclasses.replace(
+        base, bodies=bodies, parameters=hhr.ParameterSpace(space.names, space.lower, upper)
+    )
 
 
 def untrained() -> Iterator[tuple[str, Family]]:
@@ -57,7 +66,9 @@ def untrained() -> Iterator[tuple[str, Family]]:
 
 
 def flow_cases() -> Iterator[HistoryCase]:
-    """Exponents, resistances, paces, coarse steps, perfect plasticity, softening, unloading, no flow at all."""
+    """Exponents, resistances, paces, coarse steps, perfect plasticity, softening, unloading, no
+    flow at all.
+    """
     case = functools.partial(HistoryCase, values=VALUES, recipe=RECIPE)
     plain = paced(1.0)
     yield case("flow, nothing changed", with_laws, plain)
@@ -73,7 +84,9 @@ def flow_cases() -> Iterator[HistoryCase]:
     yield case("H < 0", lambda: with_laws(pellet=hhr.Plasticity(80.0, -1.0)), plain)
     weak = shares(np.linspace(0, 1, 11), 200.0)
     yield case("hardly a point yields", lambda: with_laws(cladding=hhr.Norton(1e9, 4.0)), weak)
-    up_and_down = shares([*np.linspace(0, 0.8, 13), *np.linspace(0.7, 0.1, 7), *np.linspace(0.2, 1.0, 9)])
+    up_and_down = shares(
+        [*np.linspace(0, 0.8, 13), *np.linspace(0.7, 0.1, 7), *np.linspace(0.2, 1.0, 9)]
+    )
     yield case("unloading and reloading", with_laws, up_and_down)
     stiff = hhr.Plasticity(1e9)
     yield case("nothing flows", lambda: with_laws(stiff, stiff), plain)

@@ -1,4 +1,6 @@
-"""Extreme cases of matching meshes, for ``extreme_cases.py``: stiffness, contact, units, recipes, training."""
+"""Extreme cases of matching meshes, for ``extreme_cases.py``: stiffness, contact, units, recipes,
+training.
+"""
 
 import dataclasses
 from collections.abc import Iterator
@@ -31,9 +33,13 @@ def matching_cases() -> Iterator[Case]:
         bodies = tuple(dataclasses.replace(body, poisson=poisson) for body in base.bodies)
         yield Case(f"nu = {poisson}", dataclasses.replace(base, bodies=bodies))
     for gap in (0.0, 1e-12, -1e-3):
-        yield Case(f"gap {gap:g} mm" + (", overlap" if gap < 0 else ""), demo.scene(**MESH, gap=gap))
+        yield Case(
+            f"gap {gap:g} mm" + (", overlap" if gap < 0 else ""), demo.scene(**MESH, gap=gap)
+        )
     for name, box in BOXES.items():
-        yield Case(name, dataclasses.replace(base, parameters=hhr.ParameterSpace(("P1", "h1"), *box)))
+        yield Case(
+            name, dataclasses.replace(base, parameters=hhr.ParameterSpace(("P1", "h1"), *box))
+        )
     loose = tuple(item for item in base.displacements if item.tag != geometry.PELLET_TOP)
     yield Case("pellet held by contact only", dataclasses.replace(base, displacements=loose))
     for aspect in (1000, 10000):
@@ -44,15 +50,26 @@ def matching_cases() -> Iterator[Case]:
     yield Case("POD tolerance 1e-14", base, hhr.Recipe(hhr.Pod(1e-14, relative=True)))
     yield Case("POD tolerance 1e-14, thesis recipe", base, hhr.Recipe.thesis(1e-14))
     one_contact = lambda problem: [*load_nodes(problem), problem.contact_slaves[10]]  # noqa: E731
-    yield Case("RID of one contact", base, hhr.Recipe.thesis(0.03, nodes=(hhr.Deim(), hhr.Zone(one_contact))))
-    yield Case("duplicated snapshots", base, select=lambda s: s.take(np.repeat(np.arange(len(s.points)), 2)))
+    yield Case(
+        "RID of one contact",
+        base,
+        hhr.Recipe.thesis(0.03, nodes=(hhr.Deim(), hhr.Zone(one_contact))),
+    )
+    yield Case(
+        "duplicated snapshots",
+        base,
+        select=lambda s: s.take(np.repeat(np.arange(len(s.points)), 2)),
+    )
     yield Case("collinear snapshots", base, select=collinear)
     yield Case("two snapshots", base, select=lambda s: s.take([0, -1]))
 
 
 def in_units(length: float) -> hhr.Scene:
     """The scene with all lengths times ``length``, and E and P1 in N per new unit of area."""
-    area, scene = length**-2, demo.scene(**MESH, **{name: value * length for name, value in SIZES.items()})
+    area, scene = (
+        length**-2,
+        demo.scene(**MESH, **{name: value * length for name, value in SIZES.items()}),
+    )
     bodies = tuple(dataclasses.replace(body, young=body.young * area) for body in scene.bodies)
     box = hhr.ParameterSpace(("P1", "h1"), (5.0 * area, 0.6 * length), (200.0 * area, 6.0 * length))
     return dataclasses.replace(scene, bodies=bodies, parameters=box)
@@ -64,4 +81,6 @@ def collinear(snapshots: hhr.SnapshotSet) -> hhr.SnapshotSet:
         snapshots.take(np.tile(np.arange(len(snapshots.points)), 2)),
         np.repeat([1, 2], len(snapshots.points)),
     )
-    return dataclasses.replace(both, displacements=both.displacements * factor, forces=both.forces * factor)
+    return dataclasses.replace(
+        both, displacements=both.displacements * factor, forces=both.forces * factor
+    )

@@ -15,25 +15,42 @@ from hhr_dolfinx.geometries import pellet_cladding as geometry
 
 
 def non_matching_cases() -> Iterator[Case]:
-    """Ratios of meshes, swapped and curved surfaces, turned scenes, double passes, one slave node."""
+    """Ratios of meshes, swapped and curved surfaces, turned scenes, double passes, one slave
+    node.
+    """
     for pairing in ("node_to_surface", "mortar"):
         coarse = demo.scene(pairing, **MESH, cladding_axial_cells=1)
         yield Case(f"mesh ratio 20:1, slave finer, {pairing}", coarse)
-        side = getattr(hhr, demo.PAIRINGS[pairing])(geometry.CLADDING_INNER, geometry.PELLET_SIDE, normal=(-1.0, 0.0))
+        side = getattr(hhr, demo.PAIRINGS[pairing])(
+            geometry.CLADDING_INNER, geometry.PELLET_SIDE, normal=(-1.0, 0.0)
+        )
         swapped = dataclasses.replace(coarse, contacts=(side, *coarse.contacts[1:]))
         yield Case(f"mesh ratio 1:20, slave coarser, {pairing}", swapped)
         yield Case(f"curved gap, {pairing}", barrelled(pairing))
     for angle in (0.0, 2**0.5):
-        blocks = patch.scene(hhr.NodeToSurface, (8, 4), (11, 4), poisson=0.3, angle=angle, bulge=0.02)
+        blocks = patch.scene(
+            hhr.NodeToSurface, (8, 4), (11, 4), poisson=0.3, angle=angle, bulge=0.02
+        )
         yield Case(f"blocks turned by {angle:.4g} rad", blocks)
-    yield Case("double pass, 20 on 15 cells", demo.scene("double_pass", **MESH, cladding_axial_cells=15))
-    yield Case("double pass, all rows twice", demo.scene("double_pass", **MESH, cladding_axial_cells=20))
-    yield Case("double pass, 30 on 31 cells", patch.scene(hhr.DoublePass, (30, 4), (31, 4), poisson=0.3))
-    yield Case("one slave node", patch.scene(hhr.NodeToSurface, (3, 3), (1, 1), poisson=0.3, shift=0.9))
+    yield Case(
+        "double pass, 20 on 15 cells", demo.scene("double_pass", **MESH, cladding_axial_cells=15)
+    )
+    yield Case(
+        "double pass, all rows twice", demo.scene("double_pass", **MESH, cladding_axial_cells=20)
+    )
+    yield Case(
+        "double pass, 30 on 31 cells", patch.scene(hhr.DoublePass, (30, 4), (31, 4), poisson=0.3)
+    )
+    yield Case(
+        "one slave node", patch.scene(hhr.NodeToSurface, (3, 3), (1, 1), poisson=0.3, shift=0.9)
+    )
 
 
 def barrelled(pairing: str) -> hhr.Scene:
-    """The gap between pellet and cladding wider by 1 to 4 um towards both ends; normals found by the pairing."""
+    """The gap between pellet and cladding wider by 1 to 4 um towards both ends.
+
+    Normals found by the pairing.
+    """
     base = demo.scene(pairing, **MESH, cladding_axial_cells=15)
 
     def bent(comm: Comm) -> tuple:

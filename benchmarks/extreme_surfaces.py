@@ -1,4 +1,6 @@
-"""Surfaces that mislead a search for partners, for ``extreme_cases.py``: thin bodies, facets off a curve."""
+"""Surfaces that mislead a search for partners, for ``extreme_cases.py``: thin bodies, facets off a
+curve.
+"""
 
 from collections.abc import Iterator
 
@@ -14,25 +16,37 @@ THICKNESS, GAP, INNER, FIT, OUTER = 0.02, 0.01, 0.5, 1.0, 1.6
 
 
 def surface_cases() -> Iterator[Case]:
-    """Strips whose back sides are nearer than their ends, rings that overlap by less than their facets sag."""
+    """Strips whose back sides are nearer than their ends, rings that overlap by less than their
+    facets sag.
+    """
     nothing = Known("no force without a load", force_at_rest, 1e-12)
     yield Case("strips .02 thick, mortar without normal", strips(), counts=(41,), known=nothing)
     sag = (np.pi / 2 / 12) ** 2 / 8
     for part, word in ((1.0, "of the"), (0.1, "ten times the")):
         # what facets off a curve and small displacements leave at a tenth; below it a third is lost
         lame = Known("pressure of Lamé", lambda full, size=sag / part: off_lame(full, size), 0.07)
-        yield Case(f"overlap {word} sag of facets", rings((12, 17), sag / part), counts=(11,), known=lame)
+        yield Case(
+            f"overlap {word} sag of facets", rings((12, 17), sag / part), counts=(11,), known=lame
+        )
 
 
 def strips() -> hhr.Scene:
-    """Two strips above each other, held at their ends; both long sides of each are one surface, no normal is given."""
-    boxes = [((0.0, low), (1.0, low + THICKNESS), (cells, 1)) for low, cells in ((0.0, 20), (THICKNESS + GAP, 23))]
+    """Two strips above each other, held at their ends.
+
+    Both long sides of each are one surface, no normal is given.
+    """
+    boxes = [
+        ((0.0, low), (1.0, low + THICKNESS), (cells, 1))
+        for low, cells in ((0.0, 20), (THICKNESS + GAP, 23))
+    ]
 
     def geometry(comm: Comm) -> tuple:
         mesh, bodies, sides = two_blocks.two_blocks(comm, first=boxes[0], second=boxes[1])
         values = sides.values.copy()
         for body in (1, 2):
-            values[np.isin(values, [two_blocks.side(body, 1, upper) for upper in (False, True)])] = body
+            values[
+                np.isin(values, [two_blocks.side(body, 1, upper) for upper in (False, True)])
+            ] = body
         return mesh, bodies, dmesh.meshtags(mesh, 1, sides.indices, values)
 
     ends = [two_blocks.side(body, 0, upper) for body in (1, 2) for upper in (False, True)]
@@ -71,13 +85,18 @@ def rings(counts: tuple[int, int], overlap: float) -> hhr.Scene:
         bodies=(hhr.Body(1, 1.0, 0.3), hhr.Body(2, 1.0, 0.3)),
         contacts=(hhr.Mortar(two_blocks.side(2, 1, False), two_blocks.side(1, 1, True)),),
         parameters=hhr.ParameterSpace(("p",), (0.0,), (1e-3,)),
-        displacements=tuple(hhr.Displacement(two_blocks.side(body, 0, upper), int(not upper)) for body, upper in ends),
+        displacements=tuple(
+            hhr.Displacement(two_blocks.side(body, 0, upper), int(not upper))
+            for body, upper in ends
+        ),
         loads=(hhr.Pressure(two_blocks.side(2, 1, True), hhr.Amplitude(slopes={"p": 1.0})),),
     )
 
 
 def off_lame(full: hhr.FullOrderModel, overlap: float) -> float:
-    """Relative error of the mean pressure between rings of one material, E = 1 and nu = 0.3, in plane strain."""
+    """Relative error of the mean pressure between rings of one material, E = 1 and nu = 0.3, in
+    plane strain.
+    """
     found = full.solve(0.0).forces().sum() / full.problem.contact_areas.sum()
     inner = (FIT**2 + INNER**2) / (FIT**2 - INNER**2)
     outer = (OUTER**2 + FIT**2) / (OUTER**2 - FIT**2)

@@ -32,12 +32,16 @@ def tube(law: hhr.Law, simplices: bool = False) -> hhr.Scene:
     """Tube 1 <= r <= 2 held axially, with inner pressure, and a wall that it never touches."""
     return hhr.Scene(
         name="tube",
-        geometry=lambda comm: block.block(comm, lower=(1, 0), upper=(2, 0.2), cells=(16, 1), simplices=simplices),
+        geometry=lambda comm: block.block(
+            comm, lower=(1, 0), upper=(2, 0.2), cells=(16, 1), simplices=simplices
+        ),
         hypothesis="axisymmetric",
         bodies=(hhr.Body(block.SOLID, 200.0, 0.3, law),),
         contacts=(hhr.Obstacle(block.side(0, upper=True), (1.0, 0.0), 1e6),),
         parameters=hhr.ParameterSpace(("p",), (0.0,), (2.0,)),
-        displacements=tuple(hhr.Displacement(block.side(1, upper=upper), 1) for upper in (False, True)),
+        displacements=tuple(
+            hhr.Displacement(block.side(1, upper=upper), 1) for upper in (False, True)
+        ),
         loads=(hhr.Pressure(block.side(0, upper=False), hhr.Amplitude(slopes={"p": 1.0})),),
     )
 
@@ -54,7 +58,9 @@ def held(pressure: float) -> Path:
 
 
 def off_creep(history: History) -> float:
-    """Relative error of the radial speed, C / r with p = m K / sqrt(3) (2 C / sqrt(3))^(1/m) (1 - 2^(-2/m))."""
+    """Relative error of the radial speed, C / r with p = m K / sqrt(3) (2 C / sqrt(3))^(1/m) (1 -
+    2^(-2/m)).
+    """
     before, last = history.answers[-2:]
     pressure = last.parameter[0]
     power = pressure * np.sqrt(3) / (EXPONENT * RESISTANCE * (1 - 2 ** (-2 / EXPONENT)))

@@ -1,13 +1,16 @@
-"""All figures that README quotes: run the scripts behind them, keep their reports, and write the table.
+"""All figures that README quotes: run the scripts behind them, keep their reports, and write the
+table.
 
-Each row is read from the ``report.json`` that a script writes. Figures go into ``docs/figures.json``, and from there
-into the table between two marks in README. A test compares both.
+Each row is read from the ``report.json`` that a script writes. Figures go into
+``docs/figures.json``, and from there into the table between two marks in README. A test compares
+both.
 
     python benchmarks/figures.py [--out DIR] [--quick] [--seed N] [--only NAME ...] [--kept DIR]
 
-All of them take long; ``--only`` measures some again and leaves the others as they are. ``--kept`` reads reports that
-are there, in a folder for each name, and runs nothing. The script writes into the checkout that it lies in, but for
-``--quick``: figures of small sizes go into ``report.json`` alone.
+All of them take long; ``--only`` measures some again and leaves the others as they are. ``--kept``
+reads reports that are there, in a folder for each name, and runs nothing. The script writes into
+the checkout that it lies in, but for ``--quick``: figures of small sizes go into ``report.json``
+alone.
 """
 
 import json
@@ -20,11 +23,16 @@ import _demos  # noqa: F401 (before the parts of demos)
 
 ROOT = Path(__file__).parent.parent
 FILE, README = ROOT / "docs" / "figures.json", ROOT / "README.md"
-BEGIN, END = "<!-- figures: written by `make figures` from docs/figures.json -->\n", "<!-- end of figures -->"
+BEGIN, END = (
+    "<!-- figures: written by `make figures` from docs/figures.json -->\n",
+    "<!-- end of figures -->",
+)
 
 
 class Source(NamedTuple):
-    """A scene of the table, the script that measures it, its target of make, and the model that it measures."""
+    """A scene of the table, the script that measures it, its target of make, and the model that it
+    measures.
+    """
 
     title: str
     script: str
@@ -33,24 +41,42 @@ class Source(NamedTuple):
 
 
 SOURCES = {
-    "bolted_joint": Source("bolted joint, Young's modulus varies", "demos/bolted_joint.py", "demo", "condensed"),
-    "fretting": Source("fretting of a cylinder, friction", "demos/fretting.py", "fretting", "condensed"),
-    "hertz_half_discs": Source("two half-discs", "benchmarks/thesis/hertz_half_discs.py", "hertz", "HHR"),
-    "pellet_cladding": Source("fuel pellet and cladding", "benchmarks/thesis/pellet_cladding.py", "pellet", "HHR"),
-    "sphere_on_block": Source("sphere on block, in space", "demos/sphere_on_block.py", "sphere", "HHR"),
-    "pellet_materials": Source("pellet, E and nu vary", "benchmarks/thesis/pellet_materials.py", "materials", "HHR"),
-}  # fmt: skip
+    "bolted_joint": Source(
+        "bolted joint, Young's modulus varies", "demos/bolted_joint.py", "demo", "condensed"
+    ),
+    "fretting": Source(
+        "fretting of a cylinder, friction", "demos/fretting.py", "fretting", "condensed"
+    ),
+    "hertz_half_discs": Source(
+        "two half-discs", "benchmarks/thesis/hertz_half_discs.py", "hertz", "HHR"
+    ),
+    "pellet_cladding": Source(
+        "fuel pellet and cladding", "benchmarks/thesis/pellet_cladding.py", "pellet", "HHR"
+    ),
+    "sphere_on_block": Source(
+        "sphere on block, in space", "demos/sphere_on_block.py", "sphere", "HHR"
+    ),
+    "pellet_materials": Source(
+        "pellet, E and nu vary", "benchmarks/thesis/pellet_materials.py", "materials", "HHR"
+    ),
+}
 
 
 def figures_of(report: dict[str, Any]) -> dict[str, Any]:
-    """Figures of one report: sizes, seconds of an answer, ratio, errors of the forces; None where it has none."""
+    """Figures of one report: sizes, seconds of an answer, ratio, errors of the forces.
+
+    None where it has none.
+    """
     times, errors = report["times"], report.get("errors", {}).get("dual_full_floored")
     query = times.get("online", {}).get("median")
     if "friction" in report:
         errors = report["friction"]["errors"]["normal"]
     if "reduction" in report:
         tried = report["reduction"]["tried"][report["reduction"]["chosen"]]
-        query, errors = tried["query"], {"p95": None, "max": tried["errors"]["forces"], "n": tried["full_answers"]}
+        query, errors = (
+            tried["query"],
+            {"p95": None, "max": tried["errors"]["forces"], "n": tried["full_answers"]},
+        )
     return {
         "N": report["sizes"]["N"],
         "N_lambda": report["sizes"]["N_lambda"],
@@ -66,15 +92,29 @@ def figures_of(report: dict[str, Any]) -> dict[str, Any]:
 
 def table(found: dict[str, dict[str, Any]]) -> str:
     """Rows of all scenes that were measured, in Markdown."""
-    heads = ("scene", "unknowns + contacts", "model", "an answer", "speed-up over the best full order",
-             "largest force error", "command")  # fmt: skip
+    heads = (
+        "scene",
+        "unknowns + contacts",
+        "model",
+        "an answer",
+        "speed-up over the best full order",
+        "largest force error",
+        "command",
+    )
     rows = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     for name, source in SOURCES.items():
         if name in found:
             row = found[name]
             ratio = "-" if row["ratio"] is None else f"{row['ratio']:.2g}"
-            cells = (source.title, f"{row['N']} + {row['N_lambda']}", source.model, f"{1e3 * row['answer_s']:.2g} ms",
-                     ratio, f"{row['max']:.1e} ({row['n']} answers)", f"`make {source.target}`")  # fmt: skip
+            cells = (
+                source.title,
+                f"{row['N']} + {row['N_lambda']}",
+                source.model,
+                f"{1e3 * row['answer_s']:.2g} ms",
+                ratio,
+                f"{row['max']:.1e} ({row['n']} answers)",
+                f"`make {source.target}`",
+            )
             rows.append(f"| {' | '.join(cells)} |")
     return "\n".join(rows) + "\n"
 
@@ -92,7 +132,9 @@ def main() -> None:
     from hhr_dolfinx.plugins.studies import report
 
     parser = cli.demo_parser("figures", __doc__)
-    parser.add_argument("--only", nargs="+", choices=SOURCES, default=list(SOURCES), help="measure these alone")
+    parser.add_argument(
+        "--only", nargs="+", choices=SOURCES, default=list(SOURCES), help="measure these alone"
+    )
     parser.add_argument("--kept", type=Path, help="folder of reports that are there: run nothing")
     options = cli.parse_on_first_rank(parser)
     quick = ["--quick"] if options.quick else []

@@ -1,11 +1,13 @@
-"""Contact with friction beside closed forms: what sticks and what slips, tractions, loops and limit loads.
+"""Contact with friction beside closed forms: what sticks and what slips, tractions, loops and limit
+loads.
 
-- Cattaneo (1938) and Mindlin (1949): equal cylinders, and spheres, pressed together and then sheared. The contact
-  sticks within c = a (1 - Q / (f P))^(1/2), of spheres to the power of 1/3, and the traction is the difference of two
-  Hertzian ones.
-- Jaeger (1997) and Ciavarella (1998): any profile in the plane; q = f (p(P) - p(P*)) with P* = P - Q / f, here of a
-  flat punch with rounded edges, whose p comes from the solution without friction.
-- A pad pulled over a plane (code_aster SSNV503), and a wedge between planes (NAFEMS CGS-4): limits of Coulomb's law.
+- Cattaneo (1938) and Mindlin (1949): equal cylinders, and spheres, pressed together and then
+  sheared. The contact sticks within c = a (1 - Q / (f P))^(1/2), of spheres to the power of 1/3,
+  and the traction is the difference of two Hertzian ones.
+- Jaeger (1997) and Ciavarella (1998): any profile in the plane; q = f (p(P) - p(P*)) with P* = P -
+  Q / f, here of a flat punch with rounded edges, whose p comes from the solution without friction.
+- A pad pulled over a plane (code_aster SSNV503), and a wedge between planes (NAFEMS CGS-4): limits
+  of Coulomb's law.
 
     python benchmarks/friction.py [--out DIR] [--quick] [--seed N]
 """
@@ -40,10 +42,14 @@ def row(case: str, quantity: str, reference: float, ours: float) -> Row:
 
 
 def resultants(model: Any, answer: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Pressures and tangential forces on the slave along x of the contacts with friction, (C,) each."""
+    """Pressures and tangential forces on the slave along x of the contacts with friction, (C,)
+    each.
+    """
     friction = model.problem.law
     forces = answer.multipliers
-    shear = np.bincount(friction.owner, -forces[friction.tangential] * friction.tangents[:, 0], friction.normal.size)
+    shear = np.bincount(
+        friction.owner, -forces[friction.tangential] * friction.tangents[:, 0], friction.normal.size
+    )
     return forces[friction.normal], shear
 
 
@@ -72,7 +78,9 @@ def cattaneo(cells: int) -> Iterator[Row]:
 
 
 def loop(full: Any, answers: list[Any], name: str) -> Row:
-    """Stick width along the way back: what slips back is half of the change, Mindlin and Deresiewicz (1953)."""
+    """Stick width along the way back: what slips back is half of the change, Mindlin and
+    Deresiewicz (1953).
+    """
     problem = full.problem
     pressure, shear = resultants(full, answers[0])
     P, first = pressure.sum(), shear.sum()
@@ -91,7 +99,8 @@ def loop(full: Any, answers: list[Any], name: str) -> Row:
 def mindlin(cells: int) -> Iterator[Row]:
     """Equal spheres, half of both: radius, stick radius and traction.
 
-    Poisson's ratio is 0: only then does all that slips do so along the force, as the closed form takes for granted.
+    Poisson's ratio is 0: only then does all that slips do so along the force, as the closed form
+    takes for granted.
     """
     size = 14.0
     shape = (2 * cells, cells, cells // 2)
@@ -110,11 +119,18 @@ def mindlin(cells: int) -> Iterator[Row]:
         geometry=lambda comm: two_blocks(comm, first=boxes[0], second=boxes[1], warp=warp),
         hypothesis="solid",
         bodies=(hhr.Body(FIRST, YOUNG, 0.0), hhr.Body(SECOND, YOUNG, 0.0)),
-        contacts=(hhr.NodeToNode(side(FIRST, 2, True), side(SECOND, 2, False), (0.0, 0.0, 1.0), friction=FRICTION),),
+        contacts=(
+            hhr.NodeToNode(
+                side(FIRST, 2, True), side(SECOND, 2, False), (0.0, 0.0, 1.0), friction=FRICTION
+            ),
+        ),
         displacements=(
             *hhr.Displacement.clamp(side(FIRST, 2, False), 3),
             *(hhr.Displacement(side(body, 1, False), 1) for body in (FIRST, SECOND)),
-            *(hhr.Displacement(top, axis, hhr.Amplitude(slopes={name: sign})) for axis, (name, sign) in slope.items()),
+            *(
+                hhr.Displacement(top, axis, hhr.Amplitude(slopes={name: sign}))
+                for axis, (name, sign) in slope.items()
+            ),
             hhr.Displacement(top, 1),
         ),
         parameters=hhr.ParameterSpace(("push", "shear"), (0.0, -0.01), (0.01, 0.01)),
@@ -140,7 +156,9 @@ def mindlin(cells: int) -> Iterator[Row]:
 
 
 def traction(name: str, peak: float, a: float, c: float, r: np.ndarray, found: np.ndarray) -> Row:
-    """Largest difference of tractions within nine tenths of the contact, but for the kink where slip begins."""
+    """Largest difference of tractions within nine tenths of the contact, but for the kink where
+    slip begins.
+    """
     outer, inner = (np.sqrt(np.maximum(1 - (r / radius) ** 2, 0.0)) for radius in (a, c))
     closed = FRICTION * peak * (outer - c / a * inner)
     clear = (r < 0.9 * a) & (np.abs(r - c) > 0.1 * a)
@@ -149,7 +167,9 @@ def traction(name: str, peak: float, a: float, c: float, r: np.ndarray, found: n
 
 
 def rounded_punch(cells: int) -> Iterator[Row]:
-    """A flat punch with rounded edges: traction beside the difference of two pressures without friction."""
+    """A flat punch with rounded edges: traction beside the difference of two pressures without
+    friction.
+    """
 
     def profile(x: np.ndarray) -> np.ndarray:
         return np.maximum(np.abs(x) - 1.0, 0.0) ** 2 / (2 * RADIUS)
@@ -158,7 +178,9 @@ def rounded_punch(cells: int) -> Iterator[Row]:
     smooth = hhr.FullOrderModel(fretting.scene(cells, profile, None), MPI.COMM_SELF)
     push, most = 0.004, 0.0014
     steps = [(push, shear) for shear in np.linspace(0.0, most, 8)]
-    answer = full.march([(float(k), point) for k, point in enumerate([(0.0, 0.0), *steps])]).answers[-1]
+    answer = full.march(
+        [(float(k), point) for k, point in enumerate([(0.0, 0.0), *steps])]
+    ).answers[-1]
     pressure, shear = resultants(full, answer)
     wanted = pressure.sum() - abs(shear.sum()) / FRICTION
     low, high = 0.0, push
@@ -168,14 +190,20 @@ def rounded_punch(cells: int) -> Iterator[Row]:
         low, high = (middle, high) if part.sum() < wanted else (low, middle)
     closed = FRICTION * (pressure - part)
     off = np.linalg.norm(np.abs(shear) - closed) / np.linalg.norm(closed)
-    yield row(f"Ciavarella, rounded punch, {cells} cells", "tangential forces, 1 + L2 error", 1.0, 1 + off)
+    yield row(
+        f"Ciavarella, rounded punch, {cells} cells", "tangential forces, 1 + L2 error", 1.0, 1 + off
+    )
 
 
 def plate(cells: int) -> hhr.Scene:
-    """SSNV128: a square plate on a rigid plane, pressed from above and from its side; half of it."""
+    """SSNV128: a square plate on a rigid plane, pressed from above and from its side; half of
+    it.
+    """
     return hhr.Scene(
         name="ssnv128",
-        geometry=lambda comm: block.block(comm, lower=(0.0, 0.0), upper=(0.04, 0.04), cells=(cells, cells)),
+        geometry=lambda comm: block.block(
+            comm, lower=(0.0, 0.0), upper=(0.04, 0.04), cells=(cells, cells)
+        ),
         hypothesis="plane_strain",
         bodies=(hhr.Body(block.SOLID, 1.3e11, 0.2),),
         contacts=(hhr.Obstacle(block.side(1, False), (0.0, -1.0), 0.0, friction=1.0),),
@@ -195,14 +223,19 @@ def raous(cells: int) -> Iterator[Row]:
     points = full.problem.points
     bottom = np.flatnonzero(points[:, 1] < 1e-9)
     bottom = bottom[np.argsort(points[bottom, 0])]
-    # the first is that of the corner; the places of the others, multiples of 1.25 mm, were found by their values
+    # the first is that of the corner; the places of the others, multiples of 1.25 mm, were found by
+    # their values
     for place, reference in ((0.0, 2.86), (1.25, 2.72), (5.0, 2.28), (7.5, 1.98), (11.25, 1.50)):
         ours = 1e5 * float(np.interp(1e-3 * place, points[bottom, 0], moved[bottom]))
-        yield row("SSNV128, plate on a plane", f"displacement at {place} mm [1e-5 m]", reference, ours)
+        yield row(
+            "SSNV128, plate on a plane", f"displacement at {place} mm [1e-5 m]", reference, ours
+        )
 
 
 def pulled(angle: float, name: str, reference: float) -> Row:
-    """A block that weighs on a plane and is pulled along it, down to up by its angle, until it slips."""
+    """A block that weighs on a plane and is pulled along it, down to up by its angle, until it
+    slips.
+    """
     normal = (float(np.sin(angle)), -float(np.cos(angle)))
 
     def geometry(comm: Any) -> Any:
@@ -217,13 +250,19 @@ def pulled(angle: float, name: str, reference: float) -> Row:
         hypothesis="plane_strain",
         bodies=(hhr.Body(block.SOLID, YOUNG, POISSON),),
         contacts=(hhr.Obstacle(block.side(1, False), normal, 0.0, friction=FRICTION),),
-        displacements=(hhr.Displacement(block.side(1, True), 0, hhr.Amplitude(slopes={"pull": 1.0})),),
+        displacements=(
+            hhr.Displacement(block.side(1, True), 0, hhr.Amplitude(slopes={"pull": 1.0})),
+        ),
         loads=(hhr.Pressure(block.side(1, True), hhr.Amplitude(slopes={"weight": 1.0})),),
         parameters=hhr.ParameterSpace(("weight", "pull"), (0.0, 0.0), (1.0, 0.1)),
         outputs=(hhr.ContactForce("along", 0, (1.0, 0.0)), hhr.ContactForce("up", 0, (0.0, 1.0))),
     )
     full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
-    path = [(0.0, (0.0, 0.0)), (1.0, (1.0, 0.0)), *((1.0 + k, (1.0, 0.02 * k)) for k in range(1, 6))]
+    path = [
+        (0.0, (0.0, 0.0)),
+        (1.0, (1.0, 0.0)),
+        *((1.0 + k, (1.0, 0.02 * k)) for k in range(1, 6)),
+    ]
     outputs = full.march(path).answers[-1].outputs()
     return row(name, "force along over weight", reference, -outputs["along"] / outputs["up"])
 
@@ -249,8 +288,13 @@ def main() -> None:
 
     options = cli.parse_on_first_rank(cli.demo_parser("friction", __doc__))
     rows = list(references(options.quick))
-    report.write_report({"scene": "friction", "friction": {"reference": rows}, **report.environment()}, options.out)
-    told = [{**line, "reference": f"{line['reference']:.5g}", "ours": f"{line['ours']:.5g}"} for line in rows]
+    report.write_report(
+        {"scene": "friction", "friction": {"reference": rows}, **report.environment()}, options.out
+    )
+    told = [
+        {**line, "reference": f"{line['reference']:.5g}", "ours": f"{line['ours']:.5g}"}
+        for line in rows
+    ]
     cli.print_rows("friction beside references", told, options.console)
 
 

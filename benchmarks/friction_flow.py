@@ -1,6 +1,8 @@
-"""The flowing pellet of the thesis with friction on its side: condensed flow and HHR along unseen histories.
+"""The flowing pellet of the thesis with friction on its side: condensed flow and HHR along unseen
+histories.
 
-Pressed in 40 steps, let go to 30 % and pressed again in 40 more; trained on four gaps, compared on three others.
+Pressed in 40 steps, let go to 30 % and pressed again in 40 more; trained on four gaps, compared on
+three others.
 
     python benchmarks/friction_flow.py [--out DIR] [--quick] [--seed N]
 """
@@ -42,14 +44,23 @@ def path(gap: float, steps: int) -> Any:
 
 
 def errors(full: Any, found: hhr.History, exact: hhr.History) -> dict[str, float]:
-    """Largest error of all and of tangential forces over the largest of the history, and of the work at its end."""
+    """Largest error of all and of tangential forces over the largest of the history, and of the
+    work at its end.
+    """
     rows = full.law.tangential
-    forces = np.array([[answer.forces() for answer in history.answers] for history in (exact, found)])
+    forces = np.array(
+        [[answer.forces() for answer in history.answers] for history in (exact, found)]
+    )
     work = [history.answers[-1].slip.work.sum() for history in (exact, found)]
     off = {"forces": forces, "tangential": forces[:, :, rows]}
-    told = {name: np.linalg.norm(item[1] - item[0], axis=1).max() / np.linalg.norm(item[0], axis=1).max()
-            for name, item in off.items()}  # fmt: skip
-    return {name: float(value) for name, value in told.items()} | {"work": float(abs(work[1] / work[0] - 1))}
+    told = {
+        name: np.linalg.norm(item[1] - item[0], axis=1).max()
+        / np.linalg.norm(item[0], axis=1).max()
+        for name, item in off.items()
+    }
+    return {name: float(value) for name, value in told.items()} | {
+        "work": float(abs(work[1] / work[0] - 1))
+    }
 
 
 def main() -> None:
@@ -65,9 +76,17 @@ def main() -> None:
         exact, slow = timed(partial(full.march, path(gap, steps)))
         for kind, model in models.items():
             ours, fast = timed(partial(model.march, path(gap, steps)))
-            found[f"{kind}, gap {gap:g} um"] = errors(full, ours, exact) | {"seconds": fast, "full": slow}
-    report.write_report({"scene": "friction_flow", "friction": found, **report.environment()}, options.out)
-    rows = [{"of": name, **{key: f"{value:.2g}" for key, value in item.items()}} for name, item in found.items()]
+            found[f"{kind}, gap {gap:g} um"] = errors(full, ours, exact) | {
+                "seconds": fast,
+                "full": slow,
+            }
+    report.write_report(
+        {"scene": "friction_flow", "friction": found, **report.environment()}, options.out
+    )
+    rows = [
+        {"of": name, **{key: f"{value:.2g}" for key, value in item.items()}}
+        for name, item in found.items()
+    ]
     cli.print_rows("largest errors along unseen histories", rows, options.console)
 
 

@@ -1,10 +1,11 @@
 """Pellet and cladding with friction on their sides: unseen paths that load, unload and turn round.
 
-The scene of ``pellet_materials.py`` with a coefficient in [0, .8] as its seventh parameter: pressure and its height
-vary along a path, moduli, Poisson's ratios and the coefficient from path to path. The full order at its best makes S
-once for a path and has the same solver of increments; the condensed model interpolates S between Poisson's ratios; the
-hyper-reduced one is trained on other paths. Then random jumps of the condensed one, each from one corner of the box to
-another, for as long as it takes to meet what does not settle.
+The scene of ``pellet_materials.py`` with a coefficient in [0, .8] as its seventh parameter:
+pressure and its height vary along a path, moduli, Poisson's ratios and the coefficient from path to
+path. The full order at its best makes S once for a path and has the same solver of increments; the
+condensed model interpolates S between Poisson's ratios; the hyper-reduced one is trained on other
+paths. Then random jumps of the condensed one, each from one corner of the box to another, for as
+long as it takes to meet what does not settle.
 
     python benchmarks/friction_pellet.py [--out DIR] [--quick] [--seed N] [--training N]
 """
@@ -43,7 +44,9 @@ def scene(**mesh_options: Any) -> hhr.Scene:
 
 
 def path(space: hhr.ParameterSpace, rng: np.random.Generator, points: np.ndarray) -> list:
-    """Through some pressures and heights, (k, 2), with random materials and friction, from the least load."""
+    """Through some pressures and heights, (k, 2), with random materials and friction, from the
+    least load.
+    """
     low, high = np.array(space.lower), np.array(space.upper)
     fixed = low[2:] + rng.random(low.size - 2) * (high - low)[2:]
     loads = np.vstack([low[:2], low[:2] + points * (high - low)[:2]])
@@ -75,7 +78,9 @@ def hyper_reduced(full: Any, count: int, rng: np.random.Generator) -> Any:
     return hhr.train(full.scene, paths, held_out=apart, comm=MPI.COMM_SELF).build()
 
 
-def unseen(full: Any, models: dict[str, Any], count: int, rng: np.random.Generator) -> dict[str, Any]:
+def unseen(
+    full: Any, models: dict[str, Any], count: int, rng: np.random.Generator
+) -> dict[str, Any]:
     """Errors and times of some models along paths that nobody has seen."""
     errors: dict[str, list[dict[str, np.ndarray]]] = {name: [] for name in models}
     seconds: dict[str, list[float]] = {name: [] for name in ("full order", *models)}
@@ -124,26 +129,42 @@ def jumps(model: Any, count: int, rng: np.random.Generator) -> dict[str, Any]:
         fallbacks += sum(answer.cycled for answer in history.answers)
         cuts += history.cuts
     told = {"mean": float(np.mean(iterations)), "max": max(iterations)}
-    return {"asked": count, "answered": answered, "iterations": told, "fallbacks": fallbacks, "cuts": cuts,
-            "refused": refused}  # fmt: skip
+    return {
+        "asked": count,
+        "answered": answered,
+        "iterations": told,
+        "fallbacks": fallbacks,
+        "cuts": cuts,
+        "refused": refused,
+    }
 
 
 def main() -> None:
     """Condense and hyper-reduce, follow unseen paths, jump, report."""
     parser = cli.demo_parser("friction_pellet", __doc__)
-    parser.add_argument("--training", type=int, default=128, help="training paths of the HHR model (%(default)s)")
+    parser.add_argument(
+        "--training", type=int, default=128, help="training paths of the HHR model (%(default)s)"
+    )
     options = cli.parse_on_first_rank(parser)
     rng = np.random.default_rng(options.seed)
     mesh = pellet_materials.base.QUICK_MESH if options.quick else {}
     full = hhr.FullOrderModel(scene(**mesh), MPI.COMM_SELF)
     model, offline = timed(lambda: hhr.condense(full))
     count = 12 if options.quick else options.training
-    reduced, trained = timed(lambda: hyper_reduced(full, count, np.random.default_rng(options.seed + 1)))
+    reduced, trained = timed(
+        lambda: hyper_reduced(full, count, np.random.default_rng(options.seed + 1))
+    )
     found = unseen(full, {"condensed": model, "hhr": reduced}, 5 if options.quick else 40, rng)
     found["times"] |= {"offline": offline, "offline, hhr": trained}
-    found["hhr"] |= {"paths": count, "modes": len(reduced.problem.stiffness), "rows": reduced.own_conditions}
+    found["hhr"] |= {
+        "paths": count,
+        "modes": len(reduced.problem.stiffness),
+        "rows": reduced.own_conditions,
+    }
     found["jumps"] = jumps(model, 1000 if options.quick else 10_000, rng)
-    report.write_report({"scene": "friction_pellet", "friction": found, **report.environment()}, options.out)
+    report.write_report(
+        {"scene": "friction_pellet", "friction": found, **report.environment()}, options.out
+    )
     lines = [
         {"model": kind, "of": name, "95 %": f"{item['p95']:.1e}", "worst": f"{item['max']:.1e}"}
         for kind, part in (("condensed", found), ("hhr", found["hhr"]))
@@ -152,9 +173,10 @@ def main() -> None:
     cli.print_rows("errors along unseen paths", lines, options.console)
     times = found["times"]
     options.console.print(
-        f"an increment: full order {1e3 * times['full order']:.2f} ms, condensed {1e3 * times['condensed']:.2f} ms, "
-        f"{found['ratio']:.1f} times; HHR {1e3 * times['hhr']:.2f} ms, {found['hhr']['ratio']:.1f} times; "
-        f"jumps: {found['jumps']['answered']} of {found['jumps']['asked']} answered"
+        f"an increment: full order {1e3 * times['full order']:.2f} ms, condensed "
+        f"{1e3 * times['condensed']:.2f} ms, {found['ratio']:.1f} times; HHR "
+        f"{1e3 * times['hhr']:.2f} ms, {found['hhr']['ratio']:.1f} times; jumps: "
+        f"{found['jumps']['answered']} of {found['jumps']['asked']} answered"
     )
 
 

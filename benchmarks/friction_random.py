@@ -1,7 +1,7 @@
 """Increments with friction on random S, plane and in space, held against their conditions in words.
 
-Regular, nearly singular and singular S, coefficients from none to 8, limits, and Tresca's law. Nothing of the solver is
-used to judge what it finds: not its statuses, not its projections.
+Regular, nearly singular and singular S, coefficients from none to 8, limits, and Tresca's law.
+Nothing of the solver is used to judge what it finds: not its statuses, not its projections.
 
     python benchmarks/friction_random.py [--out DIR] [--quick] [--seed N] [--count N]
 """
@@ -24,7 +24,10 @@ WRONG = 1e-8
 
 
 def layout(contacts: int, directions: int, smooth: int = 0) -> tuple[Friction, int]:
-    """Contacts with friction, their tangential rows behind, and some without; how many rows there are."""
+    """Contacts with friction, their tangential rows behind, and some without.
+
+    How many rows there are.
+    """
     count = contacts * (1 + directions) + smooth
     owner = np.repeat(np.arange(contacts), directions)
     rows = np.arange(smooth + contacts, count)
@@ -46,12 +49,19 @@ def layout(contacts: int, directions: int, smooth: int = 0) -> tuple[Friction, i
 
 
 def violation(schur, friction, given, forces):
-    """How far forces are from the conditions of contact and of Coulomb's law, each in its own size."""
+    """How far forces are from the conditions of contact and of Coulomb's law, each in its own
+    size.
+    """
     slack = given.slack + schur @ forces
     force, length = np.abs(forces).max() + 1e-300, np.abs(given.slack).max() + 1e-300
     worst = 0.0
     for row in np.flatnonzero(friction.pressing(len(schur))):
-        worst = max(worst, -forces[row] / force, -slack[row] / length, min(forces[row] / force, slack[row] / length))
+        worst = max(
+            worst,
+            -forces[row] / force,
+            -slack[row] / length,
+            min(forces[row] / force, slack[row] / length),
+        )
     for contact, normal in enumerate(friction.normal):
         rows = friction.tangential[friction.owner == contact]
         bound = given.limit[contact]
@@ -65,15 +75,21 @@ def violation(schur, friction, given, forces):
 
 
 def random_problem(rng):
-    """Any problem: definite, nearly singular or singular S, friction from none to 8, limits, Tresca's law."""
+    """Any problem: definite, nearly singular or singular S, friction from none to 8, limits,
+    Tresca's law.
+    """
     contacts, directions, smooth = rng.integers(1, 12), rng.integers(1, 3), rng.integers(0, 3)
     friction, m = layout(contacts, directions, smooth)
     rank = m if rng.random() < 0.8 else max(1, m - rng.integers(0, 4))
     root = rng.normal(size=(m, rank + rng.integers(0, 4) * (rank == m)))
-    schur = (root @ root.T + (m * np.eye(m) if rng.random() < 0.3 else 0.0)) * 10.0 ** rng.integers(-9, 3)
+    schur = (root @ root.T + (m * np.eye(m) if rng.random() < 0.3 else 0.0)) * 10.0 ** rng.integers(
+        -9, 3
+    )
     wanted = rng.normal(size=m) * 10.0 ** rng.uniform(-3, 3)
     coefficient = rng.random(contacts) * rng.choice([0.0, 0.1, 0.5, 2.0, 8.0])
-    limit = np.where(rng.random(contacts) < 0.2, rng.random(contacts) * np.abs(wanted).max(), np.inf)
+    limit = np.where(
+        rng.random(contacts) < 0.2, rng.random(contacts) * np.abs(wanted).max(), np.inf
+    )
     coefficient[(rng.random(contacts) < 0.3) & np.isfinite(limit)] = np.inf
     return schur, friction, Increment(schur @ wanted, coefficient, limit, NONE)
 
@@ -107,7 +123,9 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=20_000, help="how many problems (%(default)s)")
     options = cli.parse_on_first_rank(parser)
     found = tried(500 if options.quick else options.count, np.random.default_rng(options.seed))
-    report.write_report({"scene": "friction_random", "friction": found, **report.environment()}, options.out)
+    report.write_report(
+        {"scene": "friction_random", "friction": found, **report.environment()}, options.out
+    )
     options.console.print(found)
 
 

@@ -1,15 +1,18 @@
-"""Where to train: greedy choices beside a grid and Sobol points, and the indicators of the thesis beside ours.
+"""Where to train: greedy choices beside a grid and Sobol points, and the indicators of the thesis
+beside ours.
 
-The pellet in its cladding with two parameters, whose usual training is a grid of 25 x 20 points, and with six, whose
-usual training is 512 Sobol points (``pellet_materials.py``). A greedy training adds points where a reduced model of
-those before is worst: by its forces beside a condensed model (``ForceError``), or by eta (1.73) and eta_2 (2.124) of
-the thesis. Models are compared with the full order at random points that none knows, as they are: a check on answers
-held out would grow the RID of those that break, or refuse them.
+The pellet in its cladding with two parameters, whose usual training is a grid of 25 x 20 points,
+and with six, whose usual training is 512 Sobol points (``pellet_materials.py``). A greedy training
+adds points where a reduced model of those before is worst: by its forces beside a condensed model
+(``ForceError``), or by eta (1.73) and eta_2 (2.124) of the thesis. Models are compared with the
+full order at random points that none knows, as they are: a check on answers held out would grow the
+RID of those that break, or refuse them.
 
-What to see: how many answers of the full order it takes for the force error that a grid or a sampling gives, and how
-much of that is due to the finer basis of greedy trainings. On the pellet 150 take the place of a grid of 500 with its
-usual basis, and not of the same grid with the finer one. With six parameters 300 are five times as exact as 512 Sobol
-points with the usual basis, half as exact as these with the finer one, and seven times as exact as 300 with it.
+What to see: how many answers of the full order it takes for the force error that a grid or a
+sampling gives, and how much of that is due to the finer basis of greedy trainings. On the pellet
+150 take the place of a grid of 500 with its usual basis, and not of the same grid with the finer
+one. With six parameters 300 are five times as exact as 512 Sobol points with the usual basis, half
+as exact as these with the finer one, and seven times as exact as 300 with it.
 
     python benchmarks/greedy_training.py [--out DIR] [--quick] [--seed N]
 """
@@ -41,7 +44,9 @@ FINE = 1e-13
 
 
 def plans(quick: bool) -> Iterator[tuple[str, hhr.Scene, dict[str, hhr.Recipe], dict[str, Any]]]:
-    """Scenes with trainings by name, the usual one first, and recipes by name for those that are not greedy."""
+    """Scenes with trainings by name, the usual one first, and recipes by name for those that are
+    not greedy.
+    """
     mesh: dict[str, Any] = pellet_cladding.QUICK_MESH if quick else {}
     few, more = (24, 40) if quick else (100, 150)
     greedy = partial(hhr.Greedy, tolerance=NEVER)
@@ -56,35 +61,54 @@ def plans(quick: bool) -> Iterator[tuple[str, hhr.Scene, dict[str, hhr.Recipe], 
     }  # fmt: skip
     if quick:
         return
-    yield "six parameters", pellet_materials.scene(), recipes(pellet_materials.RECIPE, True), {
-        "Sobol 512": hhr.Sobol(512),
-        "Sobol 300": hhr.Sobol(300),
-        "greedy 300": greedy(budget=300, together=50),
-    }  # fmt: skip
+    yield (
+        "six parameters",
+        pellet_materials.scene(),
+        recipes(pellet_materials.RECIPE, True),
+        {
+            "Sobol 512": hhr.Sobol(512),
+            "Sobol 300": hhr.Sobol(300),
+            "greedy 300": greedy(budget=300, together=50),
+        },
+    )
 
 
 def recipes(usual: hhr.Recipe, by_body: bool) -> dict[str, hhr.Recipe]:
-    """The usual one, and one with the basis of greedy trainings, by what ends the names of their rows."""
-    return {"": usual, ", finer basis": replace(usual, basis=hhr.Pod(FINE, relative=True, by_body=by_body))}
+    """The usual one, and one with the basis of greedy trainings, by what ends the names of their
+    rows.
+    """
+    return {
+        "": usual,
+        ", finer basis": replace(usual, basis=hhr.Pod(FINE, relative=True, by_body=by_body)),
+    }
 
 
-def row_of(training: Training, recipe: hhr.Recipe, references: References, seconds: float) -> dict[str, Any]:
-    """Errors of a model, its size, and seconds: of the training, less what was found on the disk, and of the build."""
+def row_of(
+    training: Training, recipe: hhr.Recipe, references: References, seconds: float
+) -> dict[str, Any]:
+    """Errors of a model, its size, and seconds: of the training, less what was found on the disk,
+    and of the build.
+    """
     model, built = timed(lambda: training.build(recipe, checked=False))
     errors = references.errors(model).summaries()
     return {
         "answers": len(training.snapshots.points),
         "unknowns": len(model.problem.stiffness),
         "conditions": len(model.fields.A_lambda),
-        **{f"{kind} {share}": errors[name][share] for kind, name in (("forces", "dual_full_floored"),
-           ("displacement", "primal_l2")) for share in ("median", "p95", "max")},
+        **{
+            f"{kind} {share}": errors[name][share]
+            for kind, name in (("forces", "dual_full_floored"), ("displacement", "primal_l2"))
+            for share in ("median", "p95", "max")
+        },
         "training": seconds,
         "build": built,
-    }  # fmt: skip
+    }
 
 
 def draw(chosen: dict[str, Training], options: Namespace) -> None:
-    """Where greedy trainings of two parameters chose, and what their models were worth on the way."""
+    """Where greedy trainings of two parameters chose, and what their models were worth on the
+    way.
+    """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(4 * len(chosen) + 4, 4), layout="constrained")
@@ -94,7 +118,9 @@ def draw(chosen: dict[str, Training], options: Namespace) -> None:
         shown = axis.scatter(*points.T, c=np.arange(len(points)), s=12, cmap="viridis")
         axis.set(xlabel="P1 [MPa]", ylabel="h1 [mm]", title=name)
         figure.colorbar(shown, ax=axis, label="order")
-        curves.semilogy([item.answers for item in rounds], [item.worst for item in rounds], ".-", label=name)
+        curves.semilogy(
+            [item.answers for item in rounds], [item.worst for item in rounds], ".-", label=name
+        )
     curves.set(xlabel="answers", ylabel="largest indicator")
     curves.legend(fontsize=7)
     figure.savefig(options.out / "chosen.png", dpi=150)
@@ -107,21 +133,29 @@ def main() -> None:
     for name, scene, others, trainings in plans(options.quick):
         rows, references = [], None
         for label, given in trainings.items():
-            train = partial(hhr.train, scene, given, held_out=0, comm=MPI.COMM_SELF, progress=options.progress)
-            training, seconds = timed(partial(train, folder=options.out / f"snapshots_{name.replace(' ', '_')}"))
+            train = partial(
+                hhr.train, scene, given, held_out=0, comm=MPI.COMM_SELF, progress=options.progress
+            )
+            training, seconds = timed(
+                partial(train, folder=options.out / f"snapshots_{name.replace(' ', '_')}")
+            )
             if references is None:  # one floor for all: that of the usual training
                 points = scene.parameters.random(tests, options.seed + 17)
                 bar = options.progress(f"{name}, test points")
                 references = References.at(points, training.full_order, training.snapshots, bar)
             built = others if training.choice is None else {"": training.choice.recipe}
             for end, recipe in built.items():
-                rows.append({"training on": label + end, **row_of(training, recipe, references, seconds)})
+                rows.append(
+                    {"training on": label + end, **row_of(training, recipe, references, seconds)}
+                )
             if training.choice is not None and name == "pellet":
                 chosen[label] = training
         scenes[name] = {"tests": tests, "trainings": rows}
         cli.print_rows(f"{name}: errors at {tests} points", rows, options.console)
     draw(chosen, options)
-    report.write_report({"seed": options.seed, "scenes": scenes, **report.environment()}, options.out)
+    report.write_report(
+        {"seed": options.seed, "scenes": scenes, **report.environment()}, options.out
+    )
 
 
 if __name__ == "__main__":

@@ -1,12 +1,14 @@
-"""Histories that tell how far they are off: an indicator with each step, beside its error, on trained paths and others.
+"""Histories that tell how far they are off: an indicator with each step, beside its error, on
+trained paths and others.
 
-The flowing pellet is trained twice: loaded at two gaps, as in pellet_cladding_plastic.py; and loaded and unloaded
-there, so that its trained rates hold those of any slower path and of a hold, of which it knows nothing. Its small
-models, HHR and condensed flow, then follow what they were trained on, other gaps, unloading and
-loading again, holds, other paces and heights of the load.
+The flowing pellet is trained twice: loaded at two gaps, as in pellet_cladding_plastic.py; and
+loaded and unloaded there, so that its trained rates hold those of any slower path and of a hold, of
+which it knows nothing. Its small models, HHR and condensed flow, then follow what they were trained
+on, other gaps, unloading and loading again, holds, other paces and heights of the load.
 
-What to see: `answer.estimate()` ranks the steps as their errors do, whatever the model; and no path is silent whose
-error is more than three times the worst trained one. Where rates and ranges tell nothing, the signs of a step do.
+What to see: `answer.estimate()` ranks the steps as their errors do, whatever the model; and no path
+is silent whose error is more than three times the worst trained one. Where rates and ranges tell
+nothing, the signs of a step do.
 
     python benchmarks/history_indicator.py [--out DIR] [--quick] [--seed N]
 """
@@ -49,11 +51,17 @@ def there_and_back(gap: float, steps: int) -> Path:
 
 def built(options: Namespace) -> hhr.Scene:
     """The scene, coarse if it has to be quick."""
-    mesh = {**pellet.QUICK_MESH, "cladding_axial_cells": 15, "cladding_radial_cells": 3} if options.quick else {}
+    mesh = (
+        {**pellet.QUICK_MESH, "cladding_axial_cells": 15, "cladding_radial_cells": 3}
+        if options.quick
+        else {}
+    )
     return pellet.scene(**mesh)
 
 
-def solved(scene: hhr.Scene, paths: list[Path], held_out: list[Path], options: Namespace) -> Training:
+def solved(
+    scene: hhr.Scene, paths: list[Path], held_out: list[Path], options: Namespace
+) -> Training:
     """Full histories, each step of which is kept: what was killed goes on."""
     how = {"folder": options.out / "snapshots", "comm": MPI.COMM_SELF, "progress": options.progress}
     return hhr.train(scene, paths, held_out=held_out, **how)
@@ -89,20 +97,30 @@ def followed(model: Any, path: Path) -> tuple[History, list[str]]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         history = model.march(path)
-    return history, [str(item.message) for item in caught if issubclass(item.category, OutsideTrainingWarning)]
+    return history, [
+        str(item.message) for item in caught if issubclass(item.category, OutsideTrainingWarning)
+    ]
 
 
 def row_of(full: Any, model: Any, exact: History, floor: float) -> dict[str, Any]:
-    """What one model did on a path: estimates and errors of its steps, the largest ones, warnings by what saw it."""
+    """What one model did on a path: estimates and errors of its steps, the largest ones, warnings
+    by what saw it.
+    """
     (history, said), march = timed(lambda: followed(model, exact.path))
-    estimates, seconds = timed(lambda: [answer.estimate().primal_relative for answer in history.answers])
-    steps = [errors(full, *pair, floor) for pair in zip(history.answers, exact.answers, strict=True)]
+    estimates, seconds = timed(
+        lambda: [answer.estimate().primal_relative for answer in history.answers]
+    )
+    steps = [
+        errors(full, *pair, floor) for pair in zip(history.answers, exact.answers, strict=True)
+    ]
     by_path = any("is outside what was trained" in message for message in said)
     return {
         "estimates": estimates,
         "errors": steps,
         "largest": dict(zip(ERRORS, np.max(steps, axis=0).tolist(), strict=True)),
-        "of the history": dict(zip(LARGEST, largest_errors(full, history, exact, floor), strict=True)),
+        "of the history": dict(
+            zip(LARGEST, largest_errors(full, history, exact, floor), strict=True)
+        ),
         "by its path": by_path,
         "by its signs": len(said) > by_path,
         "step": march / len(estimates),
@@ -110,14 +128,23 @@ def row_of(full: Any, model: Any, exact: History, floor: float) -> dict[str, Any
     }
 
 
-def measured(name: str, training: Training, asked: dict[str, History], options: Namespace) -> Iterator[dict[str, Any]]:
+def measured(
+    name: str, training: Training, asked: dict[str, History], options: Namespace
+) -> Iterator[dict[str, Any]]:
     """Each model of a training on what is known of it, and on each path that is asked."""
     floor = force_floor(training.full_order.problem, training.snapshots)
-    known = [("known", item) for item in (*training.snapshots.histories, *training.held_out.histories)]
+    known = [
+        ("known", item) for item in (*training.snapshots.histories, *training.held_out.histories)
+    ]
     known += [(label.split()[0], item) for label, item in asked.items()]
     for method, model in models(training, options):
         for kind, exact in options.progress(f"{name}, {method}")(known):
-            yield {"training": name, "model": method, "kind": kind, **row_of(training.full_order, model, exact, floor)}
+            yield {
+                "training": name,
+                "model": method,
+                "kind": kind,
+                **row_of(training.full_order, model, exact, floor),
+            }
 
 
 def ranks(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
@@ -129,22 +156,41 @@ def ranks(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
         row: dict[str, Any] = {"training": training, "model": model, "steps": len(estimates)}
         for name, column in zip(ERRORS, wrong.T, strict=True):
             row[name] = float(spearmanr(estimates, column).statistic)
-        found.append(row | {what: float(np.median([item[what] for item in own])) for what in ("step", "estimate")})
+        found.append(
+            row
+            | {
+                what: float(np.median([item[what] for item in own]))
+                for what in ("step", "estimate")
+            }
+        )
     return found
 
 
 def warnings_of(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """For each model and kind of path: errors over the worst known ones, and which warning saw the path."""
+    """For each model and kind of path: errors over the worst known ones, and which warning saw the
+    path.
+    """
     found = []
     for training, model, kind, own in grouped(rows, "training", "model", "kind"):
-        known = [row for row in rows if (row["training"], row["model"], row["kind"]) == (training, model, "known")]
-        row: dict[str, Any] = {"training": training, "model": model, "kind": kind, "paths": len(own)}
+        known = [
+            row
+            for row in rows
+            if (row["training"], row["model"], row["kind"]) == (training, model, "known")
+        ]
+        row: dict[str, Any] = {
+            "training": training,
+            "model": model,
+            "kind": kind,
+            "paths": len(own),
+        }
         row |= {said: sum(item[said] for item in own) for said in ("by its path", "by its signs")}
         silent = [item for item in own if not (item["by its path"] or item["by its signs"])]
         for name in SHOWN:
             worst = max(item["largest"][name] for item in known)
             for which, some in (("", own), (", silent", silent)):
-                row[f"{name}{which}"] = max((item["largest"][name] / worst for item in some), default=0.0)
+                row[f"{name}{which}"] = max(
+                    (item["largest"][name] / worst for item in some), default=0.0
+                )
         found.append(row)
     return found
 
@@ -166,12 +212,22 @@ def main() -> None:
     exact = solved(scene, [case.path for case in cases], [], options).snapshots.histories
     asked = {case.name: history for case, history in zip(cases, exact, strict=True)}
     for name, path in (("one way", pellet.path), ("there and back", there_and_back)):
-        training = solved(scene, [path(gap, steps) for gap in GAPS], [path(HELD_OUT, steps)], options)
+        training = solved(
+            scene, [path(gap, steps) for gap in GAPS], [path(HELD_OUT, steps)], options
+        )
         rows += measured(name, training, asked, options)
     found = {"ranks": ranks(rows), "warnings": warnings_of(rows)}
     report.write_report({**found, "paths": rows, **report.environment()}, options.out)
-    cli.print_rows("rank correlation of estimates and errors of steps, and seconds", found["ranks"], options.console)
-    cli.print_rows("largest errors over the worst known ones, and what warned", found["warnings"], options.console)
+    cli.print_rows(
+        "rank correlation of estimates and errors of steps, and seconds",
+        found["ranks"],
+        options.console,
+    )
+    cli.print_rows(
+        "largest errors over the worst known ones, and what warned",
+        found["warnings"],
+        options.console,
+    )
 
 
 if __name__ == "__main__":

@@ -1,11 +1,13 @@
-"""Laws of bodies at single points: closed forms, tangents, failures and false answers of random steps, and times.
+"""Laws of bodies at single points: closed forms, tangents, failures and false answers of random
+steps, and times.
 
     python benchmarks/laws.py [--points 10000] [--out DIR] [--quick] [--seed N]
 
-Two random steps, one from the state after the other, for each size of strain from 1e-4 to 1e-1, and for laws with rates
-each of three durations. A *failure* is a point without an answer; a *false answer* is a point whose stress is more than
-1e-6 of the largest off the one that Newton's method finds with numpy alone, from the start of the law, until it does
-not move any more; or is no number, or whose cumulated strain falls. F that turn a body inside out are left out.
+Two random steps, one from the state after the other, for each size of strain from 1e-4 to 1e-1, and
+for laws with rates each of three durations. A *failure* is a point without an answer; a *false
+answer* is a point whose stress is more than 1e-6 of the largest off the one that Newton's method
+finds with numpy alone, from the start of the law, until it does not move any more; or is no number,
+or whose cumulated strain falls. F that turn a body inside out are left out.
 """
 
 from __future__ import annotations
@@ -19,7 +21,14 @@ from points import LAWS, POISSON, YOUNG, Point, at_rest
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.plugins.inelastic.law import Given, LawProgram, program_of
-from hhr_dolfinx.plugins.inelastic.local_solver import AFTER, LOCAL, SOLVED, START, TRIAL, solve_points
+from hhr_dolfinx.plugins.inelastic.local_solver import (
+    AFTER,
+    LOCAL,
+    SOLVED,
+    START,
+    TRIAL,
+    solve_points,
+)
 from hhr_dolfinx.plugins.programs.machine import evaluated
 
 SIZES = (1e-4, 1e-3, 1e-2, 1e-1)
@@ -34,22 +43,37 @@ def given_of(program: LawProgram) -> Given:
     if program.strains != 9:
         return program.given(YOUNG, POISSON)
     whole = np.eye(9)
-    return Given(np.array([[YOUNG], [POISSON], *([float(value)] for value in program.values)]), whole, whole)
+    return Given(
+        np.array([[YOUNG], [POISSON], *([float(value)] for value in program.values)]), whole, whole
+    )
 
 
-def stepped(program: LawProgram, given: Given, strain: np.ndarray, old: np.ndarray, dt: float) -> tuple[Any, ...]:
-    """Stress, (c, n), memory, (k, n), tangents, (c, c, n), and results of a step, which raises nothing."""
+def stepped(
+    program: LawProgram, given: Given, strain: np.ndarray, old: np.ndarray, dt: float
+) -> tuple[Any, ...]:
+    """Stress, (c, n), memory, (k, n), tangents, (c, c, n), and results of a step, which raises
+    nothing.
+    """
     components, points = strain.shape
     stress, new = np.empty_like(strain), np.empty_like(old)
     tangents, result = np.empty((components, components, points)), np.zeros(points, dtype=np.int64)
-    solve_points(program.code, 0, 0, points, strain, old, dt, *given.numbers, stress, new, tangents, result)
+    solve_points(
+        program.code, 0, 0, points, strain, old, dt, *given.numbers, stress, new, tangents, result
+    )
     return stress, new, tangents, result
 
 
 def false_answers(
-    program: LawProgram, given: Given, strain: np.ndarray, old: np.ndarray, dt: float, found: tuple[Any, ...]
+    program: LawProgram,
+    given: Given,
+    strain: np.ndarray,
+    old: np.ndarray,
+    dt: float,
+    found: tuple[Any, ...],
 ) -> int:
-    """Points whose stress is not that of the root nearest to it, by Newton's method with numpy from the law's start."""
+    """Points whose stress is not that of the root nearest to it, by Newton's method with numpy from
+    the law's start.
+    """
     count = len(program.kinds)
     if not count:
         return 0
@@ -77,7 +101,12 @@ def false_answers(
 
 
 def tangent_error(
-    program: LawProgram, given: Given, strain: np.ndarray, old: np.ndarray, dt: float, found: tuple[Any, ...]
+    program: LawProgram,
+    given: Given,
+    strain: np.ndarray,
+    old: np.ndarray,
+    dt: float,
+    found: tuple[Any, ...],
 ) -> float:
     """99 % of the relative differences of tangents from central differences, at 300 points."""
     few = np.flatnonzero(found[3] == SOLVED)[:300]
@@ -103,7 +132,12 @@ def measured(law: hhr.Law, points: int, seed: int) -> dict[str, Any]:
     components = 9 if law.finite else 6
     program = program_of(law, components)
     given, random = given_of(program), np.random.default_rng(seed)
-    report: dict[str, Any] = {"failures": 0, "false_answers": 0, "tangent": 0.0, "ms_per_10000": 0.0}
+    report: dict[str, Any] = {
+        "failures": 0,
+        "false_answers": 0,
+        "tangent": 0.0,
+        "ms_per_10000": 0.0,
+    }
     rest = np.vstack([part.reshape(points, -1).T for part in at_rest(program, points)])
     identity = np.eye(3).reshape(9, 1) if law.finite else 0.0
     for size in LARGE if law.finite else SIZES:
@@ -116,12 +150,16 @@ def measured(law: hhr.Law, points: int, seed: int) -> dict[str, Any]:
             first[1][:, first[3] != SOLVED] = 0.0  # at rest
             start = time.perf_counter()
             second = stepped(program, given, steps[1], first[1], dt)
-            report["ms_per_10000"] = max(report["ms_per_10000"], 1e7 * (time.perf_counter() - start) / points)
+            report["ms_per_10000"] = max(
+                report["ms_per_10000"], 1e7 * (time.perf_counter() - start) / points
+            )
             for strain, old, found in ((steps[0], rest, first), (steps[1], first[1], second)):
                 solved = found[3] == SOLVED
                 report["failures"] += int((~solved).sum())
                 grown = found[1][components] >= old[components]
-                report["false_answers"] += int((solved & ~(grown & np.isfinite(found[0]).all(axis=0))).sum())
+                report["false_answers"] += int(
+                    (solved & ~(grown & np.isfinite(found[0]).all(axis=0))).sum()
+                )
                 report["false_answers"] += false_answers(program, given, strain, old, dt, found)
             error = tangent_error(program, given, steps[1], first[1], dt, second)
             report["tangent"] = max(report["tangent"], error)
@@ -150,7 +188,9 @@ def closed_forms() -> dict[str, float]:
         point, stress = pulled(name, 0.03)
         found[name] = abs(stress / curve(point.state.inelastic[0, 0]) - 1)
     point, stress = pulled("Armstrong-Frederick", 0.02, steps=4000)
-    found["Armstrong-Frederick"] = abs(stress / (200 + 100 * (1 - np.exp(-600 * point.state.inelastic[0, 0]))) - 1)
+    found["Armstrong-Frederick"] = abs(
+        stress / (200 + 100 * (1 - np.exp(-600 * point.state.inelastic[0, 0]))) - 1
+    )
     creep = {
         "Norton": 1000 * (300 / 400) ** 8,
         "Arrhenius": 1000 * (3 / 4) ** 8 * np.exp(-2e4 * (1 / 900 - 1 / 950)),
@@ -177,14 +217,17 @@ def main() -> None:
     from hhr_dolfinx.plugins.studies import report
 
     parser = cli.demo_parser("laws", __doc__)
-    parser.add_argument("--points", type=int, default=None, help="points of each random step (10000, quick 200)")
+    parser.add_argument(
+        "--points", type=int, default=None, help="points of each random step (10000, quick 200)"
+    )
     options = cli.parse_on_first_rank(parser)
     points = options.points or (200 if options.quick else 10_000)
     known, laws = closed_forms(), {}
     for name, law in LAWS.items():
         laws[name] = {"closed_form": known.get(name), **measured(law, points, options.seed)}
         shown = (
-            f"{key} {value:.2g}" if isinstance(value, float) else f"{key} {value}" for key, value in laws[name].items()
+            f"{key} {value:.2g}" if isinstance(value, float) else f"{key} {value}"
+            for key, value in laws[name].items()
         )
         options.console.print(f"{name}: {', '.join(shown)}", highlight=False)
     scene = {"scene": "laws", "seed": options.seed, "points": points}

@@ -11,8 +11,17 @@ from hhr_dolfinx.study.training.train import Training
 LABELS = ("P1 [MPa]", "h1 [mm]")
 
 
-def draw(name: str, training: Training, local: LocalModels, one: hhr.ReducedModel, folder: Path, quick: bool) -> None:
-    """Regions with their training, RIDs of up to four models, and maps of errors beside those of one model."""
+def draw(
+    name: str,
+    training: Training,
+    local: LocalModels,
+    one: hhr.ReducedModel,
+    folder: Path,
+    quick: bool,
+) -> None:
+    """Regions with their training, RIDs of up to four models, and maps of errors beside those of
+    one model.
+    """
     _draw_regions(local, folder / f"{name}_regions.png")
     _draw_domains(training, local, folder / f"{name}_domains.png")
     _draw_maps(training, {"one model": one, f"{len(local)} models": local}, folder, name, quick)
@@ -32,7 +41,11 @@ def _draw_regions(local: LocalModels, path: Path) -> None:
     points = local.offline.points
     own = local.choice.many(points)[0]
     axis.scatter(*points.T, c=own, cmap="tab20", vmin=0, vmax=19, s=5)
-    axis.set(xlabel=LABELS[0], ylabel=LABELS[1], title=f"{len(local)} local models, {len(points)} solutions")
+    axis.set(
+        xlabel=LABELS[0],
+        ylabel=LABELS[1],
+        title=f"{len(local)} local models, {len(points)} solutions",
+    )
     figure.savefig(path, dpi=150)
 
 
@@ -43,11 +56,15 @@ def _draw_domains(training: Training, local: LocalModels, path: Path) -> None:
     from hhr_dolfinx.plugins.studies.plots import field_grid
 
     shown = local.models[:4]
-    plotter = pyvista.Plotter(off_screen=True, shape=(1, len(shown)), window_size=(400 * len(shown), 600), border=False)
+    plotter = pyvista.Plotter(
+        off_screen=True, shape=(1, len(shown)), window_size=(400 * len(shown), 600), border=False
+    )
     for number, model in enumerate(shown):
         plotter.subplot(0, number)
         grid = field_grid(training.full_order, model.offline.sets.cells, {})
-        plotter.add_mesh(grid, scalars="rid", cmap=["#d9d9d9", "#c0392b"], show_scalar_bar=False, lighting=False)
+        plotter.add_mesh(
+            grid, scalars="rid", cmap=["#d9d9d9", "#c0392b"], show_scalar_bar=False, lighting=False
+        )
         plotter.add_text(f"RID of model {number}", position="upper_edge", font_size=9, color="k")
         plotter.view_xy()
         plotter.camera.tight(padding=0.2, adjust_render_window=False)

@@ -1,4 +1,6 @@
-"""What local models are worth: sizes, time of the choice, and whether errors are larger by the borders."""
+"""What local models are worth: sizes, time of the choice, and whether errors are larger by the
+borders.
+"""
 
 from __future__ import annotations
 
@@ -36,14 +38,19 @@ def near_borders(local: LocalModels, points: np.ndarray) -> np.ndarray:
 
 
 def stripe(local: LocalModels, points: np.ndarray, errors: np.ndarray) -> float:
-    """95th percentile of errors, (n,), at points by a border over that elsewhere; NaN without points of both kinds."""
+    """95th percentile of errors, (n,), at points by a border over that elsewhere.
+
+    NaN without points of both kinds.
+    """
     near = near_borders(local, points)
     if near.all() or not near.any():
         return float("nan")
     return float(summary(errors[near])["p95"] / summary(errors[~near])["p95"])
 
 
-def local_part(local: LocalModels, references: References, errors: Errors, fresh: np.ndarray) -> dict[str, Any]:
+def local_part(
+    local: LocalModels, references: References, errors: Errors, fresh: np.ndarray
+) -> dict[str, Any]:
     """The ``local`` part of a report.
 
     Args:
@@ -53,11 +60,13 @@ def local_part(local: LocalModels, references: References, errors: Errors, fresh
         fresh: points at which the choice is timed, (n, P).
 
     Returns:
-        ``K``, ``sizes`` of each model, seconds of the choice, ``choice_s``, and ``stripe``: the 95th percentile of the
-        errors of the forces by borders over that elsewhere.
+        ``K``, ``sizes`` of each model, seconds of the choice, ``choice_s``, and ``stripe``: the
+        95th percentile of the errors of the forces by borders over that elsewhere.
     """
     members = [None] * len(local) if local.offline is None else local.offline.members
-    rows = [dict(zip(("ell_bar", "N_lambda_C"), sizes_of(model), strict=True)) for model in local.models]
+    rows = [
+        dict(zip(("ell_bar", "N_lambda_C"), sizes_of(model), strict=True)) for model in local.models
+    ]
     for row, member in zip(rows, members, strict=True):
         if member is not None:
             row |= {"snapshots": len(member.snapshots), "own": member.own, "added": member.added}

@@ -1,9 +1,11 @@
-"""One call: models that are wished to be 1 % exact, on ten scenes, beside fresh answers of the full order.
+"""One call: models that are wished to be 1 % exact, on ten scenes, beside fresh answers of the full
+order.
 
-Seven scenes are those of demos, three were written for this benchmark and tried with nothing else. Each wish is held
-against 200 fresh points, or ten fresh histories: ``got`` is the worst error of each norm, ``outcome`` is ``met`` where
-none is beyond the wish. ``seconds`` are those of the whole call, with the full model, all checks and timings;
-``by_hand_seconds`` those of the full model and of the way that its authors would take, unchecked.
+Seven scenes are those of demos, three were written for this benchmark and tried with nothing else.
+Each wish is held against 200 fresh points, or ten fresh histories: ``got`` is the worst error of
+each norm, ``outcome`` is ``met`` where none is beyond the wish. ``seconds`` are those of the whole
+call, with the full model, all checks and timings; ``by_hand_seconds`` those of the full model and
+of the way that its authors would take, unchecked.
 
     python benchmarks/one_call.py [--out DIR] [--quick] [--seed N] [--only NAME]
 """
@@ -64,7 +66,9 @@ def presses(scene: hhr.Scene) -> hhr.PathFamily:
     """Indentations to some depth and back."""
     own = hhr.ParameterSpace(("d", "sy", "H"), (0.015, 100.0, 1e3), (0.03, 300.0, 10e3))
     legs = hhr.Leg({"depth": "d"}, 1.0, 12), hhr.Leg({"depth": 0.0}, 0.5, 6)
-    return hhr.PathFamily("press", scene.parameters, own, {"depth": 0.0, "sy": "sy", "H": "H"}, legs)
+    return hhr.PathFamily(
+        "press", scene.parameters, own, {"depth": 0.0, "sy": "sy", "H": "H"}, legs
+    )
 
 
 def condensed_flow(full: hhr.FullOrderModel) -> Any:
@@ -75,7 +79,9 @@ def condensed_flow(full: hhr.FullOrderModel) -> Any:
 
 
 def soft_block() -> hhr.Scene:
-    """Not tuned to: a block over a floor, its modulus over a decade and a half, its ratio of Poisson up to 0.47."""
+    """Not tuned to: a block over a floor, its modulus over a decade and a half, its ratio of
+    Poisson up to 0.47.
+    """
     floor, lid = block.side(1, upper=False), block.side(1, upper=True)
     return hhr.Scene(
         name="soft_block",
@@ -93,18 +99,25 @@ def soft_block() -> hhr.Scene:
 
 
 def warm_stack() -> hhr.Scene:
-    """Not tuned to: two blocks with a bulge between them, pushed, sheared and warmed; both moduli are parameters."""
+    """Not tuned to: two blocks with a bulge between them, pushed, sheared and warmed.
+
+    Both moduli are parameters.
+    """
     upper = stacked_blocks.UPPER
     faces = stacked_blocks.interface(stacked_blocks.LOWER, 2), stacked_blocks.interface(upper, 2)
     return hhr.Scene(
         name="warm_stack",
-        geometry=lambda comm: stacked_blocks.stacked_blocks(comm, lower=(24, 12), upper=(24, 12), bulge=0.01),
+        geometry=lambda comm: stacked_blocks.stacked_blocks(
+            comm, lower=(24, 12), upper=(24, 12), bulge=0.01
+        ),
         hypothesis="plane_stress",
         bodies=(hhr.Body(stacked_blocks.LOWER, "E1", 0.3), hhr.Body(upper, "E2", 0.2)),
         contacts=(hhr.NodeToNode(*faces, (0.0, 1.0)),),
         displacements=(
             *hhr.Displacement.clamp(stacked_blocks.outer_end(stacked_blocks.LOWER, 2), 2),
-            hhr.Displacement(stacked_blocks.outer_end(upper, 2), 1, hhr.Amplitude(slopes={"push": -1.0})),
+            hhr.Displacement(
+                stacked_blocks.outer_end(upper, 2), 1, hhr.Amplitude(slopes={"push": -1.0})
+            ),
             hhr.Displacement(stacked_blocks.outer_end(upper, 2), 0),
         ),
         loads=(
@@ -112,19 +125,25 @@ def warm_stack() -> hhr.Scene:
             hhr.ThermalExpansion(stacked_blocks.LOWER, 1e-4, hhr.Amplitude(slopes={"warm": 1.0})),
         ),
         parameters=hhr.ParameterSpace(
-            ("push", "shear", "warm", "E1", "E2"), (0.005, -5.0, 0.0, 500.0, 1000.0), (0.03, 5.0, 50.0, 3000.0, 9000.0)
+            ("push", "shear", "warm", "E1", "E2"),
+            (0.005, -5.0, 0.0, 500.0, 1000.0),
+            (0.03, 5.0, 50.0, 3000.0, 9000.0),
         ),
     )
 
 
 def rubbing_blocks() -> hhr.Scene:
-    """Not tuned to: a block pressed on another and drawn aside, with a coefficient of friction that is a parameter."""
+    """Not tuned to: a block pressed on another and drawn aside, with a coefficient of friction that
+    is a parameter.
+    """
     top = side(two_blocks.SECOND, 1, True)
     faces = side(two_blocks.FIRST, 1, True), side(two_blocks.SECOND, 1, False)
     return hhr.Scene(
         name="rubbing_blocks",
         geometry=lambda comm: two_blocks.two_blocks(
-            comm, first=((1.0, 0.0), (2.0, 1.0), (12, 12)), second=((1.0, 1.0), (2.0, 2.0), (12, 12))
+            comm,
+            first=((1.0, 0.0), (2.0, 1.0), (12, 12)),
+            second=((1.0, 1.0), (2.0, 2.0), (12, 12)),
         ),
         hypothesis="plane_strain",
         bodies=(hhr.Body(two_blocks.FIRST, 3.0, 0.3), hhr.Body(two_blocks.SECOND, 5.0, 0.3)),
@@ -138,7 +157,13 @@ def rubbing_blocks() -> hhr.Scene:
     )
 
 
-FLOW = Case("indentation", partial(indentation.scene, 8), condensed_flow, ("forces", "displacement"), presses)
+FLOW = Case(
+    "indentation",
+    partial(indentation.scene, 8),
+    condensed_flow,
+    ("forces", "displacement"),
+    presses,
+)
 CASES = (
     Case("hertz_half_discs", hertz_half_discs.scene),
     Case("pellet_cladding", pellet_cladding.scene),
@@ -159,21 +184,38 @@ def measured(case: Case, fresh: int) -> dict[str, Any]:
     by_hand = timed(lambda: case.by_hand(hhr.FullOrderModel(case.scene(), MPI.COMM_SELF)))[1]
     scene = case.scene()
     family = None if case.paths is None else case.paths(scene)
-    row: dict[str, Any] = {"case": case.name, "wish": ERROR, "of": list(case.of), "by_hand_seconds": by_hand}
+    row: dict[str, Any] = {
+        "case": case.name,
+        "wish": ERROR,
+        "of": list(case.of),
+        "by_hand_seconds": by_hand,
+    }
     model, seconds = timed(lambda: hhr.reduce(scene, ERROR, of=case.of, paths=family))
     reduction = model.reduction
     chosen = reduction.tried[reduction.chosen]
-    row |= {"method": f"{chosen.method}, {chosen.setting}", "full_answers": reduction.full_answers, "seconds": seconds}
+    row |= {
+        "method": f"{chosen.method}, {chosen.setting}",
+        "full_answers": reduction.full_answers,
+        "seconds": seconds,
+    }
     row |= {"query_seconds": chosen.query, "known": chosen.known, "said": reduction.met}
     full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
     context = SearchContext(
-        full, Workers(MPI.COMM_SELF, full, None), Target(ERROR, case.of), Budget(), family, SEED, unannounced
+        full,
+        Workers(MPI.COMM_SELF, full, None),
+        Target(ERROR, case.of),
+        Budget(),
+        family,
+        SEED,
+        unannounced,
     )
     exact = context.fresh(HISTORIES if family is not None else fresh)
     worst = context.errors_of(model, exact).max(axis=0)
     met = bool((worst <= ERROR).all())
     row |= {"got": dict(zip(case.of, worst.tolist(), strict=True)), "fresh": len(exact)}
-    return row | {"outcome": "met" if met else "not met" if reduction.met else "not met, and said so"}
+    return row | {
+        "outcome": "met" if met else "not met" if reduction.met else "not met, and said so"
+    }
 
 
 def main() -> None:
@@ -195,8 +237,8 @@ def main() -> None:
         rows.append(row)
         got = ", ".join(f"{name} {value:.2g}" for name, value in row["got"].items())
         options.console.print(
-            f"{row['case']}: {row['outcome']} ({got}) by {row['method']}, {row['full_answers']} full answers, "
-            f"{row['seconds']:.3g} s, by hand {row['by_hand_seconds']:.3g} s",
+            f"{row['case']}: {row['outcome']} ({got}) by {row['method']}, {row['full_answers']} "
+            f"full answers, {row['seconds']:.3g} s, by hand {row['by_hand_seconds']:.3g} s",
             highlight=False,
         )
     report.write_report({"scene": "one_call", "cases": rows} | report.environment(), options.out)

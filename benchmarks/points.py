@@ -53,7 +53,9 @@ class Point:
         return self.program.update(np.array([strain]), self.state, dt, self.given, tangent=tangent)
 
     def step(self, strains, dt=1.0, stresses=None):
-        """Stress after a step to strains by component, with no stress elsewhere, or stresses by component."""
+        """Stress after a step to strains by component, with no stress elsewhere, or stresses by
+        component.
+        """
         size = len(self.strain)
         wanted = np.zeros(size)
         for place, value in (stresses or {}).items():
@@ -65,7 +67,9 @@ class Point:
         for _ in range(60):
             found = self.after(trial, dt)
             left = (wanted - found.stress[0])[free]
-            change = np.linalg.solve(found.tangents[0][np.ix_(free, free)], left) if free.size else left
+            change = (
+                np.linalg.solve(found.tangents[0][np.ix_(free, free)], left) if free.size else left
+            )
             if np.abs(change).max(initial=0.0) < 1e-13:
                 break
             trial[free] += change

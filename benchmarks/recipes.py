@@ -14,7 +14,10 @@ from hhr_dolfinx.plugins.studies.measure import References
 from hhr_dolfinx.study.training.train import Training
 
 REQUIRED, RIGHT = {"p95": 0.1, "max": 0.3}, {"p95": 0.03, "max": 0.1}
-"""Force errors that a model accepted in silence must not exceed; those below which a warning was needless."""
+"""Force errors that a model accepted in silence must not exceed.
+
+Those below which a warning was needless.
+"""
 
 
 def recipe(rng: np.random.Generator) -> hhr.Recipe:
@@ -28,7 +31,9 @@ def recipe(rng: np.random.Generator) -> hhr.Recipe:
     plain = hhr.Pod(tolerance, relative)
     forces = () if dual is None else (hhr.ForceDeim(dual, relative),)
     nodes = (hhr.Deim(plain), *forces, hhr.LoadNodes())
-    return hhr.Recipe(plain if extended is None else hhr.Pod(extended, relative), nodes, domain, enrichment)
+    return hhr.Recipe(
+        plain if extended is None else hhr.Pod(extended, relative), nodes, domain, enrichment
+    )
 
 
 def judged(training: Training, drawn: hhr.Recipe, references: References) -> dict[str, Any]:
@@ -52,13 +57,20 @@ def within(row: dict, limits: dict) -> bool:
 
 
 def summed_up(rows: list[dict[str, Any]]) -> dict[str, Any]:
-    """Counts of outcomes, the worst that was accepted in silence, and how many warnings were right or needless."""
-    outcomes = {name: [row for row in rows if row["outcome"] == name] for name in ("accepted", "warned", "refused")}
+    """Counts of outcomes, the worst that was accepted in silence, and how many warnings were right
+    or needless.
+    """
+    outcomes = {
+        name: [row for row in rows if row["outcome"] == name]
+        for name in ("accepted", "warned", "refused")
+    }
     accepted, warned = outcomes["accepted"], outcomes["warned"]
     return {
         **{name: len(found) for name, found in outcomes.items()},
         "silently_wrong": sum(not within(row, REQUIRED) for row in accepted),
-        **{f"worst_{name}": max((row[name] for row in accepted), default=None) for name in REQUIRED},
+        **{
+            f"worst_{name}": max((row[name] for row in accepted), default=None) for name in REQUIRED
+        },
         "rightly_warned": sum(not within(row, REQUIRED) for row in warned),
         "needlessly_warned": sum(within(row, RIGHT) for row in warned),
     }

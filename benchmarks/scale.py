@@ -1,16 +1,20 @@
-"""Size: seconds and memory from nothing to a model, and of a query, of a sphere on a block from 1e4 dofs on.
+"""Size: seconds and memory from nothing to a model, and of a query, of a sphere on a block from 1e4
+dofs on.
 
-Push, squeeze and both Young's moduli vary; contact is condensed exactly, S made of blocks of columns that are dropped
-where they have no room (a gigabyte). Each size is a process of its own, for its peak of memory. ``gap_left`` is how far
-contact is from closed under the forces of an answer, by one more solution of the full order, over the largest push:
-it sees what compressed factors leave out of S, which the bound has to be larger than. Several ranks share one problem;
-``schur_s`` and ``schur_gb`` are from nothing to S, and ``peak_gb`` is that of the largest of them, and of all sizes so
-far.
+Push, squeeze and both Young's moduli vary; contact is condensed exactly, S made of blocks of
+columns that are dropped where they have no room (a gigabyte). Each size is a process of its own,
+for its peak of memory. ``gap_left`` is how far contact is from closed under the forces of an
+answer, by one more solution of the full order, over the largest push: it sees what compressed
+factors leave out of S, which the bound has to be larger than. Several ranks share one problem;
+``schur_s`` and ``schur_gb`` are from nothing to S, and ``peak_gb`` is that of the largest of them,
+and of all sizes so far.
 
-With ``--reduced`` hyper-reduced models are trained and built by the ranks together, each with the rows of its own dofs;
-with ``--flow`` the ranks march one history of the indentation, two steps to half and all of the depth.
+With ``--reduced`` hyper-reduced models are trained and built by the ranks together, each with the
+rows of its own dofs; with ``--flow`` the ranks march one history of the indentation, two steps to
+half and all of the depth.
 
-    [mpirun -n 2] python benchmarks/scale.py [--out DIR] [--quick] [--seed N] [--from N] [--up-to N] [--ratios]
+    [mpirun -n 2] python benchmarks/scale.py [--out DIR] [--quick] [--seed N] [--from N] [--up-to N]
+    [--ratios]
                                              [--reduced | --flow]
 """
 
@@ -34,24 +38,51 @@ from hhr_dolfinx.linear.sparse import FreeCholesky
 from hhr_dolfinx.plugins.studies import report
 from hhr_dolfinx.timing import timed
 
-MESHES = ((6, 3, 4, 2), (8, 4, 6, 3), (12, 6, 9, 4), (16, 8, 12, 6), (20, 10, 15, 7), (26, 13, 19, 9),
-          (34, 17, 25, 12), (44, 22, 33, 16), (50, 25, 37, 18), (60, 30, 45, 22), (68, 46, 54, 36))  # fmt: skip
+MESHES = (
+    (6, 3, 4, 2),
+    (8, 4, 6, 3),
+    (12, 6, 9, 4),
+    (16, 8, 12, 6),
+    (20, 10, 15, 7),
+    (26, 13, 19, 9),
+    (34, 17, 25, 12),
+    (44, 22, 33, 16),
+    (50, 25, 37, 18),
+    (60, 30, 45, 22),
+    (68, 46, 54, 36),
+)
 """Cells of the sphere along its sides and through its depth, and of the block."""
 MODULI = {"sphere": (150e3, 250e3), "block": (50e3, 90e3)}
 RATIO = (0.25, 0.35)
 """Of Poisson, of both bodies, where they vary too: S is then interpolated in place of summed."""
 QUERIES = 20
 COLUMNS = (
-    "N", "N_lambda", "ranks", "built_s", "schur_s", "schur_gb", "factor_s", "compliance_s", "train_s", "peak_gb",
-    "query_s", "bound_s", "fields_s", "full_s",
-)  # fmt: skip
+    "N",
+    "N_lambda",
+    "ranks",
+    "built_s",
+    "schur_s",
+    "schur_gb",
+    "factor_s",
+    "compliance_s",
+    "train_s",
+    "peak_gb",
+    "query_s",
+    "bound_s",
+    "fields_s",
+    "full_s",
+)
 
 
 def scene(sphere: tuple[int, int], block: tuple[int, int], *, ratios: bool = False) -> hhr.Scene:
     """The demo with moduli as parameters, and ratios of Poisson too."""
     plain = demo.scene(sphere_cells=sphere, block_cells=block)
     box = dict(
-        zip(plain.parameters.names, zip(plain.parameters.lower, plain.parameters.upper, strict=True), strict=True)
+        zip(
+            plain.parameters.names,
+            zip(plain.parameters.lower, plain.parameters.upper, strict=True),
+            strict=True,
+        )
     )
     bodies = []
     for body, (name, young) in zip(plain.bodies, MODULI.items(), strict=True):
@@ -59,11 +90,15 @@ def scene(sphere: tuple[int, int], block: tuple[int, int], *, ratios: bool = Fal
         bodies.append(dataclasses.replace(body, **own))
         box |= dict(zip(own.values(), (young, RATIO), strict=False))
     return dataclasses.replace(
-        plain, bodies=tuple(bodies), parameters=hhr.ParameterSpace(tuple(box), *zip(*box.values(), strict=True))
+        plain,
+        bodies=tuple(bodies),
+        parameters=hhr.ParameterSpace(tuple(box), *zip(*box.values(), strict=True)),
     )
 
 
-def measured(cells: tuple[int, int, int, int], ratios: bool, comm: MPI.Comm = MPI.COMM_SELF) -> dict[str, float]:
+def measured(
+    cells: tuple[int, int, int, int], ratios: bool, comm: MPI.Comm = MPI.COMM_SELF
+) -> dict[str, float]:
     """One row of the report, of processes that do nothing else."""
     from hhr_dolfinx.plugins.moduli.components import Solver
 
@@ -91,19 +126,37 @@ def measured(cells: tuple[int, int, int, int], ratios: bool, comm: MPI.Comm = MP
         "bound_of_forces": max(estimate.forces_euclid_relative for estimate in estimates),
         "bound_of_pressure": max(estimate.pressure_relative for estimate in estimates),
         "gap_left": max(gap_left(full, answer) for answer in known),
-        "error_of_fields": max(_off(field, exact.displacement()) for field, exact in zip(fields, known, strict=True)),
+        "error_of_fields": max(
+            _off(field, exact.displacement()) for field, exact in zip(fields, known, strict=True)
+        ),
     }
     return sizes | {"columns_kept": full.keeps_columns} | spent | times | errors
 
 
 SNAPSHOTS = 32
 REDUCED = (
-    "N", "N_lambda", "ranks", "modes", "conditions", "solved_s", "solved_gb", "basis_s", "rid_s", "enrichment_s",
-    "projection_s", "bound_s", "train_s", "peak_gb", "query_s", "bound_of_forces",
-)  # fmt: skip
+    "N",
+    "N_lambda",
+    "ranks",
+    "modes",
+    "conditions",
+    "solved_s",
+    "solved_gb",
+    "basis_s",
+    "rid_s",
+    "enrichment_s",
+    "projection_s",
+    "bound_s",
+    "train_s",
+    "peak_gb",
+    "query_s",
+    "bound_of_forces",
+)
 
 
-def reduced(cells: tuple[int, int, int, int], ratios: bool, comm: MPI.Comm = MPI.COMM_SELF) -> dict[str, float]:
+def reduced(
+    cells: tuple[int, int, int, int], ratios: bool, comm: MPI.Comm = MPI.COMM_SELF
+) -> dict[str, float]:
     """One row of the report for a hyper-reduced model."""
     start = time.perf_counter()
     made = scene(cells[:2], cells[2:], ratios=ratios)
@@ -112,7 +165,9 @@ def reduced(cells: tuple[int, int, int, int], ratios: bool, comm: MPI.Comm = MPI
     model = training.build(checked=False)
     times |= {"train_s": time.perf_counter() - start, "peak_gb": _peak(comm)}
     stages = model.offline.log.times
-    times |= {f"{name}_s": stages[name] for name in ("basis", "rid", "enrichment", "projection", "bound")}
+    times |= {
+        f"{name}_s": stages[name] for name in ("basis", "rid", "enrichment", "projection", "bound")
+    }
     points = model.parameters.random(QUERIES, 0)
     answers, forces = timed(lambda: [model.solve(point, outside="ignore") for point in points])
     bound = max(answer.estimate().forces_euclid_relative for answer in answers)
@@ -128,23 +183,35 @@ FLOWING = ("N", "N_lambda", "ranks", "built_s", "history_s", "iterations", "peak
 
 
 def flowing(cells: int, _: bool, comm: MPI.Comm = MPI.COMM_SELF) -> dict[str, float]:
-    """One row of the report for a history, the second one, as of a training: the first compiles what has to be."""
+    """One row of the report for a history, the second one, as of a training: the first compiles
+    what has to be.
+    """
     import indentation
 
     full, built = timed(lambda: hhr.FullOrderModel(indentation.scene(cells), comm))
     low, high = np.array([full.parameters.lower, full.parameters.upper])
     middle = (low + high) / 2
-    path = [(float(k), np.array([depth * high[0], *middle[1:]])) for k, depth in enumerate((0.0, 0.5, 1.0))]
+    path = [
+        (float(k), np.array([depth * high[0], *middle[1:]]))
+        for k, depth in enumerate((0.0, 0.5, 1.0))
+    ]
     full.march(path)
     comm.Barrier()
     history, seconds = timed(lambda: full.march(path))
     iterations = sum(answer.iterations for answer in history.answers)
     sizes = {"N": len(full.problem.free), "N_lambda": full.conditions, "ranks": comm.size}
-    return sizes | {"built_s": built, "history_s": seconds, "iterations": iterations, "peak_gb": _peak(comm)}
+    return sizes | {
+        "built_s": built,
+        "history_s": seconds,
+        "iterations": iterations,
+        "peak_gb": _peak(comm),
+    }
 
 
 def expected_dofs(mesh: Any) -> int:
-    """Dofs of the sphere and the block, by their cells; of the indentation by those of its block."""
+    """Dofs of the sphere and the block, by their cells; of the indentation by those of its
+    block.
+    """
     if isinstance(mesh, int):
         import indentation
 
@@ -185,7 +252,9 @@ def slopes(rows: list[dict[str, float]], named: tuple[str, ...] = COLUMNS[3:]) -
     """Powers of N by which the larger half of the sizes grow, by least squares of logarithms."""
     later = rows[len(rows) // 2 :] if len(rows) > 3 else rows
     sizes = np.log([row["N"] for row in later])
-    return {name: float(np.polyfit(sizes, np.log([row[name] for row in later]), 1)[0]) for name in named}
+    return {
+        name: float(np.polyfit(sizes, np.log([row[name] for row in later]), 1)[0]) for name in named
+    }
 
 
 KINDS: dict[str, tuple[Any, tuple[str, ...], tuple[Any, ...]]] = {
@@ -199,11 +268,19 @@ KINDS: dict[str, tuple[Any, tuple[str, ...], tuple[Any, ...]]] = {
 def main() -> None:
     """Measure sizes up to a number of dofs, and report."""
     parser = cli.demo_parser("scale", __doc__)
-    parser.add_argument("--up-to", type=float, default=1e5, metavar="N", help="largest number of dofs [1e5]")
-    parser.add_argument("--from", type=float, default=0.0, metavar="N", dest="least", help="smallest number [0]")
+    parser.add_argument(
+        "--up-to", type=float, default=1e5, metavar="N", help="largest number of dofs [1e5]"
+    )
+    parser.add_argument(
+        "--from", type=float, default=0.0, metavar="N", dest="least", help="smallest number [0]"
+    )
     parser.add_argument("--ratios", action="store_true", help="vary ratios of Poisson too")
-    parser.add_argument("--reduced", action="store_true", help="hyper-reduced models in place of condensed ones")
-    parser.add_argument("--flow", action="store_true", help="histories of bodies that flow, by the full order")
+    parser.add_argument(
+        "--reduced", action="store_true", help="hyper-reduced models in place of condensed ones"
+    )
+    parser.add_argument(
+        "--flow", action="store_true", help="histories of bodies that flow, by the full order"
+    )
     options = cli.parse(parser)
     kind = "flow" if options.flow else "reduced" if options.reduced else "scale"
     measure, columns, meshes = KINDS[kind]
@@ -217,8 +294,14 @@ def main() -> None:
             with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as alone:
                 rows.append(alone.submit(measure, cells, options.ratios).result())
         told = ", ".join(f"{name} {rows[-1][name]:.3g}" for name in columns)
-        options.console.print(told + ("" if rows[-1].get("columns_kept", True) else ", columns dropped"))
-    found = {"scene": "scale", kind: rows, "slopes": slopes(rows, columns[3:]) if len(rows) > 1 else {}}
+        options.console.print(
+            told + ("" if rows[-1].get("columns_kept", True) else ", columns dropped")
+        )
+    found = {
+        "scene": "scale",
+        kind: rows,
+        "slopes": slopes(rows, columns[3:]) if len(rows) > 1 else {},
+    }
     if found["slopes"]:
         grown = ", ".join(f"{name} {value:.2g}" for name, value in found["slopes"].items())
         options.console.print(f"powers of N: {grown}")

@@ -1,8 +1,10 @@
-"""Cells of second order beside linear ones: forces at equal dofs, pressures between curved rings, reduction errors.
+"""Cells of second order beside linear ones: forces at equal dofs, pressures between curved rings,
+reduction errors.
 
-A block is pushed into a rigid bowl; errors of its force are beside hexahedra, or quadrilaterals, of second order on a
-finer mesh. Two rings press on each other, on meshes that do not match; Lame's pressure is the reference. Scenes of the
-demos are trained and reduced with displacements of either order.
+A block is pushed into a rigid bowl; errors of its force are beside hexahedra, or quadrilaterals, of
+second order on a finer mesh. Two rings press on each other, on meshes that do not match; Lame's
+pressure is the reference. Scenes of the demos are trained and reduced with displacements of either
+order.
 
     python benchmarks/second_order.py [--out DIR] [--quick] [--seed N]
 """
@@ -32,7 +34,9 @@ from hhr_dolfinx.pairings.surface import Surface, nodal_rows
 
 LINES = "x0", "y0"
 LAME = 5 / 32
-"""Pressure between rings of 1 to 2 and 2 to 3 under a unit one inside: that in a tube of 1 to 3 at 2."""
+"""Pressure between rings of 1 to 2 and 2 to 3 under a unit one inside: that in a tube of 1 to 3 at
+2.
+"""
 PUSH = 0.05
 
 
@@ -56,8 +60,12 @@ class Bowl:
         (surface,) = surfaces
         count, dim = surface.points.shape
         gap = 0.1 * (surface.points[:, : dim - 1] ** 2).sum(axis=1)
-        matrix = nodal_rows(surface.nodes[:, None], np.tile(np.eye(dim)[-1], (count, 1)), np.ones((count, 1)), dofs)
-        return surface.averaged(ContactRows(matrix, gap, surface.nodes, surface.points, surface.areas))
+        matrix = nodal_rows(
+            surface.nodes[:, None], np.tile(np.eye(dim)[-1], (count, 1)), np.ones((count, 1)), dofs
+        )
+        return surface.averaged(
+            ContactRows(matrix, gap, surface.nodes, surface.points, surface.areas)
+        )
 
 
 def bowl(cells: int, order: int, dim: int = 3, *, simplices: bool = True) -> hhr.Scene:
@@ -66,11 +74,18 @@ def bowl(cells: int, order: int, dim: int = 3, *, simplices: bool = True) -> hhr
     push = hhr.Displacement(block.side(last, False), last, hhr.Amplitude(slopes={"push": 1.0}))
     lower, upper, counts = (0.0,) * dim, (1.0,) * dim, (cells,) * dim
     return hhr.Scene(
-        "bowl", lambda comm: block.block(comm, lower=lower, upper=upper, cells=counts, simplices=simplices),
-        "solid" if dim == 3 else "plane_strain", (hhr.Body(block.SOLID, 1.0, 0.3),), (Bowl(block.side(last, True)),),
+        "bowl",
+        lambda comm: block.block(comm, lower=lower, upper=upper, cells=counts, simplices=simplices),
+        "solid" if dim == 3 else "plane_strain",
+        (hhr.Body(block.SOLID, 1.0, 0.3),),
+        (Bowl(block.side(last, True)),),
         hhr.ParameterSpace(("push",), (0.0,), (0.1,)),
-        displacements=(*(hhr.Displacement(block.side(axis, False), axis) for axis in range(last)), push), order=order,
-    )  # fmt: skip
+        displacements=(
+            *(hhr.Displacement(block.side(axis, False), axis) for axis in range(last)),
+            push,
+        ),
+        order=order,
+    )
 
 
 YOUNG, POISSON = 200.0, 0.3
@@ -78,7 +93,9 @@ YOUNG, POISSON = 200.0, 0.3
 
 
 def rings(size: float, order: int, *, quadrilaterals: bool = False) -> hhr.Scene:
-    """Quarters of two rings, 1 to 2 and 2 to 3, whose meshes do not match where they press on each other."""
+    """Quarters of two rings, 1 to 2 and 2 to 3, whose meshes do not match where they press on each
+    other.
+    """
     from hhr_dolfinx.geometries.gmsh_model import gmsh, mesh_of
 
     def ring(inner: float, outer: float) -> int:
@@ -108,13 +125,21 @@ def rings(size: float, order: int, *, quadrilaterals: bool = False) -> hhr.Scene
         gmsh.model.mesh.generate(2)
         gmsh.model.mesh.setOrder(order)
 
-    held = (hhr.Displacement(f"{body} {line}", "xy".index(line[0])) for body in ("inner", "outer") for line in LINES)
+    held = (
+        hhr.Displacement(f"{body} {line}", "xy".index(line[0]))
+        for body in ("inner", "outer")
+        for line in LINES
+    )
     return hhr.Scene(
-        "rings", lambda comm: mesh_of(make, comm, 2), "plane_strain",
-        (hhr.Body("inner", YOUNG, POISSON), hhr.Body("outer", YOUNG, POISSON)), (hhr.Mortar("inner r2", "outer r2"),),
-        hhr.ParameterSpace(("p",), (0.1,), (1.0,)), displacements=tuple(held),
+        "rings",
+        lambda comm: mesh_of(make, comm, 2),
+        "plane_strain",
+        (hhr.Body("inner", YOUNG, POISSON), hhr.Body("outer", YOUNG, POISSON)),
+        (hhr.Mortar("inner r2", "outer r2"),),
+        hhr.ParameterSpace(("p",), (0.1,), (1.0,)),
+        displacements=tuple(held),
         loads=(hhr.Pressure("inner r1", hhr.Amplitude(slopes={"p": 1.0})),),
-    )  # fmt: skip
+    )
 
 
 def force_rows(dim: int, cells: Sequence[int], fine: int) -> list[dict[str, Any]]:
@@ -124,9 +149,21 @@ def force_rows(dim: int, cells: Sequence[int], fine: int) -> list[dict[str, Any]
     for simplices in (True, False):
         for count in cells:
             for order in (1, 2):
-                dofs, force, seconds = _pushed(bowl(count // order, order, dim, simplices=simplices))
-                kind = {2: ("quadrilaterals", "triangles"), 3: ("hexahedra", "tetrahedra")}[dim][simplices]
-                rows.append({"cells": kind, "order": order, "N": dofs, "force": force / exact - 1, "seconds": seconds})
+                dofs, force, seconds = _pushed(
+                    bowl(count // order, order, dim, simplices=simplices)
+                )
+                kind = {2: ("quadrilaterals", "triangles"), 3: ("hexahedra", "tetrahedra")}[dim][
+                    simplices
+                ]
+                rows.append(
+                    {
+                        "cells": kind,
+                        "order": order,
+                        "N": dofs,
+                        "force": force / exact - 1,
+                        "seconds": seconds,
+                    }
+                )
     return rows
 
 
@@ -139,7 +176,8 @@ def _pushed(scene: hhr.Scene) -> tuple[int, float, float]:
 
 
 def ring_errors(size: float, order: int, *, quadrilaterals: bool = False) -> dict[str, float]:
-    """Errors of two rings: of the pressure the largest, the mean and that in L2, of the displacement that in L2.
+    """Errors of two rings: of the pressure the largest, the mean and that in L2, of the
+    displacement that in L2.
 
     Both rings are of one material, so that Lame's solution of a tube from 1 to 3 holds for them.
     """
@@ -156,10 +194,11 @@ def ring_errors(size: float, order: int, *, quadrilaterals: bool = False) -> dic
     wrong = answer.displacement() - exact
     mass = full.problem.mass
     return {
-        "largest": float(np.abs(off).max()), "mean": float(np.abs(off) @ areas / areas.sum()),
+        "largest": float(np.abs(off).max()),
+        "mean": float(np.abs(off) @ areas / areas.sum()),
         "pressure": float(np.sqrt(areas @ off**2 / areas.sum())),
         "displacement": float(np.sqrt((wrong @ (mass @ wrong)) / (exact @ (mass @ exact)))),
-    }  # fmt: skip
+    }
 
 
 def ring_rows(sizes: Sequence[float]) -> list[dict[str, Any]]:
@@ -182,13 +221,17 @@ SCENES: dict[str, Callable[[], hhr.Scene]] = {
 
 FINER: dict[str, Callable[[], hhr.Scene]] = {
     "hertz_half_discs": lambda: hertz.scene(arc_segments=112, flat_segments=28),
-    "sphere_on_block": lambda: sphere.scene(sphere_cells=(20, 10), block_cells=(16, 8), grading=2.5),
+    "sphere_on_block": lambda: sphere.scene(
+        sphere_cells=(20, 10), block_cells=(16, 8), grading=2.5
+    ),
     "your_scene": lambda: refined(your_scene.scene()),
 }
 
 
 def refined(scene: hhr.Scene) -> hhr.Scene:
-    """A scene on a mesh whose triangles are cut in four: as many dofs as of second order on the mesh itself."""
+    """A scene on a mesh whose triangles are cut in four: as many dofs as of second order on the
+    mesh itself.
+    """
     from dolfinx import mesh
 
     def made(comm: Any) -> Any:
@@ -208,7 +251,9 @@ def refined(scene: hhr.Scene) -> hhr.Scene:
 
 
 def reduction_rows(names: Sequence[str], seed: int) -> list[dict[str, Any]]:
-    """95th percentiles of the errors of reduced models on answers held out: of either order, and at equal dofs."""
+    """95th percentiles of the errors of reduced models on answers held out: of either order, and at
+    equal dofs.
+    """
     rows = []
     for name in names:
         for mesh, order in (("as it is", 1), ("as it is", 2), ("twice as fine", 1)):
@@ -217,8 +262,14 @@ def reduction_rows(names: Sequence[str], seed: int) -> list[dict[str, Any]]:
             training = hhr.train(scene, hhr.Sobol(64, seed=seed), held_out=40, comm=MPI.COMM_SELF)
             model = training.build()
             compared = model.offline.comparison
-            high = {what: float(np.quantile(getattr(compared, what), 0.95)) for what in ("primal", "dual")}
-            sizes = {"N": len(training.full_order.problem.free), "modes": len(model.problem.stiffness)}
+            high = {
+                what: float(np.quantile(getattr(compared, what), 0.95))
+                for what in ("primal", "dual")
+            }
+            sizes = {
+                "N": len(training.full_order.problem.free),
+                "modes": len(model.problem.stiffness),
+            }
             sizes["conditions"] = training.full_order.conditions
             rows.append({"scene": name, "mesh": mesh, "order": order, **sizes, **high})
     return rows
@@ -235,14 +286,23 @@ def main() -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # chords of coarse rings, and small trainings
         found = {
-            "force": [*force_rows(2, (16,) if quick else (16, 32, 64), 32 if quick else 64),
-                      *force_rows(3, (8,) if quick else (8, 12, 16, 20), 8 if quick else 12)],
+            "force": [
+                *force_rows(2, (16,) if quick else (16, 32, 64), 32 if quick else 64),
+                *force_rows(3, (8,) if quick else (8, 12, 16, 20), 8 if quick else 12),
+            ],
             "rings": ring_rows((0.4, 0.2) if quick else (0.4, 0.2, 0.1, 0.05)),
-            "reduction": reduction_rows(("hertz_half_discs",) if quick else tuple(SCENES), options.seed),
-        }  # fmt: skip
+            "reduction": reduction_rows(
+                ("hertz_half_discs",) if quick else tuple(SCENES), options.seed
+            ),
+        }
     for name, rows in found.items():
-        shown = [{key: value if isinstance(value, str | int) else f"{value:.2g}" for key, value in row.items()}
-                 for row in rows]  # fmt: skip
+        shown = [
+            {
+                key: value if isinstance(value, str | int) else f"{value:.2g}"
+                for key, value in row.items()
+            }
+            for row in rows
+        ]
         cli.print_rows(name, shown, options.console)
     report.write_report({"scene": "second_order", **found, **report.environment()}, options.out)
 

@@ -25,15 +25,23 @@ def build(comm: MPI.Comm) -> tuple:
              for inner, outer in boxes]  # fmt: skip
     counts = np.cumsum([0, *(len(part.geometry.x) for part in parts)])
     points = np.concatenate([part.geometry.x[:, :2] for part in parts])
-    cells = np.concatenate([geometry_dofmap(part) + first for part, first in zip(parts, counts, strict=False)])
+    cells = np.concatenate(
+        [geometry_dofmap(part) + first for part, first in zip(parts, counts, strict=False)]
+    )
     mesh = linear_mesh(comm, points, cells, "quadrilateral")
     per_ring = CELLS[0] * CELLS[1]
     rings = (np.asarray(mesh.topology.original_cell_index) // per_ring + 1).astype(np.int32)
     places = {ENDS: (1, 0.0)}
-    places |= {side(ring, outer): (0, box[outer]) for ring, box in enumerate(boxes) for outer in (False, True)}
+    places |= {
+        side(ring, outer): (0, box[outer])
+        for ring, box in enumerate(boxes)
+        for outer in (False, True)
+    }
     facets, values = [], []
     for tag, (axis, at) in places.items():
-        found = dmesh.locate_entities_boundary(mesh, 1, lambda x, axis=axis, at=at: np.abs(x[axis] - at) < 1e-9)
+        found = dmesh.locate_entities_boundary(
+            mesh, 1, lambda x, axis=axis, at=at: np.abs(x[axis] - at) < 1e-9
+        )
         facets.append(found)
         values.append(np.full(found.size, tag, dtype=np.int32))
     facets, values = np.concatenate(facets), np.concatenate(values)
@@ -50,7 +58,9 @@ def three_rings() -> hhr.Scene:
         geometry=build,
         hypothesis="axisymmetric",
         bodies=tuple(hhr.Body(tag, 200e3, 0.3) for tag in (1, 2, 3)),
-        contacts=tuple(hhr.NodeToNode(side(k, True), side(k + 1, False), normal=normal) for k in (0, 1)),
+        contacts=tuple(
+            hhr.NodeToNode(side(k, True), side(k + 1, False), normal=normal) for k in (0, 1)
+        ),
         parameters=hhr.ParameterSpace(("P", "h"), (5.0, 0.2), (100.0, 2.0)),
         displacements=(hhr.Displacement(ENDS, 1),),
         loads=(hhr.PartialPressure(side(2, True), hhr.Amplitude(slopes={"P": 1.0}), extent="h"),),

@@ -1,14 +1,17 @@
-"""Estimated errors of time steps over true ones: inelastic bodies that are bent, pressed, held and cycled.
+"""Estimated errors of time steps over true ones: inelastic bodies that are bent, pressed, held and
+cycled.
 
-Each scene is solved along a path in few steps with ``MarchSettings(time_error=True)``, and along the same path with
-each step in many parts, which stands for the truth. Errors are norms of the difference of stress, displacement or
-contact forces over the largest norm in the history; the largest value of a history is compared. An answer states its
-estimates over the largest norm so far, which is more where bodies begin to touch.
+Each scene is solved along a path in few steps with ``MarchSettings(time_error=True)``, and along
+the same path with each step in many parts, which stands for the truth. Errors are norms of the
+difference of stress, displacement or contact forces over the largest norm in the history; the
+largest value of a history is compared. An answer states its estimates over the largest norm so far,
+which is more where bodies begin to touch.
 
-What to see: the ratio of estimate to truth is a little above 1 for every law, of which nothing but its steps is used:
-with rates or without, built in or written by a user. ``cost`` is the time of a history with an estimate over that
-without one. With a tolerance of a hundredth, ``cut`` is the number of steps that the history takes, and ``left`` the
-largest true error of its stress and displacement.
+What to see: the ratio of estimate to truth is a little above 1 for every law, of which nothing but
+its steps is used: with rates or without, built in or written by a user. ``cost`` is the time of a
+history with an estimate over that without one. With a tolerance of a hundredth, ``cut`` is the
+number of steps that the history takes, and ``left`` the largest true error of its stress and
+displacement.
 
     python benchmarks/time_errors.py [--out DIR] [--quick] [--seed N]
 """
@@ -39,13 +42,17 @@ FIELDS: dict[str, Callable[[Answer], np.ndarray]] = {
 PLAIN, ESTIMATED = hhr.MarchSettings("tangent"), hhr.MarchSettings("tangent", time_error=True)
 TOLERANCE = 0.01
 PARTS = 32
-"""Parts of each step of the history that stands for the truth: its error is a thirty-second of that of the steps."""
+"""Parts of each step of the history that stands for the truth: its error is a thirty-second of that
+of the steps.
+"""
 PERFECT = hhr.Plasticity(1.0, 0.0)
 
 
 @dataclass(frozen=True)
 class Perzyna(hhr.Law):
-    """Viscoplasticity with a threshold, written as a user does: rate of p = (max(σ_eq - σ0, 0) / η)^n."""
+    """Viscoplasticity with a threshold, written as a user does: rate of p = (max(σ_eq - σ0, 0) /
+    η)^n.
+    """
 
     threshold: float | str
     viscosity: float | str  # in stress times s^(1/n)
@@ -70,13 +77,18 @@ def ramp(steps: int, seconds: float = 1.0) -> LoadPath:
 
 def held(steps: int, quick: float = 0.01) -> LoadPath:
     """Put on in one quick step and held for ten seconds, in steps that grow."""
-    return [(0.0, np.zeros(1)), *((quick + time, np.ones(1)) for time in [0.0, *np.logspace(-2, 1, steps)])]
+    return [
+        (0.0, np.zeros(1)),
+        *((quick + time, np.ones(1)) for time in [0.0, *np.logspace(-2, 1, steps)]),
+    ]
 
 
 def cycled(steps: int) -> LoadPath:
     """Put on, taken off and put on again."""
     shares = np.concatenate([np.linspace(0, 1, steps + 1), np.linspace(1, 0, steps + 1)[1:]])
-    return [(k / steps, np.array([share])) for k, share in enumerate([*shares, *shares[1 : steps + 1]])]
+    return [
+        (k / steps, np.array([share])) for k, share in enumerate([*shares, *shares[1 : steps + 1]])
+    ]
 
 
 def space() -> hhr.ParameterSpace:
@@ -89,11 +101,15 @@ def grows(size: float) -> hhr.Amplitude:
     return hhr.Amplitude(slopes={"p": size})
 
 
-def one_block(law: hhr.Law, size: Sequence[float], cells: tuple[int, int], **others: object) -> hhr.Scene:
+def one_block(
+    law: hhr.Law, size: Sequence[float], cells: tuple[int, int], **others: object
+) -> hhr.Scene:
     """A plane block from the origin, with an obstacle to its right."""
     given: dict = {
         "name": "block",
-        "geometry": lambda comm: block.block(comm, lower=(0.0, 0.0), upper=tuple(size), cells=cells),
+        "geometry": lambda comm: block.block(
+            comm, lower=(0.0, 0.0), upper=tuple(size), cells=cells
+        ),
         "hypothesis": "plane_strain",
         "bodies": (hhr.Body(block.SOLID, 200.0, 0.3, law),),
         "contacts": (hhr.Obstacle(block.side(0, True), (1, 0), 99.0),),
@@ -105,7 +121,13 @@ def one_block(law: hhr.Law, size: Sequence[float], cells: tuple[int, int], **oth
 def bending(law: hhr.Law) -> hhr.Scene:
     """A beam held at its left end and pressed on its lid."""
     lid = hhr.Pressure(block.side(1, True), grows(0.03))
-    return one_block(law, (4, 1), (12, 4), displacements=hhr.Displacement.clamp(block.side(0, False), 2), loads=(lid,))
+    return one_block(
+        law,
+        (4, 1),
+        (12, 4),
+        displacements=hhr.Displacement.clamp(block.side(0, False), 2),
+        loads=(lid,),
+    )
 
 
 def tube(law: hhr.Law, wall: float = 2.003, pressure: float = 0.9) -> hhr.Scene:
@@ -147,15 +169,24 @@ def indentation(law: hhr.Law) -> hhr.Scene:
 
     first, second = (((0.0, 0.0), (1.0, 1.0), (12, 8)), ((0.0, 1.0), (1.0, 1.0 + height), (12, 3)))
     side = two_blocks.side
-    axis = tuple(hhr.Displacement(side(tag, 0, False), 0) for tag in (two_blocks.FIRST, two_blocks.SECOND))
+    axis = tuple(
+        hhr.Displacement(side(tag, 0, False), 0) for tag in (two_blocks.FIRST, two_blocks.SECOND)
+    )
     floor = hhr.Displacement(side(two_blocks.FIRST, 1, False), 1)
     push = hhr.Displacement(side(two_blocks.SECOND, 1, True), 1, grows(-0.03))
     return hhr.Scene(
         name="indentation",
         geometry=lambda comm: two_blocks.two_blocks(comm, first=first, second=second, warp=warp),
         hypothesis="axisymmetric",
-        bodies=(hhr.Body(two_blocks.FIRST, 200.0, 0.3, law), hhr.Body(two_blocks.SECOND, 2000.0, 0.3)),
-        contacts=(hhr.NodeToNode(side(two_blocks.FIRST, 1, True), side(two_blocks.SECOND, 1, False), (0.0, 1.0)),),
+        bodies=(
+            hhr.Body(two_blocks.FIRST, 200.0, 0.3, law),
+            hhr.Body(two_blocks.SECOND, 2000.0, 0.3),
+        ),
+        contacts=(
+            hhr.NodeToNode(
+                side(two_blocks.FIRST, 1, True), side(two_blocks.SECOND, 1, False), (0.0, 1.0)
+            ),
+        ),
         parameters=space(),
         displacements=(*axis, floor, push),
     )
@@ -203,12 +234,18 @@ def finer(path: LoadPath, parts: int) -> LoadPath:
 
 
 def true_errors(history: History, exact: History, parts: int) -> dict[str, float]:
-    """Largest errors of a history, over the largest norms in it, by field; ``exact`` has each step in parts."""
+    """Largest errors of a history, over the largest norms in it, by field.
+
+    ``exact`` has each step in parts.
+    """
     found = {}
     for name, field in FIELDS.items():
         known = [field(answer) for answer in exact.answers[parts - 1 :: parts]]
         largest = max(np.linalg.norm(values) for values in known)
-        wrong = max(np.linalg.norm(field(a) - values) for a, values in zip(history.answers, known, strict=True))
+        wrong = max(
+            np.linalg.norm(field(a) - values)
+            for a, values in zip(history.answers, known, strict=True)
+        )
         found[name] = float(wrong / largest) if largest else 0.0
     return found
 
@@ -217,14 +254,18 @@ def estimated_errors(history: History) -> dict[str, float]:
     """Largest estimates of a history, over the largest norms in it, by field."""
     found = {}
     for name, field in FIELDS.items():
-        largest = np.maximum.accumulate([np.linalg.norm(field(answer)) for answer in history.answers])
+        largest = np.maximum.accumulate(
+            [np.linalg.norm(field(answer)) for answer in history.answers]
+        )
         estimates = largest * [getattr(answer.time_errors, name) for answer in history.answers]
         found[name] = float(estimates.max() / largest[-1]) if largest[-1] else 0.0
     return found
 
 
 class Result(NamedTuple):
-    """Estimates and true errors of one history by field, its cost, and the same of one with a tolerance."""
+    """Estimates and true errors of one history by field, its cost, and the same of one with a
+    tolerance.
+    """
 
     case: str
     law: str
@@ -239,13 +280,19 @@ class Result(NamedTuple):
         return self.estimates[name] / self.errors[name] if self.errors[name] else np.nan
 
 
-def compared(full: hhr.FullOrderModel, path: LoadPath, parts: int = PARTS) -> tuple[dict[str, float], dict[str, float]]:
+def compared(
+    full: hhr.FullOrderModel, path: LoadPath, parts: int = PARTS
+) -> tuple[dict[str, float], dict[str, float]]:
     """Estimates and true errors of a path, by field."""
     history = full.march(path, ESTIMATED)
-    return estimated_errors(history), true_errors(history, full.march(finer(path, parts), PLAIN), parts)
+    return estimated_errors(history), true_errors(
+        history, full.march(finer(path, parts), PLAIN), parts
+    )
 
 
-def seconds(full: hhr.FullOrderModel, path: LoadPath, settings: hhr.MarchSettings, repetitions: int = 5) -> float:
+def seconds(
+    full: hhr.FullOrderModel, path: LoadPath, settings: hhr.MarchSettings, repetitions: int = 5
+) -> float:
     """Least time of the processor for a path; other work on the machine only adds to it."""
     turns = []
     for _ in range(repetitions):
@@ -256,7 +303,9 @@ def seconds(full: hhr.FullOrderModel, path: LoadPath, settings: hhr.MarchSetting
 
 
 def measured(case: Case, name: str, law: hhr.Law, parts: int = PARTS) -> Result:
-    """Estimates of a history beside its true errors, its cost, and the same path with a tolerance."""
+    """Estimates of a history beside its true errors, its cost, and the same path with a
+    tolerance.
+    """
     full = hhr.FullOrderModel(case.scene(law))
     full.march(case.path[:2], PLAIN)  # compiles the law
     estimates, wrong = compared(full, case.path, parts)
@@ -270,17 +319,31 @@ HEAD = "| law | scene | stress | displacement | forces | cost | cut | left |"
 
 
 def row(result: Result) -> str:
-    """A line of the table: the true error in per cent and the ratio of the estimate to it, for each field."""
+    """A line of the table: the true error in per cent and the ratio of the estimate to it, for each
+    field.
+    """
     cells = [
-        f"{100 * result.errors[name]:.2g} %: {result.ratio(name):.2f}" if result.errors[name] else "" for name in FIELDS
+        f"{100 * result.errors[name]:.2g} %: {result.ratio(name):.2f}"
+        if result.errors[name]
+        else ""
+        for name in FIELDS
     ]
     left = max(result.left[name] for name in ("stress", "displacement"))
-    texts = result.law, result.case, *cells, f"{result.cost:.1f}", str(result.parts), f"{100 * left:.2g} %"
+    texts = (
+        result.law,
+        result.case,
+        *cells,
+        f"{result.cost:.1f}",
+        str(result.parts),
+        f"{100 * left:.2g} %",
+    )
     return f"| {' | '.join(texts)} |"
 
 
 def main() -> None:
-    """Measure all cases, print the table of docs/flow.md, and write ``report.json`` and ``table.md``."""
+    """Measure all cases, print the table of docs/flow.md, and write ``report.json`` and
+    ``table.md``.
+    """
     from parts import cli
 
     from hhr_dolfinx.plugins.studies import report
@@ -297,7 +360,8 @@ def main() -> None:
     (options.out / "table.md").write_text("\n".join(lines) + "\n")
     rows = [result._asdict() for result in results]
     report.write_report(
-        {"scene": "time_errors", "tolerance": TOLERANCE, "rows": rows, **report.environment()}, options.out
+        {"scene": "time_errors", "tolerance": TOLERANCE, "rows": rows, **report.environment()},
+        options.out,
     )
 
 

@@ -1,20 +1,24 @@
-"""Unseen load paths: errors of condensed models trained on at most 24 paths, and how much faster they are.
+"""Unseen load paths: errors of condensed models trained on at most 24 paths, and how much faster
+they are.
 
-    python benchmarks/unseen_paths.py [--out DIR] [--quick] [--seed N] [--case NAME ...] [--folder DIR]
+    python benchmarks/unseen_paths.py [--out DIR] [--quick] [--seed N] [--case NAME ...] [--folder
+    DIR]
 
 A pellet that yields in a cladding that creeps, as in pellet_cladding_plastic.py. Three cases:
 
-- linear: isotropic hardening of the pellet; the cladding is pressed to a part load at a rate in a range of two decades,
-  held for 1e-4 to 1 s, and unloaded in part or completely.
+- linear: isotropic hardening of the pellet; the cladding is pressed to a part load at a rate in a
+  range of two decades, held for 1e-4 to 1 s, and unloaded in part or completely.
 - Chaboche: the same paths, with kinematic hardening of the pellet.
-- power: the pellet heats up; its yield stress follows the temperature, a formula of the radius and of the power. Power
-  goes up to a level at a rate in a range of two decades, is held for 0.1 to 1000 s, and goes down.
+- power: the pellet heats up; its yield stress follows the temperature, a formula of the radius and
+  of the power. Power goes up to a level at a rate in a range of two decades, is held for 0.1 to
+  1000 s, and goes down.
 
-Each model is trained on 24 paths of a family, ``PathFamily.training``, and compared on 40 others, points of another
-Sobol sequence. The error of a path is that of its worst step, relative to the largest size of the quantity on this
-path: displacement (L2 norm), contact forces of all nodes, radial stress and all components of the inelastic strain at
-all integration points (Euclidean norms). Times are those of whole marches in turns on one processor, full by the
-search operator that is the fastest on the first path. Both have the same steps, whose error in time is not part of the
+Each model is trained on 24 paths of a family, ``PathFamily.training``, and compared on 40 others,
+points of another Sobol sequence. The error of a path is that of its worst step, relative to the
+largest size of the quantity on this path: displacement (L2 norm), contact forces of all nodes,
+radial stress and all components of the inelastic strain at all integration points (Euclidean
+norms). Times are those of whole marches in turns on one processor, full by the search operator that
+is the fastest on the first path. Both have the same steps, whose error in time is not part of the
 comparison.
 """
 
@@ -46,7 +50,9 @@ BARS = {"displacement": 0.01, "forces": 0.05, "sigma_rr": 0.03, "inelastic_strai
 """Errors below which 95 % of the unseen paths should be."""
 TRAINING, UNSEEN, QUICK_UNSEEN = 24, 40, 6
 TOP = {"P1": 300.0, "power": 1200.0}
-"""Largest pressure in MPa, and largest temperature of the axis of the pellet above that of its surface in K."""
+"""Largest pressure in MPa, and largest temperature of the axis of the pellet above that of its
+surface in K.
+"""
 
 
 def pressed(law: hhr.Law | None = None) -> Callable[..., hhr.Scene]:
@@ -55,13 +61,18 @@ def pressed(law: hhr.Law | None = None) -> Callable[..., hhr.Scene]:
     def scene(**mesh: int) -> hhr.Scene:
         base = pellet.scene(**mesh)
         body, cladding = base.bodies
-        return dataclasses.replace(base, bodies=(dataclasses.replace(body, law=law or body.law), cladding))
+        return dataclasses.replace(
+            base, bodies=(dataclasses.replace(body, law=law or body.law), cladding)
+        )
 
     return scene
 
 
 def heated(**mesh: int) -> hhr.Scene:
-    """The pellet heats up, by ``power`` on its axis and not at all on its surface; nothing presses the cladding."""
+    """The pellet heats up, by ``power`` on its axis and not at all on its surface.
+
+    Nothing presses the cladding.
+    """
     base = pellet.scene(**mesh)
     warm = "power * (1 - (r / 4.1)**2)"
     soft = hhr.Plasticity(f"120 * (1 - 6e-4 * {warm})", hardening=4e3)
@@ -71,7 +82,9 @@ def heated(**mesh: int) -> hhr.Scene:
         name="pellet_cladding_power",
         bodies=(dataclasses.replace(body, law=soft), cladding),
         parameters=hhr.ParameterSpace(("power", "gap"), (0.0, 4e-3), (TOP["power"], 16e-3)),
-        loads=(hhr.ThermalExpansion(geometry.PELLET, 1e-5, "power", lambda x: 1 - (x[0] / 4.1) ** 2),),
+        loads=(
+            hhr.ThermalExpansion(geometry.PELLET, 1e-5, "power", lambda x: 1 - (x[0] / 4.1) ** 2),
+        ),
     )
 
 
@@ -104,7 +117,10 @@ class Case:
     def mesh(self, quick: bool) -> dict[str, int]:
         """Cells along the sides of pellet and cladding."""
         names = ("radial_cells", "axial_cells", "cladding_radial_cells", "cladding_axial_cells")
-        return {name: count * (1 if quick else self.cells) for name, count in zip(names, (12, 20, 2, 15), strict=True)}
+        return {
+            name: count * (1 if quick else self.cells)
+            for name, count in zip(names, (12, 20, 2, 15), strict=True)
+        }
 
 
 def family(space: hhr.ParameterSpace, case: Case) -> hhr.PathFamily:
@@ -144,7 +160,9 @@ POWER = {
 }
 CASES: dict[str, Case] = {
     "linear": Case(pressed(), cells=4, modes=2e-3, **PRESSED),
-    "Chaboche": Case(pressed(hhr.Chaboche(80.0, ((2e4, 200.0), (1e3, 0.0)))), cells=5, modes=3e-3, **PRESSED),
+    "Chaboche": Case(
+        pressed(hhr.Chaboche(80.0, ((2e4, 200.0), (1e3, 0.0)))), cells=5, modes=3e-3, **PRESSED
+    ),
     "power": Case(heated, modes=1e-3, **POWER),
 }
 
@@ -156,7 +174,9 @@ def inelastic(answer: Answer) -> np.ndarray:
     if fields.exact:
         return known.ravel()
     found = np.zeros((fields.flow.places, known.shape[1]))
-    found[fields.flow.flowed] = fields.flow.plastic.everywhere(known.ravel()).reshape(-1, known.shape[1])
+    found[fields.flow.flowed] = fields.flow.plastic.everywhere(known.ravel()).reshape(
+        -1, known.shape[1]
+    )
     return found.ravel()
 
 
@@ -166,7 +186,9 @@ def quantities(answer: Answer) -> tuple[np.ndarray, ...]:
 
 
 def worst_steps(full: hhr.FullOrderModel, found: History, exact: History) -> np.ndarray:
-    """Largest error of each quantity over the steps of a path, relative to its largest size on the path, (4,)."""
+    """Largest error of each quantity over the steps of a path, relative to its largest size on the
+    path, (4,).
+    """
     mass = full.problem.mass
     wrong, sizes = np.zeros(len(QUANTITIES)), np.zeros(len(QUANTITIES))
     for here, there in zip(found.answers, exact.answers, strict=True):
@@ -188,10 +210,16 @@ def marched(model: Any, path: Any, settings: hhr.MarchSettings) -> tuple[History
     return history, time.process_time() - start
 
 
-def compared(full: hhr.FullOrderModel, model: Any, paths: list[Any]) -> tuple[np.ndarray, np.ndarray]:
-    """Errors of each path, (n, 4), and seconds of the fastest full march and of a condensed one, (n, 2)."""
+def compared(
+    full: hhr.FullOrderModel, model: Any, paths: list[Any]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of each path, (n, 4), and seconds of the fastest full march and of a condensed one,
+    (n, 2).
+    """
     ways = {
-        search: hhr.MarchSettings(search, iterations=200 if search == "elastic" else 60, outside="ignore")
+        search: hhr.MarchSettings(
+            search, iterations=200 if search == "elastic" else 60, outside="ignore"
+        )
         for search in SEARCHES
     }
     for one in (full, model):  # compilation and reading at the first step belong to no path
@@ -205,7 +233,9 @@ def compared(full: hhr.FullOrderModel, model: Any, paths: list[Any]) -> tuple[np
             known, seconds = marched(full, path, settings)
             if known is not None:
                 taken[search], exact = seconds, exact or known
-        errors.append(worst_steps(full, found, exact) if found and exact else np.full(len(QUANTITIES), np.inf))
+        errors.append(
+            worst_steps(full, found, exact) if found and exact else np.full(len(QUANTITIES), np.inf)
+        )
         times.append((min(taken.values(), default=np.nan), float(np.median(small))))
         if len(times) == 1:
             fastest = min(taken, key=taken.__getitem__)
@@ -222,13 +252,17 @@ def measured(name: str, quick: bool, folder: Path | None, seed: int) -> dict[str
     start = time.perf_counter()
     training = hhr.train(
         scene,
-        paths.training(TRAINING, least_part=1.0),  # the level of the load is a parameter of the family
+        paths.training(
+            TRAINING, least_part=1.0
+        ),  # the level of the load is a parameter of the family
         held_out=[],
         comm=MPI.COMM_SELF,
         folder=None if folder is None else folder / f"{name}{'_quick' * quick}",
     )
     solved = time.perf_counter()
-    model = training.condense(CorrectionSettings(modes=case.modes, cubature=case.modes, stability=0.1, attempts=1))
+    model = training.condense(
+        CorrectionSettings(modes=case.modes, cubature=case.modes, stability=0.1, attempts=1)
+    )
     built = time.perf_counter()
     unseen = paths.paths(hhr.Sobol(QUICK_UNSEEN if quick else UNSEEN, seed=seed))
     errors, times = compared(training.full_order, model, unseen)
@@ -259,20 +293,21 @@ def measured(name: str, quick: bool, folder: Path | None, seed: int) -> dict[str
 def show(name: str, found: dict[str, Any]) -> None:
     """Print the results of a case beside the bars."""
     print(
-        f"{name}: trained on {found['training']} paths, compared on {found['unseen']}; {found['dofs']} dofs, "
-        f"{found['modes']} modes, {found['points']} points"
+        f"{name}: trained on {found['training']} paths, compared on {found['unseen']}; "
+        f"{found['dofs']} dofs, {found['modes']} modes, {found['points']} points"
     )
     for quantity, bar in BARS.items():
         p95, largest, median = (100 * found[quantity][key] for key in ("p95", "max", "median"))
         verdict = "" if p95 <= 100 * bar else ", MISSED"
         print(
-            f"  {quantity:17} p95 {p95:5.2f} %  max {largest:5.2f} %  median {median:5.2f} %  (bar {bar:.0%}{verdict})"
+            f"  {quantity:17} p95 {p95:5.2f} %  max {largest:5.2f} %  median {median:5.2f} %  "
+            f"(bar {bar:.0%}{verdict})"
         )
     print(
-        f"  a march takes {1e3 * found['condensed_seconds']:.0f} ms, in full {found['full_seconds']:.2f} s: "
-        f"{found['speedup']:.0f} times faster, {found['least_speedup']:.0f} at least "
-        f"(bar {CASES[name].faster:.0f}); training {found['training_seconds']:.0f} s, "
-        f"condensation {found['condensation_seconds']:.0f} s"
+        f"  a march takes {1e3 * found['condensed_seconds']:.0f} ms, in full "
+        f"{found['full_seconds']:.2f} s: {found['speedup']:.0f} times faster, "
+        f"{found['least_speedup']:.0f} at least (bar {CASES[name].faster:.0f}); training "
+        f"{found['training_seconds']:.0f} s, condensation {found['condensation_seconds']:.0f} s"
     )
 
 
@@ -285,7 +320,9 @@ def main() -> None:
     parser = cli.demo_parser("unseen_paths", __doc__)
     # that of the figures in docs/flow.md
     parser.set_defaults(seed=11)
-    parser.add_argument("--case", action="append", choices=CASES, help="this case alone; may be given again")
+    parser.add_argument(
+        "--case", action="append", choices=CASES, help="this case alone; may be given again"
+    )
     parser.add_argument("--folder", type=Path, help="folder that keeps full histories")
     options = cli.parse_on_first_rank(parser)
     for kind in (TimeStepWarning, UncheckedWarning):  # unseen paths are compared here

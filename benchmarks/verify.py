@@ -1,9 +1,11 @@
-"""Right, refused with the reason, warned of, or wrong without a word: what a scene does under extreme conditions.
+"""Right, refused with the reason, warned of, or wrong without a word: what a scene does under
+extreme conditions.
 
-The full order is checked against an independent solver (a saddle-point matrix factored anew for each set of statuses),
-against itself from other statuses and against the contact conditions, each pair by the forces of its own bodies; where
-an answer is known, against that; the reduced model against the full order at random parameters. Where bodies flow, two
-search operators must find the same history, and the reduced one must follow it.
+The full order is checked against an independent solver (a saddle-point matrix factored anew for
+each set of statuses), against itself from other statuses and against the contact conditions, each
+pair by the forces of its own bodies; where an answer is known, against that; the reduced model
+against the full order at random parameters. Where bodies flow, two search operators must find the
+same history, and the reduced one must follow it.
 """
 
 from __future__ import annotations
@@ -34,13 +36,22 @@ from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
 FULL_TOLERANCE = 1e-6
 """Two exact solvers differ by round-off times cond(K), which reaches 1e10 in extreme cases."""
 REDUCED_WORST = {"primal_l2": 0.05, "dual_full_floored": 0.3}
-"""At the worst point, on the whole mesh. Forces of neighbouring nodes change places where contact grazes."""
+"""At the worst point, on the whole mesh.
+
+Forces of neighbouring nodes change places where contact grazes.
+"""
 REDUCED_P95 = {"primal_l2": 0.02, "dual_full_floored": 0.1}
 """At 95 % of the points."""
 HISTORY_TOLERANCE = 2e-3
-"""Two searches stop at residuals of 1e-5; where a body is near its limit load the displacement moves 100 times that."""
+"""Two searches stop at residuals of 1e-5.
+
+Where a body is near its limit load the displacement moves 100 times that.
+"""
 HISTORY_WORST = {"displacement": 0.05, "forces": 0.2}
-"""Largest errors over the largest size in the history; two training histories of 20 steps on a coarse mesh."""
+"""Largest errors over the largest size in the history.
+
+Two training histories of 20 steps on a coarse mesh.
+"""
 
 
 FINER = (1, 2, 4, 8)
@@ -60,7 +71,9 @@ def finer(path: Path, parts: int) -> Path:
 OWN_WARNINGS = tuple(
     kind
     for kind in vars(errors).values()
-    if isinstance(kind, type) and issubclass(kind, UserWarning) and kind is not errors.UncheckedWarning
+    if isinstance(kind, type)
+    and issubclass(kind, UserWarning)
+    and kind is not errors.UncheckedWarning
 )
 """Warnings of this package; that nothing was held out says nothing of a case."""
 
@@ -80,7 +93,9 @@ Line = dict[str, Any]
 
 
 def line(case: str, model: str, outcome: str, why: str, figure: float | None = None) -> Line:
-    """Row of an answer, ``right``, ``warned`` or ``WRONG`` by a figure, or of what was ``refused``."""
+    """Row of an answer, ``right``, ``warned`` or ``WRONG`` by a figure, or of what was
+    ``refused``.
+    """
     figure = None if figure is None else float(figure)
     return {"case": case, "model": model, "outcome": outcome, "figure": figure, "why": why}
 
@@ -91,7 +106,8 @@ class Known:
 
     Attributes:
         name: what it is, in words.
-        error: maps the full model, or the history of a scene that flows as far as it came, to an error.
+        error: maps the full model, or the history of a scene that flows as far as it came, to an
+            error.
         tolerance: error up to which an answer is right.
     """
 
@@ -136,7 +152,8 @@ class Case:
         select: maps the training solutions to those used.
         counts: training points along each parameter; None takes those of the run.
         known: what is known of the full order's answers; None if nothing is.
-        tests: random points at which the reduced model is compared, and ten more held out of its training.
+        tests: random points at which the reduced model is compared, and ten more held out of its
+            training.
         worst_force: limit of the largest force error, smaller where no contact changes its place.
     """
 
@@ -157,12 +174,18 @@ class Case:
         """The full model beside an independent solver at random parameters."""
         from hhr_dolfinx.plugins.baselines.naive import NaiveFullOrder
 
-        naive, bodies, points = NaiveFullOrder(full), _dofs_of_pairs(full.problem), full.parameters.random(5, seed + 7)
+        naive, bodies, points = (
+            NaiveFullOrder(full),
+            _dofs_of_pairs(full.problem),
+            full.parameters.random(5, seed + 7),
+        )
         worst = np.max([_disagreement(full, naive, point, bodies) for point in points])
         tolerance = max(FULL_TOLERANCE, *(_lost(full, point) for point in points))
         return Checked(worst, tolerance, "two solvers and the contact conditions", full)
 
-    def check_reduced(self, full: FullOrderModel, checked: Checked, counts: tuple[int, ...], seed: int) -> Line:
+    def check_reduced(
+        self, full: FullOrderModel, checked: Checked, counts: tuple[int, ...], seed: int
+    ) -> Line:
         """Row of the reduced model at random parameters."""
         from hhr_dolfinx.plugins.studies.measure import References
 
@@ -171,19 +194,27 @@ class Case:
             snapshots = self.select(compute_snapshots(full, space.grid(self.counts or counts)))
             held_out = compute_snapshots(full, space.random(self.tests + 10, seed + 1))
             model = build(full, snapshots, self.recipe, held_out)
-        points, limits = space.random(self.tests, seed), {**REDUCED_WORST, "dual_full_floored": self.worst_force}
+        points, limits = (
+            space.random(self.tests, seed),
+            {**REDUCED_WORST, "dual_full_floored": self.worst_force},
+        )
         found = References.at(points, full, snapshots).errors(model)
         within, parts = True, []
         for name, label in (("primal_l2", "displacement"), ("dual_full_floored", "forces")):
             values = found.values[name]
             worst, high = values.max(), np.percentile(values, 95, method="higher")
             within &= bool(worst <= limits[name] and high <= REDUCED_P95[name])
-            parts.append(f"{label} {high:.1e} at 95 %, {worst:.1e} at {space.described(points[values.argmax()])}")
+            parts.append(
+                f"{label} {high:.1e} at 95 %, {worst:.1e} at "
+                f"{space.described(points[values.argmax()])}"
+            )
         unanswered = [space.described(point) for point in points[~found.answered]]
         parts += [f"no answer at {'; '.join(unanswered)}"] if unanswered else []
         parts += [f"warned: {message}" for message in warned]
         verdict = "right" if within else "warned" if warned else "WRONG"
-        return line(self.name, "reduced", verdict, "; ".join(parts), found.values["dual_full_floored"].max())
+        return line(
+            self.name, "reduced", verdict, "; ".join(parts), found.values["dual_full_floored"].max()
+        )
 
 
 @dataclass(frozen=True)
@@ -197,7 +228,8 @@ class HistoryCase:
         values: the first and the last are trained on, the middle one is tried.
         recipe: how to reduce; None for the usual way.
         tried: the path compared, for the middle value; None for the family that was trained.
-        known: what is known of the history compared, or of the part kept of one that is refused; None if nothing is.
+        known: what is known of the history compared, or of the part kept of one that is refused;
+            None if nothing is.
     """
 
     name: str
@@ -218,15 +250,23 @@ class HistoryCase:
         training = [full.march(self.path(value)) for value in (first, last)]
         tried = (self.tried or self.path)(middle)
         for parts in FINER:  # a step that one search cuts and the other does not is another step
-            exact, other = (full.march(finer(tried, parts), how) for how in (MarchSettings(), MarchSettings("tangent")))
+            exact, other = (
+                full.march(finer(tried, parts), how)
+                for how in (MarchSettings(), MarchSettings("tangent"))
+            )
             if exact.cuts == other.cuts:
                 break
-        worst = max(relative_error(p.unknown, q.unknown) for p, q in zip(exact.answers, other.answers, strict=True))
+        worst = max(
+            relative_error(p.unknown, q.unknown)
+            for p, q in zip(exact.answers, other.answers, strict=True)
+        )
         iterations = f"{sum(exact.iterations)} and {sum(other.iterations)} iterations"
         why = f"two search operators, {iterations}, {exact.cuts} cuts"
         return Checked(worst, HISTORY_TOLERANCE, why, exact, training)
 
-    def check_reduced(self, full: FullOrderModel, checked: Checked, counts: tuple[int, ...], seed: int) -> Line:
+    def check_reduced(
+        self, full: FullOrderModel, checked: Checked, counts: tuple[int, ...], seed: int
+    ) -> Line:
         """Row of the reduced model along the path of the full one."""
         from hhr_dolfinx.plugins.paths.compared import largest_errors
 
@@ -240,12 +280,15 @@ class HistoryCase:
         high = dict(zip(HISTORY_WORST, largest_errors(full, found, exact, floor), strict=True))
         within = all(high[name] <= limit for name, limit in HISTORY_WORST.items())
         parts = [f"{name} {value:.1e}" for name, value in high.items()]
-        parts += [f"{model.offline.layers} layers"] if isinstance(self.recipe, Recipe) else ["condensed"]
+        parts += (
+            [f"{model.offline.layers} layers"] if isinstance(self.recipe, Recipe) else ["condensed"]
+        )
         parts += [f"warned: {message}" for message in (*doubts, *told)]
         if self.tried is None:
             verdict = "right" if within else "warned" if doubts or told else "WRONG"
         else:
-            # where nothing was trained a good answer is luck, and only the model itself can say so when it is asked
+            # where nothing was trained a good answer is luck, and only the model itself can say so
+            # when it is asked
             verdict = "warned" if told else "right" if within else "WRONG"
         return line(self.name, "reduced", verdict, ", ".join(parts), max(high.values()))
 
@@ -275,7 +318,9 @@ def verify(case: Case | HistoryCase, counts: tuple[int, ...], seed: int) -> Iter
 
 
 def _dofs_of_pairs(problem: ContactProblem) -> list[tuple[np.ndarray, np.ndarray]]:
-    """For each contact pair its conditions, and the dofs of the bodies that it joins, both as masks."""
+    """For each contact pair its conditions, and the dofs of the bodies that it joins, both as
+    masks.
+    """
     _, body = connected_components(problem.stiffness, directed=False)
     found = []
     for pair in np.unique(problem.contact_pairs):
@@ -285,10 +330,11 @@ def _dofs_of_pairs(problem: ContactProblem) -> list[tuple[np.ndarray, np.ndarray
 
 
 def _lost(full: FullOrderModel, point: np.ndarray) -> float:
-    """Relative error of the forces K U by round-off of their products: what no solver in double precision knows.
+    """Relative error of the forces K U by round-off of their products: what no solver in double
+    precision knows.
 
-    Ten last digits, for rows of some twenty entries. Next to nothing, but where bodies are carried by 1e8 times their
-    size, or keep their volume to ten digits.
+    Ten last digits, for rows of some twenty entries. Next to nothing, but where bodies are carried
+    by 1e8 times their size, or keep their volume to ten digits.
     """
     stiffness, field = full.problem.at(point).stiffness, full.solve(point).displacement()
     products = np.linalg.norm(abs(stiffness) @ np.abs(field))
@@ -296,26 +342,38 @@ def _lost(full: FullOrderModel, point: np.ndarray) -> float:
 
 
 def _disagreement(
-    full: FullOrderModel, naive: Model, point: np.ndarray, bodies: list[tuple[np.ndarray, np.ndarray]]
+    full: FullOrderModel,
+    naive: Model,
+    point: np.ndarray,
+    bodies: list[tuple[np.ndarray, np.ndarray]],
 ) -> float:
-    """Difference of two solvers and of two starts, and what the first leaves of the contact conditions."""
+    """Difference of two solvers and of two starts, and what the first leaves of the contact
+    conditions.
+    """
     problem, ours, theirs = full.problem.at(point), full.solve(point), naive.solve(point)
     closed = full.solve(point, start=np.ones(len(problem.contact_pairs), dtype=bool)).forces()
     displacement, forces, expected = ours.displacement(), ours.forces(), theirs.forces()
     worst = [relative_error(displacement, theirs.displacement())]
-    # of whole displacements: a rigid motion has no forces, while K lift, its reaction, would hide all of them
+    # of whole displacements: a rigid motion has no forces, while K lift, its reaction, would hide
+    # all of them
     internal = problem.stiffness @ theirs.displacement()
     for rows, dofs in bodies:
         # beside the forces of a stronger pair those of a weak one would count as nothing
         floor = float(np.linalg.norm(internal[dofs]))
-        worst += [relative_error(found[rows], expected[rows], floor=floor) for found in (forces, closed)]
-        worst.append(relative_error(np.minimum(forces[rows], 0.0), np.zeros(rows.sum()), floor=floor))
+        worst += [
+            relative_error(found[rows], expected[rows], floor=floor) for found in (forces, closed)
+        ]
+        worst.append(
+            relative_error(np.minimum(forces[rows], 0.0), np.zeros(rows.sum()), floor=floor)
+        )
     worst += asdict(contact_residuals(problem, displacement, forces, problem.theta(point))).values()
     return float(np.max(worst))  # NaN stays NaN
 
 
 def as_report(rows: list[Line], seed: int) -> dict[str, Any]:
-    """Rows of :func:`verify` as a report: what each figure measures, what it is held against, and what came of it."""
+    """Rows of :func:`verify` as a report: what each figure measures, what it is held against, and
+    what came of it.
+    """
     cases = [
         {
             "case": row["case"],

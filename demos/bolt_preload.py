@@ -1,14 +1,17 @@
-"""Preload of a hot bolt: how much of it is left after years of creep, thermal cycles and shutdowns, with friction.
+"""Preload of a hot bolt: how much of it is left after years of creep, thermal cycles and shutdowns,
+with friction.
 
-A bolt of steel clamps two flanges of another steel; half of the joint, axisymmetric, whose middle plane is one of
-symmetry. The nut is turned, the joint is heated, held for months, cooled for a shutdown, and heated again. The bolt
-creeps by Arrhenius' law and loses stiffness as it gets hot; the flange grows more than the bolt; the head slips on it.
+A bolt of steel clamps two flanges of another steel; half of the joint, axisymmetric, whose middle
+plane is one of symmetry. The nut is turned, the joint is heated, held for months, cooled for a
+shutdown, and heated again. The bolt creeps by Arrhenius' law and loses stiffness as it gets hot;
+the flange grows more than the bolt; the head slips on it.
 
-    dp/dt = (q / K)^n exp(-A (1/T - 1/T0)),    E(T) = E0 (1 - c (T - T_room)),    ε = ε_e + ε_p + α (T - T_room) I
-    B u <= g,  λ >= 0,  λ·(B u - g) = 0,    |λ_t| <= f λ_n    under the head
+    dp/dt = (q / K)^n exp(-A (1/T - 1/T0)),    E(T) = E0 (1 - c (T - T_room)),    ε = ε_e + ε_p + α
+    (T - T_room) I B u <= g,  λ >= 0,  λ·(B u - g) = 0,    |λ_t| <= f λ_n    under the head
 
-What to see: the tighter the bolt, the faster its preload goes; a shutdown takes some of it for a while, as the flange
-shrinks more. The small model takes half a second for years, with all contact forces and slips.
+What to see: the tighter the bolt, the faster its preload goes; a shutdown takes some of it for a
+while, as the flange shrinks more. The small model takes half a second for years, with all contact
+forces and slips.
 
     python demos/bolt_preload.py [--out DIR] [--quick] [--seed N]
 """
@@ -24,11 +27,16 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.timing import timed
 
 SHANK, HEAD, RIM, GRIP, TOP = 5.0, 9.0, 20.0, 15.0, 22.0
-"""Radii of shank and hole, head and flange, and heights of flange and head over the middle plane, in mm."""
+"""Radii of shank and hole, head and flange, and heights of flange and head over the middle plane,
+in mm.
+"""
 LINES = {  # body, and box (r, z, r, z) of the lines of its section
-    "axis": ("bolt", (0, 0, 0, TOP)), "middle": ("bolt", (0, 0, SHANK, 0)), "head": ("bolt", (SHANK, GRIP, HEAD, GRIP)),
-    "top": ("flange", (SHANK, GRIP, RIM, GRIP)), "foot": ("flange", (SHANK, 0, RIM, 0)),
-}  # fmt: skip
+    "axis": ("bolt", (0, 0, 0, TOP)),
+    "middle": ("bolt", (0, 0, SHANK, 0)),
+    "head": ("bolt", (SHANK, GRIP, HEAD, GRIP)),
+    "top": ("flange", (SHANK, GRIP, RIM, GRIP)),
+    "foot": ("flange", (SHANK, 0, RIM, 0)),
+}
 ROOM, HOUR, YEAR = 293.0, 3600.0, 8760 * 3600.0
 BOX = {"turn": (0.0, 0.05), "warmer": (0.0, 500.0)}
 """Shortening of half the bolt in mm, and temperature above that of the room in K."""
@@ -41,7 +49,10 @@ def mesh(file: Path, size: float) -> Path:
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     occ = gmsh.model.occ
-    shank, head = occ.addRectangle(0, 0, 0, SHANK, GRIP), occ.addRectangle(0, GRIP, 0, HEAD, TOP - GRIP)
+    shank, head = (
+        occ.addRectangle(0, 0, 0, SHANK, GRIP),
+        occ.addRectangle(0, GRIP, 0, HEAD, TOP - GRIP),
+    )
     sections = {"bolt": occ.fuse([(2, shank)], [(2, head)])[0]}
     sections["flange"] = [(2, occ.addRectangle(SHANK, 0, 0, RIM - SHANK, GRIP))]
     occ.synchronize()
@@ -62,26 +73,41 @@ def mesh(file: Path, size: float) -> Path:
 def scene(file: Path) -> hhr.Scene:
     """The scene on a mesh file, in mm, MPa, K and s."""
     return hhr.Scene(
-        name="bolt_preload", geometry=hhr.MeshFile(file), hypothesis="axisymmetric", units=hhr.Units("mm", "MPa"),
+        name="bolt_preload",
+        geometry=hhr.MeshFile(file),
+        hypothesis="axisymmetric",
+        units=hhr.Units("mm", "MPa"),
         bodies=(hhr.Body("bolt", 210e3, 0.3, BOLT), hhr.Body("flange", 200e3, 0.3)),
         contacts=(hhr.Mortar("head", "top", friction=0.15),),
         displacements=(
-            hhr.Displacement("axis", 0), hhr.Displacement("foot", 1),
+            hhr.Displacement("axis", 0),
+            hhr.Displacement("foot", 1),
             hhr.Displacement("middle", 1, hhr.Amplitude(slopes={"turn": -1.0})),
         ),
-        loads=(hhr.ThermalExpansion("bolt", 1.25e-5, "warmer"), hhr.ThermalExpansion("flange", 1.35e-5, "warmer")),
+        loads=(
+            hhr.ThermalExpansion("bolt", 1.25e-5, "warmer"),
+            hhr.ThermalExpansion("flange", 1.35e-5, "warmer"),
+        ),
         parameters=hhr.ParameterSpace(tuple(BOX), *zip(*BOX.values(), strict=True)),
         parameter_units={"turn": "mm", "warmer": "K"},
         outputs=(hhr.ContactForce("clamp force", 0, (0.0, 1.0), unit="N"),),
-    )  # fmt: skip
+    )
 
 
 def life(space: hhr.ParameterSpace) -> hhr.PathFamily:
-    """The nut is turned, then twice: heated, held for a year and more in ever longer steps, cooled."""
+    """The nut is turned, then twice: heated, held for a year and more in ever longer steps,
+    cooled.
+    """
     own = hhr.ParameterSpace(("turn", "hot", "years"), (0.02, 350.0, 0.5), (0.04, 430.0, 3.0))
     held = [
         hhr.Leg({}, share, 6)
-        for share in (f"{HOUR}", f"{9 * HOUR}", f"{90 * HOUR}", f"{0.1 * YEAR}", f"{YEAR} * (years - 0.1)")
+        for share in (
+            f"{HOUR}",
+            f"{9 * HOUR}",
+            f"{90 * HOUR}",
+            f"{0.1 * YEAR}",
+            f"{YEAR} * (years - 0.1)",
+        )
     ]
     cycle = [hhr.Leg({"warmer": "hot"}, 4 * HOUR, 8), *held, hhr.Leg({"warmer": 0.0}, 4 * HOUR, 8)]
     legs = (hhr.Leg({"turn": "turn"}, 60.0, 6), *cycle, *cycle)
@@ -102,7 +128,11 @@ def drawn(model: Any, family: hhr.PathFamily, file: Path) -> None:
         history = model.march(family.path((turn, 400.0, 3.0)))
         times = np.array([answer.time for answer in history.answers]) / YEAR
         lines[f"nut turned by {turn:g} mm"] = times, forces_of(history) / 1e3
-    plot_curves(lines, file, ("years, with a shutdown after three", "clamp force [kN], 400 K above the room"))
+    plot_curves(
+        lines,
+        file,
+        ("years, with a shutdown after three", "clamp force [kN], 400 K above the room"),
+    )
 
 
 def main() -> None:
@@ -114,7 +144,10 @@ def main() -> None:
     family = life(made.parameters)
     (path, *held_out) = family.paths(hhr.Sobol(2 if options.quick else 5, seed=options.seed + 1))
     training = hhr.train(
-        made, family.training(4 if options.quick else 12), held_out=held_out, progress=options.progress
+        made,
+        family.training(4 if options.quick else 12),
+        held_out=held_out,
+        progress=options.progress,
     )
     model, condensing = timed(training.condense)
     hhr.save_model(options.out / "model.npz", model)

@@ -1,15 +1,19 @@
-"""Bolted joint from a STEP file: a reduced model with a known error, a page with sliders, a unit for a control loop.
+"""Bolted joint from a STEP file: a reduced model with a known error, a page with sliders, a unit
+for a control loop.
 
-An M10 bolt of steel clamps a flange of aluminium on a base of steel. Its solids are read from a STEP file and cut along
-their axis, and gmsh meshes the section with triangles of second order (axisymmetric). Parameters: turn of the nut as a
-shortening of the bolt, lift of the flange at its rim, temperature rise, and Young's modulus of the flange.
+An M10 bolt of steel clamps a flange of aluminium on a base of steel. Its solids are read from a
+STEP file and cut along their axis, and gmsh meshes the section with triangles of second order
+(axisymmetric). Parameters: turn of the nut as a shortening of the bolt, lift of the flange at its
+rim, temperature rise, and Young's modulus of the flange.
 
-    ∫ σ(u) : ε(v) r + λ·B v = l(v),    B u <= g,  λ >= 0,  λ·(B u - g) = 0    under the head and between the plates
-    S(μ) = Σ_c S_c / E_c:  all contact conditions are kept, and Young's moduli of whole bodies are exact factors
+    ∫ σ(u) : ε(v) r + λ·B v = l(v),    B u <= g,  λ >= 0,  λ·(B u - g) = 0    under the head and
+    between the plates S(μ) = Σ_c S_c / E_c:  all contact conditions are kept, and Young's moduli of
+    whole bodies are exact factors
 
-What to see: `hhr.reduce` builds a model, compares it with fresh full solutions, and prints how it knows its error. The
-page draws the joint while sliders move; the unit (FMI 3.0) answers in any simulation tool. For a joint of your own
-change the STEP file, the names of its solids, and where its surfaces lie.
+What to see: `hhr.reduce` builds a model, compares it with fresh full solutions, and prints how it
+knows its error. The page draws the joint while sliders move; the unit (FMI 3.0) answers in any
+simulation tool. For a joint of your own change the STEP file, the names of its solids, and where
+its surfaces lie.
 
     python demos/bolted_joint.py [--out DIR] [--quick] [--seed N]
 """
@@ -26,7 +30,10 @@ from hhr_dolfinx.timing import timed
 
 STEP = Path(__file__).parent / "meshes" / "joint.step"
 SHANK, HOLE, HEAD, RIM, BASE, FLANGE, TOP = 5.0, 5.5, 9.0, 20.0, -15.0, 8.0, 14.0
-"""Radii, and heights of the lower end, of the top of the flange and of the head, in mm; the plates meet at 0."""
+"""Radii, and heights of the lower end, of the top of the flange and of the head, in mm.
+
+The plates meet at 0.
+"""
 SURFACES = {  # body, and box (r, z, r, z) of the lines of its section
     "head": ("bolt", (HOLE, FLANGE, HEAD, FLANGE)), "thread": ("bolt", (0, BASE, SHANK, BASE)),
     "axis": ("bolt", (0, BASE, 0, TOP)), "top": ("flange", (HOLE, FLANGE, RIM, FLANGE)),
@@ -38,14 +45,23 @@ BOX = {"turn": (0.005, 0.03), "lift": (0.0, 0.02), "warmer": (0.0, 80.0), "E_fla
 UNITS = {"turn": "mm", "lift": "mm", "warmer": "K", "E_flange": "MPa"}
 
 
-def named_lines(sections: dict[str, list], surfaces: dict[str, tuple[str, tuple]]) -> dict[str, list]:
-    """Name sections by gmsh, and lines of their boundaries, each in a box (r, z, r, z) of a body; the lines by name."""
+def named_lines(
+    sections: dict[str, list], surfaces: dict[str, tuple[str, tuple]]
+) -> dict[str, list]:
+    """Name sections by gmsh, and lines of their boundaries, each in a box (r, z, r, z) of a body.
+
+    The lines by name.
+    """
     for name, faces in sections.items():
         gmsh.model.addPhysicalGroup(2, [tag for _, tag in faces], name=name)
     found = {}
     for name, (body, (r, z, r_end, z_end)) in surfaces.items():
-        inside = gmsh.model.getEntitiesInBoundingBox(r - 0.01, z - 0.01, -1, r_end + 0.01, z_end + 0.01, 1, dim=1)
-        found[name] = sorted(set(gmsh.model.getBoundary(sections[body], oriented=False)) & set(inside))
+        inside = gmsh.model.getEntitiesInBoundingBox(
+            r - 0.01, z - 0.01, -1, r_end + 0.01, z_end + 0.01, 1, dim=1
+        )
+        found[name] = sorted(
+            set(gmsh.model.getBoundary(sections[body], oriented=False)) & set(inside)
+        )
         gmsh.model.addPhysicalGroup(1, [tag for _, tag in found[name]], name=name)
     return found
 
@@ -62,7 +78,9 @@ def mesh_step(step: Path, mesh: Path, fine: float) -> None:
     occ.synchronize()
     lines = named_lines(sections, SURFACES)
     for name in CONTACTS:
-        gmsh.model.mesh.setSize(gmsh.model.getBoundary(lines[name], combined=False, oriented=False), fine)
+        gmsh.model.mesh.setSize(
+            gmsh.model.getBoundary(lines[name], combined=False, oriented=False), fine
+        )
     gmsh.option.setNumber("Mesh.MeshSizeMax", 3 * fine)
     gmsh.model.mesh.generate(2)
     gmsh.model.mesh.setOrder(2)
@@ -73,22 +91,34 @@ def scene(mesh: Path) -> hhr.Scene:
     """The scene on a mesh file, in mm and MPa."""
     shortened = hhr.Amplitude(slopes={"turn": -1.0})
     return hhr.Scene(
-        name="bolted_joint", geometry=hhr.MeshFile(mesh), hypothesis="axisymmetric", units=hhr.Units("mm", "MPa"),
-        bodies=(hhr.Body("bolt", 210e3, 0.3), hhr.Body("flange", "E_flange", 0.33), hhr.Body("base", 210e3, 0.3)),
+        name="bolted_joint",
+        geometry=hhr.MeshFile(mesh),
+        hypothesis="axisymmetric",
+        units=hhr.Units("mm", "MPa"),
+        bodies=(
+            hhr.Body("bolt", 210e3, 0.3),
+            hhr.Body("flange", "E_flange", 0.33),
+            hhr.Body("base", 210e3, 0.3),
+        ),
         contacts=(hhr.Mortar("head", "top"), hhr.Mortar("foot", "seat")),
         displacements=(
-            hhr.Displacement("axis", 0), hhr.Displacement("thread", 1, shortened), hhr.Displacement("bottom", 1),
+            hhr.Displacement("axis", 0),
+            hhr.Displacement("thread", 1, shortened),
+            hhr.Displacement("bottom", 1),
             hhr.Displacement("rim", 1, hhr.Amplitude(slopes={"lift": 1.0})),
         ),
-        loads=tuple(hhr.ThermalExpansion(body, expansion, "warmer")
-                    for body, expansion in (("bolt", 1.2e-5), ("flange", 2.3e-5), ("base", 1.2e-5))),
-        parameters=hhr.ParameterSpace(tuple(BOX), *zip(*BOX.values(), strict=True)), parameter_units=UNITS,
+        loads=tuple(
+            hhr.ThermalExpansion(body, expansion, "warmer")
+            for body, expansion in (("bolt", 1.2e-5), ("flange", 2.3e-5), ("base", 1.2e-5))
+        ),
+        parameters=hhr.ParameterSpace(tuple(BOX), *zip(*BOX.values(), strict=True)),
+        parameter_units=UNITS,
         outputs=(
             hhr.ContactForce("clamp force", 0, (0.0, 1.0), unit="N"),
             hhr.ContactForce("force in the joint", 1, (0.0, 1.0), unit="N"),
             hhr.LostContact("open share of the joint", 1),
         ),
-    )  # fmt: skip
+    )
 
 
 def main() -> None:
@@ -107,24 +137,40 @@ def main() -> None:
     made = scene(out / "joint.msh")
     made.plot(out / "scene.png")
     full = hhr.FullOrderModel(made)
-    model, seconds = timed(lambda: hhr.reduce(full, error=0.01, of=["forces", "clamp force"], seed=options.seed,
-                                              progress=shares_on(console)))  # fmt: skip
+    model, seconds = timed(
+        lambda: hhr.reduce(
+            full,
+            error=0.01,
+            of=["forces", "clamp force"],
+            seed=options.seed,
+            progress=shares_on(console),
+        )
+    )
     console.print(str(model.reduction))
-    points = [{"turn": 0.02, "lift": lift, "warmer": 40.0, "E_flange": 70e3} for lift in (0.0, 0.01, 0.02)]
+    points = [
+        {"turn": 0.02, "lift": lift, "warmer": 40.0, "E_flange": 70e3} for lift in (0.0, 0.01, 0.02)
+    ]
     answers = [model.solve(point) for point in points]
     rows = []
     for point, answer in zip(points, answers, strict=True):
         outputs = answer.outputs()
         values, units = point | outputs.values, UNITS | outputs.units
-        rows.append({f"{name} [{units[name] or '-'}]": f"{value:.5g}" for name, value in values.items()})
+        rows.append(
+            {f"{name} [{units[name] or '-'}]": f"{value:.5g}" for name, value in values.items()}
+        )
     cli.print_rows("joint", rows, console)
     answers[1].plot(out / "answer.png")
     hhr.save_model(out / "model.npz", model)
     hhr.write_model_page(out / "bolted_joint.html", model, scenery_of(full))
     write_fmu(out / "bolted_joint.fmu", model)
-    found = {"scene": made.name, "seed": options.seed, "sizes": {"N": full.sizes[0], "N_lambda": full.conditions},
-             "times": {"reduce": seconds}, "reduction": model.reduction.described(),
-             **report.environment()}  # fmt: skip
+    found = {
+        "scene": made.name,
+        "seed": options.seed,
+        "sizes": {"N": full.sizes[0], "N_lambda": full.conditions},
+        "times": {"reduce": seconds},
+        "reduction": model.reduction.described(),
+        **report.environment(),
+    }
     report.write_report(found, out)
     console.print(f"model, page, unit and pictures are in {out}")
 

@@ -1,8 +1,10 @@
-"""Two moduli from a force-depth curve: a sphere pressed into a coated block, calibrated with gradients and by MCMC.
+"""Two moduli from a force-depth curve: a sphere pressed into a coated block, calibrated with
+gradients and by MCMC.
 
-The stiffness of coating and substrate are parameters. Forces measured at twelve depths (here synthetic, by the full
-order, with noise) lead back to both: by least squares with the gradients of the model, and as a posterior by a random
-walk on the model, which takes as many answers as the full order could give in hours.
+The stiffness of coating and substrate are parameters. Forces measured at twelve depths (here
+synthetic, by the full order, with noise) lead back to both: by least squares with the gradients of
+the model, and as a posterior by a random walk on the model, which takes as many answers as the full
+order could give in hours.
 
     min over E of  Σ_k (F(d_k; E) - F_k)² / s_k²,    dF/dE from the active set: S_AA λ' = -s' - S' λ
 
@@ -27,7 +29,9 @@ QUICK_MESH = {"cells": (20, 10), "layers": 4}
 
 def scene(**mesh_options: Any) -> hhr.Scene:
     """The scene in mm, MPa and N."""
-    space = hhr.ParameterSpace(("depth", "E_coating", "E_substrate"), (5e-4, *LOWER), (15e-3, *UPPER))
+    space = hhr.ParameterSpace(
+        ("depth", "E_coating", "E_substrate"), (5e-4, *LOWER), (15e-3, *UPPER)
+    )
     return hhr.Scene(
         name="calibrate",
         geometry=lambda comm: geometry.coated_block(comm, **mesh_options),
@@ -37,7 +41,9 @@ def scene(**mesh_options: Any) -> hhr.Scene:
             hhr.Body(geometry.COATING, "E_coating", 0.25),
             hhr.Body(geometry.BLOCK, "E_substrate", 0.3),
         ),
-        contacts=(hhr.NodeToNode(geometry.SPHERE_BOTTOM, geometry.COATING_TOP, normal=(0.0, -1.0)),),
+        contacts=(
+            hhr.NodeToNode(geometry.SPHERE_BOTTOM, geometry.COATING_TOP, normal=(0.0, -1.0)),
+        ),
         parameters=space,
         displacements=(
             *(hhr.Displacement(tag, 0) for tag in geometry.AXIS),
@@ -51,7 +57,9 @@ def scene(**mesh_options: Any) -> hhr.Scene:
 def forces(model: Any, moduli: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Forces at all depths, (12,), and their derivatives by the moduli, (12, 2)."""
     found = [model.outputs((depth, *moduli), gradient=True) for depth in DEPTHS]
-    return np.array([item.values["force"] for item in found]), np.array([item.gradient["force"][1:] for item in found])
+    return np.array([item.values["force"] for item in found]), np.array(
+        [item.gradient["force"][1:] for item in found]
+    )
 
 
 def fitted(model: Any, data: np.ndarray, start: np.ndarray) -> np.ndarray:
@@ -70,7 +78,8 @@ def posterior(model: Any, data: np.ndarray, start: np.ndarray, count: int, seed:
     """Samples of a random walk (Metropolis) with even priors in the box, (count, 2)."""
     random, sizes = np.random.default_rng(seed), NOISE * data
     jacobian = forces(model, start)[1] / sizes[:, None]
-    # steps as the posterior would be if the model were linear (Roberts, Gelman and Gilks 1997: 2.4 / sqrt(2))
+    # steps as the posterior would be if the model were linear (Roberts, Gelman and Gilks 1997: 2.4
+    # / sqrt(2))
     steps = 1.7 * np.linalg.cholesky(np.linalg.inv(jacobian.T @ jacobian))
 
     def misfit(moduli: np.ndarray) -> float:
@@ -103,11 +112,17 @@ def main() -> None:
     samples, seconds = timed(lambda: posterior(model, noisy, moduli, count, options.seed))
     _, by_full = timed(lambda: [full.solve((depth, *TRUE)) for depth in DEPTHS])
     report = {
-        "scene": "calibrate", "offline_s": trained + condensed, "error_without_noise": (clean / TRUE - 1).tolist(),
-        "error_with_noise": (moduli / TRUE - 1).tolist(), "posterior_mean": samples.mean(axis=0).tolist(),
-        "posterior_deviation": samples.std(axis=0).tolist(), "samples": len(samples),
-        "answers": len(samples) * DEPTHS.size, "mcmc_s": seconds, "mcmc_full_order_s": by_full * count,
-    }  # fmt: skip
+        "scene": "calibrate",
+        "offline_s": trained + condensed,
+        "error_without_noise": (clean / TRUE - 1).tolist(),
+        "error_with_noise": (moduli / TRUE - 1).tolist(),
+        "posterior_mean": samples.mean(axis=0).tolist(),
+        "posterior_deviation": samples.std(axis=0).tolist(),
+        "samples": len(samples),
+        "answers": len(samples) * DEPTHS.size,
+        "mcmc_s": seconds,
+        "mcmc_full_order_s": by_full * count,
+    }
     write_report(report, options.out)
     for name, value in report.items():
         options.console.print(f"{name}: {value}")

@@ -1,19 +1,24 @@
-"""Bolted flange from a STEP file, in ten minutes: its mesh, a scene, a reduced model, a page and a unit, by commands.
+"""Bolted flange from a STEP file, in ten minutes: its mesh, a scene, a reduced model, a page and a
+unit, by commands.
 
-A cover closes a hydraulic line with a bore of 60 mm. One of its four bolts M16 is in this quarter, in a tapped hole.
-Its solids are read from a STEP file, named in gmsh, and meshed by tetrahedra of second order. Names that begin with
-fixed, symmetry and pressure, and a flat surface inside of the bolt, are all that `hhr start` needs for a scene:
+A cover closes a hydraulic line with a bore of 60 mm. One of its four bolts M16 is in this quarter,
+in a tapped hole. Its solids are read from a STEP file, named in gmsh, and meshed by tetrahedra of
+second order. Names that begin with fixed, symmetry and pressure, and a flat surface inside of the
+bolt, are all that `hhr start` needs for a scene:
 
-    hhr start flange.msh                                               # the scene, with a preload of the bolt
-    hhr check flange.py                                                # what is held, loaded and in contact
-    hhr reduce flange.py --of forces --of displacement --of "force 1"  # the model, checked on full solutions
-    hhr page model.npz && hhr embed model.npz --out flange.fmu         # for a browser, and for a control loop
+    hhr start flange.msh                                               # the scene, with a preload
+    of the bolt hhr check flange.py                                                # what is held,
+    loaded and in contact hhr reduce flange.py --of forces --of displacement --of "force 1"  # the
+    model, checked on full solutions hhr page model.npz && hhr embed model.npz --out flange.fmu
+    # for a browser, and for a control loop
 
-    find u and λ >= 0:  K u + B^T λ = f(p),    B u <= 0,  λ·B u = 0,    u+ - u- = -δ n  at the section of the bolt
+    find u and λ >= 0:  K u + B^T λ = f(p),    B u <= 0,  λ·B u = 0,    u+ - u- = -δ n  at the
+    section of the bolt
 
-What to see: the diagram of the joint. The cover bends, so that the bolt even loses a tenth of the working load, until
-the joint opens and it carries all of it. The model is exact for this mesh: the demo prints its errors against full
-solutions that it has not seen, the balance of forces, and the difference to a finer mesh, the error that counts.
+What to see: the diagram of the joint. The cover bends, so that the bolt even loses a tenth of the
+working load, until the joint opens and it carries all of it. The model is exact for this mesh: the
+demo prints its errors against full solutions that it has not seen, the balance of forces, and the
+difference to a finer mesh, the error that counts.
 
     python demos/flange.py [--out DIR] [--quick] [--seed N]
 """
@@ -34,14 +39,21 @@ from hhr_dolfinx.timing import timed
 AREA = np.pi * BORE**2 / 4
 """Area of the cover on which the pressure acts, in mm^2, of the quarter."""
 BOLT, FACES = "force 1", "force 0"
-"""Outputs of the scene: force under the head, which is that of the bolt, and between the faces, in N."""
-BOX = 'parameters=hhr.ParameterSpace(("preload", "pressure"), lower=(0.03, 0.0), upper=(0.12, 40.0)),'
+"""Outputs of the scene: force under the head, which is that of the bolt, and between the faces, in
+N.
+"""
+BOX = (
+    'parameters=hhr.ParameterSpace(("preload", "pressure"), lower=(0.03, 0.0), upper=(0.12, 40.0)),'
+)
 """The only line of the scene that is edited: shortening of the bolt in mm, and pressure in MPa."""
 PRELOADS = 0.03, 0.06, 0.09, 0.12
 
 
 def hhr_command(folder: Path, *words: str) -> str:
-    """Run a command in a folder, as in a shell; its output. Its progress and warnings are shown as they come."""
+    """Run a command in a folder, as in a shell; its output.
+
+    Its progress and warnings are shown as they come.
+    """
     print(f"hhr {' '.join(words)}", file=sys.stderr, flush=True)
     command = [sys.executable, "-u", "-m", "hhr_dolfinx.command.main", *words]
     lines = []
@@ -97,10 +109,14 @@ def diagram(model: Any, file: Path) -> None:
 
 
 def errors(model: Any, out: Path, points: np.ndarray) -> dict[str, float]:
-    """Errors against full solutions at points, over the largest value, and of the balance of forces."""
+    """Errors against full solutions at points, over the largest value, and of the balance of
+    forces.
+    """
     full = hhr.FullOrderModel(scene_of(out))
     known, found = [full.solve(point) for point in points], [model.solve(point) for point in points]
-    exact, own = (np.array([answer.outputs()[BOLT] for answer in answers]) for answers in (known, found))
+    exact, own = (
+        np.array([answer.outputs()[BOLT] for answer in answers]) for answers in (known, found)
+    )
     faces = np.array([answer.outputs()[FACES] for answer in found])
     forces = [np.array([answer.forces() for answer in answers]) for answers in (known, found)]
     return {
@@ -149,15 +165,24 @@ def main() -> None:
         meshed(out / "finer", (0.75 * fine, 0.75 * coarse))
         scene_file(out / "finer")
         finer = hhr.FullOrderModel(scene_of(out / "finer"))
-        found["force of the bolt on a finer mesh"] = abs(middle / finer.solve(space.middle).outputs()[BOLT] - 1)
+        found["force of the bolt on a finer mesh"] = abs(
+            middle / finer.solve(space.middle).outputs()[BOLT] - 1
+        )
     rows = [{"what": name, "found": f"{value:.2g} minutes"} for name, value in minutes.items()]
     rows += [{"what": f"error: {name}", "found": f"{value:.1e}"} for name, value in found.items()]
     cli.print_rows("flange", rows, console)
     report.write_report(
-        {"scene": "flange", "seed": options.seed, "minutes": minutes, "errors": found, "bolt force, middle": middle,
-         "starts": {name: float(model.solve((name, 0.0)).outputs()[BOLT]) for name in PRELOADS},
-         **report.environment()}, out,
-    )  # fmt: skip
+        {
+            "scene": "flange",
+            "seed": options.seed,
+            "minutes": minutes,
+            "errors": found,
+            "bolt force, middle": middle,
+            "starts": {name: float(model.solve((name, 0.0)).outputs()[BOLT]) for name in PRELOADS},
+            **report.environment(),
+        },
+        out,
+    )
     console.print(f"model, page, unit, diagram and report are in {out}")
 
 

@@ -1,15 +1,19 @@
-"""Fretting: a cylinder on a block is pressed down and rubbed to and fro; what sticks, what slips, what wears.
+"""Fretting: a cylinder on a block is pressed down and rubbed to and fro.
 
-Equal materials in plane strain, node to node, with Coulomb's friction. Parameters are the approach, the shear, and the
-coefficient. The contact is condensed exactly, so that a path of increments costs no finite elements: slip is memory,
-and what an increment finds depends on the path before.
+What sticks, what slips, what wears.
 
-    λ >= 0,  |τ| <= f λ,  τ opposed to what slips in an increment,    slack = s(μ) + S (λ, τ),  S = B K^-1 B^T
-    Cattaneo, Mindlin: sticks within c = a (1 - Q / f P)^(1/2),    q = f p0 [(1 - x²/a²)^(1/2) - c/a (1 - x²/c²)^(1/2)]
-    back by Mindlin, Deresiewicz: what slips back takes twice f off,  c' = a (1 - (Q* - Q) / 2 f P)^(1/2)
+Equal materials in plane strain, node to node, with Coulomb's friction. Parameters are the approach,
+the shear, and the coefficient. The contact is condensed exactly, so that a path of increments costs
+no finite elements: slip is memory, and what an increment finds depends on the path before.
 
-What to see: tractions lie on the closed form, on the way in and on the way back; the loop closes after the first
-cycle, its area is what friction dissipates; wear is largest where slip begins, and where it sticks there is none.
+    λ >= 0,  |τ| <= f λ,  τ opposed to what slips in an increment,    slack = s(μ) + S (λ, τ),  S =
+    B K^-1 B^T Cattaneo, Mindlin: sticks within c = a (1 - Q / f P)^(1/2),    q = f p0 [(1 -
+    x²/a²)^(1/2) - c/a (1 - x²/c²)^(1/2)] back by Mindlin, Deresiewicz: what slips back takes twice
+    f off,  c' = a (1 - (Q* - Q) / 2 f P)^(1/2)
+
+What to see: tractions lie on the closed form, on the way in and on the way back; the loop closes
+after the first cycle, its area is what friction dissipates; wear is largest where slip begins, and
+where it sticks there is none.
 
     python demos/fretting.py [--out DIR] [--quick] [--seed N]
 """
@@ -23,7 +27,9 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
 
 YOUNG, POISSON, RADIUS, SIZE = 1000.0, 0.3, 1000.0, 40.0
-"""MPa and mm; radius and blocks are far larger than the contact, whose surfaces are those of half-planes."""
+"""MPa and mm; radius and blocks are far larger than the contact, whose surfaces are those of
+half-planes.
+"""
 ARCHARD = 1e-4
 """Depth of wear in mm per MPa and mm."""
 PUSH, SHEAR, FRICTION = 0.004, 0.00135, 0.3
@@ -48,7 +54,9 @@ def even_within(position: np.ndarray, part: float) -> np.ndarray:
 
 
 def scene(
-    cells: int = 240, profile: Callable[[np.ndarray], np.ndarray] = cylinder, friction: Any = "friction"
+    cells: int = 240,
+    profile: Callable[[np.ndarray], np.ndarray] = cylinder,
+    friction: Any = "friction",
 ) -> hhr.Scene:
     """Two square blocks, the upper one with a profile, with so many cells along the contact."""
 
@@ -89,7 +97,9 @@ def main() -> None:
     from parts import fretting_study
 
     found = fretting_study.study(scene(120 if options.quick else 240), options)
-    report.write_report({"scene": "fretting", "seed": options.seed, **found, **report.environment()}, options.out)
+    report.write_report(
+        {"scene": "fretting", "seed": options.seed, **found, **report.environment()}, options.out
+    )
     cli.print_rows("fretting", found["friction"]["reference"], options.console)
 
 

@@ -1,15 +1,17 @@
 """A fuel rod at power: a hot pellet grows into its cladding, over eight parameters.
 
-Linear power q heats the pellet by a parabola over its radius, above the temperature of its surface. It takes the shape
-of an hourglass and touches the cladding with its end first; the coolant presses on the cladding from outside. Young's
-modulus and Poisson's ratio of both vary, and power, pressure, the gap as built, and the expansion of the pellet.
-Axisymmetric; half a pellet, whose middle is a plane of symmetry. The rod as a whole is free to grow in length: the
-cladding swells across it only.
+Linear power q heats the pellet by a parabola over its radius, above the temperature of its surface.
+It takes the shape of an hourglass and touches the cladding with its end first; the coolant presses
+on the cladding from outside. Young's modulus and Poisson's ratio of both vary, and power, pressure,
+the gap as built, and the expansion of the pellet. Axisymmetric; half a pellet, whose middle is a
+plane of symmetry. The rod as a whole is free to grow in length: the cladding swells across it only.
 
-    ∫ C(E, ν) (ε(u) - ε_0) : ε(v) r = l(v),    ε_0 = α q (1 - r²/R²) t_0 I    heat by a parabola over the radius
+    ∫ C(E, ν) (ε(u) - ε_0) : ε(v) r = l(v),    ε_0 = α q (1 - r²/R²) t_0 I    heat by a parabola
+    over the radius
 
-What to see: stiffness and thermal forces, products of moduli and temperatures, change with every query. Interpolated
-condensation solves each body at six points for contact forces right to five digits.
+What to see: stiffness and thermal forces, products of moduli and temperatures, change with every
+query. Interpolated condensation solves each body at six points for contact forces right to five
+digits.
 
     python demos/fuel_rod.py [--out DIR] [--quick] [--seed N]
 """
@@ -23,9 +25,20 @@ from hhr_dolfinx.geometries import pellet_cladding as geometry
 QUICK_MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 2}
 RADIUS, CONDUCTIVITY, CLADDING_EXPANSION = 4.1, 3.0, 6e-6
 SURFACE, CLADDING_HEAT = "320 + 3 * q", 300.0
-"""Pellet's surface and cladding above the temperature at which both are free of stress, in K; q in kW/m."""
-BOX = {"E1": (150e3, 220e3), "nu1": (0.25, 0.35), "E2": (70e3, 100e3), "nu2": (0.3, 0.4), "q": (10.0, 40.0),
-       "P": (5.0, 16.0), "gap": (0.0, 0.03), "alpha": (9e-6, 12e-6)}  # fmt: skip
+"""Pellet's surface and cladding above the temperature at which both are free of stress, in K.
+
+q in kW/m.
+"""
+BOX = {
+    "E1": (150e3, 220e3),
+    "nu1": (0.25, 0.35),
+    "E2": (70e3, 100e3),
+    "nu2": (0.3, 0.4),
+    "q": (10.0, 40.0),
+    "P": (5.0, 16.0),
+    "gap": (0.0, 0.03),
+    "alpha": (9e-6, 12e-6),
+}
 MIDDLE = (185e3, 0.3, 85e3, 0.35)
 POINTS = (*MIDDLE, 20.0, 15.0, 0.0, 1e-5), (*MIDDLE, 35.0, 15.0, 0.01, 1.1e-5)
 
@@ -44,7 +57,9 @@ def scene(**mesh_options: Any) -> hhr.Scene:
         geometry=lambda comm: geometry.pellet_cladding(comm, radius=RADIUS, **mesh_options),
         hypothesis="axisymmetric",
         bodies=(hhr.Body(geometry.PELLET, "E1", "nu1"), hhr.Body(geometry.CLADDING, "E2", "nu2")),
-        contacts=(hhr.NodeToNode(geometry.PELLET_SIDE, geometry.CLADDING_INNER, normal=(1.0, 0.0)),),
+        contacts=(
+            hhr.NodeToNode(geometry.PELLET_SIDE, geometry.CLADDING_INNER, normal=(1.0, 0.0)),
+        ),
         parameters=hhr.ParameterSpace(tuple(BOX), *zip(*BOX.values(), strict=True)),
         displacements=(
             hhr.Displacement(geometry.PELLET_AXIS, component=0),
@@ -52,17 +67,22 @@ def scene(**mesh_options: Any) -> hhr.Scene:
         ),
         loads=(
             hhr.ThermalExpansion(geometry.PELLET, "alpha", SURFACE),
-            hhr.ThermalExpansion(geometry.PELLET, "alpha", f"1e3 * q / (4 * pi * {CONDUCTIVITY})",
-                                 field=lambda x: 1 - (x[0] / RADIUS) ** 2),
+            hhr.ThermalExpansion(
+                geometry.PELLET,
+                "alpha",
+                f"1e3 * q / (4 * pi * {CONDUCTIVITY})",
+                field=lambda x: 1 - (x[0] / RADIUS) ** 2,
+            ),
             hhr.Eigenstrain(geometry.CLADDING, CLADDING_EXPANSION * CLADDING_HEAT, across),
             hhr.Pressure(geometry.CLADDING_OUTER, "P"),
         ),
         openings=(hhr.Opening(0, hhr.Amplitude(slopes={"gap": 1.0})),),
-    )  # fmt: skip
+    )
 
 
 def free_growth(power: float, expansion: float) -> float:
-    """Radial displacement of the side of a pellet that touches nothing, its mean over the height, in mm.
+    """Radial displacement of the side of a pellet that touches nothing, its mean over the height,
+    in mm.
 
     Mean stresses of a free body vanish, so that its mean strain is that of its mean temperature.
     """

@@ -1,13 +1,17 @@
-"""Bodies that nothing but contact holds: an O-ring in its groove under a lid, and a punch on a block.
+"""Bodies that nothing but contact holds: an O-ring in its groove under a lid, and a punch on a
+block.
 
-The rigid motions of such bodies are unknowns beside the contact forces. A lid is pressed by a force on an O-ring, which
-lies in a rigid groove and moves outwards as far as the wall; a punch is pressed and tilted by forces alone.
+The rigid motions of such bodies are unknowns beside the contact forces. A lid is pressed by a force
+on an O-ring, which lies in a rigid groove and moves outwards as far as the wall; a punch is pressed
+and tilted by forces alone.
 
-    K is singular: K R = 0 for rigid motions R. With u = u_0 + R q, balance is  R^T (f - B^T λ) = 0, and
-    find λ >= 0 and q:    S λ + s - B R q >= 0,    (B R)^T λ = R^T f,    S = B K_0^-1 B^T of the pinned bodies
+    K is singular: K R = 0 for rigid motions R. With u = u_0 + R q, balance is  R^T (f - B^T λ) = 0,
+    and find λ >= 0 and q:    S λ + s - B R q >= 0,    (B R)^T λ = R^T f,    S = B K_0^-1 B^T of the
+    pinned bodies
 
-What to see: forces balance to round-off, in full and in reduced models, though no displacement is imposed on these
-bodies; reduced forces are right to a fraction of a per cent at points that were not trained on.
+What to see: forces balance to round-off, in full and in reduced models, though no displacement is
+imposed on these bodies; reduced forces are right to a fraction of a per cent at points that were
+not trained on.
 
     python demos/held_by_contact.py [--out DIR] [--quick] [--seed N]
 """
@@ -49,10 +53,16 @@ def punch(cells: int = 24) -> hhr.Scene:
         geometry=lambda comm: blocks.stacked_blocks(comm, lower=counts, upper=counts, bulge=0.02),
         hypothesis="plane_strain",
         bodies=(hhr.Body(blocks.LOWER, 1000.0, 0.3), hhr.Body(upper, 3000.0, 0.3)),
-        contacts=(hhr.NodeToNode(blocks.interface(blocks.LOWER, 2), blocks.interface(upper, 2), (0.0, 1.0)),),
+        contacts=(
+            hhr.NodeToNode(
+                blocks.interface(blocks.LOWER, 2), blocks.interface(upper, 2), (0.0, 1.0)
+            ),
+        ),
         displacements=hhr.Displacement.clamp(blocks.outer_end(blocks.LOWER, 2), 2),
         loads=(
-            hhr.Traction(blocks.outer_end(upper, 2), (0.0, -1.0), hhr.Amplitude(slopes={"force": 1.0})),
+            hhr.Traction(
+                blocks.outer_end(upper, 2), (0.0, -1.0), hhr.Amplitude(slopes={"force": 1.0})
+            ),
             hhr.Traction(side(upper, 0, False), (0.0, -1.0), hhr.Amplitude(slopes={"aside": 1.0})),
         ),
         parameters=hhr.ParameterSpace(("force", "aside"), (2.0, 0.0), (30.0, 0.5)),
@@ -67,7 +77,12 @@ def main() -> None:
     from hhr_dolfinx.plugins.studies import report
 
     options = cli.parse_on_first_rank(cli.demo_parser("held_by_contact", __doc__))
-    found: dict[str, Any] = {"scene": "held_by_contact", "seed": options.seed, "scenes": {}, **report.environment()}
+    found: dict[str, Any] = {
+        "scene": "held_by_contact",
+        "seed": options.seed,
+        "scenes": {},
+        **report.environment(),
+    }
     rows = []
     for scene in (o_ring(0.15), punch(12)) if options.quick else (o_ring(), punch()):
         found["scenes"][scene.name], row = measured(scene, options)

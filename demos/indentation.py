@@ -1,15 +1,18 @@
 """Indentation: a steel sphere pressed into a block that yields, in space, loaded and unloaded.
 
-One quarter of a sphere of radius 10 mm is pushed up to 0.03 mm into a block and drawn off again; mortar contact. Depth,
-yield stress, hardening and Young's modulus of the block are parameters. What is read off is the curve of force over
-depth, the imprint that stays, and how the surface rises beside it.
+One quarter of a sphere of radius 10 mm is pushed up to 0.03 mm into a block and drawn off again;
+mortar contact. Depth, yield stress, hardening and Young's modulus of the block are parameters. What
+is read off is the curve of force over depth, the imprint that stays, and how the surface rises
+beside it.
 
-    F(d) of loading and unloading;  min over (σ_y, H) of Σ_k (F(d_k) - F_k)² / s_k²;  Tabor: F / (π a²) ≈ 3 σ_y
+    F(d) of loading and unloading;  min over (σ_y, H) of Σ_k (F(d_k) - F_k)² / s_k²;  Tabor: F / (π
+    a²) ≈ 3 σ_y
 
-What to see: condensed flow answers a history in some hundredths of the time of the full order, which makes histories
-cheap enough to find yield stress and hardening in curves with noise, by gradients and by a random walk. Small loads are
-Hertz's (1882), the deepest are fully plastic, where the mean pressure tends to three times the yield stress (Tabor
-1951; K. L. Johnson, Contact Mechanics, 1985, section 6.3).
+What to see: condensed flow answers a history in some hundredths of the time of the full order,
+which makes histories cheap enough to find yield stress and hardening in curves with noise, by
+gradients and by a random walk. Small loads are Hertz's (1882), the deepest are fully plastic, where
+the mean pressure tends to three times the yield stress (Tabor 1951; K. L. Johnson, Contact
+Mechanics, 1985, section 6.3).
 
     python demos/indentation.py [--out DIR] [--quick] [--seed N] [--cells 10 14 19 25] [--hhr]
 
@@ -30,15 +33,21 @@ BOX = {"depth": (0.0, 0.03), "sy": (100.0, 300.0), "H": (0.0, 10e3), "E": (60e3,
 """Ranges of the parameters, in mm and MPa; the last is one only where a scene asks for it."""
 RINGS = (0.5, 0.8, 1.1)
 """Distances from the pole in mm at which the rise of the surface is read off."""
-TRAINED = hhr.ParameterSpace(("depth", "sy", "H", "E"), (0.015, 100.0, 1e3, 60e3), (0.03, 300.0, 10e3, 80e3))
+TRAINED = hhr.ParameterSpace(
+    ("depth", "sy", "H", "E"), (0.015, 100.0, 1e3, 60e3), (0.03, 300.0, 10e3, 80e3)
+)
 """What is varied from path to path: the largest depth, and constants of the block."""
 CELLS, QUICK_CELLS, DEPTH, REPETITIONS = (10, 14), (10,), 0.03, 3
 NOISE, LEAST, CURVES, TRUE = 0.01, 0.02, 16, np.array([150.0, 6e3])
-"""Readings of a curve are off by a hundredth of each, or of a fiftieth of the largest; sixteen curves are measured."""
-# the elastic operator has its factors and all columns of the contact already, and takes few more iterations than
-# tangents, which in space cost as much as ten iterations each
+"""Readings of a curve are off by a hundredth of each, or of a fiftieth of the largest.
+
+Sixteen curves are measured.
+"""
+# the elastic operator has its factors and all columns of the contact already, and takes few more
+# iterations than tangents, which in space cost as much as ten iterations each
 MARCH = hhr.MarchSettings(search="elastic")
-# forces are wished at p95 of histories; at any step of any of them they are up to half as far off again
+# forces are wished at p95 of histories; at any step of any of them they are up to half as far off
+# again
 CORRECTION = CorrectionSettings(modes=8e-3, cubature=4e-3, dual=0.1)
 
 
@@ -68,7 +77,10 @@ def scene(cells: int = 19, young: float | str = BLOCK_E) -> hhr.Scene:
         outputs=(
             hhr.ContactForce("force", 0, direction=(0.0, 0.0, -1.0), unit="N"),
             hhr.DisplacementAt("pole", (0.0, 0.0, 0.0), 2, geometry.BLOCK, unit="mm"),
-            *(hhr.DisplacementAt(f"rise at {r}", (r, 0.0, 0.0), 2, geometry.BLOCK, unit="mm") for r in RINGS),
+            *(
+                hhr.DisplacementAt(f"rise at {r}", (r, 0.0, 0.0), 2, geometry.BLOCK, unit="mm")
+                for r in RINGS
+            ),
         ),
     )
 
@@ -88,8 +100,15 @@ def path(depth: float, *constants: float, loading: int = 16, unloading: int = 8)
 
 
 def training() -> list[Path]:
-    """Sixteen paths drawn from the box of their parameters, and four of its corners, where most flows."""
-    corners = [[0.03, 100.0, 1e3, 60e3], [0.03, 100.0, 1e3, 80e3], [0.03, 100.0, 10e3, 70e3], [0.03, 300.0, 1e3, 70e3]]
+    """Sixteen paths drawn from the box of their parameters, and four of its corners, where most
+    flows.
+    """
+    corners = [
+        [0.03, 100.0, 1e3, 60e3],
+        [0.03, 100.0, 1e3, 80e3],
+        [0.03, 100.0, 10e3, 70e3],
+        [0.03, 300.0, 1e3, 70e3],
+    ]
     return [path(*values) for values in [*hhr.Sobol(16).points(TRAINED), *corners]]
 
 
@@ -99,12 +118,19 @@ def tests(count: int = 8) -> list[Path]:
 
 
 def main() -> None:
-    """Train on meshes of growing fineness, compare with the full order; on the last calibrate, and look at Tabor."""
+    """Train on meshes of growing fineness, compare with the full order.
+
+    On the last calibrate, and look at Tabor.
+    """
     from parts import cli
 
     parser = cli.demo_parser("indentation", __doc__)
-    parser.add_argument("--cells", type=int, nargs="+", help="cells of the block along a side: 10 14, quick 10")
-    parser.add_argument("--hhr", action="store_true", help="build and time the hyper-reduced model too")
+    parser.add_argument(
+        "--cells", type=int, nargs="+", help="cells of the block along a side: 10 14, quick 10"
+    )
+    parser.add_argument(
+        "--hhr", action="store_true", help="build and time the hyper-reduced model too"
+    )
     options = cli.parse_on_first_rank(parser)
     from parts.indentation_study import calibrated, measured_on, tabor, told
 

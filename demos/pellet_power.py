@@ -1,15 +1,17 @@
-"""Power history of a fuel rod: a pellet with a temperature field swells, creeps, and presses its cladding.
+"""Power history of a fuel rod: a pellet with a temperature field swells, creeps, and presses its
+cladding.
 
-Half a pellet in its cladding, axisymmetric. The temperature is a parabola over the radius, by power: hot inside, where
-the pellet creeps, cold outside, where it hardly does. It swells with burn-up, closes the gap, and presses the cladding,
-which creeps and yields under the coolant. After months at power come a ramp, a hold of hours, and a shutdown.
+Half a pellet in its cladding, axisymmetric. The temperature is a parabola over the radius, by
+power: hot inside, where the pellet creeps, cold outside, where it hardly does. It swells with
+burn-up, closes the gap, and presses the cladding, which creeps and yields under the coolant. After
+months at power come a ramp, a hold of hours, and a shutdown.
 
     T(r) = T_s + t q (1 - r²/R²),    dp/dt = (q_eq / K)^n exp(-A (1/T - 1/T0)),    pellet
     yield at σ0 + H p, dp/dt = (q_eq / K)^n below it,    cladding
     ε = ε_e + ε_p + (α (T - T_0) + s b) I,    B u <= g,  λ >= 0,  λ·(B u - g) = 0
 
-What to see: creep of cladding and pellet relaxes the contact within weeks; a ramp adds to it at once. One
-small model answers each history, whatever its powers, durations and gap.
+What to see: creep of cladding and pellet relaxes the contact within weeks; a ramp adds to it at
+once. One small model answers each history, whatever its powers, durations and gap.
 
     python demos/pellet_power.py [--out DIR] [--quick] [--seed N]
 """
@@ -38,7 +40,9 @@ BOX = {"q": (0.0, 42.0), "burnup": (0.0, 4.0), "gap": (0.0, 0.03)}
 
 
 def scene(**mesh_options: Any) -> hhr.Scene:
-    """The scene in mm, MPa, K, s and kW/m; ``mesh_options`` go to :func:`geometry.pellet_cladding`."""
+    """The scene in mm, MPa, K, s and kW/m; ``mesh_options`` go to
+    :func:`geometry.pellet_cladding`.
+    """
     fuel = hhr.Arrhenius(2500.0, 4.0, 4e4, HOT, 1600.0)
     tube = hhr.PlasticityWithCreep(350.0, 2000.0, 9e3, 4.0)
     held = (geometry.PELLET_BOTTOM, geometry.CLADDING_BOTTOM, geometry.CLADDING_TOP)
@@ -47,8 +51,13 @@ def scene(**mesh_options: Any) -> hhr.Scene:
         name="pellet_power",
         geometry=lambda comm: geometry.pellet_cladding(comm, radius=RADIUS, **mesh_options),
         hypothesis="axisymmetric",
-        bodies=(hhr.Body(geometry.PELLET, 180e3, 0.3, fuel), hhr.Body(geometry.CLADDING, 80e3, 0.35, tube)),
-        contacts=(hhr.NodeToNode(geometry.PELLET_SIDE, geometry.CLADDING_INNER, normal=(1.0, 0.0)),),
+        bodies=(
+            hhr.Body(geometry.PELLET, 180e3, 0.3, fuel),
+            hhr.Body(geometry.CLADDING, 80e3, 0.35, tube),
+        ),
+        contacts=(
+            hhr.NodeToNode(geometry.PELLET_SIDE, geometry.CLADDING_INNER, normal=(1.0, 0.0)),
+        ),
         parameters=hhr.ParameterSpace(tuple(BOX), *zip(*BOX.values(), strict=True)),
         displacements=(
             hhr.Displacement(geometry.PELLET_AXIS, component=0),
@@ -56,7 +65,9 @@ def scene(**mesh_options: Any) -> hhr.Scene:
         ),
         loads=(
             hhr.ThermalExpansion(geometry.PELLET, 1e-5, SURFACE),
-            hhr.ThermalExpansion(geometry.PELLET, 1e-5, RISE, field=lambda x: 1 - (x[0] / RADIUS) ** 2),
+            hhr.ThermalExpansion(
+                geometry.PELLET, 1e-5, RISE, field=lambda x: 1 - (x[0] / RADIUS) ** 2
+            ),
             hhr.Eigenstrain(geometry.PELLET, hhr.Amplitude(slopes={"burnup": SWELLING}), grown),
             hhr.Pressure(geometry.CLADDING_OUTER, 15.0),
         ),
@@ -67,18 +78,32 @@ def scene(**mesh_options: Any) -> hhr.Scene:
 
 
 def powers(space: hhr.ParameterSpace) -> hhr.PathFamily:
-    """Up, months at power in ever longer steps while the pellet burns, a ramp, a hold of hours, and a shutdown."""
+    """Up, months at power in ever longer steps while the pellet burns, a ramp, a hold of hours, and
+    a shutdown.
+    """
     own = hhr.ParameterSpace(
-        ("base", "top", "log_days", "log_hours", "gap"), (15.0, 28.0, 1.5, -0.5, 0.0), (25.0, 40.0, 3.0, 1.5, 0.02)
+        ("base", "top", "log_days", "log_hours", "gap"),
+        (15.0, 28.0, 1.5, -0.5, 0.0),
+        (25.0, 40.0, 3.0, 1.5, 0.02),
     )
     start = {"q": 0.0, "burnup": 0.0, "gap": "gap"}
     burn = tuple(
-        hhr.Leg({"burnup": f"{share} * 10**log_days * base * {BURNING}"}, f"{step} * 10**log_days * {DAY}", 8)
+        hhr.Leg(
+            {"burnup": f"{share} * 10**log_days * base * {BURNING}"},
+            f"{step} * 10**log_days * {DAY}",
+            8,
+        )
         for share, step in ((0.01, 0.01), (0.1, 0.09), (1.0, 0.9))
     )
     hold = tuple(hhr.Leg({}, f"{share} * 10**log_hours * {HOUR}", 5) for share in (0.02, 0.2, 0.78))
     ramp = hhr.Leg({"q": "top"}, 2 * HOUR, 10)
-    legs = (hhr.Leg({"q": "base"}, 10 * HOUR, 12), *burn, ramp, *hold, hhr.Leg({"q": 0.0}, HOUR, 10))
+    legs = (
+        hhr.Leg({"q": "base"}, 10 * HOUR, 12),
+        *burn,
+        ramp,
+        *hold,
+        hhr.Leg({"q": 0.0}, HOUR, 10),
+    )
     return hhr.PathFamily("burn, ramp, shut down", space, own, start, legs)
 
 
@@ -95,7 +120,11 @@ def drawn(model: Any, family: hhr.PathFamily, file: Path) -> None:
     for top in (28.0, 34.0, 40.0):
         found = forces_of(model.march(family.path((20.0, top, 2.6, 1.0, 0.01)))) / 1e3
         lines[f"ramp to {top:g} kW/m"] = np.arange(1, found.size + 1), found
-    plot_curves(lines, file, ("increment: power up, 400 days, ramp, 10 hours, shutdown", "force on the cladding [kN]"))
+    plot_curves(
+        lines,
+        file,
+        ("increment: power up, 400 days, ramp, 10 hours, shutdown", "force on the cladding [kN]"),
+    )
 
 
 def main() -> None:

@@ -1,14 +1,18 @@
-"""Hub pressed on a hollow shaft, in space: the shape of the hub is a parameter, and so is the speed of rotation.
+"""Hub pressed on a hollow shaft, in space: the shape of the hub is a parameter, and so is the speed
+of rotation.
 
-A quarter of both, mortar contact, N = 23,000. Parameters are the interference, the wall thickness of the hub and the
-crowning of its bore (both move the mesh), its Young's modulus, and the speed, at which the hub lifts off. Outputs are
-the torque that friction transmits, the largest von Mises stress of the hub, and the share of the surface that is open.
+A quarter of both, mortar contact, N = 23,000. Parameters are the interference, the wall thickness
+of the hub and the crowning of its bore (both move the mesh), its Young's modulus, and the speed, at
+which the hub lifts off. Outputs are the torque that friction transmits, the largest von Mises
+stress of the hub, and the share of the surface that is open.
 
-    S(μ) = B(μ) K(μ)^-1 B(μ)^T,  shape and moduli in μ: interpolated on a sparse grid of shapes, contact solved exactly
-    Lame: p = δ / (R (1/E_h ((b²+R²)/(b²-R²) + ν_h) + 1/E_s ((R²+r²)/(R²-r²) - ν_s))) for a long ring
+    S(μ) = B(μ) K(μ)^-1 B(μ)^T,  shape and moduli in μ: interpolated on a sparse grid of shapes,
+    contact solved exactly Lame: p = δ / (R (1/E_h ((b²+R²)/(b²-R²) + ν_h) + 1/E_s ((R²+r²)/(R²-r²)
+    - ν_s))) for a long ring
 
-What to see: everything that contact needs is interpolated between a few shapes, and a new shape is answered in
-milliseconds where the full order assembles, pairs and factors anew. Lame's closed form for a long ring is the measure.
+What to see: everything that contact needs is interpolated between a few shapes, and a new shape is
+answered in milliseconds where the full order assembles, pairs and factors anew. Lame's closed form
+for a long ring is the measure.
 
     python demos/press_fit.py [--out DIR] [--quick] [--seed N]
 """
@@ -51,13 +55,20 @@ def scene(**mesh_options: Any) -> hhr.Scene:
         contacts=(hhr.Mortar(geometry.HUB_BORE, geometry.SHAFT_OUTSIDE),),
         parameters=hhr.ParameterSpace(NAMES, LOWER, UPPER),
         parameter_units=UNITS,
-        displacements=tuple(hhr.Displacement(tag, axis) for axis, tags in geometry.PLANES.items() for tag in tags),
+        displacements=tuple(
+            hhr.Displacement(tag, axis) for axis, tags in geometry.PLANES.items() for tag in tags
+        ),
         loads=tuple(hhr.Centrifugal(tag, *turning) for tag in (geometry.HUB, geometry.SHAFT)),
         openings=(hhr.Opening(0, hhr.Amplitude(slopes={"interference": -1.0})),),
         shapes=(hhr.Shape(geometry.HUB, HUB_SHAPE),),
         outputs=(
             hhr.Torque(
-                "torque of a quarter", 0, friction=FRICTION, origin=(0.0, 0.0, 0.0), axis=(0.0, 0.0, 1.0), unit="N mm"
+                "torque of a quarter",
+                0,
+                friction=FRICTION,
+                origin=(0.0, 0.0, 0.0),
+                axis=(0.0, 0.0, 1.0),
+                unit="N mm",
             ),
             hhr.VonMises("largest stress", geometry.HUB, unit="MPa"),
             hhr.LostContact("lost contact", 0),
@@ -81,16 +92,28 @@ def main() -> None:
     training, tests = (hhr.Sobol(64), 20) if options.quick else (hhr.Sobol(96), 50)
     # a query of the full order takes seconds: a hundred of them would take an hour
     settings = hhr.StudySettings(
-        training, recipe=RECIPE, held_out=20, tests=tests, queries=12, naive=False, seed=options.seed
+        training,
+        recipe=RECIPE,
+        held_out=20,
+        tests=tests,
+        queries=12,
+        naive=False,
+        seed=options.seed,
     )
     built = scene(**(QUICK_MESH if options.quick else {}))
     study = hhr.study_scene(built, settings, options.out, progress=options.progress)
     if study is not None:
         point = np.array(POINTS[0])
-        answer, problem = study.training.full_order.solve(point), study.training.full_order.problem.at(point)
+        answer, problem = (
+            study.training.full_order.solve(point),
+            study.training.full_order.problem.at(point),
+        )
         middle = problem.contact_points[:, 2] < LENGTH / 4
         pressure = float(answer.forces()[middle].sum() / problem.contact_areas[middle].sum())
-        study.report["lame"] = {"pressure": pressure, "long_rings": lame_pressure(point[0], point[1], point[3])}
+        study.report["lame"] = {
+            "pressure": pressure,
+            "long_rings": lame_pressure(point[0], point[1], point[3]),
+        }
         study.write(options.out, options.console, VIEW())
 
 

@@ -1,16 +1,18 @@
 """Hub shrunk on a hollow shaft, in space: the torque that friction bears until all of it slips.
 
-The hub ends in a flange that is clamped, the shaft is turned at its other end. Parameters are the turn, the
-interference, the coefficient of friction, how much warmer the hub is, its Young's modulus, and the thickness of its
-wall, which moves the mesh. A design is loaded as it is built: shrunk, heated, then turned.
+The hub ends in a flange that is clamped, the shaft is turned at its other end. Parameters are the
+turn, the interference, the coefficient of friction, how much warmer the hub is, its Young's
+modulus, and the thickness of its wall, which moves the mesh. A design is loaded as it is built:
+shrunk, heated, then turned.
 
-    S(μ) x >= -g,  |τ| <= f λ        at each contact; S of 1,400 rows, interpolated between walls, exact in E
-    M = 2 π R² L f p                 with Lame's p of long rings, for what slips as a whole
+    S(μ) x >= -g,  |τ| <= f λ        at each contact; S of 1,400 rows, interpolated between walls,
+    exact in E M = 2 π R² L f p                 with Lame's p of long rings, for what slips as a
+    whole
 
-What to see: shrinking alone slides the fit along its axis, so that it yields from the first turn on, most where it is
-turned, and slip turns from along to around until torque grows no more. It is above what Lame's pressure says, since
-flange and shaft go on where the fit ends. The full order makes S once for a design, and solves increments as the
-condensed model does.
+What to see: shrinking alone slides the fit along its axis, so that it yields from the first turn
+on, most where it is turned, and slip turns from along to around until torque grows no more. It is
+above what Lame's pressure says, since flange and shaft go on where the fit ends. The full order
+makes S once for a design, and solves increments as the condensed model does.
 
     python demos/press_fit_torque.py [--out DIR] [--quick] [--seed N]
 """
@@ -34,16 +36,24 @@ LOWER, UPPER = (0.0, 0.01, 0.05, 0.0, 70e3, 8.0), (2e-3, 0.03, 0.3, 30.0, 210e3,
 
 
 def geometry(comm: Any, around: int = 32, along: int = 14, radial: int = 6) -> Any:
-    """Rings of hexahedra whose facets lie on each other: ``along`` cells on the length of the fit."""
+    """Rings of hexahedra whose facets lie on each other: ``along`` cells on the length of the
+    fit.
+    """
     from dolfinx import mesh as dmesh  # behind hhr_dolfinx, which finds it
 
     def warp(points: np.ndarray, _: int) -> np.ndarray:
         angle = 2 * np.pi * points[:, 1]
-        return np.column_stack([points[:, 0] * np.cos(angle), points[:, 0] * np.sin(angle), points[:, 2]])
+        return np.column_stack(
+            [points[:, 0] * np.cos(angle), points[:, 0] * np.sin(angle), points[:, 2]]
+        )
 
     cell = LENGTH / along
     flange, over = round(FLANGE / cell), round(OVERHANG / cell)
-    hub = (RADIUS, 0.0, -flange * cell), (RADIUS + WALL, 1.0, LENGTH), (radial, around, along + flange)
+    hub = (
+        (RADIUS, 0.0, -flange * cell),
+        (RADIUS + WALL, 1.0, LENGTH),
+        (radial, around, along + flange),
+    )
     shaft = (BORE, 0.0, 0.0), (RADIUS, 1.0, LENGTH + over * cell), (radial, around, along + over)
     mesh, cells, facets = two_blocks(comm, first=hub, second=shaft, warp=warp, closed=1)
     values = facets.values.copy()
@@ -86,21 +96,27 @@ def main() -> None:
     from hhr_dolfinx.plugins.studies import report
 
     parser = cli.demo_parser("press_fit_torque", __doc__)
-    parser.add_argument("--designs", type=int, default=5, help="designs that the full order answers (%(default)s)")
-    parser.add_argument("--cases", type=int, default=1000, help="designs of the study (%(default)s)")
+    parser.add_argument(
+        "--designs", type=int, default=5, help="designs that the full order answers (%(default)s)"
+    )
+    parser.add_argument(
+        "--cases", type=int, default=1000, help="designs of the study (%(default)s)"
+    )
     options = cli.parse_on_first_rank(parser)
     from parts import press_fit_torque_study
 
     mesh = {"around": 12, "along": 6, "radial": 2} if options.quick else {}
     found = press_fit_torque_study.study(scene(**mesh), options)
     report.write_report(
-        {"scene": "press_fit_torque", "seed": options.seed, **found, **report.environment()}, options.out
+        {"scene": "press_fit_torque", "seed": options.seed, **found, **report.environment()},
+        options.out,
     )
     torque, times = found["friction"]["torque"], found["times"]
     options.console.print(
-        f"torque at slip of {torque['designs']} designs: errors {torque['mean']:.1e} in the mean, {torque['max']:.1e} "
-        f"at most; an increment {times['fom_best']['median']:.2f} s, condensed {times['online']['median']:.3f} s, "
-        f"{found['ratios']['fom_best/online']:.0f} times"
+        f"torque at slip of {torque['designs']} designs: errors {torque['mean']:.1e} in the mean, "
+        f"{torque['max']:.1e} at most; an increment {times['fom_best']['median']:.2f} s, "
+        f"condensed {times['online']['median']:.3f} s, {found['ratios']['fom_best/online']:.0f} "
+        "times"
     )
 
 

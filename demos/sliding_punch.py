@@ -1,13 +1,13 @@
 """Round punch pressed on a block and drawn over it, by many times the width of its contact.
 
-Parameters are how deep the punch is pushed and how far it is drawn. Rows of contact are made anew in every increment,
-on the compliance between all dofs of both surfaces, which is made once.
+Parameters are how deep the punch is pushed and how far it is drawn. Rows of contact are made anew
+in every increment, on the compliance between all dofs of both surfaces, which is made once.
 
     S = R C R^T,    R = R(u)      rows R where the punch has come to; C of 290 dofs
     P, a, p0                      Hertz, line contact: peak and width go along with the punch
 
-What to see: the same pressure goes along with the punch, the tangential force grows until all of it slips, and stays;
-towards the end of the block the compliance grows, and the forces fall.
+What to see: the same pressure goes along with the punch, the tangential force grows until all of it
+slips, and stays; towards the end of the block the compliance grows, and the forces fall.
 
     python demos/sliding_punch.py [--out DIR] [--quick] [--seed N]
 """
@@ -52,19 +52,27 @@ def scene(friction: float | None = FRICTION, **mesh: Any) -> hhr.Scene:
         geometry=lambda comm: geometry(comm, **mesh),
         hypothesis="plane_strain",
         bodies=(hhr.Body(FIRST, BLOCK_E, POISSON), hhr.Body(SECOND, PUNCH_E, POISSON)),
-        contacts=(hhr.NodeToSurface(side(SECOND, 1, False), side(FIRST, 1, True), friction=friction),),
+        contacts=(
+            hhr.NodeToSurface(side(SECOND, 1, False), side(FIRST, 1, True), friction=friction),
+        ),
         displacements=(
             *hhr.Displacement.clamp(side(FIRST, 1, False), 2),
             *(hhr.Displacement(top, axis, amplitude) for axis, amplitude in moved.items()),
         ),
         parameters=hhr.ParameterSpace(("push", "way"), (0.0, 0.0), (0.05, WAY)),
-        outputs=(hhr.ContactForce("pressed", 0, (0.0, 1.0)), hhr.ContactForce("drawn", 0, (-1.0, 0.0))),
+        outputs=(
+            hhr.ContactForce("pressed", 0, (0.0, 1.0)),
+            hhr.ContactForce("drawn", 0, (-1.0, 0.0)),
+        ),
     )
 
 
 def path(steps: int = STEPS) -> list:
     """Pushed, then drawn."""
-    return [(0.0, (0.0, 0.0)), *((1.0 + k, (PUSH, way)) for k, way in enumerate(np.linspace(0.0, WAY, steps + 1)))]
+    return [
+        (0.0, (0.0, 0.0)),
+        *((1.0 + k, (PUSH, way)) for k, way in enumerate(np.linspace(0.0, WAY, steps + 1))),
+    ]
 
 
 def main() -> None:
@@ -78,13 +86,16 @@ def main() -> None:
 
     cells = 60 if options.quick else 120
     found = sliding_punch_study.study(scene(cells=cells), cells, options)
-    report.write_report({"scene": "sliding_punch", "seed": options.seed, **found, **report.environment()}, options.out)
+    report.write_report(
+        {"scene": "sliding_punch", "seed": options.seed, **found, **report.environment()},
+        options.out,
+    )
     cli.print_rows("a punch drawn over a block", found["friction"]["reference"], options.console)
     times = found["friction"]["times"]
     options.console.print(
-        f"drawn by {found['friction']['widths']:.1f} widths of its contact; an increment: condensed "
-        f"{1e3 * times['condensed']:.1f} ms, full order {1e3 * times['full order']:.1f} ms, forces differ by "
-        f"{found['friction']['errors']['forces']:.1e}"
+        f"drawn by {found['friction']['widths']:.1f} widths of its contact; an increment: "
+        f"condensed {1e3 * times['condensed']:.1f} ms, full order {1e3 * times['full order']:.1f} "
+        f"ms, forces differ by {found['friction']['errors']['forces']:.1e}"
     )
 
 

@@ -1,18 +1,22 @@
-"""A scene of your own, from a mesh file to a certified model: a clamped leaf spring between a roller and a stop.
+"""A scene of your own, from a mesh file to a certified model: a clamped leaf spring between a
+roller and a stop.
 
-The roller is moved down by `travel`, and bends the spring onto the stop, which lies `lowered` below its drawn place.
-Bodies and surfaces have the names that they have in the mesh. Copy this file, name your own mesh, bodies and pairs:
+The roller is moved down by `travel`, and bends the spring onto the stop, which lies `lowered` below
+its drawn place. Bodies and surfaces have the names that they have in the mesh. Copy this file, name
+your own mesh, bodies and pairs:
 
-    hhr check demos/your_scene.py     # what is in the mesh, what faces what, with a picture; nothing is solved
-    hhr study demos/your_scene.py     # train, validate, save, report, in out/leaf_spring
-    hhr answer out/leaf_spring/study.npz questions.csv --out answers.csv
+    hhr check demos/your_scene.py     # what is in the mesh, what faces what, with a picture;
+    nothing is solved hhr study demos/your_scene.py     # train, validate, save, report, in
+    out/leaf_spring hhr answer out/leaf_spring/study.npz questions.csv --out answers.csv
 
-    find u and λ >= 0:  K u + B^T λ = f(μ),    B u <= g(μ),    λ·(B u - g) = 0    with μ = (travel, lowered)
+    find u and λ >= 0:  K u + B^T λ = f(μ),    B u <= g(μ),    λ·(B u - g) = 0    with μ = (travel,
+    lowered)
 
-What to see: contact comes in two steps, first at the roller and then at the stop. The model answers in tens of
-microseconds, and each answer has its error, up to round-off. That is the error of the reduction, without that of the
-mesh: linear triangles are too stiff in a thin spring, and the force on the roller is 8 % above that of
-displacements of second order. `hhr study` measures what the mesh does, and says what to do.
+What to see: contact comes in two steps, first at the roller and then at the stop. The model answers
+in tens of microseconds, and each answer has its error, up to round-off. That is the error of the
+reduction, without that of the mesh: linear triangles are too stiff in a thin spring, and the force
+on the roller is 8 % above that of displacements of second order. `hhr study` measures what the mesh
+does, and says what to do.
 
     python demos/your_scene.py [--out DIR] [--quick] [--seed N]
 """

@@ -1,4 +1,7 @@
-"""The site: pages of this folder, one for each demo, and the reference from docstrings; `make docs` builds it."""
+"""The site: pages of this folder, one for each demo, and the reference from docstrings.
+
+`make docs` builds it.
+"""
 
 import ast
 import os
@@ -19,7 +22,13 @@ import hhr_dolfinx  # noqa: E402
 project = "hhr_dolfinx"
 author = "The hhr_dolfinx authors"
 release = hhr_dolfinx.__version__
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode", "sphinx_copybutton"]
+extensions = [
+    "myst_nb",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.viewcode",
+    "sphinx_copybutton",
+]
 exclude_patterns = ["README.md"]
 
 html_theme = "furo"
@@ -45,18 +54,33 @@ suppress_warnings = ["ref.python", "misc.highlighting_failure"]
 
 
 def write_demo_pages(folder: Path) -> None:
-    """One page for each demo: what it says of itself, its pictures, the tests that hold it to figures, its source."""
+    """One page for each demo: what it says of itself, its pictures, the tests that hold it to
+    figures, its source.
+    """
     folder.mkdir(exist_ok=True)
-    tests = {str(path.relative_to(ROOT)): path.read_text() for path in sorted((ROOT / "tests").rglob("test_*.py"))}
+    tests = {
+        str(path.relative_to(ROOT)): path.read_text()
+        for path in sorted((ROOT / "tests").rglob("test_*.py"))
+    }
     names = []
-    thesis = [path for path in sorted((ROOT / "benchmarks/thesis").glob("*.py")) if "def main" in path.read_text()]
+    thesis = [
+        path
+        for path in sorted((ROOT / "benchmarks/thesis").glob("*.py"))
+        if "def main" in path.read_text()
+    ]
     for path in (*sorted((ROOT / "demos").glob("*.py")), *thesis):
         title, _, rest = ast.get_docstring(ast.parse(path.read_text())).partition("\n")
-        held = [name for name, text in tests.items() if f"import {path.stem}" in text or f"{path.stem}.py" in text]
+        held = [
+            name
+            for name, text in tests.items()
+            if f"import {path.stem}" in text or f"{path.stem}.py" in text
+        ]
         picture = ROOT / "docs" / "pictures" / f"{path.stem}.png"
         lines = [f"# {title.rstrip('.').replace('_', ' ')}", "", myst(rest), ""]
         lines += [f"![{title}](../pictures/{picture.name})", ""] if picture.exists() else []
-        lines += [f"Held to figures by {', '.join(f'`{name}`' for name in held)}.", ""] if held else []
+        lines += (
+            [f"Held to figures by {', '.join(f'`{name}`' for name in held)}.", ""] if held else []
+        )
         lines += [
             "## Source",
             "",
@@ -70,8 +94,8 @@ def write_demo_pages(folder: Path) -> None:
         names.append(path.stem)
     toctree = ["```{toctree}", ":maxdepth: 1", "", *names, "```", ""]
     said = (
-        "Each is a file of `demos/`, or of `benchmarks/thesis/` for the cases of the thesis, with its equations; "
-        "`make` runs most of them by name ([studies](../studies.md))."
+        "Each is a file of `demos/`, or of `benchmarks/thesis/` for the cases of the thesis, with "
+        "its equations; `make` runs most of them by name ([studies](../studies.md))."
     )
     write_if_new(folder / "index.md", "\n".join(["# Demos", "", said, "", *toctree]))
 
@@ -95,7 +119,9 @@ def write_if_new(path: Path, text: str) -> None:
         path.write_text(text)
 
 
-def escape_bars(_app: object, _what: str, _name: str, _obj: object, _options: object, lines: list[str]) -> None:
+def escape_bars(
+    _app: object, _what: str, _name: str, _obj: object, _options: object, lines: list[str]
+) -> None:
     """Norms such as |v|_K are no substitutions of reStructuredText."""
     lines[:] = [line.replace("|", "\\|") for line in lines]
 

@@ -1,8 +1,8 @@
 """Trace forms on a contact surface.
 
-The contact matrix B of thesis (1.27) is nodal, without weights: a row is ∫ λ n·v over the tributary area of its
-multiplier. This area also converts a nodal force to a pressure. It is read from the first component of a vector test
-function.
+The contact matrix B of thesis (1.27) is nodal, without weights: a row is ∫ λ n·v over the tributary
+area of its multiplier. This area also converts a nodal force to a pressure. It is read from the
+first component of a vector test function.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ def tributary_area(v: Expr, hypothesis: str, ds: ufl.Measure) -> ufl.Form:
 
 
 def coupling(v: Expr, multiplier: Expr, hypothesis: str, ds: ufl.Measure) -> ufl.Form:
-    """Slave side of the contact coupling, b(v, λ) = ∫ λ n·v w ds with the outer normal n of the surface."""
+    """Slave side of the contact coupling, b(v, λ) = ∫ λ n·v w ds with the outer normal n of the
+    surface.
+    """
     weight = volume_weight(ds.ufl_domain(), hypothesis)
     return weight * multiplier * ufl.dot(ufl.FacetNormal(ds.ufl_domain()), v) * ds

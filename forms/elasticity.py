@@ -1,6 +1,7 @@
 """Small-strain isotropic elasticity in 2D and 3D from one source, thesis (1.1), (1.6), (1.9).
 
-Every hypothesis uses the full 3x3 strain, so that all have the same form ``a(u, v) = ∫ σ(u) : ε(v) w dx``:
+Every hypothesis uses the full 3x3 strain, so that all have the same form ``a(u, v) = ∫ σ(u) : ε(v)
+w dx``:
 
 * ``plane_strain``: ε_zz = 0, weight w = 1 (per unit depth);
 * ``plane_stress``: ε_zz = -ν/(1-ν) (ε_xx + ε_yy), which makes σ_zz = 0, weight 1;
@@ -48,7 +49,9 @@ def strain_vector(u: Expr, hypothesis: str) -> Expr:
 def kelvin(e: Expr, hypothesis: str) -> Expr:
     """A symmetric 3x3 tensor in Kelvin's notation: 4 components, or 6 in space."""
     plane = [e[0, 0], e[1, 1], e[2, 2], 2**0.5 * e[0, 1]]
-    return ufl.as_vector([*plane, 2**0.5 * e[0, 2], 2**0.5 * e[1, 2]] if hypothesis == "solid" else plane)
+    return ufl.as_vector(
+        [*plane, 2**0.5 * e[0, 2], 2**0.5 * e[1, 2]] if hypothesis == "solid" else plane
+    )
 
 
 def of_kelvin(vector: Expr) -> Expr:
@@ -66,7 +69,8 @@ def lame_of(young: float | Expr, poisson: float | Expr) -> tuple[Expr, Expr]:
 def stress(u: Expr, young: float | Expr, poisson: float | Expr, hypothesis: str) -> Expr:
     """Stress σ(u) = λ tr(ε) I + 2μ ε, thesis (1.6), a 3x3 tensor in the unit of E.
 
-    Moduli may be constants of a form: their values are not compiled in, so that new values need no compilation.
+    Moduli may be constants of a form: their values are not compiled in, so that new values need no
+    compilation.
     """
     if isinstance(young, Expr) or isinstance(poisson, Expr):
         lam, mu = lame_of(young, poisson)
@@ -91,11 +95,19 @@ def stiffness(
 ) -> ufl.Form:
     """Bilinear form a(u, v) = ∫ σ(u) : ε(v) w dx of thesis (1.9) on the measure ``dx``."""
     weight = volume_weight(dx.ufl_domain(), hypothesis)
-    return weight * ufl.inner(stress(u, young, poisson, hypothesis), strain(v, hypothesis, poisson)) * dx
+    return (
+        weight
+        * ufl.inner(stress(u, young, poisson, hypothesis), strain(v, hypothesis, poisson))
+        * dx
+    )
 
 
-def stiffness_of_law(u: Expr, v: Expr, stress_of: Callable[[Expr], Expr], hypothesis: str, dx: ufl.Measure) -> ufl.Form:
-    """Bilinear form as :func:`stiffness` with a linear stress of the strain, both 3x3, of :func:`law_in`."""
+def stiffness_of_law(
+    u: Expr, v: Expr, stress_of: Callable[[Expr], Expr], hypothesis: str, dx: ufl.Measure
+) -> ufl.Form:
+    """Bilinear form as :func:`stiffness` with a linear stress of the strain, both 3x3, of
+    :func:`law_in`.
+    """
     weight = volume_weight(dx.ufl_domain(), hypothesis)
     return weight * ufl.inner(stress_of(strain(u, hypothesis)), strain(v, hypothesis)) * dx
 
@@ -103,14 +115,26 @@ def stiffness_of_law(u: Expr, v: Expr, stress_of: Callable[[Expr], Expr], hypoth
 def law_in(stress_of: Callable[[Expr], Expr], hypothesis: str) -> Callable[[Expr], Expr]:
     """A user-defined linear stress, a function of the strain, under a hypothesis.
 
-    In plane stress the strains across the plane, ε_zz, ε_xz and ε_yz, are those that make σ_zz, σ_xz and σ_yz zero.
+    In plane stress the strains across the plane, ε_zz, ε_xz and ε_yz, are those that make σ_zz,
+    σ_xz and σ_yz zero.
     """
-    return without_stress(stress_of, ((2, 2), *SHEARS_ACROSS)) if hypothesis == "plane_stress" else stress_of
+    return (
+        without_stress(stress_of, ((2, 2), *SHEARS_ACROSS))
+        if hypothesis == "plane_stress"
+        else stress_of
+    )
 
 
-def without_stress(stress_of: Callable[[Expr], Expr], free: Sequence[tuple[int, int]]) -> Callable[[Expr], Expr]:
-    """A linear stress whose ``free`` components are zero: the strains of the same names are what makes them so."""
-    units = [ufl.as_tensor([[float({i, j} == {*pair}) for j in range(3)] for i in range(3)]) for pair in free]
+def without_stress(
+    stress_of: Callable[[Expr], Expr], free: Sequence[tuple[int, int]]
+) -> Callable[[Expr], Expr]:
+    """A linear stress whose ``free`` components are zero: the strains of the same names are what
+    makes them so.
+    """
+    units = [
+        ufl.as_tensor([[float({i, j} == {*pair}) for j in range(3)] for i in range(3)])
+        for pair in free
+    ]
     stresses = [stress_of(unit) for unit in units]
     stiffness = ufl.as_matrix([[stress[pair] for stress in stresses] for pair in free])
 
@@ -123,9 +147,11 @@ def without_stress(stress_of: Callable[[Expr], Expr], free: Sequence[tuple[int, 
 
 
 def isotropic_parts(strain_of_u: Expr, hypothesis: str) -> tuple[Expr, Expr]:
-    """The two parts of the stress, (tr ε) I and 2 ε, whose weights are the moduli of :func:`unit_moduli`.
+    """The two parts of the stress, (tr ε) I and 2 ε, whose weights are the moduli of
+    :func:`unit_moduli`.
 
-    σ = λ' (tr ε) I + μ' 2 ε, 3x3. In plane stress ε_zz is eliminated: the tensors are those of the plane.
+    σ = λ' (tr ε) I + μ' 2 ε, 3x3. In plane stress ε_zz is eliminated: the tensors are those of the
+    plane.
     """
     e = in_plane(strain_of_u, hypothesis)
     identity = in_plane(ufl.Identity(3), hypothesis)
@@ -136,11 +162,15 @@ def in_plane(tensor: Expr, hypothesis: str) -> Expr:
     """The in-plane components of a 3x3 tensor in plane stress; otherwise the tensor itself."""
     if hypothesis != "plane_stress":
         return tensor
-    return ufl.as_tensor([[tensor[0, 0], tensor[0, 1], 0], [tensor[1, 0], tensor[1, 1], 0], [0, 0, 0]])
+    return ufl.as_tensor(
+        [[tensor[0, 0], tensor[0, 1], 0], [tensor[1, 0], tensor[1, 1], 0], [0, 0, 0]]
+    )
 
 
 def unit_moduli(poisson: str, hypothesis: str) -> tuple[str, str]:
-    """Weights λ' and μ' of :func:`isotropic_parts` for E = 1, as formulas, from a formula of Poisson's ratio."""
+    """Weights λ' and μ' of :func:`isotropic_parts` for E = 1, as formulas, from a formula of
+    Poisson's ratio.
+    """
     nu = f"({poisson})"
     if hypothesis == "plane_stress":
         return f"{nu} / (1 - {nu}**2)", f"0.5 / (1 + {nu})"

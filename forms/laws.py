@@ -1,12 +1,14 @@
 """Laws of materials in UFL: what a step does at one point, thesis section 6.2 and beyond.
 
-Symmetric tensors are vectors in Kelvin's notation, (xx, yy, zz, √2 xy[, √2 xz, √2 yz]), so that products of tensors are
-products of vectors; zz is θθ in axisymmetry. A law gets an :class:`At`, symbols at the end of a step, and returns a
-:class:`Stated`. It may have unknowns y, the roots of a residual; without any it is a closed form. Steps are implicit
-Euler's unless a law says otherwise. Tangents follow from stress and residual by differentiation.
+Symmetric tensors are vectors in Kelvin's notation, (xx, yy, zz, √2 xy[, √2 xz, √2 yz]), so that
+products of tensors are products of vectors; zz is θθ in axisymmetry. A law gets an :class:`At`,
+symbols at the end of a step, and returns a :class:`Stated`. It may have unknowns y, the roots of a
+residual; without any it is a closed form. Steps are implicit Euler's unless a law says otherwise.
+Tangents follow from stress and residual by differentiation.
 
-Names: ε strain, εp inelastic strain ε - C^-1 σ with the elasticity C of the body, p its cumulated amount, s deviator of
-the stress, q = √(3/2) |s|, and Δp the increment of p. λ, μ are Lamé's constants, K = λ + 2/3 μ.
+Names: ε strain, εp inelastic strain ε - C^-1 σ with the elasticity C of the body, p its cumulated
+amount, s deviator of the stress, q = √(3/2) |s|, and Δp the increment of p. λ, μ are Lamé's
+constants, K = λ + 2/3 μ.
 """
 
 from __future__ import annotations
@@ -29,7 +31,8 @@ class At(NamedTuple):
 
     strain: Expr  # at the end of the step: Kelvin's notation, or F, (3, 3), at large strains
     unknown: SimpleNamespace  # unknowns of the law by name
-    old: SimpleNamespace  # before the step: inelastic = ε - C^-1 σ, cumulated, and the memory of the law by name
+    # before the step: inelastic = ε - C^-1 σ, cumulated, and the memory of the law by name
+    old: SimpleNamespace
     dt: Expr  # duration of the step in seconds
     constants: SimpleNamespace  # constants by name; young and poisson are those of the body
 
@@ -37,14 +40,20 @@ class At(NamedTuple):
 class Stated(NamedTuple):
     """A law at a point; ``residual`` has as many components as there are unknowns."""
 
-    stress: Expr  # at the end of the step; the first Piola-Kirchhoff stress, (3, 3), at large strains
-    # after the step: cumulated, which stays without one, and the memory of the law; ε - C^-1 σ follows from the stress
+    stress: (
+        Expr  # at the end of the step; the first Piola-Kirchhoff stress, (3, 3), at large strains
+    )
+    # after the step: cumulated, which stays without one, and the memory of the law; ε - C^-1 σ
+    # follows from the stress
     memory: Mapping[str, Expr] = _NOTHING
     residual: Sequence[Expr] = ()  # zero at the unknowns
-    trial: Expr | None = None  # positive where unknowns must be solved for; None if that is everywhere
+    trial: Expr | None = (
+        None  # positive where unknowns must be solved for; None if that is everywhere
+    )
     start: Mapping[str, Expr] = _NOTHING  # first iterate of unknowns; 0 without one
     rest: Mapping[str, Expr] = _NOTHING  # unknowns where ``trial`` is not positive; 0 without one
-    # negative where the law does not hold: the step is refused; it counts where unknowns were solved for
+    # negative where the law does not hold: the step is refused; it counts where unknowns were
+    # solved for
     limit: Expr | None = None
     reason: str = ""  # what is wrong there, for the message
 
@@ -81,7 +90,9 @@ def hooke(strain: Expr, constants: SimpleNamespace) -> Expr:
 
 
 def ramps(x: Expr, points: Sequence[tuple[float, float]]) -> Expr:
-    """Table, linear between its points and beyond the last one, constant before the first: a sum of ramps."""
+    """Table, linear between its points and beyond the last one, constant before the first: a sum of
+    ramps.
+    """
     (first, found), *rest = points
     before = 0.0
     value: Expr | float = found
@@ -106,7 +117,9 @@ class _Radial(NamedTuple):
 def _radial(at: At, plastic: Expr | None = None) -> _Radial:
     lam, mu = lame(at.constants)
     turned = 2 * mu * deviator(at.strain - (at.old.inelastic if plastic is None else plastic))
-    return _Radial(turned, equivalent(turned), (lam + 2 * mu / 3) * trace(at.strain) * unit(at.strain), 3 * mu)
+    return _Radial(
+        turned, equivalent(turned), (lam + 2 * mu / 3) * trace(at.strain) * unit(at.strain), 3 * mu
+    )
 
 
 def _flowed(at: At, amount: Expr) -> dict[str, Expr]:
@@ -132,24 +145,34 @@ def plasticity(at: At) -> Stated:
 def hardening(at: At, strength: Callable[[Expr], Expr]) -> Stated:
     """Isotropic hardening: q = R(p) while p grows, with R = ``strength``; one unknown, Δp.
 
-    R may have an infinite slope at p = 0, as Ludwik's σ0 + K p^n with n < 1, see :func:`_first_amount`.
+    R may have an infinite slope at p = 0, as Ludwik's σ0 + K p^n with n < 1, see
+    :func:`_first_amount`.
     """
     trial = _radial(at)
     amount = at.unknown.amount
     held = at.old.cumulated
     stress = trial.mean + (1 - trial.stiff * amount / trial.size) * trial.deviator
     over = trial.size - strength(held)
-    grown = held + ufl.conditional(ufl.gt(amount, 0), amount, 0)  # iterates below 0 find their way back
+    grown = held + ufl.conditional(
+        ufl.gt(amount, 0), amount, 0
+    )  # iterates below 0 find their way back
     left = trial.size - trial.stiff * amount - strength(grown)
-    return Stated(stress, {"cumulated": grown}, [left], over, {"amount": _first_amount(at, trial, over, strength)})
+    return Stated(
+        stress,
+        {"cumulated": grown},
+        [left],
+        over,
+        {"amount": _first_amount(at, trial, over, strength)},
+    )
 
 
 def _first_amount(at: At, trial: _Radial, over: Expr, strength: Callable[[Expr], Expr]) -> Expr:
     """First iterate of Δp in q_tr - 3 μ Δp = R(p + Δp), not above the root if R is concave.
 
-    There Newton's method rises to the root, however steep R is. It lies below z = q_over / 3 μ, the flow without
-    hardening. Up to z, R rises by r, and with the exponent n = z R'(p + z) / r at its end a concave R rises at x z by
-    r x^n at most. So x = 1/2, or (q_over / 2 r)^(1/n) if that is less, leaves a residual that is not negative.
+    There Newton's method rises to the root, however steep R is. It lies below z = q_over / 3 μ, the
+    flow without hardening. Up to z, R rises by r, and with the exponent n = z R'(p + z) / r at its
+    end a concave R rises at x z by r x^n at most. So x = 1/2, or (q_over / 2 r)^(1/n) if that is
+    less, leaves a residual that is not negative.
     """
     held = at.old.cumulated
     most = ufl.max_value(over, 0) / trial.stiff
@@ -165,7 +188,9 @@ def _first_amount(at: At, trial: _Radial, over: Expr, strength: Callable[[Expr],
 def voce(at: At) -> Stated:
     """Voce's hardening: R = σ0 + H p + Q (1 - exp(-b p))."""
     c = at.constants
-    return hardening(at, lambda p: c.yield_stress + c.hardening * p + c.saturation * (1 - ufl.exp(-c.rate * p)))
+    return hardening(
+        at, lambda p: c.yield_stress + c.hardening * p + c.saturation * (1 - ufl.exp(-c.rate * p))
+    )
 
 
 def tabulated(at: At, points: Sequence[tuple[float, float]]) -> Stated:
@@ -174,10 +199,13 @@ def tabulated(at: At, points: Sequence[tuple[float, float]]) -> Stated:
 
 
 def chaboche(at: At, backs: int) -> Stated:
-    """Nonlinear kinematic hardening by n back stresses X = 2/3 Σ C_k α_k, and Voce's R; Δα = Δεp - γ α Δp.
+    """Nonlinear kinematic hardening by n back stresses X = 2/3 Σ C_k α_k, and Voce's R.
 
-    With n = 1 Armstrong and Frederick's law. Implicit Euler's α = (α_old + Δp n) / (1 + γ Δp) leaves one unknown, Δp:
-    the direction n is that of s_tr - 2/3 Σ C_k α_k,old / (1 + γ_k Δp), Chaboche 1986, doi 10.1016/0749-6419(86)90010-0.
+    Δα = Δεp - γ α Δp.
+
+    With n = 1 Armstrong and Frederick's law. Implicit Euler's α = (α_old + Δp n) / (1 + γ Δp)
+    leaves one unknown, Δp: the direction n is that of s_tr - 2/3 Σ C_k α_k,old / (1 + γ_k Δp),
+    Chaboche 1986, doi 10.1016/0749-6419(86)90010-0.
     """
     c = at.constants
     trial = _radial(at)
@@ -198,19 +226,23 @@ def chaboche(at: At, backs: int) -> Stated:
 
     size = equivalent(relative(fade))
     along = 1.5 / size * relative(fade)
-    resistance = trial.stiff + sum(share * modulus for share, modulus in zip(fade, stiff, strict=True))
+    resistance = trial.stiff + sum(
+        share * modulus for share, modulus in zip(fade, stiff, strict=True)
+    )
     backs_after = [share * (back + amount * along) for share, back in zip(fade, old, strict=True)]
     memory = _flowed(at, amount) | dict(zip(names, backs_after, strict=True))
     over = equivalent(relative([1.0] * backs)) - strength(at.old.cumulated)
     left = size - resistance * amount - strength(at.old.cumulated + amount)
-    return Stated(trial.mean + trial.deviator - 2 / 3 * trial.stiff * amount * along, memory, [left], over)
+    return Stated(
+        trial.mean + trial.deviator - 2 / 3 * trial.stiff * amount * along, memory, [left], over
+    )
 
 
 def creep(at: At, flow: Callable[[Expr], Expr], highest: Callable[[Expr], Expr]) -> Stated:
     """Flow without threshold: Δp = ``flow``(q), which increases; one unknown, the q that remains.
 
-    q + 3 μ Δp(q) = q_tr is convex and increasing, so that iterates from above fall to the root. They start at the
-    smaller of q_tr and ``highest``(q_tr / 3 μ), the q whose flow is that amount.
+    q + 3 μ Δp(q) = q_tr is convex and increasing, so that iterates from above fall to the root.
+    They start at the smaller of q_tr and ``highest``(q_tr / 3 μ), the q whose flow is that amount.
     """
     trial = _radial(at)
     left = at.unknown.stress
@@ -239,15 +271,19 @@ def norton(at: At) -> Stated:
 def arrhenius(at: At) -> Stated:
     """Norton's creep with the rate at a temperature T in K: times exp(-Q/R (1/T - 1/T0))."""
     c = at.constants
-    return norton(at._replace(dt=at.dt * ufl.exp(-c.activation * (1 / c.temperature - 1 / c.reference))))
+    return norton(
+        at._replace(dt=at.dt * ufl.exp(-c.activation * (1 / c.temperature - 1 / c.reference)))
+    )
 
 
 def primary_creep(at: At) -> Stated:
-    """Primary creep p = (q / K)^n t^m at constant stress, by strain hardening: exact in time at constant q.
+    """Primary creep p = (q / K)^n t^m at constant stress, by strain hardening: exact in time at
+    constant q.
 
-    p^(1/m) grows at the rate (q / K)^(n/m), Bailey 1935 and Norton. Such powers leave the range of numbers at small q
-    and p, with n/m of 25 at q = 1e-13 K. So p after the step is their m-norm, from the flow a = (q / K)^n dt^m of the
-    step alone: (a^(1/m) + p_old^(1/m))^m, as the larger one times a power of their ratio.
+    p^(1/m) grows at the rate (q / K)^(n/m), Bailey 1935 and Norton. Such powers leave the range of
+    numbers at small q and p, with n/m of 25 at q = 1e-13 K. So p after the step is their m-norm,
+    from the flow a = (q / K)^n dt^m of the step alone: (a^(1/m) + p_old^(1/m))^m, as the larger one
+    times a power of their ratio.
     """
     c = at.constants
     held = at.old.cumulated
@@ -258,7 +294,9 @@ def primary_creep(at: At) -> Stated:
         most = ufl.conditional(ufl.gt(alone, held), alone, held)
         ratio = (ufl.conditional(ufl.gt(alone, held), held, alone) / most) ** (1 / m)
         # (1 + x)^m - 1, of which differences of numbers near 1 leave nothing at small x
-        grown = ufl.conditional(ufl.lt(ratio, 1e-6), m * ratio * (1 - (1 - m) / 2 * ratio), (1 + ratio) ** m - 1)
+        grown = ufl.conditional(
+            ufl.lt(ratio, 1e-6), m * ratio * (1 - (1 - m) / 2 * ratio), (1 + ratio) ** m - 1
+        )
         flowed = ufl.conditional(ufl.gt(alone, held), alone - held + most * grown, most * grown)
         return ufl.conditional(ufl.gt(alone, 0), flowed, 0)
 
@@ -271,10 +309,12 @@ def primary_creep(at: At) -> Stated:
 
 
 def plasticity_with_creep(at: At) -> Stated:
-    """Norton's creep below a yield stress σ0 + H p_p that only plastic flow p_p moves; one unknown, the q that remains.
+    """Norton's creep below a yield stress σ0 + H p_p that only plastic flow p_p moves.
 
-    Two conditions give an upper end of q, each increasing: creep alone, and yield with the flow that it leaves. Their
-    larger value is zero at the smaller q.
+    One unknown, the q that remains.
+
+    Two conditions give an upper end of q, each increasing: creep alone, and yield with the flow
+    that it leaves. Their larger value is zero at the smaller q.
     """
     c = at.constants
     trial = _radial(at)
@@ -297,10 +337,12 @@ def plasticity_with_creep(at: At) -> Stated:
 
 
 def drucker_prager(at: At) -> Stated:
-    """Pressure-dependent yield √(s:s/2) + η σ_m = k + H p in closed form, on the cone or at its tip.
+    """Pressure-dependent yield √(s:s/2) + η σ_m = k + H p in closed form, on the cone or at its
+    tip.
 
-    Plastic strain goes along s/(2√(s:s/2)) + ψ/3 1, with the dilatancy ψ; ψ = η is associated. The return to the cone
-    holds while it leaves a deviator, and otherwise ends in the tip; de Souza Neto et al. 2008, section 8.3.
+    Plastic strain goes along s/(2√(s:s/2)) + ψ/3 1, with the dilatancy ψ; ψ = η is associated. The
+    return to the cone holds while it leaves a deviator, and otherwise ends in the tip; de Souza
+    Neto et al. 2008, section 8.3.
     """
     c = at.constants
     lam, mu = lame(c)
@@ -327,8 +369,10 @@ def drucker_prager(at: At) -> Stated:
 def hill(at: At, frame: Sequence[Sequence[float]]) -> Stated:
     """Hill's orthotropic yield in a frame, q_H = σ0 + H p, associated.
 
-    q_H^2 = F (σ22 - σ33)^2 + G (σ33 - σ11)^2 + H12 (σ11 - σ22)^2 + 2 L σ23^2 + 2 M σ13^2 + 2 N σ12^2 = σ:P:σ, Hill
-    1948. The one unknown is ζ = Δp / q_H: s = (1 + 2 μ ζ P)^-1 s_tr, and (σ0 + H p) / q_H + H ζ = 1, which is linear in
+    q_H^2 = F (σ22 - σ33)^2 + G (σ33 - σ11)^2 + H12 (σ11 - σ22)^2 + 2 L σ23^2 + 2 M σ13^2 + 2 N
+    σ12^2 = σ:P:σ, Hill
+    1948. The one unknown is ζ = Δp / q_H: s = (1 + 2 μ ζ P)^-1 s_tr, and (σ0 + H p) / q_H + H ζ =
+          1, which is linear in
     ζ for von Mises' constants.
     """
     c = at.constants
@@ -337,7 +381,9 @@ def hill(at: At, frame: Sequence[Sequence[float]]) -> Stated:
     trial = _radial(at)
     turn = rotation(frame, len(at.strain))
     first = turn * trial.deviator
-    block = ufl.as_matrix([[c.g + c.h, -c.h, -c.g], [-c.h, c.f + c.h, -c.f], [-c.g, -c.f, c.f + c.g]])
+    block = ufl.as_matrix(
+        [[c.g + c.h, -c.h, -c.g], [-c.h, c.f + c.h, -c.f], [-c.g, -c.f, c.f + c.g]]
+    )
     shears = [c.n, c.m, c.l][: len(at.strain) - 3]
 
     def pulled(tensor: Expr) -> Expr:
@@ -345,21 +391,32 @@ def hill(at: At, frame: Sequence[Sequence[float]]) -> Stated:
         normal = block * ufl.as_vector([tensor[i] for i in range(3)])
         return ufl.as_vector([*normal, *(shear * tensor[3 + k] for k, shear in enumerate(shears))])
 
-    normal = ufl.inv(ufl.Identity(3) + 2 * mu * ratio * block) * ufl.as_vector([first[i] for i in range(3)])
+    normal = ufl.inv(ufl.Identity(3) + 2 * mu * ratio * block) * ufl.as_vector(
+        [first[i] for i in range(3)]
+    )
     turned = [first[3 + k] / (1 + 2 * mu * ratio * shear) for k, shear in enumerate(shears)]
     own = ufl.as_vector([*normal, *turned])
     size = ufl.sqrt(ufl.dot(own, pulled(own)))
     strength = c.yield_stress + c.hardening * at.old.cumulated
     over = ufl.sqrt(ufl.dot(first, pulled(first))) - strength
     stress = ufl.transpose(turn) * own
-    return Stated(trial.mean + stress, _flowed(at, ratio * size), [strength / size + c.hardening * ratio - 1], over)
+    return Stated(
+        trial.mean + stress,
+        _flowed(at, ratio * size),
+        [strength / size + c.hardening * ratio - 1],
+        over,
+    )
 
 
 def rotation(frame: Sequence[Sequence[float]], size: int) -> Expr:
-    """Matrix that turns tensors in Kelvin's notation into a frame, whose rows are its unit vectors in the mesh."""
+    """Matrix that turns tensors in Kelvin's notation into a frame, whose rows are its unit vectors
+    in the mesh.
+    """
     pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)][:size]
     if size == 4 and max(abs(frame[2][0]), abs(frame[2][1])) > 1e-9:
-        raise SceneError(f"the frame {frame} turns the axis across the plane: its third vector must be (0, 0, 1)")
+        raise SceneError(
+            f"the frame {frame} turns the axis across the plane: its third vector must be (0, 0, 1)"
+        )
 
     def entry(one: tuple[int, int], other: tuple[int, int]) -> float:
         i, j = one
@@ -371,7 +428,9 @@ def rotation(frame: Sequence[Sequence[float]], size: int) -> Expr:
 
 
 def orthotropic(at: At, frame: Sequence[Sequence[float]]) -> Stated:
-    """Orthotropic elasticity in a frame, by moduli E_i, G_ij and ratios ν_ij, contractions along j by a pull in i."""
+    """Orthotropic elasticity in a frame, by moduli E_i, G_ij and ratios ν_ij, contractions along j
+    by a pull in i.
+    """
     c = at.constants
     down = [
         [1 / c.young_1, -c.poisson_12 / c.young_1, -c.poisson_13 / c.young_1],
@@ -382,18 +441,22 @@ def orthotropic(at: At, frame: Sequence[Sequence[float]]) -> Stated:
     shears = [2 * c.shear_12, 2 * c.shear_13, 2 * c.shear_23]
     size = len(at.strain)
     stiff = [
-        [block[i, j] if max(i, j) < 3 else (shears[i - 3] if i == j else 0) for j in range(size)] for i in range(size)
+        [block[i, j] if max(i, j) < 3 else (shears[i - 3] if i == j else 0) for j in range(size)]
+        for i in range(size)
     ]
     turn = rotation(frame, size)
     return Stated(ufl.transpose(turn) * (ufl.as_matrix(stiff) * (turn * at.strain)))
 
 
 def lemaitre(at: At) -> Stated:
-    """Plasticity with Lemaitre's damage D, up to softening: σ = (1 - D) C (ε - εp); one unknown, Δp.
+    """Plasticity with Lemaitre's damage D, up to softening: σ = (1 - D) C (ε - εp).
 
-    Of the effective stress, q = R(r) = σ0 + H r with Δr = (1 - D) Δp, and ΔD = (Y / S)^s Δp with the energy release
-    Y = q^2 / (2 E) (2/3 (1 + ν) + 3 (1 - 2 ν) (σ_m / q)^2); Lemaitre 1985, doi 10.1115/1.3225775. Where the stress
-    would fall with p the law is refused: its answer would depend on the mesh.
+    One unknown, Δp.
+
+    Of the effective stress, q = R(r) = σ0 + H r with Δr = (1 - D) Δp, and ΔD = (Y / S)^s Δp with
+    the energy release Y = q^2 / (2 E) (2/3 (1 + ν) + 3 (1 - 2 ν) (σ_m / q)^2); Lemaitre 1985, doi
+    10.1115/1.3225775. Where the stress would fall with p the law is refused: its answer would
+    depend on the mesh.
     """
     c = at.constants
     trial = _radial(at, at.old.plastic)
@@ -412,15 +475,24 @@ def lemaitre(at: At) -> Stated:
     plastic = at.old.plastic + 1.5 * amount / trial.size * trial.deviator
     memory = _flowed(at, amount) | {"plastic": plastic, "damage": damage, "hardened": hardened}
     whole = trial.mean + (1 - trial.stiff * amount / trial.size) * trial.deviator
-    # besides, roots of the equation that are none of the law: flow backwards or beyond the trial stress, D over 1
+    # besides, roots of the equation that are none of the law: flow backwards or beyond the trial
+    # stress, D over 1
     rising = (1 - damage) ** 2 * c.hardening - size * pace(size)
     for least in (size, amount * c.young, (1 - damage) * c.young):
         rising = ufl.min_value(rising, least)
-    return Stated((1 - damage) * whole, memory, [left], over, limit=rising, reason="its stress falls as strain grows")
+    return Stated(
+        (1 - damage) * whole,
+        memory,
+        [left],
+        over,
+        limit=rising,
+        reason="its stress falls as strain grows",
+    )
 
 
 def heated(at: At, law: Callable[[At], Stated], names: Sequence[str], kept: str) -> Stated:
-    """Another law of the strain without α (T - T0) 1, whose last value is kept, as ε - C^-1 σ contains it.
+    """Another law of the strain without α (T - T0) 1, whose last value is kept, as ε - C^-1 σ
+    contains it.
 
     ``names`` are those of the constants α, T and T0, ``kept`` that of the memory.
     """
@@ -432,8 +504,11 @@ def heated(at: At, law: Callable[[At], Stated], names: Sequence[str], kept: str)
     return found._replace(memory={**found.memory, kept: grown})
 
 
-def changing_stiffness(at: At, law: Callable[[At], Stated], names: Sequence[str], kept: str) -> Stated:
-    """Another law with a Young's modulus of its own, whose strain without stress, ε - C^-1 σ by its C, is kept.
+def changing_stiffness(
+    at: At, law: Callable[[At], Stated], names: Sequence[str], kept: str
+) -> Stated:
+    """Another law with a Young's modulus of its own, whose strain without stress, ε - C^-1 σ by its
+    C, is kept.
 
     ``names`` is that of the modulus, ``kept`` that of the memory.
     """
@@ -441,7 +516,9 @@ def changing_stiffness(at: At, law: Callable[[At], Stated], names: Sequence[str]
     old = SimpleNamespace(**{**vars(at.old), "inelastic": getattr(at.old, kept)})
     found = law(at._replace(constants=constants, old=old))
     poisson = constants.poisson
-    strained = ((1 + poisson) * found.stress - poisson * trace(found.stress) * unit(at.strain)) / constants.young
+    strained = (
+        (1 + poisson) * found.stress - poisson * trace(found.stress) * unit(at.strain)
+    ) / constants.young
     return found._replace(memory={**found.memory, kept: at.strain - strained})
 
 
@@ -455,18 +532,28 @@ def _either(holds: Expr, one: Expr, other: Expr) -> Expr:
 def thin(at: At, law: Callable[[At], Stated]) -> Stated:
     """Another law in plane stress: the strain across is one more unknown, for which σ_zz = 0.
 
-    Its inelastic part is kept, as the strain that is given, and so ε - C^-1 σ, has no component across. Where nothing
-    flows, the law has its unknowns at rest, and no limit.
+    Its inelastic part is kept, as the strain that is given, and so ε - C^-1 σ, has no component
+    across. Where nothing flows, the law has its unknowns at rest, and no limit.
     """
     across = at.unknown.across
     old = SimpleNamespace(**vars(at.old))
     inside = at.old.inelastic
     old.inelastic = ufl.as_vector([inside[0], inside[1], at.old.across, inside[3]])
     poisson = at.constants.poisson
-    elastic = at.old.across - poisson / (1 - poisson) * (at.strain[0] + at.strain[1] - inside[0] - inside[1])
-    strains = [ufl.as_vector([at.strain[0], at.strain[1], third, at.strain[3]]) for third in (across, elastic)]
+    elastic = at.old.across - poisson / (1 - poisson) * (
+        at.strain[0] + at.strain[1] - inside[0] - inside[1]
+    )
+    strains = [
+        ufl.as_vector([at.strain[0], at.strain[1], third, at.strain[3]])
+        for third in (across, elastic)
+    ]
     found, first = (law(at._replace(strain=strain, old=old)) for strain in strains)
-    stress, memory, residual, limit = found.stress, dict(found.memory), list(found.residual), found.limit
+    stress, memory, residual, limit = (
+        found.stress,
+        dict(found.memory),
+        list(found.residual),
+        found.limit,
+    )
     if found.trial is not None:
         flows = ufl.gt(found.trial, 0)
         unknown = {name: value for name, value in vars(at.unknown).items() if name != "across"}
@@ -475,7 +562,10 @@ def thin(at: At, law: Callable[[At], Stated]) -> Stated:
         stress = _either(flows, stress, rest.stress)
         memory = {name: _either(flows, value, rest.memory[name]) for name, value in memory.items()}
         # no other equation: the value at rest may be a root, whose slope at 0 is no number
-        residual = [_either(flows, left, value) for left, value in zip(residual, unknown.values(), strict=True)]
+        residual = [
+            _either(flows, left, value)
+            for left, value in zip(residual, unknown.values(), strict=True)
+        ]
         limit = None if limit is None else ufl.conditional(flows, limit, 1)
     kept = across + poisson / at.constants.young * (stress[0] + stress[1])
     return found._replace(
@@ -510,7 +600,10 @@ def neo_hooke(at: At) -> Stated:
 
 
 def mooney_rivlin(at: At) -> Stated:
-    """C1 (I1 - 3) + C2 (I2 - 3) of the strain without change of volume, and K/2 (J - 1)^2; 2 (C1 + C2) = μ at rest."""
+    """C1 (I1 - 3) + C2 (I2 - 3) of the strain without change of volume, and K/2 (J - 1)^2.
+
+    2 (C1 + C2) = μ at rest.
+    """
     c = at.constants
     lam, mu = lame(c)
 
@@ -534,8 +627,8 @@ def standard(
 ) -> Stated:
     """A generalised standard material: free energy ψ(ε, α), and f(A) <= 0 of A = -∂ψ/∂α.
 
-    The unknowns are α after the step, with ``cumulated`` as the multiplier: Δα = Δp ∂f/∂A, or Δp times what
-    ``flow``(A, α) gives for some names. Halphen and Nguyen 1975.
+    The unknowns are α after the step, with ``cumulated`` as the multiplier: Δα = Δp ∂f/∂A, or Δp
+    times what ``flow``(A, α) gives for some names. Halphen and Nguyen 1975.
     """
     names = list(vars(at.unknown))
     alpha = {name: ufl.variable(getattr(at.unknown, name)) for name in names}
@@ -557,4 +650,11 @@ def standard(
         left.append(surface if name == "cumulated" else gradient)
     before = {name: getattr(at.old, name) for name in names}
     memory = {name: value for name, value in alpha.items() if name != "inelastic"}
-    return Stated(ufl.diff(energy(strain, alpha), strain), memory, left, yields(acting(old), old), before, before)
+    return Stated(
+        ufl.diff(energy(strain, alpha), strain),
+        memory,
+        left,
+        yields(acting(old), old),
+        before,
+        before,
+    )

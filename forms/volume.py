@@ -18,23 +18,30 @@ def body_force(v: Expr, direction: Sequence[float], hypothesis: str, dx: ufl.Mea
     return volume_weight(dx.ufl_domain(), hypothesis) * ufl.inner(ufl.as_vector(direction), v) * dx
 
 
-def centrifugal(v: Expr, point: Sequence[float], axis: Sequence[float], hypothesis: str, dx: ufl.Measure) -> ufl.Form:
+def centrifugal(
+    v: Expr, point: Sequence[float], axis: Sequence[float], hypothesis: str, dx: ufl.Measure
+) -> ufl.Form:
     """Volume load ∫ d·v w dx, where d is the vector to x from the axis through a point.
 
     Args:
         v: test function.
         point: a point of the axis, (dim,).
-        axis: unit vector of the axis, (dim,): (0, 0) in the plane, for the axis normal to it; (0, 1) in axisymmetry.
+        axis: unit vector of the axis, (dim,): (0, 0) in the plane, for the axis normal to it; (0,
+            1) in axisymmetry.
         hypothesis: see :mod:`hhr_dolfinx.forms.elasticity`.
         dx: measure.
     """
     mesh = dx.ufl_domain()
     away = ufl.SpatialCoordinate(mesh) - ufl.as_vector(point)
     along = ufl.as_vector(axis)
-    return volume_weight(mesh, hypothesis) * ufl.inner(away - ufl.inner(away, along) * along, v) * dx
+    return (
+        volume_weight(mesh, hypothesis) * ufl.inner(away - ufl.inner(away, along) * along, v) * dx
+    )
 
 
-def eigenstrain(strain: Sequence[Sequence[float]], field: Callable[[Any], Any] | None, mesh: ufl.Mesh) -> Expr:
+def eigenstrain(
+    strain: Sequence[Sequence[float]], field: Callable[[Any], Any] | None, mesh: ufl.Mesh
+) -> Expr:
     """A constant 3x3 strain times a function of the coordinates, None for 1.
 
     Raises:
@@ -49,7 +56,10 @@ def eigenstrain(strain: Sequence[Sequence[float]], field: Callable[[Any], Any] |
     except ValueError:
         value = None
     if value is None or value.ufl_shape != () or value.ufl_free_indices:
-        raise SceneError(f"the field {field!r} of an eigenstrain must map UFL coordinates to a UFL scalar or a number")
+        raise SceneError(
+            f"the field {field!r} of an eigenstrain must map UFL coordinates to a UFL scalar or a "
+            "number"
+        )
     return value * tensor
 
 

@@ -1,4 +1,6 @@
-"""Lines and blocks of an Abaqus or CalculiX deck, and the nodes, elements, sets and surfaces that they define."""
+"""Lines and blocks of an Abaqus or CalculiX deck, and the nodes, elements, sets and surfaces that
+they define.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +18,25 @@ _LINES = ("T2D", "T3D", "B2", "B3", "R2D2", "RAX2", "SAX1", "SAX2")
 _PLANE = ("CPE", "CPS", "CAX", "S", "M3D", "R3D")
 _NOT_PLANE = ("SPRING", "SC6", "SC8")
 _SOLID = ("C3D", "SC8", "F3D")
-"""First letters of types of elements. Line elements, and plane ones in space, stand for facets, as gmsh writes them."""
+"""First letters of types of elements.
+
+Line elements, and plane ones in space, stand for facets, as gmsh writes them.
+"""
 _COUNTED = re.compile(r"(?:AC|DC|GK|COH|[CFMRT])[23]D(\d+)|(?:C?GAX|C?CAX|CPE|CPS|SC?)(\d+)")
 """Types whose name has the number of nodes, such as C3D8R."""
-_COUNTS = {2: {3: "triangle", 6: "triangle", 4: "quadrilateral", 8: "quadrilateral", 9: "quadrilateral"},
-           3: {4: "tetrahedron", 10: "tetrahedron", 8: "hexahedron", 20: "hexahedron", 27: "hexahedron", 5: "pyramid",
-               6: "prism", 15: "prism"}}  # fmt: skip
+_COUNTS = {
+    2: {3: "triangle", 6: "triangle", 4: "quadrilateral", 8: "quadrilateral", 9: "quadrilateral"},
+    3: {
+        4: "tetrahedron",
+        10: "tetrahedron",
+        8: "hexahedron",
+        20: "hexahedron",
+        27: "hexahedron",
+        5: "pyramid",
+        6: "prism",
+        15: "prism",
+    },
+}
 """Kinds of cells by dimension and number of nodes."""
 
 
@@ -30,7 +45,9 @@ LOADED = ("BOUNDARY", "CLOAD", "DLOAD")
 COUPLED = ("EQUATION", "MPC", "RIGID BODY", "DISTRIBUTING COUPLING")
 """Constraints that may give nodes by numbers or elements."""
 STRIDE = 10**10
-"""Numbers of nodes and elements of instance k = 1, 2, ... are those of its part plus k times this."""
+"""Numbers of nodes and elements of instance k = 1, 2, ... are those of its part plus k times
+this.
+"""
 
 
 @dataclass
@@ -65,7 +82,10 @@ class Deck:
     unsorted: set[str] = field(default_factory=set)
 
     def members(self, name: str) -> list[int]:
-        """Nodes of a set, each once, by number or in the order in which they are given; empty without the set."""
+        """Nodes of a set, each once, by number or in the order in which they are given.
+
+        Empty without the set.
+        """
         found = dict.fromkeys(self.node_sets.get(name, ()))
         return list(found) if name in self.unsorted else sorted(found)
 
@@ -81,7 +101,9 @@ class Deck:
 
 
 def _lines(path: Path, above: tuple[Path, ...] = ()) -> Iterator[tuple[int, str]]:
-    """Lines without blanks and comments, with their numbers. Included files are inserted, keyword lines are joined.
+    """Lines without blanks and comments, with their numbers.
+
+    Included files are inserted, keyword lines are joined.
 
     FileContentError for an included file that does not exist, or includes itself.
     """
@@ -99,8 +121,14 @@ def _lines(path: Path, above: tuple[Path, ...] = ()) -> Iterator[tuple[int, str]
             # of *NODE, *ELEMENT and others the file holds the data
             other = path.parent / found[1].strip().strip('"').replace("\\", "/")
             if not other.is_file() or other in (path, *above):
-                why = "includes itself" if other.is_file() else "does not exist: put it there, or name its path"
-                raise FileContentError(f"{path.name}:{number} {line.partition(',')[0]}: the file {other} {why}")
+                why = (
+                    "includes itself"
+                    if other.is_file()
+                    else "does not exist: put it there, or name its path"
+                )
+                raise FileContentError(
+                    f"{path.name}:{number} {line.partition(',')[0]}: the file {other} {why}"
+                )
             yield from _lines(other, (path, *above))
 
 
@@ -111,7 +139,9 @@ def _words(line: str) -> list[str]:
 
 
 def blocks(path: Path) -> Iterator[tuple[int, str, dict[str, str], list[list[str]]]]:
-    """First line number, keyword, options and data lines of each block, with included files inserted."""
+    """First line number, keyword, options and data lines of each block, with included files
+    inserted.
+    """
     options: dict[str, str] = {}
     rows: list[list[str]] = []
     keyword = ""
@@ -122,7 +152,8 @@ def blocks(path: Path) -> Iterator[tuple[int, str, dict[str, str], list[list[str
         words = _words(line)
         if not line.startswith("*"):
             if more and rows and keyword == "ELEMENT" and len(rows[-1]) - 1 < nodes:
-                # a line that ends in a comma continues in the next one, unless the element has all its nodes
+                # a line that ends in a comma continues in the next one, unless the element has all
+                # its nodes
                 rows[-1] = [*rows[-1], *(word for word in words if word)]
             else:
                 rows.append([word for word in words if word] if keyword == "ELEMENT" else words)
@@ -148,7 +179,9 @@ def take(deck: Deck, keyword: str, options: dict[str, str], rows: list[list[str]
         system = options.get("SYSTEM", "R").upper()
         deck.nodes |= {int(row[0]): _place(row[1:4], system) for row in rows}
         if "NSET" in options:
-            deck.node_sets.setdefault(deck.named("nset", options["NSET"]), []).extend(int(row[0]) for row in rows)
+            deck.node_sets.setdefault(deck.named("nset", options["NSET"]), []).extend(
+                int(row[0]) for row in rows
+            )
     elif keyword == "ELEMENT":
         _elements(deck, options, rows)
     elif keyword in ("NSET", "ELSET"):
@@ -164,13 +197,17 @@ def take(deck: Deck, keyword: str, options: dict[str, str], rows: list[list[str]
     elif keyword == "SURFACE":
         _surface(deck, options, rows)
     elif keyword == "SYSTEM" and rows:
-        raise ValueError("nodes in a system of *SYSTEM are not read: write them in the global one, with *NODE, SYSTEM=")
+        raise ValueError(
+            "nodes in a system of *SYSTEM are not read: write them in the global one, with *NODE, "
+            "SYSTEM="
+        )
 
 
 def _place(words: list[str], system: str) -> list[float]:
     """Three coordinates of a node; missing ones are zero, and angles are in degrees.
 
-    Systems are R, rectangular, C, with the radius, the angle and z, and S, with two angles: from x, and from the plane.
+    Systems are R, rectangular, C, with the radius, the angle and z, and S, with two angles: from x,
+    and from the plane.
     """
     first, second, third = (number_of(word) for word in (*words, "", "", "")[:3])
     if system == "R":
@@ -204,11 +241,15 @@ def _surface(deck: Deck, options: dict[str, str], rows: list[list[str]]) -> None
     elif "COMBINE" in options:
         deck.unions[name] = [word.upper() for row in rows for word in row if word]
     else:
-        deck.faces.setdefault(name, []).extend((row[0], row[1].upper() if len(row) > 1 else "") for row in rows)
+        deck.faces.setdefault(name, []).extend(
+            (row[0], row[1].upper() if len(row) > 1 else "") for row in rows
+        )
 
 
 def _elements(deck: Deck, options: dict[str, str], rows: list[list[str]]) -> None:
-    """Add a block of elements; elements that are not cells, lines or facets keep only types and sets."""
+    """Add a block of elements; elements that are not cells, lines or facets keep only types and
+    sets.
+    """
     name = options["TYPE"].upper()
     kinds: dict[int, str] = {}
     if name.startswith(_LINES):
@@ -230,10 +271,15 @@ def _elements(deck: Deck, options: dict[str, str], rows: list[list[str]]) -> Non
         if not kinds:
             continue
         if len(nodes) not in kinds or len(nodes) != (count or len(nodes)):
-            raise ValueError(f"element {number} of type {name} has {len(nodes)} nodes, which is not understood")
+            raise ValueError(
+                f"element {number} of type {name} has {len(nodes)} nodes, which is not understood"
+            )
         kind = kinds[len(nodes)]
         # the second of three nodes on a line is the middle one
-        deck.elements[number] = kind, nodes[:: len(nodes) - 1] if kind == "line" else nodes[: CORNERS.get(kind)]
+        deck.elements[number] = (
+            kind,
+            nodes[:: len(nodes) - 1] if kind == "line" else nodes[: CORNERS.get(kind)],
+        )
         deck.whole[number] = nodes
     if "ELSET" in options:
         members = deck.element_sets.setdefault(deck.named("elset", options["ELSET"]), [])
@@ -249,7 +295,8 @@ def _members(sets: dict[str, list[int]], rows: list[list[str]], ranges: bool) ->
             first, last, step = (*(int(word) for word in words), 1)[:3]
             if step < 1 or last < first:
                 raise ValueError(
-                    f"no numbers go from {first} to {last} in steps of {step}: write the smaller one first"
+                    f"no numbers go from {first} to {last} in steps of {step}: write the smaller "
+                    "one first"
                 )
             found.extend(range(first, last + 1, step))
             continue
@@ -264,41 +311,64 @@ def _members(sets: dict[str, list[int]], rows: list[list[str]], ranges: bool) ->
 
 
 def name_loaded(deck: Deck, block: str, rows: list[list[str]]) -> None:
-    """Name the nodes and faces that supports and loads give by numbers, so that a scene can have the same ones."""
+    """Name the nodes and faces that supports and loads give by numbers, so that a scene can have
+    the same ones.
+    """
     for first, *row in rows:
         if block.startswith("DLOAD:") and re.fullmatch(r"[Pp]\d", row[0] if row else ""):
             name = deck.named("surface", name_of_loaded(block, row))
             deck.faces.setdefault(name, []).append((first, f"S{row[0][1]}"))
         elif not block.startswith("DLOAD:") and first.isdigit():
-            deck.node_sets.setdefault(deck.named("nset", name_of_loaded(block, row)), []).append(int(first))
+            deck.node_sets.setdefault(deck.named("nset", name_of_loaded(block, row)), []).append(
+                int(first)
+            )
 
 
 def name_coupled(deck: Deck, block: str, options: dict[str, str], rows: list[list[str]]) -> None:
-    """Name the nodes of constraints: each one of an equation, and all nodes of another constraint by its block.
+    """Name the nodes of constraints: each one of an equation, and all nodes of another constraint
+    by its block.
 
-    Of a set in an equation its first node is named too, and the others, ``EQUATION:45 TOP first`` and ``... others``.
+    Of a set in an equation its first node is named too, and the others, ``EQUATION:45 TOP first``
+    and ``... others``.
     """
     if block.startswith("EQUATION:"):
-        for word in {word for row in rows if len([*filter(None, row)]) > 1 for word in row[::3] if word}:
+        for word in {
+            word for row in rows if len([*filter(None, row)]) > 1 for word in row[::3] if word
+        }:
             if word.isdigit():
                 named = {deck.label(int(word)): [int(word)]}
             else:
                 members = deck.members(word.upper())
-                named = {f"{word} first": members[:1], f"{word} others": members[1:]} if len(members) > 1 else {}
+                named = (
+                    {f"{word} first": members[:1], f"{word} others": members[1:]}
+                    if len(members) > 1
+                    else {}
+                )
             for end, numbers in named.items():
                 deck.node_sets[deck.named("nset", name_of_loaded(block, [end]))] = numbers
     elif block.startswith("RIGID BODY:"):
         elements = deck.element_sets.get(options.get("ELSET", "").upper(), [])
-        deck.node_sets[deck.named("nset", block)] = sorted({n for one in elements for n in deck.whole.get(one, ())})
+        deck.node_sets[deck.named("nset", block)] = sorted(
+            {n for one in elements for n in deck.whole.get(one, ())}
+        )
     else:
         # a word of *DISTRIBUTING COUPLING is followed by its weight
-        words = [word for row in rows for word in (row[:1] if block.startswith("DIST") else row) if word]
-        parts = [deck.node_sets.get(word.upper(), [int(word)] if word.isdigit() else []) for word in words]
+        words = [
+            word for row in rows for word in (row[:1] if block.startswith("DIST") else row) if word
+        ]
+        parts = [
+            deck.node_sets.get(word.upper(), [int(word)] if word.isdigit() else [])
+            for word in words
+        ]
         # the last node of a mean rotation is its pilot
         pilot = set(parts[-1]) if words and words[0].upper() == "MEANROT" else set()
-        deck.node_sets[deck.named("nset", block)] = sorted({n for one in parts for n in one} - pilot)
+        deck.node_sets[deck.named("nset", block)] = sorted(
+            {n for one in parts for n in one} - pilot
+        )
 
 
 def name_of_loaded(block: str, load: Sequence[str]) -> str:
-    """Name of the nodes or faces in a block, ``CLOAD:45``, under a load, the words after the number."""
+    """Name of the nodes or faces in a block, ``CLOAD:45``, under a load, the words after the
+    number.
+    """
     return " ".join([block, *filter(None, load)])

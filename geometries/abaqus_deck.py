@@ -1,7 +1,7 @@
 """Mesh of an Abaqus or CalculiX deck (``.inp``): cells of one kind, with its sets and surfaces.
 
-meshio reads such decks too, but without surfaces, parts and plane-strain and axisymmetric elements; of several blocks
-of elements with the same set it keeps the last one.
+meshio reads such decks too, but without surfaces, parts and plane-strain and axisymmetric elements;
+of several blocks of elements with the same set it keeps the last one.
 """
 
 from __future__ import annotations
@@ -66,29 +66,47 @@ def _mesh_of(deck: Deck, path: Path) -> RawMesh:
         rows_of.setdefault((of, len(deck.whole[number])), []).append(deck.whole[number])
     kind, left_out = one_kind(((of, np.array(rows)) for (of, _), rows in rows_of.items()), path)
     cells = {number: nodes for number, (own, nodes) in solid.items() if own == kind}
-    lost = next((number for number in cells if not deck.nodes.keys() >= set(deck.whole[number])), None)
+    lost = next(
+        (number for number in cells if not deck.nodes.keys() >= set(deck.whole[number])), None
+    )
     if lost is not None:
-        raise FileContentError(f"{path}: element {deck.label(lost)} has a node that is not in the deck")
+        raise FileContentError(
+            f"{path}: element {deck.label(lost)} has a node that is not in the deck"
+        )
     node_of = {number: k for k, number in enumerate(deck.nodes)}
     row_of = {number: k for k, number in enumerate(cells)}
     array = np.array([[node_of[n] for n in nodes] for nodes in cells.values()], dtype=np.int64)
-    bodies = {deck.spelling["elset", name]: np.array([row_of[n] for n in numbers if n in row_of], dtype=np.int64)
-              for name, numbers in deck.element_sets.items()}  # fmt: skip
+    bodies = {
+        deck.spelling["elset", name]: np.array(
+            [row_of[n] for n in numbers if n in row_of], dtype=np.int64
+        )
+        for name, numbers in deck.element_sets.items()
+    }
     counts = {len(deck.whole[number]) for number in cells}
     whole = [
-        np.array([[node_of[n] for n in deck.whole[k]] for k in cells if len(deck.whole[k]) == count])
+        np.array(
+            [[node_of[n] for n in deck.whole[k]] for k in cells if len(deck.whole[k]) == count]
+        )
         for count in counts
     ]
     sides = sides_of(kind, whole, path)
     facets = _facets(deck, kind, array, node_of)
     surfaces, reasons = _surfaces(deck, kind, array, row_of, facets)
-    nodes = {deck.spelling["nset", name]: np.array([node_of[n] for n in numbers if n in node_of], dtype=np.int64)
-             for name, numbers in deck.node_sets.items()}  # fmt: skip
+    nodes = {
+        deck.spelling["nset", name]: np.array(
+            [node_of[n] for n in numbers if n in node_of], dtype=np.int64
+        )
+        for name, numbers in deck.node_sets.items()
+    }
     others = _others(deck, {number: own for number, (own, _) in solid.items() if own != kind}, kind)
     bodies = {name: rows for name, rows in bodies.items() if rows.size and name not in others}
     bodies = bodies or {"all": np.arange(len(array))}
-    left_out |= deck.left_out | _idle_elements(deck, cells.keys() | facets.keys()) | reasons | others
-    return RawMesh(np.array(list(deck.nodes.values())), kind, array, bodies, surfaces, nodes, sides, left_out)
+    left_out |= (
+        deck.left_out | _idle_elements(deck, cells.keys() | facets.keys()) | reasons | others
+    )
+    return RawMesh(
+        np.array(list(deck.nodes.values())), kind, array, bodies, surfaces, nodes, sides, left_out
+    )
 
 
 def _others(deck: Deck, kinds: dict[int, str], kept: str) -> dict[str | int, str]:
@@ -100,22 +118,32 @@ def _others(deck: Deck, kinds: dict[int, str], kept: str) -> dict[str | int, str
     return of_other_kinds(found, kept)
 
 
-def _facets(deck: Deck, kind: str, cells: np.ndarray, node_of: dict[int, int]) -> dict[int, np.ndarray]:
-    """Corners of the elements that are sides of cells, by number: shells on a solid, lines around a plane body."""
+def _facets(
+    deck: Deck, kind: str, cells: np.ndarray, node_of: dict[int, int]
+) -> dict[int, np.ndarray]:
+    """Corners of the elements that are sides of cells, by number: shells on a solid, lines around a
+    plane body.
+    """
     width = len(FACES[kind][0])
     own = {
         number: np.array([node_of[n] for n in nodes])
         for number, (of, nodes) in deck.elements.items()
-        if DIMENSION.get(of, 1) == DIMENSION[kind] - 1 and len(nodes) == width and all(n in node_of for n in nodes)
+        if DIMENSION.get(of, 1) == DIMENSION[kind] - 1
+        and len(nodes) == width
+        and all(n in node_of for n in nodes)
     }
     if not own:
         return {}
     inside = are_sides(kind, cells, np.array(list(own.values())))
-    return {number: corners for (number, corners), kept in zip(own.items(), inside, strict=True) if kept}
+    return {
+        number: corners for (number, corners), kept in zip(own.items(), inside, strict=True) if kept
+    }
 
 
 def _idle_elements(deck: Deck, used: set[int]) -> dict[str | int, str]:
-    """Elements that are neither cells nor sides of cells, by set, or by type if they are in none."""
+    """Elements that are neither cells nor sides of cells, by set, or by type if they are in
+    none.
+    """
     idle: dict[str, set[int]] = {}
     for number, name in deck.types.items():
         if number not in used:
@@ -123,17 +151,25 @@ def _idle_elements(deck: Deck, used: set[int]) -> dict[str | int, str]:
     found: dict[str | int, str] = {}
     for name, numbers in idle.items():
         what = f"{len(numbers)} element{'' if len(numbers) == 1 else 's'} of type {name}"
-        sets = [deck.spelling["elset", key] for key, own in deck.element_sets.items() if numbers & set(own)]
+        sets = [
+            deck.spelling["elset", key]
+            for key, own in deck.element_sets.items()
+            if numbers & set(own)
+        ]
         for key in sets or [what]:
             more = f"; {found[key]}" if key in found else ""
-            found[key] = (f"{what} in it, " if sets else "") + f"neither cells nor sides of cells{more}"
+            found[key] = (
+                f"{what} in it, " if sets else ""
+            ) + f"neither cells nor sides of cells{more}"
     return found
 
 
 def _surfaces(
     deck: Deck, kind: str, cells: np.ndarray, row_of: dict[int, int], facets: dict[int, np.ndarray]
 ) -> tuple[dict[str | int, np.ndarray], dict[str | int, str]]:
-    """Corners of the facets of sets of elements and of surfaces, (f, k), by name, and reasons for those without."""
+    """Corners of the facets of sets of elements and of surfaces, (f, k), by name, and reasons for
+    those without.
+    """
     found: dict[str | int, np.ndarray] = {}
     reasons: dict[str | int, str] = {}
     for name, numbers in deck.element_sets.items():
@@ -147,7 +183,9 @@ def _surfaces(
         if said:
             reasons[spelt] = said[0]
         else:
-            found[spelt] = np.concatenate([np.zeros((0, len(FACES[kind][0])), dtype=np.int64), *parts])
+            found[spelt] = np.concatenate(
+                [np.zeros((0, len(FACES[kind][0])), dtype=np.int64), *parts]
+            )
     for name, members in deck.unions.items():
         spelt = deck.spelling["surface", name]
         spelt_members = [deck.spelling.get(("surface", member), "") for member in members]
@@ -162,7 +200,8 @@ def _faces(
     deck: Deck, item: tuple[str, str], kind: str, cells: np.ndarray, row_of: dict[int, int],
     facets: dict[int, np.ndarray], name: str,
 ) -> np.ndarray | str:  # fmt: skip
-    """Corners of the faces of an element or a set in a surface, (f, k), or the reason why there are none.
+    """Corners of the faces of an element or a set in a surface, (f, k), or the reason why there are
+    none.
 
     Raises:
         FileContentError: for a face that the cells do not have.
@@ -176,7 +215,9 @@ def _faces(
         return np.array(own) if own else f"its elements '{given}' are no sides of cells"
     if not rows:
         types = sorted({deck.types[n] for n in numbers if n in deck.types})
-        return f"'{given}' has no cells of the mesh" + (f", but elements of type {', '.join(types)}" if types else "")
+        return f"'{given}' has no cells of the mesh" + (
+            f", but elements of type {', '.join(types)}" if types else ""
+        )
     if not face:
         # all outer faces of the set
         outer, of = outer_faces_of_cells(kind, cells)
@@ -184,5 +225,7 @@ def _faces(
     number = int(face[1:]) if face.startswith("S") and face[1:].isdigit() else 0
     if not 1 <= number <= len(corners):
         said = deck.label(numbers[0]) if given.isdigit() else given
-        raise FileContentError(f"surface '{name}': '{said}, {face}' is no face of cells of kind {kind}")
+        raise FileContentError(
+            f"surface '{name}': '{said}, {face}' is no face of cells of kind {kind}"
+        )
     return cells[rows][:, corners[number - 1]]

@@ -1,4 +1,6 @@
-"""Nodes and elements that a deck generates: *NGEN on lines and arcs, *NFILL on lines, *ELGEN in rows and layers."""
+"""Nodes and elements that a deck generates: *NGEN on lines and arcs, *NFILL on lines, *ELGEN in
+rows and layers.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,10 @@ def generate(deck: Deck, keyword: str, options: dict[str, str], rows: list[list[
     named += ["LINE"] if line not in ("", "C") else []
     if keyword in ("NCOPY", "ELCOPY", "NMAP") or named:
         what = ", ".join(f"{name}=" for name in named) or "copies and maps"
-        raise ValueError(f"{what} are not read: write the deck with all nodes and elements, as a preprocessor does")
+        raise ValueError(
+            f"{what} are not read: write the deck with all nodes and elements, as a preprocessor "
+            "does"
+        )
     made: list[int] = []
     for row in rows:
         words = [word for word in row if word]
@@ -40,42 +45,64 @@ def generate(deck: Deck, keyword: str, options: dict[str, str], rows: list[list[
         elif keyword == "NFILL":
             ends = [deck.members(name.upper()) for name in words[:2]]
             if len(ends[0]) != len(ends[1]) or not ends[0]:
-                raise ValueError(f"sets '{words[0]}' and '{words[1]}' have {len(ends[0])} and {len(ends[1])} nodes")
+                raise ValueError(
+                    f"sets '{words[0]}' and '{words[1]}' have {len(ends[0])} and {len(ends[1])} "
+                    "nodes"
+                )
             count, step = (*(int(word) for word in words[2:4]), 1)[:2]
             for first, last in zip(*ends, strict=True):
                 made += _line(deck, first, last, step, count)
         else:
             made += _copies(deck, [int(word) for word in words])
     if name := options.get("ELSET" if keyword == "ELGEN" else "NSET"):
-        sets, kind = (deck.element_sets, "elset") if keyword == "ELGEN" else (deck.node_sets, "nset")
+        sets, kind = (
+            (deck.element_sets, "elset") if keyword == "ELGEN" else (deck.node_sets, "nset")
+        )
         sets.setdefault(deck.named(kind, name), []).extend(made)
 
 
-def _line(deck: Deck, first: int, last: int, step: int, count: float, on_arc: Arc | None = None) -> list[int]:
-    """Add nodes between two nodes, which divide the line into ``count`` equal parts; all nodes on it by number."""
+def _line(
+    deck: Deck, first: int, last: int, step: int, count: float, on_arc: Arc | None = None
+) -> list[int]:
+    """Add nodes between two nodes, which divide the line into ``count`` equal parts.
+
+    All nodes on it by number.
+    """
     if count < 1 or count != int(count) or not {first, last} <= deck.nodes.keys():
         raise ValueError(f"nodes {first} and {last} are not there, or not {step} apart in steps")
     numbers = [first + k * step for k in range(int(count))]
     shares = np.linspace(0.0, 1.0, int(count) + 1)[1:-1, None]
     ends = [np.array(deck.nodes[number]) for number in (first, last)]
-    places = on_arc(ends[0], ends[1], shares) if on_arc else (1 - shares) * ends[0] + shares * ends[1]
+    places = (
+        on_arc(ends[0], ends[1], shares) if on_arc else (1 - shares) * ends[0] + shares * ends[1]
+    )
     deck.nodes |= dict(zip(numbers[1:], places.tolist(), strict=True))
     return [*numbers, last]
 
 
 def _arc(deck: Deck, given: list[str]) -> Arc:
-    """Arc about a centre, which is a node or three coordinates; ValueError for one that needs its normal."""
+    """Arc about a centre, which is a node or three coordinates.
+
+    ValueError for one that needs its normal.
+    """
     if any(given[4:]):
-        raise ValueError("arcs of 180 degrees and more, with a normal, are not read: divide them in two")
+        raise ValueError(
+            "arcs of 180 degrees and more, with a normal, are not read: divide them in two"
+        )
     if given[0] and int(given[0]) not in deck.nodes:
         raise ValueError(f"there is no node {given[0]} before it")
-    centre = np.array(deck.nodes[int(given[0])] if given[0] else [number_of(word) for word in given[1:4]])
+    centre = np.array(
+        deck.nodes[int(given[0])] if given[0] else [number_of(word) for word in given[1:4]]
+    )
 
     def places(start: np.ndarray, end: np.ndarray, shares: np.ndarray) -> np.ndarray:
         radii = [float(np.linalg.norm(one - centre)) for one in (start, end)]
         angle = np.arccos((start - centre) @ (end - centre) / (radii[0] * radii[1] or np.nan))
         if not 1e-6 < angle < np.pi - 1e-6:
-            raise ValueError(f"an arc from {start.tolist()} to {end.tolist()} has no plane about {centre.tolist()}")
+            raise ValueError(
+                f"an arc from {start.tolist()} to {end.tolist()} has no plane about "
+                f"{centre.tolist()}"
+            )
         one = np.sin((1 - shares) * angle) / np.sin(angle) * (start - centre) / radii[0]
         other = np.sin(shares * angle) / np.sin(angle) * (end - centre) / radii[1]
         return centre + ((1 - shares) * radii[0] + shares * radii[1]) * (one + other)
@@ -84,7 +111,9 @@ def _arc(deck: Deck, given: list[str]) -> Arc:
 
 
 def _copies(deck: Deck, words: list[int]) -> list[int]:
-    """Add copies of an element in rows and layers: count, and increments of nodes and elements, of each direction."""
+    """Add copies of an element in rows and layers: count, and increments of nodes and elements, of
+    each direction.
+    """
     master, *given = words
     if master not in deck.elements:
         raise ValueError(f"there is no element {master} before it")
@@ -92,7 +121,9 @@ def _copies(deck: Deck, words: list[int]) -> list[int]:
     kind, corners = deck.elements[master]
     numbers = []
     for index in product(*(range(given[k]) for k in (6, 3, 0))):
-        node, number = (sum(i * given[k + of] for i, k in zip(index, (6, 3, 0), strict=True)) for of in (1, 2))
+        node, number = (
+            sum(i * given[k + of] for i, k in zip(index, (6, 3, 0), strict=True)) for of in (1, 2)
+        )
         numbers.append(master + number)
         deck.elements[numbers[-1]] = kind, [one + node for one in corners]
         deck.whole[numbers[-1]] = [one + node for one in deck.whole[master]]

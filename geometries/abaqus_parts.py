@@ -1,7 +1,8 @@
-"""Parts and instances of an Abaqus deck: each part has nodes 1, 2, ..., and instances place it in the assembly.
+"""Parts and instances of an Abaqus deck: each part has nodes 1, 2, ..., and instances place it in
+the assembly.
 
-A set of an instance is called ``Instance.Set``, as in Abaqus, and also ``Set`` if nothing else has this name. The cells
-of an instance are a set with the name of the instance.
+A set of an instance is called ``Instance.Set``, as in Abaqus, and also ``Set`` if nothing else has
+this name. The cells of an instance are a set with the name of the instance.
 """
 
 from __future__ import annotations
@@ -31,7 +32,8 @@ class Assembly:
     """Blocks of a deck by the part, instance or assembly that they belong to.
 
     Attributes:
-        deck: nodes, elements and sets of the assembly, with those of all instances that are complete.
+        deck: nodes, elements and sets of the assembly, with those of all instances that are
+            complete.
         parts: contents of each part, by name in capitals.
         placed: names in capitals of parts that have an instance.
     """
@@ -44,13 +46,23 @@ class Assembly:
         self._instance = ""
         self._coupled: list[tuple[Deck, str, dict[str, str], list[list[str]]]] = []
 
-    def take(self, keyword: str, options: dict[str, str], rows: list[list[str]], line: int = 0) -> None:
+    def take(
+        self, keyword: str, options: dict[str, str], rows: list[list[str]], line: int = 0
+    ) -> None:
         """Add the block, which begins at a line, to its part, instance or assembly.
 
         Raises:
             ValueError: for a block that is damaged or not supported.
         """
-        if keyword in ("PART", "INSTANCE", "ASSEMBLY", "END PART", "END INSTANCE", "END ASSEMBLY", "STEP"):
+        if keyword in (
+            "PART",
+            "INSTANCE",
+            "ASSEMBLY",
+            "END PART",
+            "END INSTANCE",
+            "END ASSEMBLY",
+            "STEP",
+        ):
             self._close()
         if keyword == "PART":
             self._own = self.parts.setdefault(self.deck.named("part", options["NAME"]), Deck())
@@ -76,14 +88,21 @@ class Assembly:
                 _join(self.deck, self.deck.spelling["part", name], part)
         else:
             for name in self.parts.keys() - self.placed:
-                self.deck.left_out[self.deck.spelling["part", name]] = "a part that no instance places"
+                self.deck.left_out[self.deck.spelling["part", name]] = (
+                    "a part that no instance places"
+                )
         _add_short_names(self.deck)
         return self.deck
 
     def _open(self, options: dict[str, str], rows: list[list[str]]) -> None:
-        """Begin an instance: the part, moved and turned, to which the blocks of the instance are added."""
+        """Begin an instance: the part, moved and turned, to which the blocks of the instance are
+        added.
+        """
         if "LIBRARY" in options:
-            raise ValueError("instances of the results of another analysis are not supported: write its mesh as a part")
+            raise ValueError(
+                "instances of the results of another analysis are not supported: write its mesh "
+                "as a part"
+            )
         part = options.get("PART", "").upper()
         if part not in self.parts:
             raise ValueError(f"there is no part {options.get('PART', '')!r} before it")
@@ -112,8 +131,11 @@ class Assembly:
                 name_coupled(*coupled)
         self._coupled = [one for one in self._coupled if one[0] is not self._own]
 
-    def _with_numbers(self, keyword: str, options: dict[str, str], rows: list[list[str]]) -> list[list[str]]:
-        """Rows of a set, surface or load of the assembly, with the numbers of the flat deck for ``Instance.7``.
+    def _with_numbers(
+        self, keyword: str, options: dict[str, str], rows: list[list[str]]
+    ) -> list[list[str]]:
+        """Rows of a set, surface or load of the assembly, with the numbers of the flat deck for
+        ``Instance.7``.
 
         Sets with the option INSTANCE name members by their names and numbers in that instance.
         """
@@ -127,13 +149,34 @@ class Assembly:
         known = {name.upper(): (k + 1) * STRIDE for k, name in enumerate(self.deck.instances)}
         if keyword in (*LOADED, *COUPLED):  # a mesh is not refused for the name of a load
             count = 1 if keyword in LOADED else None
-            own = [[word.rpartition(".")[0].upper() in known for word in row[:count]] for row in rows]
-            return [[*(_flat("", word, known) if one else word for word, one in zip(row, inner, strict=False)),
-                     *row[len(inner):]] for row, inner in zip(rows, own, strict=True)]  # fmt: skip
+            own = [
+                [word.rpartition(".")[0].upper() in known for word in row[:count]] for row in rows
+            ]
+            return [
+                [
+                    *(
+                        _flat("", word, known) if one else word
+                        for word, one in zip(row, inner, strict=False)
+                    ),
+                    *row[len(inner) :],
+                ]
+                for row, inner in zip(rows, own, strict=True)
+            ]
         # the step of a range and the face of an element are no members
-        members = 2 if "GENERATE" in options else 1 if keyword == "SURFACE" and "COMBINE" not in options else None
-        return [[*(_flat(inside, word, known) for word in row[:members]), *([] if members is None else row[members:])]
-                for row in rows]  # fmt: skip
+        members = (
+            2
+            if "GENERATE" in options
+            else 1
+            if keyword == "SURFACE" and "COMBINE" not in options
+            else None
+        )
+        return [
+            [
+                *(_flat(inside, word, known) for word in row[:members]),
+                *([] if members is None else row[members:]),
+            ]
+            for row in rows
+        ]
 
 
 def _flat(inside: str, word: str, known: dict[str, int]) -> str:
@@ -147,24 +190,32 @@ def _flat(inside: str, word: str, known: dict[str, int]) -> str:
 
 
 def _moved(nodes: dict[int, list[float]], rows: list[list[float]]) -> dict[int, list[float]]:
-    """Nodes moved by the first row, then turned about the axis through two points by an angle in degrees.
+    """Nodes moved by the first row, then turned about the axis through two points by an angle in
+    degrees.
 
-    The formula of Rodrigues, for the unit vector e of the axis: cos x + sin e x x + (1 - cos) e (e . x).
+    The formula of Rodrigues, for the unit vector e of the axis: cos x + sin e x x + (1 - cos) e (e
+    . x).
 
     Raises:
         ValueError: for rows of another length, or an axis of two equal points.
     """
     if not rows:
         return nodes
-    shift, turn = ([], rows[0]) if len(rows[0]) >= 7 else (rows[0], rows[1] if len(rows) > 1 else [])
+    shift, turn = (
+        ([], rows[0]) if len(rows[0]) >= 7 else (rows[0], rows[1] if len(rows) > 1 else [])
+    )
     if turn and len(turn) != 7:
-        raise ValueError(f"the rotation of an instance has two points and an angle, and not {len(turn)} numbers")
+        raise ValueError(
+            f"the rotation of an instance has two points and an angle, and not {len(turn)} numbers"
+        )
     points = np.array(list(nodes.values())).reshape(-1, 3) + np.array((*shift, 0.0, 0.0, 0.0)[:3])
     if turn:
         start = np.array(turn[:3])
         end = np.array(turn[3:6])
         if not (length := np.linalg.norm(end - start)):
-            raise ValueError("the axis of rotation of an instance goes through two points that are the same")
+            raise ValueError(
+                "the axis of rotation of an instance goes through two points that are the same"
+            )
         axis = (end - start) / length
         angle = np.deg2rad(turn[6])
         off = points - start
@@ -174,12 +225,16 @@ def _moved(nodes: dict[int, list[float]], rows: list[list[float]]) -> dict[int, 
 
 
 def _join(deck: Deck, instance: str, own: Deck) -> None:
-    """Add an instance to a deck: its numbers increase by a multiple of STRIDE, and its names have its name in front."""
+    """Add an instance to a deck: its numbers increase by a multiple of STRIDE, and its names have
+    its name in front.
+    """
     deck.instances.append(instance)
     first = len(deck.instances) * STRIDE
     upper = instance.upper()
     deck.nodes |= {first + n: place for n, place in own.nodes.items()}
-    deck.elements |= {first + n: (kind, [first + k for k in nodes]) for n, (kind, nodes) in own.elements.items()}
+    deck.elements |= {
+        first + n: (kind, [first + k for k in nodes]) for n, (kind, nodes) in own.elements.items()
+    }
     deck.whole |= {first + n: [first + k for k in nodes] for n, nodes in own.whole.items()}
     deck.types |= {first + n: name for n, name in own.types.items()}
     for sets, added in ((deck.node_sets, own.node_sets), (deck.element_sets, own.element_sets)):
@@ -187,17 +242,28 @@ def _join(deck: Deck, instance: str, own: Deck) -> None:
     deck.unsorted |= {f"{upper}.{name}" for name in own.unsorted}
     for name, items in own.faces.items():
         deck.faces[f"{upper}.{name}"] = [
-            (str(first + int(given)) if given.isdigit() else f"{upper}.{given}", face) for given, face in items
+            (str(first + int(given)) if given.isdigit() else f"{upper}.{given}", face)
+            for given, face in items
         ]
-    deck.unions |= {f"{upper}.{name}": [f"{upper}.{one}" for one in members] for name, members in own.unions.items()}
+    deck.unions |= {
+        f"{upper}.{name}": [f"{upper}.{one}" for one in members]
+        for name, members in own.unions.items()
+    }
     deck.left_out |= {f"{instance}.{name}": why for name, why in own.left_out.items()}
-    deck.spelling |= {(kind, f"{upper}.{name}"): f"{instance}.{said}" for (kind, name), said in own.spelling.items()}
+    deck.spelling |= {
+        (kind, f"{upper}.{name}"): f"{instance}.{said}"
+        for (kind, name), said in own.spelling.items()
+    }
     if own.elements:
-        deck.element_sets.setdefault(deck.named("elset", instance), [first + n for n in own.elements])
+        deck.element_sets.setdefault(
+            deck.named("elset", instance), [first + n for n in own.elements]
+        )
 
 
 def _add_short_names(deck: Deck) -> None:
-    """Add the sets of instances by their names without that of the instance, unless several sets have this name."""
+    """Add the sets of instances by their names without that of the instance, unless several sets
+    have this name.
+    """
     taken = {name for kind, name in deck.spelling if kind in _KINDS}
     holders: dict[str, list[tuple[str, str, str]]] = {}
     for kind, full in deck.spelling:

@@ -25,16 +25,25 @@ def side(axis: int, upper: bool) -> int:
 def check_box(lower: Sequence[float], upper: Sequence[float], cells: Sequence[int]) -> None:
     """Raise ValueError for a box without volume or cells."""
     sizes = {np.size(lower), np.size(upper), np.size(cells)}
-    fits = sizes in ({2}, {3}) and np.all(np.less(lower, upper)) and np.issubdtype(np.asarray(cells).dtype, np.integer)
+    fits = (
+        sizes in ({2}, {3})
+        and np.all(np.less(lower, upper))
+        and np.issubdtype(np.asarray(cells).dtype, np.integer)
+    )
     if not fits or np.min(cells) < 1:
         raise ValueError(
-            f"a block from {tuple(lower)} to {tuple(upper)} with {cells} cells needs 2 or 3 of each: corners with "
-            "increasing coordinates, and positive integers of cells"
+            f"a block from {tuple(lower)} to {tuple(upper)} with {cells} cells needs 2 or 3 of "
+            "each: corners with increasing coordinates, and positive integers of cells"
         )
 
 
 def block(
-    comm: Comm, *, lower: Sequence[float], upper: Sequence[float], cells: Sequence[int], simplices: bool = False
+    comm: Comm,
+    *,
+    lower: Sequence[float],
+    upper: Sequence[float],
+    cells: Sequence[int],
+    simplices: bool = False,
 ) -> TaggedMesh:
     """Build a structured block with every side tagged by :func:`side`.
 
@@ -56,7 +65,11 @@ def block(
     count = mesh.topology.index_map(dim).size_local + mesh.topology.index_map(dim).num_ghosts
     cells_of = np.full(count, SOLID, dtype=np.int32)
     cell_tags = dmesh.meshtags(mesh, dim, np.arange(count, dtype=np.int32), cells_of)
-    return mesh, cell_tags, side_tags(mesh, cells_of, {SOLID: (lower, upper)}, lambda body, axis, end: side(axis, end))
+    return (
+        mesh,
+        cell_tags,
+        side_tags(mesh, cells_of, {SOLID: (lower, upper)}, lambda body, axis, end: side(axis, end)),
+    )
 
 
 def side_tags(
@@ -82,9 +95,14 @@ def side_tags(
         size = float(np.max(np.subtract(upper, lower)))
         for axis in range(dim):
             for is_upper, at in ((False, lower[axis]), (True, upper[axis])):
-                near = lambda x, axis=axis, at=at, size=size: np.abs(x[axis] - at) < 1e-9 * size  # noqa: E731
-                on_side = dmesh.locate_entities_boundary(mesh, dim - 1, near)
-                own = np.array([body[to_cell.links(facet)[0]] == tag for facet in on_side], dtype=bool)
+                on_side = dmesh.locate_entities_boundary(
+                    mesh,
+                    dim - 1,
+                    lambda x, axis=axis, at=at, size=size: np.abs(x[axis] - at) < 1e-9 * size,
+                )
+                own = np.array(
+                    [body[to_cell.links(facet)[0]] == tag for facet in on_side], dtype=bool
+                )
                 found.append(on_side[own])
                 values.append(np.full(own.sum(), name(tag, axis, is_upper), dtype=np.int32))
     facets = np.concatenate(found)

@@ -34,11 +34,20 @@ Groups = list[tuple[str, tuple[int, int]]]
 
 MARKERS = ("gmsh:physical", "cell_tags", "medit:ref", "gambit:group", "su2:tag", "MaterialID")
 """Arrays that are known to number bodies and surfaces; 0 stands for no number."""
-NO_MARKERS = ("vtkghosttype", "vtkoriginalcellids", "globalcellid", "globalcellids", "globalelementid", "cell_ids")
+NO_MARKERS = (
+    "vtkghosttype",
+    "vtkoriginalcellids",
+    "globalcellid",
+    "globalcellids",
+    "globalelementid",
+    "cell_ids",
+)
 """Arrays of integers, in small letters, that do not number bodies."""
 _ONE = np.ones(1)
 MOST = 1000
-"""Largest count of different numbers in an array of unknown name that may number bodies and surfaces."""
+"""Largest count of different numbers in an array of unknown name that may number bodies and
+surfaces.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +69,9 @@ class Elements:
     @property
     def kind(self) -> str:
         """Kind of cells; empty for elements that are no cells."""
-        return KINDS.get(self.type) or next((kind for start, kind in OTHERS.items() if self.type.startswith(start)), "")
+        return KINDS.get(self.type) or next(
+            (kind for start, kind in OTHERS.items() if self.type.startswith(start)), ""
+        )
 
 
 def opened(path: Path) -> Any:
@@ -73,10 +84,13 @@ def opened(path: Path) -> Any:
         with redirect_stdout(said), redirect_stderr(said):
             return meshio.read(path)
     except SystemExit:
-        reason = " ".join(said.getvalue().split()) or f"meshio does not read files that end in {path.suffix}"
+        reason = (
+            " ".join(said.getvalue().split())
+            or f"meshio does not read files that end in {path.suffix}"
+        )
         raise FileContentError(
-            f"mesh file {path} cannot be read: {reason}. It is damaged, or of a kind that meshio does not know: write "
-            "it as .msh, .inp, .med, .e or .vtu"
+            f"mesh file {path} cannot be read: {reason}. It is damaged, or of a kind that meshio "
+            "does not know: write it as .msh, .inp, .med, .e or .vtu"
         ) from None
 
 
@@ -94,11 +108,22 @@ def read_by_meshio(path: Path) -> RawMesh:
         for k, block in enumerate(mesh.cells)
     ]
     names = _physical_names(path) or _names_of_fields(mesh.field_data)
-    names += [(name, (int(number), -1)) for number, own in getattr(mesh, "cell_tags", {}).items() for name in own]
+    names += [
+        (name, (int(number), -1))
+        for number, own in getattr(mesh, "cell_tags", {}).items()
+        for name in own
+    ]
     nodes = {str(name): np.asarray(rows) for name, rows in mesh.point_sets.items()}
     fields = [name for name in mesh.point_data if not name.startswith(("gmsh:", "medit:"))]
     left_out: dict[str | int, str] = {"values at nodes": ", ".join(fields)} if fields else {}
-    return raw_mesh(mesh.points, elements, path, names=[*names, *_markers_of_su2(path)], nodes=nodes, left_out=left_out)
+    return raw_mesh(
+        mesh.points,
+        elements,
+        path,
+        names=[*names, *_markers_of_su2(path)],
+        nodes=nodes,
+        left_out=left_out,
+    )
 
 
 def _arrays(data: Mapping[str, Sequence[np.ndarray]]) -> dict[str, list[np.ndarray]]:
@@ -130,11 +155,15 @@ def _places(sets: Mapping[str, Sequence[Any]], k: int) -> dict[str, np.ndarray]:
 
 
 def _physical_names(path: Path) -> Groups:
-    """Names of gmsh with number and dimension: if a body and a surface have the same name, meshio keeps the last."""
+    """Names of gmsh with number and dimension: if a body and a surface have the same name, meshio
+    keeps the last.
+    """
     if path.suffix.lower() != ".msh":
         return []
     text = path.read_bytes().partition(b"$PhysicalNames")[2].partition(b"$EndPhysicalNames")[0]
-    found = re.findall(r'^\s*(\d+)\s+(\d+)\s+"(.*)"\s*$', text.decode(errors="replace"), re.MULTILINE)
+    found = re.findall(
+        r'^\s*(\d+)\s+(\d+)\s+"(.*)"\s*$', text.decode(errors="replace"), re.MULTILINE
+    )
     return [(name, (int(number), int(dim))) for dim, number, name in found]
 
 
@@ -172,7 +201,8 @@ def raw_mesh(
     nodes: Mapping[str, np.ndarray] | None = None,
     left_out: Mapping[str | int, str] | None = None,
 ) -> RawMesh:
-    """Make a mesh of blocks of elements: cells of the highest dimension, their facets, and the sets of both.
+    """Make a mesh of blocks of elements: cells of the highest dimension, their facets, and the sets
+    of both.
 
     Args:
         points: coordinates, (n, 2 or 3).
@@ -189,21 +219,33 @@ def raw_mesh(
     if not there:
         kinds = sorted({block.type for block in elements})
         high = any(kind.rstrip("0123456789") in KINDS for kind in kinds)
-        why = "it is empty, or of a format that is not understood. Write it as .msh, .inp, .med, .e or .vtu"
+        why = (
+            "it is empty, or of a format that is not understood. Write it as .msh, .inp, .med, .e "
+            "or .vtu"
+        )
         raise FileContentError(
-            f"{path} has cells of kinds {kinds}, and no triangles, quadrilaterals, tetrahedra or hexahedra of order 1 "
-            f"or 2: {'mesh with cells of these orders, in gmsh by setOrder(2)' if high else why}"
+            f"{path} has cells of kinds {kinds}, and no triangles, quadrilaterals, tetrahedra or "
+            "hexahedra of order 1 or 2: "
+            f"{'mesh with cells of these orders, in gmsh by setOrder(2)' if high else why}"
         )
     dim = max(DIMENSION.get(block.kind, 3) for block in there)
-    kind, others = one_kind(((b.kind, b.nodes) for b in there if DIMENSION.get(b.kind, 3) == dim), path)
+    kind, others = one_kind(
+        ((b.kind, b.nodes) for b in there if DIMENSION.get(b.kind, 3) == dim), path
+    )
     own = [block for block in there if block.kind == kind]
     order = sides_of(kind, (block.nodes for block in own), path)
     width = len(FACES[kind][0])
-    sides = [block for block in elements if FACET_KINDS.get(block.type) == width and block.kind != kind]
+    sides = [
+        block for block in elements if FACET_KINDS.get(block.type) == width and block.kind != kind
+    ]
     bodies, said = _sets(own, dim, names)
     found, also_said = _sets(sides, dim - 1, names)
     facets = _corners(sides, width)
-    smaller = [block for block in elements if block not in own and block not in sides and block not in there]
+    smaller = [
+        block
+        for block in elements
+        if block not in own and block not in sides and block not in there
+    ]
     reasons = {**others, **said, **also_said, **(left_out or {})}
     cells = _corners(own, CORNERS[kind])
     lost: dict[str | int, Counter[str]] = {}
@@ -212,24 +254,38 @@ def raw_mesh(
             lost.setdefault(name, Counter())[block.kind] += len(rows)
     reasons |= of_other_kinds(lost, kind)
     if not any(bodies) or (
-        len(bodies) == 1 and not any(block.numbers.get("gmsh:physical", _ONE).any() for block in own)
+        len(bodies) == 1
+        and not any(block.numbers.get("gmsh:physical", _ONE).any() for block in own)
     ):
         # elements have no number, or 0, or all have that of the only entity of gmsh
         bodies = {1: np.arange(len(cells)), **bodies}
     bodies = {name: rows for name, rows in bodies.items() if name not in lost}
     surfaces = {name: facets[rows] for name, rows in found.items()}
-    return RawMesh(points, kind, cells, bodies, surfaces, {**_smaller(smaller, names), **(nodes or {})}, order, reasons)
+    return RawMesh(
+        points,
+        kind,
+        cells,
+        bodies,
+        surfaces,
+        {**_smaller(smaller, names), **(nodes or {})},
+        order,
+        reasons,
+    )
 
 
 def _corners(blocks: Iterable[Elements], count: int) -> np.ndarray:
     """Corners of the elements of some blocks, (c, count)."""
-    return np.concatenate([np.zeros((0, count), dtype=np.int64), *(block.nodes[:, :count] for block in blocks)])
+    return np.concatenate(
+        [np.zeros((0, count), dtype=np.int64), *(block.nodes[:, :count] for block in blocks)]
+    )
 
 
 def _sets(
     blocks: Sequence[Elements], dim: int, names: Iterable[tuple[str, tuple[int, int]]]
 ) -> tuple[Sets, dict[str | int, str]]:
-    """Sets of indices in the concatenated blocks, by name or number, and reasons for numbers that are left out."""
+    """Sets of indices in the concatenated blocks, by name or number, and reasons for numbers that
+    are left out.
+    """
     starts = np.cumsum([0, *(len(block.nodes) for block in blocks)])
     found: dict[str | int, list[np.ndarray]] = {}
     for start, block in zip(starts, blocks, strict=False):
@@ -248,27 +304,46 @@ def _sets(
     return {name: rows for name, rows in sets.items() if rows.size}, left_out
 
 
-def _whole_arrays(blocks: Sequence[Elements], starts: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Indices and values of the arrays that may number bodies or surfaces: known ones, else gmsh's, else others."""
+def _whole_arrays(
+    blocks: Sequence[Elements], starts: np.ndarray
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Indices and values of the arrays that may number bodies or surfaces: known ones, else gmsh's,
+    else others.
+    """
     parts: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
     for start, block in zip(starts, blocks, strict=False):
         for name, values in block.numbers.items():
-            keep = np.flatnonzero(values > 0) if name in (*MARKERS, "gmsh:geometrical") else np.flatnonzero(values >= 0)
+            keep = (
+                np.flatnonzero(values > 0)
+                if name in (*MARKERS, "gmsh:geometrical")
+                else np.flatnonzero(values >= 0)
+            )
             if keep.size:
                 parts.setdefault(name, []).append((start + keep, values[keep]))
     found = {
-        name: (np.concatenate([p for p, _ in own]), np.concatenate([v for _, v in own])) for name, own in parts.items()
+        name: (np.concatenate([p for p, _ in own]), np.concatenate([v for _, v in own]))
+        for name, own in parts.items()
     }
-    for kept in ([name for name in MARKERS if name in found], [name for name in found if name == "gmsh:geometrical"]):
+    for kept in (
+        [name for name in MARKERS if name in found],
+        [name for name in found if name == "gmsh:geometrical"],
+    ):
         if kept:
             return {name: found[name] for name in kept}
     return {
-        name: own for name, own in found.items() if name.lower() not in NO_MARKERS and np.unique(own[1]).size <= MOST
+        name: own
+        for name, own in found.items()
+        if name.lower() not in NO_MARKERS and np.unique(own[1]).size <= MOST
     }
 
 
-def _numbered(arrays: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> tuple[Sets, dict[str | int, str]]:
-    """Indices by number. With several arrays also by ``array:number``, the only name of a number in several arrays."""
+def _numbered(
+    arrays: Mapping[str, tuple[np.ndarray, np.ndarray]],
+) -> tuple[Sets, dict[str | int, str]]:
+    """Indices by number.
+
+    With several arrays also by ``array:number``, the only name of a number in several arrays.
+    """
     found: Sets = {}
     left_out: dict[str | int, str] = {}
     holders: dict[int, list[str]] = {}
@@ -284,12 +359,15 @@ def _numbered(arrays: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> tuple[Sets
         if len(names) > 1 and not known:
             del found[number]
             left_out[number] = (
-                f"is in several arrays: name it {' or '.join(repr(f'{name}:{number}') for name in names)}"
+                "is in several arrays: name it "
+                f"{' or '.join(repr(f'{name}:{number}') for name in names)}"
             )
     return found, left_out
 
 
-def _smaller(blocks: Iterable[Elements], names: Iterable[tuple[str, tuple[int, int]]]) -> dict[str, np.ndarray]:
+def _smaller(
+    blocks: Iterable[Elements], names: Iterable[tuple[str, tuple[int, int]]]
+) -> dict[str, np.ndarray]:
     """Nodes of named sets of elements of too low a dimension for facets, such as lines in space."""
     found: dict[str, np.ndarray] = {}
     for block in blocks:
@@ -298,7 +376,13 @@ def _smaller(blocks: Iterable[Elements], names: Iterable[tuple[str, tuple[int, i
         named = {number for _, (number, of) in names if of in (dim, -1)}
         grouped = block.numbers.get("gmsh:physical", _ONE[:0]).any()
         for name, rows in sets.items():
-            key = name if isinstance(name, str) else f"nodes {name}" if grouped and name not in named else ""
+            key = (
+                name
+                if isinstance(name, str)
+                else f"nodes {name}"
+                if grouped and name not in named
+                else ""
+            )
             if key:
                 found[key] = np.union1d(found.get(key, rows[:0]), block.nodes[rows].ravel())
     return found

@@ -1,4 +1,6 @@
-"""Kinds of cells by their names in mesh files: corners, faces, and the order of nodes in DOLFINx."""
+"""Kinds of cells by their names in mesh files: corners, faces, and the order of nodes in
+DOLFINx.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +15,18 @@ FACES = {
     "triangle": ((0, 1), (1, 2), (2, 0)),
     "quadrilateral": ((0, 1), (1, 2), (2, 3), (3, 0)),
     "tetrahedron": ((0, 1, 2), (0, 1, 3), (1, 2, 3), (2, 0, 3)),
-    "hexahedron": ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
+    "hexahedron": (
+        (0, 1, 2, 3),
+        (4, 5, 6, 7),
+        (0, 1, 5, 4),
+        (1, 2, 6, 5),
+        (2, 3, 7, 6),
+        (3, 0, 4, 7),
+    ),
 }
-"""Corners of the faces of a cell: plane cells in the order of faces 1, 2, ... of Abaqus and Exodus, cells in space in
-that of Abaqus. Nodes have the order of most formats."""
+"""Corners of the faces of a cell: plane cells in the order of faces 1, 2, ... of Abaqus and Exodus,
+cells in space in that of Abaqus. Nodes have the order of most formats.
+"""
 CORNERS = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
 DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 KINDS = {
@@ -36,35 +46,85 @@ PLURAL = {"triangle": "triangles", "quadrilateral": "quadrilaterals", "tetrahedr
           "hexahedron": "hexahedra", "prism": "prisms", "pyramid": "pyramids"}  # fmt: skip
 """Plurals of the names of cells."""
 _ONE_KIND = {
-    2: "in gmsh without 'Recombine Surface' and with Mesh.RecombineAll = 0 for triangles, or recombined and with "
-    "Mesh.SubdivisionAlgorithm = 1 for quadrilaterals",
-    3: "in gmsh without 'Recombine' and layers of extrusions for tetrahedra, or with Mesh.SubdivisionAlgorithm = 2 for "
-    "hexahedra",
+    2: (
+        "in gmsh without 'Recombine Surface' and with Mesh.RecombineAll = 0 for triangles, or "
+        "recombined and with Mesh.SubdivisionAlgorithm = 1 for quadrilaterals"
+    ),
+    3: (
+        "in gmsh without 'Recombine' and layers of extrusions for tetrahedra, or with "
+        "Mesh.SubdivisionAlgorithm = 2 for hexahedra"
+    ),
 }
 """Instructions for cells of one kind, by dimension."""
-FACET_KINDS = {"line": 2, "line3": 2, "triangle": 3, "triangle6": 3, "triangle7": 3, "quad": 4, "quad8": 4, "quad9": 4}
+FACET_KINDS = {
+    "line": 2,
+    "line3": 2,
+    "triangle": 3,
+    "triangle6": 3,
+    "triangle7": 3,
+    "quad": 4,
+    "quad8": 4,
+    "quad9": 4,
+}
 """Number of corners of the elements that may be facets, by meshio's names."""
 EDGES = {
     "triangle": ((0, 1), (1, 2), (2, 0)),
     "quadrilateral": ((0, 1), (1, 2), (2, 3), (3, 0)),
     "tetrahedron": ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
-    "hexahedron": ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)),
+    "hexahedron": (
+        (0, 1),
+        (1, 2),
+        (2, 3),
+        (3, 0),
+        (4, 5),
+        (5, 6),
+        (6, 7),
+        (7, 4),
+        (0, 4),
+        (1, 5),
+        (2, 6),
+        (3, 7),
+    ),
 }
-"""Corners of the edges of a cell, in the order in which VTK, Abaqus and meshio list the nodes on them."""
+"""Corners of the edges of a cell, in the order in which VTK, Abaqus and meshio list the nodes on
+them.
+"""
 EDGE_ORDERS: dict[str, dict[str, tuple[tuple[int, int], ...]]] = {
     "vtk": {},
     "gmsh": {
         "tetrahedron": ((0, 1), (1, 2), (2, 0), (0, 3), (2, 3), (1, 3)),
         "hexahedron": (
-            (0, 1), (0, 3), (0, 4), (1, 2), (1, 5), (2, 3), (2, 6), (3, 7), (4, 5), (4, 7), (5, 6), (6, 7),
+            (0, 1),
+            (0, 3),
+            (0, 4),
+            (1, 2),
+            (1, 5),
+            (2, 3),
+            (2, 6),
+            (3, 7),
+            (4, 5),
+            (4, 7),
+            (5, 6),
+            (6, 7),
         ),
     },
     "exodus": {
         "hexahedron": (
-            (0, 1), (1, 2), (2, 3), (3, 0), (0, 4), (1, 5), (2, 6), (3, 7), (4, 5), (5, 6), (6, 7), (7, 4),
+            (0, 1),
+            (1, 2),
+            (2, 3),
+            (3, 0),
+            (0, 4),
+            (1, 5),
+            (2, 6),
+            (3, 7),
+            (4, 5),
+            (5, 6),
+            (6, 7),
+            (7, 4),
         ),
     },
-}  # fmt: skip
+}
 """Corners of edges as :data:`EDGES`, for formats with another order."""
 WHOLE = {"triangle": (7,), "quadrilateral": (9,), "hexahedron": (27,)}
 """Numbers of nodes of cells that also have nodes in the middle of their faces and of the cell."""
@@ -73,11 +133,14 @@ TENSOR = {"quadrilateral": [0, 1, 3, 2], "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6]}
 TENSOR_FACET = [0, 1, 3, 2]
 
 
-def one_kind(blocks: Iterable[tuple[str, np.ndarray]], path: Path) -> tuple[str, dict[str | int, str]]:
+def one_kind(
+    blocks: Iterable[tuple[str, np.ndarray]], path: Path
+) -> tuple[str, dict[str | int, str]]:
     """Kind of the cells of a file, and reasons for cells of other kinds that are left out.
 
-    The kind is the supported one with most cells. Others are left out if they touch none of these: they are then
-    separate bodies, which a scene need not have. Otherwise the mesh without them would have holes.
+    The kind is the supported one with most cells. Others are left out if they touch none of these:
+    they are then separate bodies, which a scene need not have. Otherwise the mesh without them
+    would have holes.
 
     Args:
         blocks: kind and nodes, (b, K), of all cells of the highest dimension.
@@ -96,16 +159,21 @@ def one_kind(blocks: Iterable[tuple[str, np.ndarray]], path: Path) -> tuple[str,
         inside = np.unique(np.concatenate([rows.ravel() for rows in nodes[kept]]))
         others = [kind for kind in found if kind != kept]
         if not any(np.isin(rows, inside).any() for kind in others for rows in nodes[kind]):
-            why = {kind: f"the mesh has {PLURAL[kept]}" if kind in CORNERS else "not supported" for kind in others}
+            why = {
+                kind: f"the mesh has {PLURAL[kept]}" if kind in CORNERS else "not supported"
+                for kind in others
+            }
             return kept, {
-                in_words(counts[kind], kind): f"{said}; none touches a cell of the mesh" for kind, said in why.items()
+                in_words(counts[kind], kind): f"{said}; none touches a cell of the mesh"
+                for kind, said in why.items()
             }
     names = " and ".join(PLURAL.get(kind, f"{kind}s") for kind in found)
     many = " and ".join(str(counts[kind]) for kind in found)
     said = f"mixes {names}, {many} of them" if len(found) > 1 else f"has {names}"
     raise FileContentError(
-        f"{path} {said}, and a mesh must have cells of one kind: triangles, quadrilaterals, tetrahedra or hexahedra. "
-        f"Mesh all bodies so: {_ONE_KIND[max(DIMENSION.get(kind, 3) for kind in found)]}"
+        f"{path} {said}, and a mesh must have cells of one kind: triangles, quadrilaterals, "
+        "tetrahedra or hexahedra. Mesh all bodies so: "
+        f"{_ONE_KIND[max(DIMENSION.get(kind, 3) for kind in found)]}"
     )
 
 
@@ -115,16 +183,28 @@ def in_words(count: int, kind: str) -> str:
 
 
 def of_other_kinds(sets: Mapping[str | int, Mapping[str, int]], kept: str) -> dict[str | int, str]:
-    """Reasons why sets are no bodies, by their counts of cells of kinds that are left out of a mesh of the kept one."""
-    said = {name: " and ".join(in_words(count, kind) for kind, count in own.items()) for name, own in sets.items()}
+    """Reasons why sets are no bodies, by their counts of cells of kinds that are left out of a mesh
+    of the kept one.
+    """
+    said = {
+        name: " and ".join(in_words(count, kind) for kind, count in own.items())
+        for name, own in sets.items()
+    }
     return {
-        name: f"{what} in it, and a mesh has cells of one kind, here {PLURAL[kept]}: mesh all bodies of the scene so"
+        name: (
+            f"{what} in it, and a mesh has cells of one kind, here {PLURAL[kept]}: mesh all "
+            "bodies of the scene so"
+        )
         for name, what in said.items()
     }
 
 
-def sides_of(kind: str, cells: Iterable[np.ndarray], path: Path, order: str = "vtk") -> np.ndarray | None:
-    """Nodes on the edges of cells of second order, (c, edges), in the order of :data:`EDGES`; None at first order.
+def sides_of(
+    kind: str, cells: Iterable[np.ndarray], path: Path, order: str = "vtk"
+) -> np.ndarray | None:
+    """Nodes on the edges of cells of second order, (c, edges), in the order of :data:`EDGES`.
+
+    None at first order.
 
     Nodes in the middle of faces and cells are skipped: they follow from those of the edges.
 
@@ -146,13 +226,14 @@ def sides_of(kind: str, cells: Iterable[np.ndarray], path: Path, order: str = "v
     known = {corners + len(own), *WHOLE.get(kind, ())}
     if len(counts) > 1 and corners in counts:
         raise FileContentError(
-            f"{path}: cells of kind {kind} have {' or '.join(map(str, counts))} nodes: mesh all bodies with cells of "
-            "one order, in gmsh by setOrder(2)"
+            f"{path}: cells of kind {kind} have {' or '.join(map(str, counts))} nodes: mesh all "
+            "bodies with cells of one order, in gmsh by setOrder(2)"
         )
     if not set(counts) <= known:
         raise FileContentError(
-            f"{path}: cells of kind {kind} have {' or '.join(map(str, counts))} nodes, and those of order 1 or 2 have "
-            f"{corners} or {' or '.join(map(str, sorted(known)))}: in gmsh setOrder(2)"
+            f"{path}: cells of kind {kind} have {' or '.join(map(str, counts))} nodes, and those "
+            f"of order 1 or 2 have {corners} or {' or '.join(map(str, sorted(known)))}: in gmsh "
+            "setOrder(2)"
         )
     listed = [frozenset(edge) for edge in EDGE_ORDERS[order].get(kind, own)]
     places = corners + np.array([listed.index(frozenset(edge)) for edge in own])
@@ -173,7 +254,9 @@ def outer_faces_of_cells(kind: str, cells: np.ndarray) -> tuple[np.ndarray, np.n
     """Corners of the faces that belong to one cell only, (f, k), and this cell, (f,)."""
     every = faces(kind, cells)
     flat = every.reshape(-1, every.shape[-1])
-    _, first, count = np.unique(np.sort(flat, axis=1), axis=0, return_index=True, return_counts=True)
+    _, first, count = np.unique(
+        np.sort(flat, axis=1), axis=0, return_index=True, return_counts=True
+    )
     outer = first[count == 1]
     return flat[outer], outer // len(FACES[kind])
 

@@ -1,4 +1,5 @@
-"""A spherical cap above a block with a coating, axisymmetric in (r, z), with nodes that face each other.
+"""A spherical cap above a block with a coating, axisymmetric in (r, z), with nodes that face each
+other.
 
 Structured quadrilaterals, graded towards the point of first contact at the origin.
 """
@@ -48,10 +49,13 @@ def coated_block(
         thickness: thickness of the coating.
         cells: cells of each body along the radius and along the axis.
         layers: cells of the coating along the axis, among those of the block.
-        grading: 0 for even cells; cells grow from the origin like the slope of sinh over [0, grading].
+        grading: 0 for even cells; cells grow from the origin like the slope of sinh over [0,
+            grading].
     """
     if not 0 < width < radius or not 0 < thickness < width or not 0 < layers < cells[1]:
-        raise ValueError(f"width = {width}, thickness = {thickness} and layers = {layers} must fit in the block")
+        raise ValueError(
+            f"width = {width}, thickness = {thickness} and layers = {layers} must fit in the block"
+        )
 
     def warp(points: np.ndarray, tag: int) -> np.ndarray:
         r = width * _graded(points[:, 0], grading)
@@ -59,8 +63,16 @@ def coated_block(
             share = layers / cells[1]
             depth = -points[:, 1]
             below = np.maximum(depth - share, 0.0) / (1 - share)
-            return np.column_stack([r, -np.where(depth <= share, thickness * depth / share,
-                                                 thickness + (width - thickness) * _graded(below, 2.0))])  # fmt: skip
+            return np.column_stack(
+                [
+                    r,
+                    -np.where(
+                        depth <= share,
+                        thickness * depth / share,
+                        thickness + (width - thickness) * _graded(below, 2.0),
+                    ),
+                ]
+            )
         surface = radius - np.sqrt(radius**2 - r**2)
         return np.column_stack([r, surface + (width - surface) * _graded(points[:, 1], grading)])
 

@@ -1,4 +1,5 @@
-"""Checks of conforming cells: distinct corners in a cell, one node for both cells of a side, facets that are sides.
+"""Checks of conforming cells: distinct corners in a cell, one node for both cells of a side, facets
+that are sides.
 
 DOLFINx assumes all of this; otherwise it aborts the process, or corrupts memory.
 """
@@ -17,14 +18,18 @@ if TYPE_CHECKING:
     from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
 COINCIDE = 1e-5
-"""Distance of two nodes over the length of their side below which they coincide: files have about 7 digits."""
+"""Distance of two nodes over the length of their side below which they coincide: files have about 7
+digits.
+"""
 
 
 def conforming(raw: RawMesh) -> RawMesh:
-    """The mesh with one node in the middle of each side, and with surfaces whose facets are all sides of cells.
+    """The mesh with one node in the middle of each side, and with surfaces whose facets are all
+    sides of cells.
 
     Raises:
-        FileContentError: for cells that have a node twice, or sides with several middle nodes at different positions.
+        FileContentError: for cells that have a node twice, or sides with several middle nodes at
+            different positions.
     """
     _check_distinct(raw)
     joined = raw if raw.sides is None else _joined(raw, raw.sides)
@@ -38,8 +43,9 @@ def _check_distinct(raw: RawMesh) -> None:
     if twice.any():
         place = raw.points[raw.cells[twice][0]].mean(axis=0).round(6).tolist()
         raise FileContentError(
-            f"{int(twice.sum())} of {len(raw.cells)} {PLURAL[raw.kind]} have a node twice, e.g. around {place}: "
-            "collapsed cells are not supported. Mesh these places with whole cells"
+            f"{int(twice.sum())} of {len(raw.cells)} {PLURAL[raw.kind]} have a node twice, e.g. "
+            f"around {place}: collapsed cells are not supported. Mesh these places with whole "
+            "cells"
         )
 
 
@@ -52,12 +58,20 @@ def _joined(raw: RawMesh, sides: np.ndarray) -> RawMesh:
     lengths = np.linalg.norm(raw.points[ends[:, 0]] - raw.points[ends[:, 1]], axis=1)
     apart = np.linalg.norm(raw.points[flat] - raw.points[kept], axis=1) > COINCIDE * lengths
     if apart.any():
-        _refuse(raw, ends[apart], "have nodes of their own in the middle of each of their cells, at different places")
+        _refuse(
+            raw,
+            ends[apart],
+            "have nodes of their own in the middle of each of their cells, at different places",
+        )
     _, firsts, counts = np.unique(kept[first], return_index=True, return_counts=True)
     shared = np.isin(kept[first], kept[first][firsts[counts > 1]])
     wrong = shared | np.isin(kept[first], raw.cells)
     if wrong.any():
-        _refuse(raw, ends[first][wrong], "have a node in the middle that is that of another side or a corner of a cell")
+        _refuse(
+            raw,
+            ends[first][wrong],
+            "have a node in the middle that is that of another side or a corner of a cell",
+        )
     if np.array_equal(kept, flat):
         return raw
     numbers = np.arange(len(raw.points))
@@ -71,9 +85,10 @@ def _refuse(raw: RawMesh, ends: np.ndarray, what: str) -> None:
     ends = np.unique(ends, axis=0)
     from_, to = raw.points[ends[0]].round(6).tolist()
     raise FileContentError(
-        f"{len(ends)} sides of cells of second order {what}, e.g. the side from {from_} to {to}: neighbouring cells do "
-        "not meet there. Merge coinciding nodes where the mesh is made (gmsh: Geometry.AutoCoherence, "
-        "removeDuplicateNodes), or mesh with cells of first order and set order=2 in the scene"
+        f"{len(ends)} sides of cells of second order {what}, e.g. the side from {from_} to {to}: "
+        "neighbouring cells do not meet there. Merge coinciding nodes where the mesh is made "
+        "(gmsh: Geometry.AutoCoherence, removeDuplicateNodes), or mesh with cells of first order "
+        "and set order=2 in the scene"
     )
 
 
@@ -83,13 +98,19 @@ def _with_sides_only(raw: RawMesh) -> RawMesh:
     if not names:
         return raw
     ends = np.cumsum([len(raw.surfaces[name]) for name in names])
-    inside = np.split(are_sides(raw.kind, raw.cells, np.concatenate([raw.surfaces[name] for name in names])), ends[:-1])
+    inside = np.split(
+        are_sides(raw.kind, raw.cells, np.concatenate([raw.surfaces[name] for name in names])),
+        ends[:-1],
+    )
     kept = {name: raw.surfaces[name][own] for name, own in zip(names, inside, strict=True)}
     lost = {
-        name: counted(int((~own).sum()), raw.dim - 1) for name, own in zip(names, inside, strict=True) if not own.all()
+        name: counted(int((~own).sum()), raw.dim - 1)
+        for name, own in zip(names, inside, strict=True)
+        if not own.all()
     }
     reasons = {
-        name: f"{what} of it belong to no cell: there are no shells, membranes or bars" for name, what in lost.items()
+        name: f"{what} of it belong to no cell: there are no shells, membranes or bars"
+        for name, what in lost.items()
     }
     # the reasons of the reader are more specific
     return replace(raw, surfaces={**raw.surfaces, **kept}, left_out={**reasons, **raw.left_out})

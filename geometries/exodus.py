@@ -10,11 +10,24 @@ import numpy as np
 
 from hhr_dolfinx.compat import netcdf_read
 from hhr_dolfinx.errors import FileContentError
-from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, of_other_kinds, one_kind, sides_of
+from hhr_dolfinx.geometries.cells import (
+    CORNERS,
+    DIMENSION,
+    FACES,
+    of_other_kinds,
+    one_kind,
+    sides_of,
+)
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
-_KINDS = {"TRI": "triangle", "QUA": "quadrilateral", "TET": "tetrahedron", "HEX": "hexahedron", "WED": "prism",
-          "PYR": "pyramid"}  # fmt: skip
+_KINDS = {
+    "TRI": "triangle",
+    "QUA": "quadrilateral",
+    "TET": "tetrahedron",
+    "HEX": "hexahedron",
+    "WED": "prism",
+    "PYR": "pyramid",
+}
 """Kinds of cells by the first letters of their names."""
 _HEX_SIDES = ((0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7), (0, 1, 2, 3), (4, 5, 6, 7))
 _TET_SIDES = ((0, 1, 3), (1, 2, 3), (0, 2, 3), (0, 1, 2))
@@ -36,7 +49,8 @@ def _read(data: Any, path: Path) -> RawMesh:
     if not dim:
         types = ", ".join(sorted({block.type for block in blocks}))
         raise FileContentError(
-            f"{path} has elements of type {types}, and no triangles, quadrilaterals, tetrahedra or hexahedra"
+            f"{path} has elements of type {types}, and no triangles, quadrilaterals, tetrahedra "
+            "or hexahedra"
         )
     solid = [block for block in blocks if block.kind and DIMENSION.get(block.kind, 3) == dim]
     kind, left_out = one_kind(((block.kind, block.nodes) for block in solid), path)
@@ -49,18 +63,28 @@ def _read(data: Any, path: Path) -> RawMesh:
         bodies |= dict.fromkeys(block.names, np.arange(starts[k], starts[k + 1]))
     # side sets count the elements of all blocks
     row_of = np.full(sum(len(block.nodes) for block in blocks), -1)
-    row_of[np.concatenate([block.first + np.arange(len(block.nodes)) for block in own])] = np.arange(len(cells))
+    row_of[np.concatenate([block.first + np.arange(len(block.nodes)) for block in own])] = (
+        np.arange(len(cells))
+    )
     surfaces, reasons = _side_sets(data, kind, cells, row_of)
     width = len(FACES[kind][0])
     for block in blocks:
         if block.corners == width and DIMENSION.get(block.kind, 1) == dim - 1:
-            surfaces |= {name: block.nodes[:, :width] for name in block.names if name not in surfaces}
+            surfaces |= {
+                name: block.nodes[:, :width] for name in block.names if name not in surfaces
+            }
         elif block in solid and block not in own:
-            left_out |= of_other_kinds({name: {block.kind: len(block.nodes)} for name in block.names}, kind)
+            left_out |= of_other_kinds(
+                {name: {block.kind: len(block.nodes)} for name in block.names}, kind
+            )
         elif block not in own:
-            what = f"a block of {len(block.nodes)} elements of type {block.type}, which are no cells"
+            what = (
+                f"a block of {len(block.nodes)} elements of type {block.type}, which are no cells"
+            )
             left_out |= dict.fromkeys(block.names, what)
-    return RawMesh(_points(data), kind, cells, bodies, surfaces, _node_sets(data), sides, left_out | reasons)
+    return RawMesh(
+        _points(data), kind, cells, bodies, surfaces, _node_sets(data), sides, left_out | reasons
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,8 +110,12 @@ class _Block:
     @classmethod
     def of(cls, data: Any, k: int, number: int, name: str) -> _Block:
         """Block k = 1, 2, ... of a file; an empty one has no variable."""
-        sizes = [len(data.dimensions[f"num_el_in_blk{j}"]) if f"num_el_in_blk{j}" in data.dimensions else 0
-                 for j in range(1, k + 1)]  # fmt: skip
+        sizes = [
+            len(data.dimensions[f"num_el_in_blk{j}"])
+            if f"num_el_in_blk{j}" in data.dimensions
+            else 0
+            for j in range(1, k + 1)
+        ]
         names = (number, name) if name else (number,)
         if f"connect{k}" not in data.variables:
             return cls("none", "", 0, np.zeros((0, 0), dtype=np.int64), sum(sizes[:-1]), names)
@@ -98,14 +126,21 @@ class _Block:
         kind = (
             ""
             if line
-            else _kind(type_, nodes.shape[1], "num_dim" in data.dimensions and len(data.dimensions["num_dim"]))
+            else _kind(
+                type_,
+                nodes.shape[1],
+                "num_dim" in data.dimensions and len(data.dimensions["num_dim"]),
+            )
         )
         corners = 2 if line else CORNERS.get(kind, 0)
         return cls(type_, kind, corners, nodes, sum(sizes[:-1]), names)
 
 
 def _kind(type_: str, count: int, dim: int) -> str:
-    """Kind of cells of a type; empty for other elements. Some writers name the lines of plane meshes shells."""
+    """Kind of cells of a type; empty for other elements.
+
+    Some writers name the lines of plane meshes shells.
+    """
     if type_.startswith("SHE"):
         return "" if dim == 2 else "triangle" if count in (3, 6) else "quadrilateral"
     return _KINDS.get(type_[:3], "")
@@ -115,13 +150,17 @@ def _points(data: Any) -> np.ndarray:
     """Coordinates, (nodes, dim), as one array or one for each axis."""
     if "coord" in data.variables:
         return np.asarray(data.variables["coord"][:]).T
-    return np.column_stack([data.variables[f"coord{axis}"][:] for axis in "xyz" if f"coord{axis}" in data.variables])
+    return np.column_stack(
+        [data.variables[f"coord{axis}"][:] for axis in "xyz" if f"coord{axis}" in data.variables]
+    )
 
 
 def _side_sets(
     data: Any, kind: str, cells: np.ndarray, row_of: np.ndarray
 ) -> tuple[dict[str | int, np.ndarray], dict[str | int, str]]:
-    """Corners of the facets of side sets, and reasons for side sets of other elements, which are left out."""
+    """Corners of the facets of side sets, and reasons for side sets of other elements, which are
+    left out.
+    """
     found: dict[str | int, np.ndarray] = {}
     reasons: dict[str | int, str] = {}
     count = len(data.dimensions["num_side_sets"]) if "num_side_sets" in data.dimensions else 0
@@ -130,7 +169,8 @@ def _side_sets(
         if f"elem_ss{k}" not in data.variables:
             continue
         elements, sides = (
-            np.asarray(data.variables[f"{what}_ss{k}"][:], dtype=np.int64) - 1 for what in ("elem", "side")
+            np.asarray(data.variables[f"{what}_ss{k}"][:], dtype=np.int64) - 1
+            for what in ("elem", "side")
         )
         rows = row_of[elements]
         inside = (rows >= 0) & (sides < len(_SIDES[kind]))
@@ -138,16 +178,20 @@ def _side_sets(
             reasons[name or number] = (
                 f"{int((~inside).sum())} of its {len(rows)} sides are of elements that are no cells"
             )
-        facets = np.take_along_axis(cells[rows[inside]], np.array(_SIDES[kind])[sides[inside]], axis=1)
+        facets = np.take_along_axis(
+            cells[rows[inside]], np.array(_SIDES[kind])[sides[inside]], axis=1
+        )
         found |= {number: facets} | ({name: facets} if name else {})
     return found, reasons
 
 
 def _node_sets(data: Any) -> dict[str, np.ndarray]:
     count = len(data.dimensions["num_node_sets"]) if "num_node_sets" in data.dimensions else 0
-    return {name or f"nodes {number}": np.asarray(data.variables[f"node_ns{k}"][:], dtype=np.int64) - 1
-            for k, (number, name) in enumerate(_labels(data, "ns", count), start=1)
-            if f"node_ns{k}" in data.variables}  # fmt: skip
+    return {
+        name or f"nodes {number}": np.asarray(data.variables[f"node_ns{k}"][:], dtype=np.int64) - 1
+        for k, (number, name) in enumerate(_labels(data, "ns", count), start=1)
+        if f"node_ns{k}" in data.variables
+    }
 
 
 def _labels(data: Any, kind: str, count: int) -> list[tuple[int, str]]:
@@ -158,5 +202,8 @@ def _labels(data: Any, kind: str, count: int) -> list[tuple[int, str]]:
     names = [""] * count
     if f"{kind}_names" in data.variables:
         rows = np.asarray(data.variables[f"{kind}_names"][:])
-        names = [b"".join(letter for letter in row if letter).decode(errors="replace").strip("\x00 ") for row in rows]
+        names = [
+            b"".join(letter for letter in row if letter).decode(errors="replace").strip("\x00 ")
+            for row in rows
+        ]
     return list(zip(numbers, names, strict=True))

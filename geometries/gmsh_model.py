@@ -1,4 +1,6 @@
-"""Meshes made by gmsh, whose state is global to the process: session and models of the user are restored."""
+"""Meshes made by gmsh, whose state is global to the process: session and models of the user are
+restored.
+"""
 
 from __future__ import annotations
 
@@ -30,12 +32,14 @@ __all__ = ["gmsh", "mesh_of"]
 _OPTIONS = {"General.Terminal": 0.0, "General.AbortOnError": 2.0}  # silent, and errors raise
 
 
-def mesh_of(make: Callable[[], None], comm: Comm, dim: int, options: Mapping[str, float] | None = None) -> TaggedMesh:
+def mesh_of(
+    make: Callable[[], None], comm: Comm, dim: int, options: Mapping[str, float] | None = None
+) -> TaggedMesh:
     """Mesh a new gmsh model on the first rank and distribute the mesh.
 
     Args:
-        make: function that fills and meshes the current model of gmsh, on the first rank; the model that is current
-            afterwards is distributed.
+        make: function that fills and meshes the current model of gmsh, on the first rank; the model
+            that is current afterwards is distributed.
         comm: MPI communicator.
         dim: dimension of the mesh, and of its points.
         options: options of gmsh during this call.
@@ -49,8 +53,9 @@ def mesh_of(make: Callable[[], None], comm: Comm, dim: int, options: Mapping[str
             make()
         if comm.bcast(comm.rank == 0 and _facets_without_cells()):
             raise SceneError(
-                "facets that gmsh made have nodes that no cell has, which DOLFINx does not survive: they do not fit "
-                "the cells, as with automatic transfinite tetrahedra. Recombine to hexahedra, or leave that out"
+                "facets that gmsh made have nodes that no cell has, which DOLFINx does not "
+                "survive: they do not fit the cells, as with automatic transfinite tetrahedra. "
+                "Recombine to hexahedra, or leave that out"
             )
         return gmsh_to_mesh(gmsh.model, comm, dim, shares)
 
@@ -61,7 +66,9 @@ def _check_that_it_meshes() -> None:
     Raises:
         SceneError: if nothing is meshed: up to 4.13 gmsh stays locked after a mesh that failed.
     """
-    line = gmsh.model.geo.addLine(gmsh.model.geo.addPoint(0, 0, 0), gmsh.model.geo.addPoint(1, 0, 0))
+    line = gmsh.model.geo.addLine(
+        gmsh.model.geo.addPoint(0, 0, 0), gmsh.model.geo.addPoint(1, 0, 0)
+    )
     gmsh.model.geo.synchronize()
     gmsh.model.mesh.generate(1)
     done = bool(gmsh.model.mesh.getElements(1, line)[0].size)
@@ -70,8 +77,8 @@ def _check_that_it_meshes() -> None:
     gmsh.model.geo.synchronize()
     if not done:
         raise SceneError(
-            f"gmsh {gmsh.GMSH_API_VERSION} meshes nothing in this session any more, since a mesh in it has failed: "
-            "call gmsh.finalize(), gmsh.initialize(), and make your models anew"
+            f"gmsh {gmsh.GMSH_API_VERSION} meshes nothing in this session any more, since a mesh "
+            "in it has failed: call gmsh.finalize(), gmsh.initialize(), and make your models anew"
         )
 
 
@@ -82,15 +89,22 @@ def knows_med() -> bool:
 
 
 def _facets_without_cells() -> bool:
-    """True if facets of physical groups in the current model have nodes that belong to no cell of such groups."""
+    """True if facets of physical groups in the current model have nodes that belong to no cell of
+    such groups.
+    """
     groups = gmsh.model.getPhysicalGroups()
     dim = max((group[0] for group in groups), default=0)
 
     def nodes_of(wanted: int) -> np.ndarray:
         entities = {
-            entity for d, tag in groups if d == wanted for entity in gmsh.model.getEntitiesForPhysicalGroup(d, tag)
+            entity
+            for d, tag in groups
+            if d == wanted
+            for entity in gmsh.model.getEntitiesForPhysicalGroup(d, tag)
         }
-        found = [nodes for entity in entities for nodes in gmsh.model.mesh.getElements(wanted, entity)[2]]
+        found = [
+            nodes for entity in entities for nodes in gmsh.model.mesh.getElements(wanted, entity)[2]
+        ]
         return np.unique(np.concatenate([np.zeros(0, dtype=np.uint64), *found]))
 
     return bool(np.setdiff1d(nodes_of(dim - 1), nodes_of(dim)).size)
@@ -125,8 +139,14 @@ def entities_of(path: Path) -> tuple[np.ndarray, np.ndarray, list[Entity]]:
         found = []
         for dim, tag in gmsh.model.getEntities():
             # a group with reversed orientation has a negative number there
-            own = np.unique(np.abs(gmsh.model.getPhysicalGroupsForEntity(dim, tag))).astype(int).tolist()
-            groups = tuple((number, gmsh.model.getPhysicalName(dim, number).strip()) for number in own)
+            own = (
+                np.unique(np.abs(gmsh.model.getPhysicalGroupsForEntity(dim, tag)))
+                .astype(int)
+                .tolist()
+            )
+            groups = tuple(
+                (number, gmsh.model.getPhysicalName(dim, number).strip()) for number in own
+            )
             kinds, _, nodes = gmsh.model.mesh.getElements(dim, tag)
             for kind, own in zip(kinds, nodes, strict=True):
                 _, _, _, count, _, corners = gmsh.model.mesh.getElementProperties(kind)
@@ -137,7 +157,9 @@ def entities_of(path: Path) -> tuple[np.ndarray, np.ndarray, list[Entity]]:
 
 @contextmanager
 def _session(options: Mapping[str, float]) -> Iterator[None]:
-    """Make a new model current; at the end restore options, models and the current model of other users of gmsh."""
+    """Make a new model current; at the end restore options, models and the current model of other
+    users of gmsh.
+    """
     if not gmsh.isInitialized():
         _initialised()
         try:
@@ -163,7 +185,10 @@ def _session(options: Mapping[str, float]) -> Iterator[None]:
 
 @contextmanager
 def _default_options() -> Iterator[None]:
-    """Reset all options to their defaults, as others change meshes; restore those of the user at the end."""
+    """Reset all options to their defaults, as others change meshes.
+
+    Restore those of the user at the end.
+    """
     before = {name: gmsh.option.getNumber(name) for name in _OPTIONS}
     with tempfile.TemporaryDirectory() as folder:
         own = str(Path(folder) / "of_the_user.opt")

@@ -1,8 +1,8 @@
 """Two elastic half-discs that face each other across a gap, thesis section 1.5.1.
 
-gmsh meshes the lower body, which is mirrored at y = 0, so that every node of one arc faces a node of the other along
-e_y. With 56 arc and 14 flat segments per body the two meshes have 2 x 339 nodes and 55 facing pairs away from the flat
-edges.
+gmsh meshes the lower body, which is mirrored at y = 0, so that every node of one arc faces a node
+of the other along e_y. With 56 arc and 14 flat segments per body the two meshes have 2 x 339 nodes
+and 55 facing pairs away from the flat edges.
 """
 
 from __future__ import annotations
@@ -52,10 +52,13 @@ def half_discs(
     """
     if arc_segments < 2 or arc_segments % 2 or flat_segments < 1:
         raise ValueError(
-            f"arc_segments = {arc_segments} must be even and positive, flat_segments = {flat_segments} positive"
+            f"arc_segments = {arc_segments} must be even and positive, flat_segments = "
+            f"{flat_segments} positive"
         )
     if radius <= 0 or pole_ratio < 1:
-        raise ValueError(f"radius = {radius} must be positive and pole_ratio = {pole_ratio} at least 1")
+        raise ValueError(
+            f"radius = {radius} must be positive and pole_ratio = {pole_ratio} at least 1"
+        )
 
     def make() -> None:
         _mesh_lower_half(radius, gap, arc_segments, flat_segments, pole_ratio)
@@ -64,7 +67,9 @@ def half_discs(
     return mesh_of(make, comm, dim=2, options={"Mesh.Algorithm": _DELAUNAY})
 
 
-def _mesh_lower_half(radius: float, gap: float, arc_segments: int, flat_segments: int, pole_ratio: float) -> None:
+def _mesh_lower_half(
+    radius: float, gap: float, arc_segments: int, flat_segments: int, pole_ratio: float
+) -> None:
     """Mesh the lower body in the current gmsh model: two quarter arcs that meet at the pole."""
     geo = gmsh.model.geo
     y = -radius - gap / 2
@@ -88,7 +93,10 @@ def _mesh_lower_half(radius: float, gap: float, arc_segments: int, flat_segments
 def _mirror() -> None:
     """Replace the model by one with the current mesh and its mirror image at y = 0."""
     tags, points, _ = gmsh.model.mesh.getNodes()
-    cells = {name: _connectivity(dim, name) for dim, name in ((2, LOWER), (1, LOWER_ARC), (1, LOWER_FLAT))}
+    cells = {
+        name: _connectivity(dim, name)
+        for dim, name in ((2, LOWER), (1, LOWER_ARC), (1, LOWER_FLAT))
+    }
     used = np.unique(cells[LOWER])  # gmsh also lists the centre of the arcs
     points = points.reshape(-1, 3)[np.searchsorted(tags, used)]
     cells = {name: np.searchsorted(used, nodes) for name, nodes in cells.items()}
@@ -96,7 +104,9 @@ def _mirror() -> None:
     _add_body((LOWER, LOWER_ARC, LOWER_FLAT), points, cells, first_node=1)
     # mirroring changes the orientation of elements: reverse their nodes
     flipped = {name: nodes[:, ::-1] for name, nodes in cells.items()}
-    _add_body((UPPER, UPPER_ARC, UPPER_FLAT), points * [1, -1, 1], flipped, first_node=1 + used.size)
+    _add_body(
+        (UPPER, UPPER_ARC, UPPER_FLAT), points * [1, -1, 1], flipped, first_node=1 + used.size
+    )
 
 
 def _connectivity(dim: int, physical: int) -> np.ndarray:
@@ -110,7 +120,10 @@ def _connectivity(dim: int, physical: int) -> np.ndarray:
 
 
 def _add_body(
-    names: tuple[int, int, int], points: np.ndarray, cells: Mapping[int, np.ndarray], first_node: int
+    names: tuple[int, int, int],
+    points: np.ndarray,
+    cells: Mapping[int, np.ndarray],
+    first_node: int,
 ) -> None:
     """Add one body as discrete entities ``names`` (body, arc, flat) with a physical group each."""
     body, arc, flat = names

@@ -1,8 +1,9 @@
 """gmsh's optimisers of curved cells, as a script: ``python high_order.py mesh.npz HighOrder``.
 
-gmsh ends the whole process if its optimiser misses its target (``std::runtime_error``, 4.15), so that it must not run
-in the process of a user. The file has ``points``, (n, 3), nodes of ``cells``, (c, K), and of ``held`` facets, (f, k),
-whose nodes do not move, and gmsh's numbers of both kinds of elements, ``kinds``, (2,). New points are written to it.
+gmsh ends the whole process if its optimiser misses its target (``std::runtime_error``, 4.15), so
+that it must not run in the process of a user. The file has ``points``, (n, 3), nodes of ``cells``,
+(c, K), and of ``held`` facets, (f, k), whose nodes do not move, and gmsh's numbers of both kinds of
+elements, ``kinds``, (2,). New points are written to it.
 """
 
 import sys
@@ -11,7 +12,9 @@ import numpy as np
 
 
 def optimise(path: str, how: str) -> None:
-    """Move the nodes of a mesh in a file by an optimiser of gmsh: ``HighOrder`` or ``HighOrderElastic``."""
+    """Move the nodes of a mesh in a file by an optimiser of gmsh: ``HighOrder`` or
+    ``HighOrderElastic``.
+    """
     import gmsh
 
     with np.load(path) as file:

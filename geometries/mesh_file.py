@@ -1,7 +1,9 @@
-"""Meshes from files: gmsh's ``.msh``, Abaqus' ``.inp``, Exodus, MED, XDMF, formats of plug-ins, and those of meshio.
+"""Meshes from files: gmsh's ``.msh``, Abaqus' ``.inp``, Exodus, MED, XDMF, formats of plug-ins, and
+those of meshio.
 
-Bodies and surfaces have their names in the file: physical groups of gmsh, sets and surfaces of Abaqus, blocks and side
-sets of Exodus, groups of MED. A set of nodes stands for the outer facets whose nodes are all in the set.
+Bodies and surfaces have their names in the file: physical groups of gmsh, sets and surfaces of
+Abaqus, blocks and side sets of Exodus, groups of MED. A set of nodes stands for the outer facets
+whose nodes are all in the set.
 """
 
 from __future__ import annotations
@@ -18,7 +20,15 @@ import numpy as np
 from hhr_dolfinx.compat import NamedMesh, linear_mesh, tags_of
 from hhr_dolfinx.errors import FileContentError, HHRError, SceneError
 from hhr_dolfinx.geometries.by_meshio import read_by_meshio
-from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, OF_CORNERS, of_other_kinds, one_kind, sides_of
+from hhr_dolfinx.geometries.cells import (
+    CORNERS,
+    DIMENSION,
+    FACES,
+    OF_CORNERS,
+    of_other_kinds,
+    one_kind,
+    sides_of,
+)
 from hhr_dolfinx.geometries.conforming import conforming
 from hhr_dolfinx.geometries.partition import shares
 from hhr_dolfinx.geometries.raw_mesh import Numbers, RawMesh, facets_by_number
@@ -31,11 +41,15 @@ if TYPE_CHECKING:
     from hhr_dolfinx.geometries.gmsh_model import Entity
 
 FAR = 1e100
-"""Coordinates from which on squares of lengths overflow: such places, and those that are no number, are mistakes."""
+"""Coordinates from which on squares of lengths overflow: such places, and those that are no number,
+are mistakes.
+"""
 NodesOf = Callable[[Path, np.ndarray, np.ndarray], dict[str, np.ndarray]]
 """Rows of sets of nodes by name, of a path, points and their numbers in gmsh."""
 BY_GMSH = (".med", ".mmed", ".rmed", ".cgns")
-"""Endings of files that gmsh reads: meshio reads MED by h5py, which is incompatible with the HDF5 of DOLFINx."""
+"""Endings of files that gmsh reads: meshio reads MED by h5py, which is incompatible with the HDF5
+of DOLFINx.
+"""
 
 ENDINGS = (".msh", ".inp", ".e", ".xdmf", ".vtk", ".vtu", ".med", ".cgns")
 """Endings of the usual formats, for messages."""
@@ -57,7 +71,9 @@ class MeshFile:
         if not isinstance(self.path, Path | str):
             raise SceneError(f"the path {self.path!r} of a mesh file must be a text or a Path")
         if not isinstance(self.scale, int | float) or not 0 < self.scale < np.inf:
-            raise SceneError(f"the scale {self.scale!r} of mesh file {self.path} must be a positive number")
+            raise SceneError(
+                f"the scale {self.scale!r} of mesh file {self.path} must be a positive number"
+            )
 
     def __call__(self, comm: Comm) -> NamedMesh:
         """Read the file on the first rank and distribute the mesh.
@@ -83,7 +99,8 @@ class MeshFile:
         path = Path(self.path)
         if path.is_dir():
             raise FileContentError(
-                f"{path} is a folder, and a mesh is a file. Of a mesh of Elmer's `ElmerGrid 2 4 {path}` makes a .msh"
+                f"{path} is a folder, and a mesh is a file. Of a mesh of Elmer's `ElmerGrid 2 4 "
+                f"{path}` makes a .msh"
             )
         if not path.is_file():
             raise FileContentError(f"there is no mesh file {path}: {_found_instead(path)}")
@@ -91,22 +108,34 @@ class MeshFile:
             raw = conforming(reader_of(path)(path).once()).compact()
             far = np.flatnonzero(~(np.abs(raw.points) < FAR).all(axis=1))
             if far.size:
-                raise FileContentError(f"mesh file {path} has a node at {raw.points[far[0]].tolist()}: correct it")
+                raise FileContentError(
+                    f"mesh file {path} has a node at {raw.points[far[0]].tolist()}: correct it"
+                )
             return raw
         except HHRError:
             raise
         except Exception as error:
-            # readers raise many kinds of errors for damaged files, and gmsh Exception without a text
+            # readers raise many kinds of errors for damaged files, and gmsh Exception without a
+            # text
             kind = "" if type(error) is Exception else f"{type(error).__name__}: "
             what = f"{kind}{error}".rstrip(": .") or "it is damaged"
-            raise FileContentError(f"mesh file {path} cannot be read: {what}. {_advice(path)}") from error
+            raise FileContentError(
+                f"mesh file {path} cannot be read: {what}. {_advice(path)}"
+            ) from error
 
 
 def _found_instead(path: Path) -> str:
     """Message for a missing file, with the files of the same name or ending in its folder."""
     if not path.parent.is_dir():
-        return f"there is no folder {path.parent.absolute()}. Give the path from where the command is run"
-    beside = [item.name for item in path.parent.iterdir() if path.stem == item.stem or path.suffix == item.suffix]
+        return (
+            f"there is no folder {path.parent.absolute()}. Give the path from where the command "
+            "is run"
+        )
+    beside = [
+        item.name
+        for item in path.parent.iterdir()
+        if path.stem == item.stem or path.suffix == item.suffix
+    ]
     if beside:
         return f"{path.parent.absolute()} has {', '.join(sorted(beside)[:5])}"
     return f"{path.absolute()} is looked for. Give the path from where the command is run"
@@ -115,14 +144,22 @@ def _found_instead(path: Path) -> str:
 def _advice(path: Path) -> str:
     """Advice for a file that no reader can read."""
     if path.suffix.lower() in (".step", ".stp", ".iges", ".igs", ".brep", ".geo", ".stl"):
-        return f"{path.suffix} is geometry and no mesh: mesh its volumes in gmsh, and save them as .msh"
+        return (
+            f"{path.suffix} is geometry and no mesh: mesh its volumes in gmsh, and save them as "
+            ".msh"
+        )
     if path.suffix.lower() in (".pvd", ".pvtu"):
         return "It names other files: give one of the .vtu files in it"
-    return f"Write it again, or in another format: {', '.join(dict.fromkeys((*ENDINGS, *named('readers'))))}"
+    return (
+        "Write it again, or in another format: "
+        f"{', '.join(dict.fromkeys((*ENDINGS, *named('readers'))))}"
+    )
 
 
 def reader_of(path: Path) -> Any:
-    """Reader of a file by its ending; decks of Abaqus also by their first word, as cgx names them .msh."""
+    """Reader of a file by its ending; decks of Abaqus also by their first word, as cgx names them
+    .msh.
+    """
     ending = path.suffix.lower()
     if (place := named("readers").get(ending)) is not None:
         return load(place)
@@ -144,7 +181,9 @@ def reader_of(path: Path) -> Any:
 
 
 def begins_as_deck(path: Path) -> bool:
-    """True if the first line of a file is one of an Abaqus deck: ``*NODE``, ``*HEADING`` or a comment."""
+    """True if the first line of a file is one of an Abaqus deck: ``*NODE``, ``*HEADING`` or a
+    comment.
+    """
     with path.open("rb") as file:
         start = file.read(4096).lstrip().upper()
     return start.startswith((b"**", b"*NODE", b"*HEADING", b"*INCLUDE", b"*PART"))
@@ -153,8 +192,9 @@ def begins_as_deck(path: Path) -> bool:
 def _version(path: Path) -> float:
     """Version of gmsh's format; 0 for a file of another format.
 
-    From version 4 on groups consist of entities, which may be in several groups; meshio keeps the first one. In earlier
-    versions they consist of elements, which are in the file once for each group; gmsh would add whole entities.
+    From version 4 on groups consist of entities, which may be in several groups; meshio keeps the
+    first one. In earlier versions they consist of elements, which are in the file once for each
+    group; gmsh would add whole entities.
     """
     if path.suffix.lower() != ".msh":
         return 0.0
@@ -168,7 +208,9 @@ def _version(path: Path) -> float:
 
 
 def read_by_gmsh(path: Path, nodes_of: NodesOf | None = None) -> RawMesh:
-    """Read a file of a format that gmsh supports better than meshio, and sets of nodes by another function."""
+    """Read a file of a format that gmsh supports better than meshio, and sets of nodes by another
+    function.
+    """
     from hhr_dolfinx.geometries.gmsh_model import entities_of
 
     try:
@@ -184,12 +226,17 @@ def read_by_gmsh(path: Path, nodes_of: NodesOf | None = None) -> RawMesh:
     if not dim:
         raise FileContentError(f"{path} has no triangles, quadrilaterals, tetrahedra or hexahedra")
     solid = [entity for entity in entities if entity.dim == dim]
-    of = {entity: kinds.get((dim, entity.corners.shape[1])) or OF_CORNERS[entity.corners.shape[1]] for entity in solid}
+    of = {
+        entity: kinds.get((dim, entity.corners.shape[1])) or OF_CORNERS[entity.corners.shape[1]]
+        for entity in solid
+    }
     kind, left_out = one_kind(((of[entity], entity.nodes) for entity in solid), path)
     own = [entity for entity in solid if of[entity] == kind]
     order = sides_of(kind, (entity.nodes for entity in own), path, "gmsh")
     width = len(FACES[kind][0])
-    sides = [entity for entity in entities if entity.dim == dim - 1 and entity.corners.shape[1] == width]
+    sides = [
+        entity for entity in entities if entity.dim == dim - 1 and entity.corners.shape[1] == width
+    ]
     cells, bodies = _joined(own, CORNERS[kind])
     lost: dict[str | int, Counter[str]] = {}
     for entity in (item for item in solid if of[item] != kind):
@@ -200,16 +247,29 @@ def read_by_gmsh(path: Path, nodes_of: NodesOf | None = None) -> RawMesh:
     facets, surfaces = _joined(sides, width)
     nodes = nodes_of(path, points, numbers) if nodes_of else {}
     for entity in entities:
-        for name in {name or f"nodes {number}" for number, name in entity.groups if entity.dim < dim - 1}:
-            nodes[name] = np.union1d(nodes.get(name, np.zeros(0, dtype=np.int64)), entity.nodes.ravel())
-    return RawMesh(points, kind, cells, bodies or {1: np.arange(len(cells))},
-                   {name: facets[rows] for name, rows in surfaces.items()}, nodes, order, left_out)  # fmt: skip
+        for name in {
+            name or f"nodes {number}" for number, name in entity.groups if entity.dim < dim - 1
+        }:
+            nodes[name] = np.union1d(
+                nodes.get(name, np.zeros(0, dtype=np.int64)), entity.nodes.ravel()
+            )
+    return RawMesh(
+        points,
+        kind,
+        cells,
+        bodies or {1: np.arange(len(cells))},
+        {name: facets[rows] for name, rows in surfaces.items()},
+        nodes,
+        order,
+        left_out,
+    )
 
 
 def _joined(entities: list[Entity], width: int) -> tuple[np.ndarray, dict[str | int, np.ndarray]]:
     """Corners of all elements, (n, width), and rows of each group by its number and by its name.
 
-    If no group has any elements, the numbers are those of the entities, such as the lines of a .geo.
+    If no group has any elements, the numbers are those of the entities, such as the lines of a
+    .geo.
     """
     starts = np.cumsum([0, *(len(entity.corners) for entity in entities)])
     found: dict[str | int, list[np.ndarray]] = {}
@@ -238,9 +298,19 @@ def _arrays(raw: RawMesh, scale: float) -> tuple[tuple[np.ndarray, ...], Any]:
     facets, surfaces = facets_by_number(raw)
     points, whole = raw.whole()
     cells = raw.ordered()
-    groups = [(name, (dim, numbers)) for dim, sets in ((raw.dim, bodies.sets), (raw.dim - 1, surfaces.sets))
-              for name, numbers in sets.items()]  # fmt: skip
-    return (points * scale, whole, cells[bodies.items], facets, bodies.values, surfaces.values), groups
+    groups = [
+        (name, (dim, numbers))
+        for dim, sets in ((raw.dim, bodies.sets), (raw.dim - 1, surfaces.sets))
+        for name, numbers in sets.items()
+    ]
+    return (
+        points * scale,
+        whole,
+        cells[bodies.items],
+        facets,
+        bodies.values,
+        surfaces.values,
+    ), groups
 
 
 def _shared(raw: RawMesh | None, comm: Comm, scale: float, summary: Summary | None) -> NamedMesh:

@@ -1,8 +1,9 @@
 """Partition of the cells of a mesh: each body over all ranks, cut by planes along coordinates.
 
-The cost of the interior of a rank grows faster than its size, and the matrix of the border between ranks is dense.
-Ranks have equal costs if each has a part of every body, and flat cuts are small. For a sphere on a block with 92,514
-dofs on two ranks a graph partition with equal sizes took 3.5e10 and 6.3e10 operations.
+The cost of the interior of a rank grows faster than its size, and the matrix of the border between
+ranks is dense. Ranks have equal costs if each has a part of every body, and flat cuts are small.
+For a sphere on a block with 92,514 dofs on two ranks a graph partition with equal sizes took 3.5e10
+and 6.3e10 operations.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ def shares(points: np.ndarray, cells: np.ndarray, count: int) -> np.ndarray:
     found = np.zeros(len(cells), dtype=np.int32)
     middles = points[cells].mean(axis=1)
     starts = np.arange(0, cells.size + 1, cells.shape[1])
-    corners = csr_matrix((np.ones(cells.size, dtype=bool), cells.ravel(), starts), shape=(len(cells), len(points)))
+    corners = csr_matrix(
+        (np.ones(cells.size, dtype=bool), cells.ravel(), starts), shape=(len(cells), len(points))
+    )
     _, touching = connected_components(corners.T @ corners, directed=False)
     body_of = touching[cells[:, 0]]
     order = np.argsort(body_of, kind="stable")
@@ -37,8 +40,12 @@ def shares(points: np.ndarray, cells: np.ndarray, count: int) -> np.ndarray:
     return found
 
 
-def _cut(body: np.ndarray, middles: np.ndarray, cells: np.ndarray, count: int, found: np.ndarray) -> None:
-    """Bisect some cells recursively into ``count`` parts, and write the numbers of these in place."""
+def _cut(
+    body: np.ndarray, middles: np.ndarray, cells: np.ndarray, count: int, found: np.ndarray
+) -> None:
+    """Bisect some cells recursively into ``count`` parts, and write the numbers of these in
+    place.
+    """
     if count == 1:
         return
     first = count // 2

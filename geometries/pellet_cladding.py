@@ -1,7 +1,8 @@
 """Fuel pellet inside a tube of cladding, axisymmetric in (r, z), thesis section 1.5.2.
 
-Two structured rectangles of quadrilaterals that face each other across a gap. The defaults, in mm, give the
-thesis' 6161 + 909 nodes; with ``cladding_axial_cells`` other than ``axial_cells`` the meshes do not match.
+Two structured rectangles of quadrilaterals that face each other across a gap. The defaults, in mm,
+give the thesis' 6161 + 909 nodes; with ``cladding_axial_cells`` other than ``axial_cells`` the
+meshes do not match.
 """
 
 from __future__ import annotations
@@ -54,7 +55,9 @@ def pellet_cladding(
         cladding_axial_cells: cells of the cladding along z; None for as many as the pellet has.
     """
     if min(radius, height, thickness) <= 0:
-        raise ValueError(f"radius {radius}, height {height} and thickness {thickness} must be positive")
+        raise ValueError(
+            f"radius {radius}, height {height} and thickness {thickness} must be positive"
+        )
     if cladding_axial_cells is None:
         cladding_axial_cells = axial_cells
     counts = (radial_cells, axial_cells, cladding_radial_cells, cladding_axial_cells)
@@ -64,16 +67,22 @@ def pellet_cladding(
 
     def make() -> None:
         _rectangle(PELLET, 0.0, radius, height, radial_cells, axial_cells)
-        _rectangle(CLADDING, inner, inner + thickness, height, cladding_radial_cells, cladding_axial_cells)
+        _rectangle(
+            CLADDING, inner, inner + thickness, height, cladding_radial_cells, cladding_axial_cells
+        )
         gmsh.model.mesh.generate(2)
 
     return mesh_of(make, comm, dim=2)
 
 
-def _rectangle(tag: int, left: float, right: float, height: float, radial_cells: int, axial_cells: int) -> None:
+def _rectangle(
+    tag: int, left: float, right: float, height: float, radial_cells: int, axial_cells: int
+) -> None:
     """Add a structured rectangle; its sides are tagged 10 * tag + 1 to 4 from the bottom."""
     geo = gmsh.model.geo
-    corners = [geo.addPoint(r, z, 0) for r, z in ((left, 0), (right, 0), (right, height), (left, height))]
+    corners = [
+        geo.addPoint(r, z, 0) for r, z in ((left, 0), (right, 0), (right, height), (left, height))
+    ]
     sides = [geo.addLine(corners[k], corners[(k + 1) % 4]) for k in range(4)]
     for side, cells in zip(sides, (radial_cells, axial_cells) * 2, strict=True):
         geo.mesh.setTransfiniteCurve(side, cells + 1)

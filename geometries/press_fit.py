@@ -1,7 +1,8 @@
-"""A hub on a hollow shaft, one quarter and the upper half of both: meshes that differ along the axis only.
+"""A hub on a hollow shaft, one quarter and the upper half of both: meshes that differ along the
+axis only.
 
-Structured hexahedra in polar coordinates. Both bodies have the same cells around the axis, so that their flat facets
-lie on each other and the mesh adds nothing to the gap.
+Structured hexahedra in polar coordinates. Both bodies have the same cells around the axis, so that
+their flat facets lie on each other and the mesh adds nothing to the gap.
 """
 
 from __future__ import annotations
@@ -23,8 +24,10 @@ SHAFT = SECOND
 HUB_BORE = side(HUB, 0, False)
 SHAFT_OUTSIDE = side(SHAFT, 0, True)
 """Facet tags of the surfaces in contact."""
-PLANES = {axis: (side(HUB, place, upper), side(SHAFT, place, upper))
-          for axis, (place, upper) in {0: (1, True), 1: (1, False), 2: (2, False)}.items()}  # fmt: skip
+PLANES = {
+    axis: (side(HUB, place, upper), side(SHAFT, place, upper))
+    for axis, (place, upper) in {0: (1, True), 1: (1, False), 2: (2, False)}.items()
+}
 """Facet tags of the planes of symmetry x = 0, y = 0 and z = 0."""
 
 
@@ -52,13 +55,24 @@ def press_fit(
         hub_cells, shaft_cells: cells along the radius and along half the axis.
     """
     if not 0 < bore < radius or min(wall, half_length, overhang) <= 0:
-        raise ValueError(f"bore = {bore} must lie in (0, {radius}), and wall, half_length and overhang be positive")
+        raise ValueError(
+            f"bore = {bore} must lie in (0, {radius}), and wall, half_length and overhang be "
+            "positive"
+        )
 
     def warp(points: np.ndarray, tag: int) -> np.ndarray:
         r = points[:, 0]
         angle = points[:, 1] * np.pi / 2
         return np.column_stack([r * np.cos(angle), r * np.sin(angle), points[:, 2]])
 
-    hub = (radius, 0.0, 0.0), (radius + wall, 1.0, half_length), (hub_cells[0], around, hub_cells[1])
-    shaft = (bore, 0.0, 0.0), (radius, 1.0, half_length + overhang), (shaft_cells[0], around, shaft_cells[1])
+    hub = (
+        (radius, 0.0, 0.0),
+        (radius + wall, 1.0, half_length),
+        (hub_cells[0], around, hub_cells[1]),
+    )
+    shaft = (
+        (bore, 0.0, 0.0),
+        (radius, 1.0, half_length + overhang),
+        (shaft_cells[0], around, shaft_cells[1]),
+    )
     return two_blocks(comm, first=hub, second=shaft, warp=warp)

@@ -9,10 +9,20 @@ import numpy as np
 
 from hhr_dolfinx.compat import topology
 from hhr_dolfinx.errors import FileContentError
-from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, EDGES, FACES, TENSOR, TENSOR_FACET, outer_faces
+from hhr_dolfinx.geometries.cells import (
+    CORNERS,
+    DIMENSION,
+    EDGES,
+    FACES,
+    TENSOR,
+    TENSOR_FACET,
+    outer_faces,
+)
 
 FAR_OFF = 0.4
-"""Largest distance of an edge's node from the middle over the length of the edge: that of an arc of 140 degrees."""
+"""Largest distance of an edge's node from the middle over the length of the edge: that of an arc of
+140 degrees.
+"""
 
 
 @dataclass(frozen=True)
@@ -25,7 +35,8 @@ class RawMesh:
         cells: corners, (c, k), in the order of most formats.
         bodies: rows of ``cells`` by name or number.
         surfaces: corners of facets, (f, k), by name or number.
-        nodes: sets of nodes by name; their facets are the outer ones whose corners all belong to the set.
+        nodes: sets of nodes by name; their facets are the outer ones whose corners all belong to
+            the set.
         sides: nodes on the edges of cells of second order, (c, edges); None at first order.
         left_out: reasons for parts of the file that are not in the mesh, by name or description.
     """
@@ -42,14 +53,19 @@ class RawMesh:
     def __post_init__(self) -> None:
         """Refuse invalid meshes."""
         if not len(self.cells):
-            raise FileContentError("no triangles, quadrilaterals, tetrahedra or hexahedra are in this file")
+            raise FileContentError(
+                "no triangles, quadrilaterals, tetrahedra or hexahedra are in this file"
+            )
         named = self.cells if self.sides is None else np.hstack([self.cells, self.sides])
         if named.min() < 0 or named.max() >= len(self.points):
             raise FileContentError(
-                f"a cell names node {named.max()}, and there are {len(self.points)}: the file is damaged"
+                f"a cell names node {named.max()}, and there are {len(self.points)}: the file is "
+                "damaged"
             )
         if self.cells.shape[1] != CORNERS[self.kind]:
-            raise FileContentError(f"cells of kind {self.kind} have {self.cells.shape[1]} corners in this file")
+            raise FileContentError(
+                f"cells of kind {self.kind} have {self.cells.shape[1]} corners in this file"
+            )
 
     @property
     def dim(self) -> int:
@@ -70,8 +86,12 @@ class RawMesh:
         return found
 
     def once(self) -> RawMesh:
-        """The mesh with each cell once: files of gmsh before version 4 have a cell once for each of its groups."""
-        _, first, which = np.unique(np.sort(self.cells, axis=1), axis=0, return_index=True, return_inverse=True)
+        """The mesh with each cell once: files of gmsh before version 4 have a cell once for each of
+        its groups.
+        """
+        _, first, which = np.unique(
+            np.sort(self.cells, axis=1), axis=0, return_index=True, return_inverse=True
+        )
         if first.size == len(self.cells):
             return self
         order = np.argsort(first)
@@ -82,7 +102,10 @@ class RawMesh:
         return replace(self, cells=self.cells[kept], bodies=bodies, sides=sides)
 
     def compact(self) -> RawMesh:
-        """The mesh without nodes that belong to no cell; in the plane without a coordinate that is constant."""
+        """The mesh without nodes that belong to no cell.
+
+        In the plane without a coordinate that is constant.
+        """
         used = np.unique(self.cells if self.sides is None else np.hstack([self.cells, self.sides]))
         numbers = np.full(len(self.points), -1)
         numbers[used] = np.arange(used.size)
@@ -95,7 +118,9 @@ class RawMesh:
         nodes = {name: numbers[one][numbers[one] >= 0] for name, one in self.nodes.items()}
         sides = None if self.sides is None else numbers[self.sides]
         cells = numbers[self.cells]
-        return replace(self, points=points, cells=cells, surfaces=surfaces, nodes=nodes, sides=sides)
+        return replace(
+            self, points=points, cells=cells, surfaces=surfaces, nodes=nodes, sides=sides
+        )
 
     def ordered(self) -> np.ndarray:
         """Corners of the cells in the order of DOLFINx."""
@@ -118,7 +143,8 @@ class RawMesh:
         if self.kind == "hexahedron":
             points, middles = _middles_of_faces(points, corners, sides, edges, faces)
             cells = np.hstack([cells, middles])
-        # serendipity functions at the middle of a cell: -1/4 at corners, 1/2 (8 nodes) or 1/4 (20 nodes) on edges
+        # serendipity functions at the middle of a cell: -1/4 at corners, 1/2 (8 nodes) or 1/4 (20
+        # nodes) on edges
         weight = 0.5 if self.kind == "quadrilateral" else 0.25
         middle = weight * points[sides].sum(axis=1) - 0.25 * points[corners].sum(axis=1)
         last = len(points) + np.arange(len(cells))
@@ -132,16 +158,18 @@ class RawMesh:
         if far.any():
             place = self.points[sides[far][0]].tolist()
             raise FileContentError(
-                f"{int(far.sum())} nodes on sides of cells of second order lie far from the middles of these, e.g. at "
-                f"{place}: the cells are too curved, or their nodes in an order that is not understood. Write them as "
-                ".msh or .vtu"
+                f"{int(far.sum())} nodes on sides of cells of second order lie far from the "
+                f"middles of these, e.g. at {place}: the cells are too curved, or their nodes in "
+                "an order that is not understood. Write them as .msh or .vtu"
             )
 
 
 def _middles_of_faces(
     points: np.ndarray, corners: np.ndarray, sides: np.ndarray, edges: list, faces: list
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points followed by the middles of the faces of hexahedra, and the numbers of these middles, (c, 6)."""
+    """Points followed by the middles of the faces of hexahedra, and the numbers of these middles,
+    (c, 6).
+    """
     on_faces = [[k for k, edge in enumerate(edges) if set(edge) <= set(face)] for face in faces]
     every = np.stack([np.sort(corners[:, face], axis=1) for face in faces], axis=1).reshape(-1, 4)
     _, first, which = np.unique(every, axis=0, return_index=True, return_inverse=True)
@@ -169,7 +197,8 @@ class Numbers:
 
     @classmethod
     def of(cls, sets: Mapping[str | int, np.ndarray], count: int) -> Numbers:
-        """Number the items of sets of indices among ``count`` items: items that are in the same sets share a number.
+        """Number the items of sets of indices among ``count`` items: items that are in the same
+        sets share a number.
 
         Items that are in one set only have its number, if the set has one.
         """
@@ -188,9 +217,12 @@ class Numbers:
             numbers.append(whole[0] if len(whole) == 1 and _same(sets, own) else next(fresh))
         found = np.array(numbers, dtype=np.int64)
         members = {
-            name: tuple(sorted({int(n) for n in found[patterns[:, column]]})) for column, name in enumerate(names)
+            name: tuple(sorted({int(n) for n in found[patterns[:, column]]}))
+            for column, name in enumerate(names)
         }
-        return cls(items, found[which.ravel()] if items.size else np.zeros(0, dtype=np.int64), members)
+        return cls(
+            items, found[which.ravel()] if items.size else np.zeros(0, dtype=np.int64), members
+        )
 
 
 def _same(sets: Mapping[str | int, np.ndarray], names: Iterable[str | int]) -> bool:
@@ -206,7 +238,9 @@ def facets_by_number(raw: RawMesh) -> tuple[np.ndarray, Numbers]:
     if not surfaces:
         return np.zeros((0, width), dtype=np.int64), Numbers.of({}, 0)
     every = np.concatenate(list(surfaces.values()))
-    _, first, which = np.unique(np.sort(every, axis=1), axis=0, return_index=True, return_inverse=True)
+    _, first, which = np.unique(
+        np.sort(every, axis=1), axis=0, return_index=True, return_inverse=True
+    )
     ends = np.cumsum([len(facets) for facets in surfaces.values()])
     parts = np.split(which.ravel(), ends[:-1])
     numbers = Numbers.of(dict(zip(surfaces, parts, strict=True)), len(first))

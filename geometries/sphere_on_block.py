@@ -1,7 +1,8 @@
-"""A spherical cap that faces the flat top of a block: one quarter of both, with meshes that do not match.
+"""A spherical cap that faces the flat top of a block: one quarter of both, with meshes that do not
+match.
 
-Structured hexahedra, graded towards the point of first contact at the origin. The cap is the column of a sphere
-above a square, the block a cuboid below it.
+Structured hexahedra, graded towards the point of first contact at the origin. The cap is the column
+of a sphere above a square, the block a cuboid below it.
 """
 
 from __future__ import annotations
@@ -45,24 +46,34 @@ def sphere_on_block(
     Args:
         radius: radius R of the sphere, in the unit of length of the scene.
         width: width over R, at most 0.7, of the modelled square of the sphere and the block.
-        depth: depth of the block over R, and height over R of the flat top of the sphere above the point of contact.
+        depth: depth of the block over R, and height over R of the flat top of the sphere above the
+            point of contact.
         gap: distance of sphere and block at the origin.
         sphere_cells: cells of the sphere along x and y, and along z.
         block_cells: cells of the block along x and y, and along z.
-        grading: 0 for even cells; cells grow from the origin like the slope of sinh over [0, grading].
+        grading: 0 for even cells; cells grow from the origin like the slope of sinh over [0,
+            grading].
     """
     if radius <= 0 or not 0 < width <= 0.7 or grading < 0:
-        raise ValueError(f"radius = {radius} must be positive, width = {width} in (0, 0.7], grading = {grading} >= 0")
+        raise ValueError(
+            f"radius = {radius} must be positive, width = {width} in (0, 0.7], grading = "
+            f"{grading} >= 0"
+        )
     corner = 1 - (1 - 2 * width**2) ** 0.5
     if depth <= corner:
-        raise ValueError(f"depth = {depth} must be above {corner:.3g}, where the sphere ends over a width of {width}")
+        raise ValueError(
+            f"depth = {depth} must be above {corner:.3g}, where the sphere ends over a width of "
+            f"{width}"
+        )
 
     def warp(points: np.ndarray, tag: int) -> np.ndarray:
         x, y = (width * radius * _graded(points[:, axis], grading) for axis in (0, 1))
         if tag == BLOCK:
             return np.column_stack([x, y, -depth * radius * _graded(-points[:, 2], grading)])
         surface = radius - np.sqrt(radius**2 - x**2 - y**2)
-        return np.column_stack([x, y, gap + surface + (depth * radius - surface) * _graded(points[:, 2], grading)])
+        return np.column_stack(
+            [x, y, gap + surface + (depth * radius - surface) * _graded(points[:, 2], grading)]
+        )
 
     upper = ((0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (sphere_cells[0], sphere_cells[0], sphere_cells[1]))
     lower = ((0.0, 0.0, -1.0), (1.0, 1.0, 0.0), (block_cells[0], block_cells[0], block_cells[1]))
@@ -70,10 +81,12 @@ def sphere_on_block(
 
 
 def indentation_cells(count: int) -> dict[str, tuple[int, int]]:
-    """Cells for a soft block under a stiffer sphere, from one number, the cells of the block along x and y.
+    """Cells for a soft block under a stiffer sphere, from one number, the cells of the block along
+    x and y.
 
-    The block has finer cells than the sphere, since its strains are larger. With ``count`` in (10, 14, 19, 25, 33) the
-    bodies have 3500, 8200, 20,000, 44,000 and 97,000 unknowns, and the block (count + 1)^2 nodes on its top.
+    The block has finer cells than the sphere, since its strains are larger. With ``count`` in (10,
+    14, 19, 25, 33) the bodies have 3500, 8200, 20,000, 44,000 and 97,000 unknowns, and the block
+    (count + 1)^2 nodes on its top.
 
     Returns:
         The options ``sphere_cells`` and ``block_cells`` of :func:`sphere_on_block`.

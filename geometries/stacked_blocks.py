@@ -1,4 +1,6 @@
-"""Two stacked blocks of edge 1 with independent meshes: patch tests, rotated scenes, curved gaps."""
+"""Two stacked blocks of edge 1 with independent meshes: patch tests, rotated scenes, curved
+gaps.
+"""
 
 from __future__ import annotations
 
@@ -67,5 +69,8 @@ def stacked_blocks(
             points[:, up] += 4 * bulge * away * (2 - points[:, up])
         return points @ turn.T
 
-    boxes = [((0.0,) * up + (float(k),), (1.0,) * up + (k + 1.0,), cells) for k, cells in enumerate((lower, upper))]
+    boxes = [
+        ((0.0,) * up + (float(k),), (1.0,) * up + (k + 1.0,), cells)
+        for k, cells in enumerate((lower, upper))
+    ]
     return two_blocks(comm, first=boxes[0], second=boxes[1], simplices=simplices, warp=warp)

@@ -1,4 +1,6 @@
-"""Summary of a mesh file: cells, bodies, surfaces and sets with sizes and positions, and the parts left out."""
+"""Summary of a mesh file: cells, bodies, surfaces and sets with sizes and positions, and the parts
+left out.
+"""
 
 from __future__ import annotations
 
@@ -50,12 +52,18 @@ def summary_of(raw: RawMesh, path: Path, scale: float = 1.0) -> Summary:
     order = "first" if raw.sides is None else "second"
     count = f"{len(raw.cells)} {raw.kind if len(raw.cells) == 1 else PLURAL[raw.kind]}"
     head = f"{path.name}: {len(points)} nodes, {count} of {order} order, {_extent(points)}"
-    bodies = _lines({name: (len(rows), raw.cells[rows]) for name, rows in raw.bodies.items()}, 3, points)
+    bodies = _lines(
+        {name: (len(rows), raw.cells[rows]) for name, rows in raw.bodies.items()}, 3, points
+    )
     without = len(raw.cells) - np.unique(np.concatenate(list(raw.bodies.values()))).size
     if without:
         bodies += (("in none", counted(without, 3)),)
-    outer = _lines({name: (len(facets), facets) for name, facets in surfaces.items()}, raw.dim - 1, points)
-    lines = {name: nodes for name, nodes in raw.nodes.items() if name not in surfaces and len(nodes)}
+    outer = _lines(
+        {name: (len(facets), facets) for name, facets in surfaces.items()}, raw.dim - 1, points
+    )
+    lines = {
+        name: nodes for name, nodes in raw.nodes.items() if name not in surfaces and len(nodes)
+    }
     sets = _lines({name: (len(nodes), nodes) for name, nodes in lines.items()}, 0, points)
     said = tuple((str(name), why) for name, why in raw.left_out.items())
     parts = {
@@ -65,7 +73,10 @@ def summary_of(raw: RawMesh, path: Path, scale: float = 1.0) -> Summary:
         "left out": said,
     }
     reasons = {
-        name: f"a set of {counted(len(nodes), 0)} that holds no whole facet, as pressures, tractions and contacts need"
+        name: (
+            f"a set of {counted(len(nodes), 0)} that holds no whole facet, as pressures, "
+            "tractions and contacts need"
+        )
         for name, nodes in lines.items()
     }
     shown = {title: rows for title, rows in parts.items() if rows}
@@ -73,13 +84,18 @@ def summary_of(raw: RawMesh, path: Path, scale: float = 1.0) -> Summary:
 
 
 def _lines(sets: Mapping[str | int, tuple[int, np.ndarray]], dim: int, points: np.ndarray) -> Lines:
-    """Names, counts and positions of sets, given by counts and nodes; a number of a set with a name stands after it."""
+    """Names, counts and positions of sets, given by counts and nodes.
+
+    a number of a set with a name stands after it.
+    """
     content = {name: (count, np.asarray(nodes).tobytes()) for name, (count, nodes) in sets.items()}
     named = {content[name] for name in sets if isinstance(name, str)}
     numbers = {content[name]: name for name in sets if not isinstance(name, str)}
     return tuple(
         (
-            f"{name} ({numbers[content[name]]})" if content[name] in numbers and isinstance(name, str) else str(name),
+            f"{name} ({numbers[content[name]]})"
+            if content[name] in numbers and isinstance(name, str)
+            else str(name),
             f"{counted(count, dim)}, {_extent(points[np.unique(nodes)])}",
         )
         for name, (count, nodes) in sets.items()
@@ -93,7 +109,10 @@ def _extent(points: np.ndarray) -> str:
         return "nowhere"
     size = max(float(np.abs(points).max()), 1e-300)
     # sines of turned parts leave round-off
-    low, high = (np.where(np.abs(ends) < 1e-14 * size, 0.0, ends) for ends in (points.min(axis=0), points.max(axis=0)))
+    low, high = (
+        np.where(np.abs(ends) < 1e-14 * size, 0.0, ends)
+        for ends in (points.min(axis=0), points.max(axis=0))
+    )
     flat = high - low <= 1e-9 * size
     return ", ".join(
         f"{axis} = {a:.6g}" if same else f"{axis} {a:.6g} to {b:.6g}"

@@ -1,4 +1,5 @@
-"""Two rectangular or cuboid blocks with independent meshes: non-matching contact, press fits, patch tests.
+"""Two rectangular or cuboid blocks with independent meshes: non-matching contact, press fits, patch
+tests.
 
 In axisymmetry two rectangles in (r, z) are two thick-walled cylinders.
 """
@@ -48,13 +49,15 @@ def two_blocks(
     """Build two structured blocks with every side tagged by :func:`side`.
 
     Args:
-        first: ``(lower, upper, cells)`` of the first block: two corners and the cells along each axis.
+        first: ``(lower, upper, cells)`` of the first block: two corners and the cells along each
+            axis.
         second: ``(lower, upper, cells)`` of the second block.
         simplices: triangles or tetrahedra instead of quadrilaterals or hexahedra.
         warp: map of the coordinates of all nodes of a body and its tag to new coordinates,
-            ``((n, dim), tag) -> (n, dim)``, for instance to grade a mesh, to bend a surface or to rotate both blocks;
-            None leaves the blocks as they are.
-        closed: axis along which the last cells of both blocks end where the first begin, for a warp to rings.
+            ``((n, dim), tag) -> (n, dim)``, for instance to grade a mesh, to bend a surface or to
+            rotate both blocks; None leaves the blocks as they are.
+        closed: axis along which the last cells of both blocks end where the first begin, for a warp
+            to rings.
     """
     shapes = {FIRST: first, SECOND: second}
     for shape in shapes.values():
@@ -70,9 +73,18 @@ def two_blocks(
     if comm.rank > 0:
         points = points[:0]
         cells = cells[:0]
-    kind = {(2, 3): "triangle", (2, 4): "quadrilateral", (3, 4): "tetrahedron", (3, 8): "hexahedron"}[dim, per_cell]
-    mesh = linear_mesh(comm, points.reshape(-1, dim), cells.reshape(-1, per_cell), kind, shares=shares)
-    body = np.where(np.asarray(mesh.topology.original_cell_index) < count, FIRST, SECOND).astype(np.int32)
+    kind = {
+        (2, 3): "triangle",
+        (2, 4): "quadrilateral",
+        (3, 4): "tetrahedron",
+        (3, 8): "hexahedron",
+    }[dim, per_cell]
+    mesh = linear_mesh(
+        comm, points.reshape(-1, dim), cells.reshape(-1, per_cell), kind, shares=shares
+    )
+    body = np.where(np.asarray(mesh.topology.original_cell_index) < count, FIRST, SECOND).astype(
+        np.int32
+    )
     cell_tags = dmesh.meshtags(mesh, dim, np.arange(body.size, dtype=np.int32), body)
     facet_tags = block.side_tags(mesh, body, shapes, side)
     if warp is not None:
@@ -84,11 +96,14 @@ def two_blocks(
 
 
 def _check_closed(box: Box, axis: int) -> None:
-    """Raise ValueError if a block cannot close along an axis, since two cells would have the same corners."""
+    """Raise ValueError if a block cannot close along an axis, since two cells would have the same
+    corners.
+    """
     cells = box[2]
     if isinstance(axis, bool) or axis not in range(len(cells)) or cells[axis] < 3:
         raise ValueError(
-            f"closed = {axis!r} must be an axis of the mesh, from 0, with three cells at least: {tuple(cells)}"
+            f"closed = {axis!r} must be an axis of the mesh, from 0, with three cells at least: "
+            f"{tuple(cells)}"
         )
 
 
@@ -96,7 +111,10 @@ def _grid(box: Box, simplices: bool, closed: int | None) -> tuple[np.ndarray, np
     """Points (n, dim) and cells (c, 2^dim), or simplices (c, dim + 1), of one block."""
     lower, upper, cells = box
     dim = len(lower)
-    axes = [np.linspace(low, high, count + 1) for low, high, count in zip(lower, upper, cells, strict=True)]
+    axes = [
+        np.linspace(low, high, count + 1)
+        for low, high, count in zip(lower, upper, cells, strict=True)
+    ]
     if closed is not None:
         axes[closed] = axes[closed][:-1]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, dim)
@@ -105,7 +123,9 @@ def _grid(box: Box, simplices: bool, closed: int | None) -> tuple[np.ndarray, np
         numbers = np.concatenate([numbers, numbers.take([0], axis=closed)], axis=closed)
     # corners in tensor order: the first axis changes fastest
     corners = [
-        numbers[tuple(slice(bit, count + bit) for bit, count in zip(bits[::-1], cells, strict=True))].ravel()
+        numbers[
+            tuple(slice(bit, count + bit) for bit, count in zip(bits[::-1], cells, strict=True))
+        ].ravel()
         for bits in np.ndindex(*(2,) * dim)
     ]
     boxes = np.stack(corners, axis=1)

@@ -1,7 +1,10 @@
-"""Meshes and tags of XDMF files of DOLFINx, meshio, ParaView and others; their grids have numbers and no names.
+"""Meshes and tags of XDMF files of DOLFINx, meshio, ParaView and others.
 
-All grids of a file are read, so that tags may be in several of them, and points in another one. Numbers are in the file
-itself, in raw files or in HDF5. netCDF4 reads the latter, since the HDF5 of DOLFINx's wheel has no compression.
+Their grids have numbers and no names.
+
+All grids of a file are read, so that tags may be in several of them, and points in another one.
+Numbers are in the file itself, in raw files or in HDF5. netCDF4 reads the latter, since the HDF5 of
+DOLFINx's wheel has no compression.
 """
 
 from __future__ import annotations
@@ -18,15 +21,34 @@ from hhr_dolfinx.geometries.by_meshio import Elements, raw_mesh, whole_numbers
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
 _TYPES = {
-    "polyvertex": "vertex", "polyline": "line", "interval": "line", "edge": "line", "edge_3": "line3",
-    "triangle": "triangle", "tri": "triangle", "triangle_6": "triangle6", "tri_6": "triangle6",
-    "quadrilateral": "quad", "quad": "quad", "quadrilateral_8": "quad8", "quad_8": "quad8",
-    "quadrilateral_9": "quad9", "quad_9": "quad9",
-    "tetrahedron": "tetra", "tet": "tetra", "tetrahedron_10": "tetra10", "tet_10": "tetra10",
-    "pyramid": "pyramid", "wedge": "wedge", "hexahedron": "hexahedron", "hex": "hexahedron",
-    "hexahedron_20": "hexahedron20", "hex_20": "hexahedron20",
-    "hexahedron_27": "hexahedron27", "hex_27": "hexahedron27",
-}  # fmt: skip
+    "polyvertex": "vertex",
+    "polyline": "line",
+    "interval": "line",
+    "edge": "line",
+    "edge_3": "line3",
+    "triangle": "triangle",
+    "tri": "triangle",
+    "triangle_6": "triangle6",
+    "tri_6": "triangle6",
+    "quadrilateral": "quad",
+    "quad": "quad",
+    "quadrilateral_8": "quad8",
+    "quad_8": "quad8",
+    "quadrilateral_9": "quad9",
+    "quad_9": "quad9",
+    "tetrahedron": "tetra",
+    "tet": "tetra",
+    "tetrahedron_10": "tetra10",
+    "tet_10": "tetra10",
+    "pyramid": "pyramid",
+    "wedge": "wedge",
+    "hexahedron": "hexahedron",
+    "hex": "hexahedron",
+    "hexahedron_20": "hexahedron20",
+    "hex_20": "hexahedron20",
+    "hexahedron_27": "hexahedron27",
+    "hex_27": "hexahedron27",
+}
 """Meshio's names of kinds of elements, by their XDMF names in small letters."""
 _RAW = {"int": "i", "uint": "u", "char": "i", "uchar": "u", "float": "f"}
 Grid = ElementTree.Element
@@ -48,21 +70,31 @@ def read_xdmf(path: Path) -> RawMesh:
     elements: list[Elements] = []
     values: list[str] = []
     for grid in _grids(root):
-        values += [item.get("Name", "") for item in grid.findall("Attribute") if item.get("Center", "Node") != "Cell"]
+        values += [
+            item.get("Name", "")
+            for item in grid.findall("Attribute")
+            if item.get("Center", "Node") != "Cell"
+        ]
         topology = grid.find("Topology")
         geometry = _geometry(root, grid)
         if topology is None or geometry is None:
             continue
-        same = " ".join(ElementTree.tostring(geometry, "unicode").split())  # grids may repeat their points
+        same = " ".join(
+            ElementTree.tostring(geometry, "unicode").split()
+        )  # grids may repeat their points
         if same not in starts:
             starts[same] = sum(map(len, points))
             points.append(reader.points(geometry))
         elements += _elements(reader, grid, topology, starts[same], path)
     if not elements:
-        raise FileContentError(f"mesh file {path} has no grid of triangles, quadrilaterals, tetrahedra or hexahedra")
+        raise FileContentError(
+            f"mesh file {path} has no grid of triangles, quadrilaterals, tetrahedra or hexahedra"
+        )
     width = max(part.shape[1] for part in points)
     whole = np.concatenate([np.pad(part, ((0, 0), (0, width - part.shape[1]))) for part in points])
-    left_out: dict[str | int, str] = {"values at nodes": ", ".join(dict.fromkeys(values))} if values else {}
+    left_out: dict[str | int, str] = (
+        {"values at nodes": ", ".join(dict.fromkeys(values))} if values else {}
+    )
     return raw_mesh(whole, elements, path, left_out=left_out)
 
 
@@ -74,7 +106,11 @@ def _grids(root: Grid) -> list[Grid]:
         if grid.get("CollectionType") == "Temporal"
         for step in grid.findall("Grid")[1:]
     }
-    return [grid for grid in root.iter("Grid") if grid not in later and grid.get("GridType", "Uniform") == "Uniform"]
+    return [
+        grid
+        for grid in root.iter("Grid")
+        if grid not in later and grid.get("GridType", "Uniform") == "Uniform"
+    ]
 
 
 def _geometry(root: Grid, grid: Grid) -> Grid | None:
@@ -89,7 +125,9 @@ def _geometry(root: Grid, grid: Grid) -> Grid | None:
     return (named or every)[0].find("Geometry") if every else None
 
 
-def _elements(reader: _Numbers, grid: Grid, topology: Grid, start: int, path: Path) -> list[Elements]:
+def _elements(
+    reader: _Numbers, grid: Grid, topology: Grid, start: int, path: Path
+) -> list[Elements]:
     """Elements of a grid with the numbers in its attributes."""
     name = (topology.get("TopologyType") or topology.get("Type") or "").lower()
     nodes = reader.array(topology)
@@ -97,13 +135,19 @@ def _elements(reader: _Numbers, grid: Grid, topology: Grid, start: int, path: Pa
     if name == "mixed":
         with extra("mesh", f"the mesh file {path}"):
             from meshio.xdmf.common import translate_mixed_cells
-        blocks = [(block.type, block.data) for block in translate_mixed_cells(nodes.ravel().astype(np.int64))]
+        blocks = [
+            (block.type, block.data)
+            for block in translate_mixed_cells(nodes.ravel().astype(np.int64))
+        ]
     elif name in _TYPES:
-        count = int(topology.get("NodesPerElement", 0)) or (nodes.shape[1] if nodes.ndim == 2 else 2)
+        count = int(topology.get("NodesPerElement", 0)) or (
+            nodes.shape[1] if nodes.ndim == 2 else 2
+        )
         blocks = [(_TYPES[name], nodes.reshape(-1, count).astype(np.int64))]
     else:
         raise FileContentError(
-            f"{path}: grid '{grid.get('Name')}' has elements of type '{name}', which is not understood"
+            f"{path}: grid '{grid.get('Name')}' has elements of type '{name}', which is not "
+            "understood"
         )
     ends = np.cumsum([len(rows) for _, rows in blocks])
     arrays: list[dict[str, np.ndarray]] = [{} for _ in blocks]
@@ -114,7 +158,10 @@ def _elements(reader: _Numbers, grid: Grid, topology: Grid, start: int, path: Pa
                 key = attribute.get("Name") or grid.get("Name") or "numbers"
                 for block, part in zip(arrays, np.split(values, ends[:-1]), strict=True):
                     block[key] = part
-    return [Elements(type_, rows + start, own) for (type_, rows), own in zip(blocks, arrays, strict=True)]
+    return [
+        Elements(type_, rows + start, own)
+        for (type_, rows), own in zip(blocks, arrays, strict=True)
+    ]
 
 
 class _Numbers:
@@ -126,8 +173,13 @@ class _Numbers:
 
     def points(self, geometry: Grid) -> np.ndarray:
         """Coordinates, (n, 2 or 3)."""
-        if (geometry.get("GeometryType") or geometry.get("Type") or "XYZ").upper() in ("X_Y_Z", "X_Y"):
-            return np.column_stack([self._item(item).ravel() for item in geometry.findall("DataItem")])
+        if (geometry.get("GeometryType") or geometry.get("Type") or "XYZ").upper() in (
+            "X_Y_Z",
+            "X_Y",
+        ):
+            return np.column_stack(
+                [self._item(item).ravel() for item in geometry.findall("DataItem")]
+            )
         found = self.array(geometry).astype(float)
         flat = (geometry.get("GeometryType") or geometry.get("Type") or "XYZ").upper() == "XY"
         return found.reshape(-1, 2 if flat else 3) if found.ndim == 1 else found
@@ -153,10 +205,15 @@ class _Numbers:
         odd |= {kind} - {"XML", "HDF", "BINARY"}
         if odd:
             raise FileContentError(
-                f"{self._path} has a DataItem of type {min(odd)}, which is not understood: write the mesh anew, by "
-                "dolfinx.io.XDMFFile or meshio"
+                f"{self._path} has a DataItem of type {min(odd)}, which is not understood: write "
+                "the mesh anew, by dolfinx.io.XDMFFile or meshio"
             )
-        whole = item.get("NumberType", item.get("DataType", "Float")).lower() in ("int", "uint", "char", "uchar")
+        whole = item.get("NumberType", item.get("DataType", "Float")).lower() in (
+            "int",
+            "uint",
+            "char",
+            "uchar",
+        )
         if kind == "XML":
             return np.array(text.split(), dtype=np.int64 if whole else float).reshape(shape)
         return (self._hdf(text) if kind == "HDF" else self._raw(item, text)).reshape(shape)
@@ -178,11 +235,17 @@ class _Numbers:
             try:
                 return np.asarray(data[place.strip()][:])
             except (IndexError, KeyError):
-                raise FileContentError(f"{file} has no numbers {place}, which {self._path} names") from None
+                raise FileContentError(
+                    f"{file} has no numbers {place}, which {self._path} names"
+                ) from None
 
     def _raw(self, item: Grid, text: str) -> np.ndarray:
         order = {"little": "<", "big": ">"}.get(item.get("Endian", "").lower(), "=")
         kind = _RAW[item.get("NumberType", item.get("DataType", "Float")).lower()]
-        precision = 1 if "char" in item.get("NumberType", "").lower() else int(item.get("Precision", 4))
+        precision = (
+            1 if "char" in item.get("NumberType", "").lower() else int(item.get("Precision", 4))
+        )
         count = int(np.prod([int(word) for word in item.get("Dimensions", "").split()]))
-        return np.fromfile(self._beside(text), f"{order}{kind}{precision}", count, offset=int(item.get("Seek", 0)))
+        return np.fromfile(
+            self._beside(text), f"{order}{kind}{precision}", count, offset=int(item.get("Seek", 0))
+        )

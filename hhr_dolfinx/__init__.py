@@ -1,8 +1,8 @@
 """Hybrid hyper-reduction of parametric contact problems with Lagrange multipliers.
 
-Public names are loaded when they are first used, so that a reduced model read from a file (``load_model``) needs
-neither DOLFINx nor gmsh. Those of plug-ins stand in their manifests. ``__init__.pyi`` has all of them for type
-checkers, and is written by ``scripts/stubs.py``.
+Public names are loaded when they are first used, so that a reduced model read from a file
+(``load_model``) needs neither DOLFINx nor gmsh. Those of plug-ins stand in their manifests.
+``__init__.pyi`` has all of them for type checkers, and is written by ``scripts/stubs.py``.
 """
 
 import importlib
@@ -28,7 +28,10 @@ PUBLIC = {
     "models.histories.equilibrium": "MarchSettings",
     "models.reduced": "ReducedModel",
     "online.model_file": "load_model save_model",
-    "outputs": "ContactForce ContactMoment ContactWidth DisplacementAt GapAt LargestPressure LinearForm LostContact",
+    "outputs": (
+        "ContactForce ContactMoment ContactWidth DisplacementAt GapAt LargestPressure LinearForm "
+        "LostContact"
+    ),
     "pairings.node_to_node": "NodeToNode",
     "pairings.obstacle": "Obstacle",
     "parameters": "ParameterSpace",
@@ -45,7 +48,9 @@ PUBLIC = {
     "version": "__version__",
 }
 """Public names of the core by module."""
-_of_core, _, _names = lazy_loader.attach(__name__, submod_attrs={at: names.split() for at, names in PUBLIC.items()})
+_of_core, _, _names = lazy_loader.attach(
+    __name__, submod_attrs={at: names.split() for at, names in PUBLIC.items()}
+)
 
 
 def _of_plugins() -> dict[str, str]:
@@ -57,7 +62,10 @@ def __dir__() -> list[str]:
 
 
 def __getattr__(name: str) -> object:
-    """Public name, imported at first use; if DOLFINx is missing, the error explains how to install it."""
+    """Public name, imported at first use.
+
+    If DOLFINx is missing, the error explains how to install it.
+    """
     try:
         if name == "__all__":
             return __dir__()
@@ -66,7 +74,9 @@ def __getattr__(name: str) -> object:
             return _of_core(name)
         if name not in (places := _of_plugins()):
             why = importlib.import_module(f"{__name__}.registry").remedy("public", name)
-            raise AttributeError(f"module '{__name__}' has no '{name}'{why or ', and no installed plug-in adds it'}")
+            raise AttributeError(
+                f"module '{__name__}' has no '{name}'{why or ', and no installed plug-in adds it'}"
+            )
         module, _, attribute = places[name].partition(":")
         globals()[name] = found = getattr(importlib.import_module(module), attribute)
         return found

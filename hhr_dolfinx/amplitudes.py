@@ -1,6 +1,8 @@
-"""Amplitudes of the loads of a scene, as plain data: theta(mu) = (1, theta_1(mu), ..., theta_T(mu)).
+"""Amplitudes of the loads of a scene, as plain data: theta(mu) = (1, theta_1(mu), ...,
+theta_T(mu)).
 
-They are affine in the parameters, or dataclasses of numbers: a model on disk is data, and nothing of it is executed.
+They are affine in the parameters, or dataclasses of numbers: a model on disk is data, and nothing
+of it is executed.
 """
 
 from __future__ import annotations
@@ -32,34 +34,44 @@ class Amplitude(KnownArguments):
 
     def __post_init__(self):
         if not isinstance(self.slopes, Mapping):
-            raise SceneError(f"the slopes {self.slopes!r} of an amplitude need a number by parameter: {{'name': 1.0}}")
+            raise SceneError(
+                f"the slopes {self.slopes!r} of an amplitude need a number by parameter: "
+                "{'name': 1.0}"
+            )
         if not all(is_number(value) for value in (self.constant, *self.slopes.values())):
-            raise SceneError(f"amplitude {self.constant!r} with slopes {dict(self.slopes)} must be finite numbers")
+            raise SceneError(
+                f"amplitude {self.constant!r} with slopes {dict(self.slopes)} must be finite "
+                "numbers"
+            )
 
     def row(self, space: ParameterSpace) -> np.ndarray:
         """Slopes in the order of the parameters, (P,)."""
         unknown = set(self.slopes) - set(space.names)
         if unknown:
             raise SceneError(
-                f"an amplitude names {sorted(unknown)}, the scene's parameters are {space.names}: correct the name, or "
-                "add it to the ParameterSpace"
+                f"an amplitude names {sorted(unknown)}, the scene's parameters are {space.names}: "
+                "correct the name, or add it to the ParameterSpace"
             )
         return np.array([self.slopes.get(name, 0.0) for name in space.names])
 
 
 def check_amplitude(item: Any, what: str, *, formulas: bool = False) -> None:
-    """Convert the amplitude of a frozen item: a number to a constant one, a text to a Formula if it accepts these."""
+    """Convert the amplitude of a frozen item: a number to a constant one, a text to a Formula if it
+    accepts these.
+    """
     if is_number(item.amplitude):
         object.__setattr__(item, "amplitude", Amplitude(item.amplitude))
     if formulas and (isinstance(item.amplitude, str) or hasattr(item.amplitude, "variables")):
         from hhr_dolfinx.formulas import formula_of
 
-        object.__setattr__(item, "amplitude", formula_of(item.amplitude, f"the amplitude of {what}"))
+        object.__setattr__(
+            item, "amplitude", formula_of(item.amplitude, f"the amplitude of {what}")
+        )
         return
     if not isinstance(item.amplitude, Amplitude):
         raise SceneError(
-            f"the amplitude {item.amplitude!r} of {what} must be a finite number or an Amplitude, for instance "
-            "Amplitude(slopes={'name of a parameter': 1.0})"
+            f"the amplitude {item.amplitude!r} of {what} must be a finite number or an Amplitude, "
+            "for instance Amplitude(slopes={'name of a parameter': 1.0})"
             + (", or a formula of parameters as text" if formulas else "")
         )
 
@@ -69,9 +81,15 @@ FINITE = "an amplitude must be finite everywhere in the box: change the formula,
 
 
 def check_formula(
-    text: str, space: ParameterSpace, what: str, ends: tuple[float, float] = EVERYWHERE, remedy: str = FINITE
+    text: str,
+    space: ParameterSpace,
+    what: str,
+    ends: tuple[float, float] = EVERYWHERE,
+    remedy: str = FINITE,
 ) -> None:
-    """Raise SceneError for a formula of unknown parameters, or one that leaves an open interval in the box."""
+    """Raise SceneError for a formula of unknown parameters, or one that leaves an open interval in
+    the box.
+    """
     from hhr_dolfinx.formulas import Scalar, check_over_box
 
     try:
@@ -82,7 +100,9 @@ def check_formula(
 
 
 def bound(amplitude: Any, space: ParameterSpace) -> Any:
-    """Bind a formula to parameters; a single number or name becomes affine: answers of affine scenes are tabulated."""
+    """Bind a formula to parameters; a single number or name becomes affine: answers of affine
+    scenes are tabulated.
+    """
     # a test of the attribute does not import the module of formulas
     if not hasattr(amplitude, "variables"):
         return amplitude
@@ -96,15 +116,18 @@ def bound(amplitude: Any, space: ParameterSpace) -> Any:
 
 
 class Theta:
-    """Amplitudes of all terms at one parameter, of which most may be zero: numbers of the given terms and ``values``.
+    """Amplitudes of all terms at one parameter, of which most may be zero: numbers of the given
+    terms and ``values``.
 
-    ``matrix @ theta`` sums the columns of a matrix with one column per term, dense or sparse. It touches only columns
-    of given terms, and is fastest on dense matrices in Fortran order and on sparse ones by columns (csc). ``terms``
-    holds each number once; a slice is all.
+    ``matrix @ theta`` sums the columns of a matrix with one column per term, dense or sparse. It
+    touches only columns of given terms, and is fastest on dense matrices in Fortran order and on
+    sparse ones by columns (csc). ``terms`` holds each number once; a slice is all.
     """
 
     __slots__ = ("terms", "values")
-    __array_ufunc__ = None  # makes ndarray @ Theta call __rmatmul__, as sparse matrices do for unknown types
+    __array_ufunc__ = (
+        None  # makes ndarray @ Theta call __rmatmul__, as sparse matrices do for unknown types
+    )
 
     def __init__(self, terms: slice | np.ndarray, values: np.ndarray):
         self.terms = terms
@@ -127,7 +150,9 @@ class Theta:
 
 
 class NonAffine(Protocol):
-    """Amplitudes of several columns of a load that are not affine in the parameters; a frozen dataclass of numbers.
+    """Amplitudes of several columns of a load that are not affine in the parameters.
+
+    a frozen dataclass of numbers.
 
     Files and fingerprints of problems identify it by its class and its fields.
     """
@@ -141,33 +166,48 @@ class NonAffine(Protocol):
 
 
 def checked_count(amplitude: object, space: ParameterSpace, owner: object) -> int:
-    """Number of columns of a non-affine amplitude of a load ``owner``, checked in the middle of the box."""
-    if isinstance(amplitude, type) or not callable(amplitude) or not hasattr(amplitude, "__dataclass_fields__"):
+    """Number of columns of a non-affine amplitude of a load ``owner``, checked in the middle of the
+    box.
+    """
+    if (
+        isinstance(amplitude, type)
+        or not callable(amplitude)
+        or not hasattr(amplitude, "__dataclass_fields__")
+    ):
         raise SceneError(
-            f"the amplitude {amplitude!r} of {owner!r} must be an Amplitude, or a frozen dataclass with a count that "
-            "returns (columns, values) for a point"
+            f"the amplitude {amplitude!r} of {owner!r} must be an Amplitude, or a frozen "
+            "dataclass with a count that returns (columns, values) for a point"
         )
     count: Any = getattr(amplitude, "count", None)
     if not is_whole(count, 1):
-        raise SceneError(f"the count {count!r} of {amplitude!r} of {owner!r} must be its number of columns")
+        raise SceneError(
+            f"the count {count!r} of {amplitude!r} of {owner!r} must be its number of columns"
+        )
     try:
         columns, values = amplitude(space.middle)
-        fits = len(columns) == len(values) == len(set(columns)) and all(is_number(value) for value in values)
+        fits = len(columns) == len(values) == len(set(columns)) and all(
+            is_number(value) for value in values
+        )
     except (TypeError, ValueError):
         fits = False
         columns = ()
     if not fits or not all(is_whole(column, 0) and column < count for column in columns):
         raise SceneError(
-            f"{amplitude!r} of {owner!r} must return columns, each once and below its count {count}, and as many values"
+            f"{amplitude!r} of {owner!r} must return columns, each once and below its count "
+            f"{count}, and as many values"
         )
     return count
 
 
 DIFFERENCE = 1e-5
-"""Step over the size of the box in differences of amplitudes: the truncation error is 1e-10, round-off 1e-11."""
+"""Step over the size of the box in differences of amplitudes: the truncation error is 1e-10,
+round-off 1e-11.
+"""
 
 
-def _derivative(amplitude: NonAffine, point: np.ndarray, space: ParameterSpace | None) -> np.ndarray:
+def _derivative(
+    amplitude: NonAffine, point: np.ndarray, space: ParameterSpace | None
+) -> np.ndarray:
     own = getattr(amplitude, "derivative", None)
     columns, values = amplitude(point)
     if own is not None:
@@ -179,7 +219,9 @@ def _derivative(amplitude: NonAffine, point: np.ndarray, space: ParameterSpace |
 
     if space is None:
         sizes = np.where(point == 0, 1.0, np.abs(point))
-        space = ParameterSpace(tuple(map(str, range(point.size))), tuple(point - sizes), tuple(point + sizes))
+        space = ParameterSpace(
+            tuple(map(str, range(point.size))), tuple(point - sizes), tuple(point + sizes)
+        )
     return space.differences(acting, point, DIFFERENCE)
 
 
@@ -189,7 +231,10 @@ def _shapes(degree: int, s: float) -> tuple[float, ...]:
 
 
 def edge_integrals(degree: int, s: Any) -> tuple[Any, ...]:
-    """Integrals of the shape functions of an edge from 0 to s; every query calls this with a number: no arrays."""
+    """Integrals of the shape functions of an edge from 0 to s.
+
+    Every query calls this with a number: no arrays.
+    """
     if degree == 1:
         return s - s * s / 2, s * s / 2
     cube = 2 * s * s * s / 3
@@ -198,12 +243,14 @@ def edge_integrals(degree: int, s: Any) -> tuple[Any, ...]:
 
 @dataclass(frozen=True)
 class Coverage:
-    """Amplitudes of a pressure on a straight line up to the parameter ``extent``, exact for cells of degree 1 or 2.
+    """Amplitudes of a pressure on a straight line up to the parameter ``extent``, exact for cells
+    of degree 1 or 2.
 
-    A line of n nodes at increasing ``positions``, (n,), has E edges of 1 + degree nodes each. It has E columns for
-    whole edges from its start (column e is the load on all edges before edge e) and n columns for its nodes. If the
-    pressure ``constant + slopes @ mu`` ends in edge e, at the fraction s of its length L, the load is column e plus,
-    for each node of the edge, L times the integral of its shape function up to s.
+    A line of n nodes at increasing ``positions``, (n,), has E edges of 1 + degree nodes each. It
+    has E columns for whole edges from its start (column e is the load on all edges before edge e)
+    and n columns for its nodes. If the pressure ``constant + slopes @ mu`` ends in edge e, at the
+    fraction s of its length L, the load is column e plus, for each node of the edge, L times the
+    integral of its shape function up to s.
     """
 
     positions: Annotated[Floats, "nodes"]
@@ -216,15 +263,23 @@ class Coverage:
         line = self.positions
         slopes = self.slopes
         if self.degree not in (1, 2):
-            raise SceneError(f"a partial pressure acts on cells of degree 1 or 2, not {self.degree!r}")
+            raise SceneError(
+                f"a partial pressure acts on cells of degree 1 or 2, not {self.degree!r}"
+            )
         if line.ndim != 1 or line.size < 1 + self.degree or not (line[:-1] < line[1:]).all():
             least = "two" if self.degree == 1 else "three"
-            raise SceneError(f"positions of a partial pressure must be at least {least} and increase")
+            raise SceneError(
+                f"positions of a partial pressure must be at least {least} and increase"
+            )
         if (line.size - 1) % self.degree:
-            raise SceneError(f"a partial pressure of degree {self.degree} has {line.size} nodes, which make no edges")
+            raise SceneError(
+                f"a partial pressure of degree {self.degree} has {line.size} nodes, which make no "
+                "edges"
+            )
         if slopes.ndim != 1 or not 0 <= self.extent < slopes.size:
             raise SceneError(
-                f"a partial pressure extends up to parameter {self.extent}, and has slopes along {slopes.size} of them"
+                f"a partial pressure extends up to parameter {self.extent}, and has slopes along "
+                f"{slopes.size} of them"
             )
 
     @cached_property
@@ -242,7 +297,9 @@ class Coverage:
         return self.edges + len(self.positions)
 
     def _place(self, point: np.ndarray) -> tuple[int, float, float]:
-        """Edge at which the pressure ends, its length, and the fraction of it before the end, not clipped."""
+        """Edge at which the pressure ends, its length, and the fraction of it before the end, not
+        clipped.
+        """
         ends = self._ends
         edge = min(max(int(ends.searchsorted(point[self.extent])) - 1, 0), self.edges - 1)
         length = ends[edge + 1] - ends[edge]
@@ -253,27 +310,39 @@ class Coverage:
         edge, length, inside = self._place(point)
         s = min(max(inside, 0.0), 1.0)
         amplitude = self.constant + self.slopes @ point
-        weights = [amplitude, *(amplitude * length * part for part in edge_integrals(self.degree, s))]
+        weights = [
+            amplitude,
+            *(amplitude * length * part for part in edge_integrals(self.degree, s)),
+        ]
         first = self.edges + self.degree * edge
         return [edge, *range(first, first + self.degree + 1)], weights
 
     def rows(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Numbers and amplitudes of the columns that act at many points, (n, P): (n, 2 + degree) each."""
+        """Numbers and amplitudes of the columns that act at many points, (n, P): (n, 2 + degree)
+        each.
+        """
         ends = self._ends
         edge = np.clip(ends.searchsorted(points[:, self.extent]) - 1, 0, self.edges - 1)
         lengths = np.diff(ends)[edge]
         s = np.clip((points[:, self.extent] - ends[edge]) / lengths, 0.0, 1.0)
-        parts = np.stack([np.ones(len(s)), *(lengths * part for part in edge_integrals(self.degree, s))], axis=1)
+        parts = np.stack(
+            [np.ones(len(s)), *(lengths * part for part in edge_integrals(self.degree, s))], axis=1
+        )
         first = self.edges + self.degree * edge
         columns = np.stack([edge, *(first + k for k in range(self.degree + 1))], axis=1)
         return columns, (self.constant + points @ self.slopes)[:, None] * parts
 
     def derivative(self, point: np.ndarray) -> np.ndarray:
-        """Derivatives of the amplitudes along the parameters, (2 + degree, P); from the left at a node."""
+        """Derivatives of the amplitudes along the parameters, (2 + degree, P).
+
+        From the left at a node.
+        """
         amplitude = self.constant + self.slopes @ point
         _, length, inside = self._place(point)
         s = min(max(inside, 0.0), 1.0)
-        found = np.outer(np.append(1.0, length * np.array(edge_integrals(self.degree, s))), self.slopes)
+        found = np.outer(
+            np.append(1.0, length * np.array(edge_integrals(self.degree, s))), self.slopes
+        )
         if 0.0 <= inside <= 1.0:
             found[:, self.extent] += amplitude * np.append(0.0, _shapes(self.degree, s))
         return found
@@ -281,15 +350,19 @@ class Coverage:
 
 RANGES = {"young": (0.0, math.inf), "poisson": (-1.0, 0.5)}
 """Open intervals of the constants of an isotropic elastic body, by name."""
-_MUST = {"young": ("the modulus", "be positive"), "poisson": ("Poisson's ratio", "lie in (-1, 0.5)")}
+_MUST = {
+    "young": ("the modulus", "be positive"),
+    "poisson": ("Poisson's ratio", "lie in (-1, 0.5)"),
+}
 
 
 @dataclass(frozen=True)
 class Limits:
-    """An elastic constant, ``young`` or ``poisson``, that is a formula, and must be in its interval at every point.
+    """An elastic constant, ``young`` or ``poisson``, that is a formula, and must be in its interval
+    at every point.
 
-    The box is checked at points only, and a model that interpolates between points never evaluates the formula.
-    ``names`` are those of the parameters, in the order of a point.
+    The box is checked at points only, and a model that interpolates between points never evaluates
+    the formula. ``names`` are those of the parameters, in the order of a point.
     """
 
     constant: str
@@ -320,7 +393,9 @@ class Limits:
             raise NotSolvableError(self._refused(value, point))
 
     def check_many(self, points: np.ndarray) -> None:
-        """Raise NotSolvableError for a constant outside its interval at any of many points, (n, P)."""
+        """Raise NotSolvableError for a constant outside its interval at any of many points, (n,
+        P).
+        """
         if len(points) == 1:  # quicker: forces of one answer ask for it
             return self.check(points[0])
         low, high = self.ends
@@ -332,18 +407,26 @@ class Limits:
     def _refused(self, value: float, point: np.ndarray) -> str:
         what, must = _MUST[self.constant]
         place = described(self.names, point)
-        return f"{what} {self.text[:60]} is {value:g} at {place}, and must {must}: change it, or narrow the box"
+        return (
+            f"{what} {self.text[:60]} is {value:g} at {place}, and must {must}: change it, or "
+            "narrow the box"
+        )
 
 
 @dataclass(frozen=True)
 class Amplitudes:
-    """All amplitudes of a scene: affine ones, constant + slopes @ mu, then non-affine ones, of several terms each."""
+    """All amplitudes of a scene: affine ones, constant + slopes @ mu, then non-affine ones, of
+    several terms each.
+    """
 
-    # constant, slopes: of the affine ones, (1 + T0,) and (1 + T0, P); the first is the 1 of the parameter-free part
+    # constant, slopes: of the affine ones, (1 + T0,) and (1 + T0, P); the first is the 1 of the
+    # parameter-free part
     constant: Annotated[Floats, "affine"]
     slopes: Annotated[Floats, "affine", "P"]
     nonaffine: tuple[NonAffine, ...] = ()  # non-affine amplitudes in their order
-    limits: tuple[Limits, ...] = ()  # elastic constants that are checked at each point at which theta is evaluated
+    limits: tuple[
+        Limits, ...
+    ] = ()  # elastic constants that are checked at each point at which theta is evaluated
     # parameter box for differences of amplitudes without a derivative; None if all have one
     space: ParameterSpace | None = None
 
@@ -360,23 +443,35 @@ class Amplitudes:
             yield f"the amplitudes are {self.constant.size} and {counts}, the loads {terms}"
 
     @classmethod
-    def collect(cls, amplitudes: Sequence[Any], space: ParameterSpace, limits: tuple[Limits, ...] = ()) -> Amplitudes:
-        """Stack the leading constant 1, the affine amplitudes, and the non-affine ones, each in their order."""
+    def collect(
+        cls, amplitudes: Sequence[Any], space: ParameterSpace, limits: tuple[Limits, ...] = ()
+    ) -> Amplitudes:
+        """Stack the leading constant 1, the affine amplitudes, and the non-affine ones, each in
+        their order.
+        """
         given = [bound(amplitude, space) for amplitude in amplitudes]
         affine = [amplitude for amplitude in given if isinstance(amplitude, Amplitude)]
         others = tuple(amplitude for amplitude in given if not isinstance(amplitude, Amplitude))
         constant = np.array([1.0] + [amplitude.constant for amplitude in affine])
-        slopes = np.array([np.zeros(len(space.names)), *(amplitude.row(space) for amplitude in affine)])
+        slopes = np.array(
+            [np.zeros(len(space.names)), *(amplitude.row(space) for amplitude in affine)]
+        )
         known = all(hasattr(amplitude, "derivative") for amplitude in others)
         return cls(constant, slopes, others, limits, None if known else space)
 
     @cached_property
     def firsts(self) -> list[int]:
-        """Number of the first term of each non-affine amplitude, followed by the number of all terms."""
-        return np.cumsum([self.constant.size, *(amplitude.count for amplitude in self.nonaffine)]).tolist()
+        """Number of the first term of each non-affine amplitude, followed by the number of all
+        terms.
+        """
+        return np.cumsum(
+            [self.constant.size, *(amplitude.count for amplitude in self.nonaffine)]
+        ).tolist()
 
     def __call__(self, point: np.ndarray) -> Theta:
-        """Theta at a checked point; SceneError for columns of other amplitudes, NotSolvableError outside a limit."""
+        """Theta at a checked point; SceneError for columns of other amplitudes, NotSolvableError
+        outside a limit.
+        """
         for limit in self.limits:
             limit.check(point)
         affine = self.constant + self.slopes @ point
@@ -384,12 +479,15 @@ class Amplitudes:
             return Theta(slice(None), affine)
         terms = list(range(affine.size))
         values = affine.tolist()
-        for first, amplitude in zip(self.firsts, self.nonaffine):  # noqa: B905 (hot path; the last is the end)
+        # hot path: the last of the firsts is the end
+        for first, amplitude in zip(self.firsts, self.nonaffine):  # noqa: B905
             columns, weights = amplitude(point)
-            if len(columns) != len(weights) or not all(0 <= column < amplitude.count for column in columns):
+            if len(columns) != len(weights) or not all(
+                0 <= column < amplitude.count for column in columns
+            ):
                 raise SceneError(
-                    f"{amplitude!r} returns columns {columns} and {len(weights)} values at {point.tolist()}: give as "
-                    f"many values as columns, 0 to {amplitude.count - 1}"
+                    f"{amplitude!r} returns columns {columns} and {len(weights)} values at "
+                    f"{point.tolist()}: give as many values as columns, 0 to {amplitude.count - 1}"
                 )
             terms.extend([first + column for column in columns])
             values.extend(weights)
@@ -424,31 +522,40 @@ class Amplitudes:
             starts = np.arange(len(points) + 1) * columns.shape[1]
         else:
             given = [self(point) for point in points]
-            columns, entries = (np.concatenate([getattr(theta, part) for theta in given]) for part in Theta.__slots__)
+            columns, entries = (
+                np.concatenate([getattr(theta, part) for theta in given])
+                for part in Theta.__slots__
+            )
             starts = np.cumsum([0, *(theta.values.size for theta in given)])
-        return csr_matrix((entries.ravel(), columns.ravel(), starts), shape=(len(points), self.firsts[-1]))
+        return csr_matrix(
+            (entries.ravel(), columns.ravel(), starts), shape=(len(points), self.firsts[-1])
+        )
 
     def sum_columns(self, matrix: np.ndarray | csc_matrix, points: np.ndarray) -> np.ndarray:
         """``matrix @ theta`` at every point, (n, len(points))."""
         return np.stack([matrix @ self(point) for point in points], axis=1)
 
     def slopes_at(self, point: np.ndarray) -> tuple[slice | np.ndarray, np.ndarray]:
-        """Terms that act at a checked point, and derivatives of their amplitudes along the parameters, (k, P)."""
+        """Terms that act at a checked point, and derivatives of their amplitudes along the
+        parameters, (k, P).
+        """
         if not self.nonaffine:
             return slice(None), self.slopes
         terms = list(range(len(self.slopes)))
         values = [self.slopes]
-        for first, amplitude in zip(self.firsts, self.nonaffine):  # noqa: B905 (the last is their end)
+        # the last of the firsts is their end
+        for first, amplitude in zip(self.firsts, self.nonaffine):  # noqa: B905
             columns, _ = amplitude(point)
             terms.extend([first + column for column in columns])
             values.append(_derivative(amplitude, point, self.space))
         return np.array(terms), np.vstack(values)
 
     def least(self, columns: np.ndarray, space: ParameterSpace) -> tuple[np.ndarray, np.ndarray]:
-        """Smallest value of each sum ``columns @ theta`` in a box, (m,), and the point where it is taken, (m, P).
+        """Smallest value of each sum ``columns @ theta`` in a box, (m,), and the point where it is
+        taken, (m, P).
 
-        An affine sum, a row of ``columns`` (m, 1 + T) with affine terms alone, is smallest at a corner. Others are
-        evaluated at the corners and at random points.
+        An affine sum, a row of ``columns`` (m, 1 + T) with affine terms alone, is smallest at a
+        corner. Others are evaluated at the corners and at random points.
         """
         affine = columns[:, : self.constant.size]
         slopes = affine @ self.slopes
@@ -465,7 +572,10 @@ class Amplitudes:
         return values, points
 
     def idle(self, space: ParameterSpace) -> tuple[str, ...]:
-        """Names of parameters on which no amplitude depends; non-affine ones are evaluated at random points."""
+        """Names of parameters on which no amplitude depends.
+
+        non-affine ones are evaluated at random points.
+        """
         used = self.slopes.any(axis=0)
         points = space.random(64, seed=0)
         for place in np.flatnonzero(~used):

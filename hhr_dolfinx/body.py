@@ -22,10 +22,15 @@ class LawsOfScenes(Protocol):
         """Raise SceneError for a body whose law, elasticity or grading is not built in."""
 
     def linear_stress(self, law: object) -> Callable[[Any], Any] | None:
-        """Stress of a law that is linear elasticity, as :attr:`Body.stress`; None for any other law."""
+        """Stress of a law that is linear elasticity, as :attr:`Body.stress`.
+
+        None for any other law.
+        """
 
     def check_hypothesis(self, law: object, hypothesis: str) -> None:
-        """Raise SceneError for a law that no body can have under a hypothesis, such as plane strain."""
+        """Raise SceneError for a law that no body can have under a hypothesis, such as plane
+        strain.
+        """
 
     def parameters_of(self, law: object) -> set[str]:
         """Names of the parameters on which a law depends."""
@@ -37,17 +42,19 @@ class Body(KnownArguments):
 
     Attributes:
         tag: cell tag.
-        young: Young's modulus E, in the unit of stress of the scene: a number, or a formula of the parameters as text,
-            ``"E1"`` or ``"200e3 * (1 - 2e-4 * T)"``, see :mod:`hhr_dolfinx.formulas`. In scenes with laws of bodies
-            it may differ between histories, but not along one.
+        young: Young's modulus E, in the unit of stress of the scene: a number, or a formula of the
+            parameters as text, ``"E1"`` or ``"200e3 * (1 - 2e-4 * T)"``, see
+            :mod:`hhr_dolfinx.formulas`. In scenes with laws of bodies it may differ between
+            histories, but not along one.
         poisson: Poisson's ratio, a number or a formula, as ``young``.
-        law: law in addition to elasticity, such as that of plasticity or creep, see :attr:`reader`; None for an elastic
-            body.
-        grading: factor of the modulus of a graded or layered body, as a function of the coordinates, UFL to UFL; None
-            for 1. It multiplies no constant of a law.
-        stress: user-defined linear elasticity in UFL, such as that of wood: a function of the strain, 3x3, that returns
-            the stress, 3x3, with a symmetric stiffness. ``young`` and ``poisson`` are then typical values that do not
-            enter the stiffness. None for Hooke's law.
+        law: law in addition to elasticity, such as that of plasticity or creep, see :attr:`reader`;
+            None for an elastic body.
+        grading: factor of the modulus of a graded or layered body, as a function of the
+            coordinates, UFL to UFL; None for 1. It multiplies no constant of a law.
+        stress: user-defined linear elasticity in UFL, such as that of wood: a function of the
+            strain, 3x3, that returns the stress, 3x3, with a symmetric stiffness. ``young`` and
+            ``poisson`` are then typical values that do not enter the stiffness. None for Hooke's
+            law.
     """
 
     tag: Tag
@@ -60,11 +67,16 @@ class Body(KnownArguments):
     def __post_init__(self):
         check_tag("body", self.tag)
         if self.stress is not None and not callable(self.stress):
-            raise SceneError(f"body {self.tag}: the stress {self.stress!r} must be a function of the strain, in UFL")
-        if self.stress is not None and (self.law is not None or self.grading is not None or self.varies):
             raise SceneError(
-                f"body {self.tag} has a stress of its own, and a law, a grading or formulas besides: that is not built "
-                "in, write all of it into the stress"
+                f"body {self.tag}: the stress {self.stress!r} must be a function of the strain, "
+                "in UFL"
+            )
+        if self.stress is not None and (
+            self.law is not None or self.grading is not None or self.varies
+        ):
+            raise SceneError(
+                f"body {self.tag} has a stress of its own, and a law, a grading or formulas "
+                "besides: that is not built in, write all of it into the stress"
             )
         for name in RANGES:
             value = getattr(self, name)
@@ -74,21 +86,26 @@ class Body(KnownArguments):
                 formula_of(value, f"{name} of body {self.tag}")
             elif not isinstance(value, Real):
                 raise SceneError(
-                    f"body {self.tag}: {name} = {value!r} must be a number, or a formula of the parameters as text"
+                    f"body {self.tag}: {name} = {value!r} must be a number, or a formula of the "
+                    "parameters as text"
                 )
         if self.grading is not None and not callable(self.grading):
-            raise SceneError(f"body {self.tag}: the grading {self.grading!r} must be a function of the coordinates")
+            raise SceneError(
+                f"body {self.tag}: the grading {self.grading!r} must be a function of the "
+                "coordinates"
+            )
         if self.law is not None:
             laws_of_scenes(self.plugin).check_body(self)
         if remedy := _remedy_of_constants(self.young, self.poisson):
             raise SceneError(
-                f"body {self.tag}: young = {self.young} must be positive and finite, and poisson = {self.poisson} "
-                f"in (-1, 0.5). {remedy}"
+                f"body {self.tag}: young = {self.young} must be positive and finite, and poisson "
+                f"= {self.poisson} in (-1, 0.5). {remedy}"
             )
 
     @classmethod
     def of(cls, tag: Tag, material: str, units: Units, **more: Any) -> Body:
-        """Make a body of a material by name, such as ``steel``, see :mod:`hhr_dolfinx.materials.elasticity`.
+        """Make a body of a material by name, such as ``steel``, see
+        :mod:`hhr_dolfinx.materials.elasticity`.
 
         Args:
             tag: cell tag.
@@ -111,14 +128,19 @@ class Body(KnownArguments):
 
     @property
     def own_stress(self) -> Callable[[Any], Any] | None:
-        """Linear elasticity that is not Hooke's: :attr:`stress`, or that of a law which is linear; None for others."""
+        """Linear elasticity that is not Hooke's: :attr:`stress`, or that of a law which is linear.
+
+        None for others.
+        """
         if self.law is None or self.grading is not None:
             return self.stress
         return laws_of_scenes(self.plugin).linear_stress(self.law)
 
     @property
     def reader(self) -> str:
-        """Name of the plug-in that solves for the law, empty for a body that is linearly elastic."""
+        """Name of the plug-in that solves for the law, empty for a body that is linearly
+        elastic.
+        """
         return "" if self.own_stress is not None else self.plugin
 
     @property
@@ -128,10 +150,16 @@ class Body(KnownArguments):
 
     def limits(self, names: tuple[str, ...]) -> tuple[Limits, ...]:
         """Elastic constants that are formulas, bound to the names of the parameters."""
-        return tuple(Limits(name, text, names) for name in RANGES if isinstance(text := getattr(self, name), str))
+        return tuple(
+            Limits(name, text, names)
+            for name in RANGES
+            if isinstance(text := getattr(self, name), str)
+        )
 
     def check(self, parameters: ParameterSpace, hypothesis: str) -> None:
-        """Raise SceneError for a modulus or a ratio that is invalid somewhere in the box, or a law in a hypothesis."""
+        """Raise SceneError for a modulus or a ratio that is invalid somewhere in the box, or a law
+        in a hypothesis.
+        """
         if self.law is not None:
             laws_of_scenes(self.plugin).check_hypothesis(self.law, hypothesis)
         for name, remedy in (

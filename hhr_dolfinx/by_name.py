@@ -1,9 +1,10 @@
 """Parts of a scene by name: from this package, from a file, or from another installed package.
 
-A name is one of this package (``half_discs``), a path with a name in the file (``my_scene.py:scene``), a module with a
-name in it (``my.package:scene``), or an entry point that another package has registered in the group
-``hhr_dolfinx.<kind>``, such as ``hhr_dolfinx.pairings``. Files and entry points are code and are executed: a file once
-for all of its names, and again after a change.
+A name is one of this package (``half_discs``), a path with a name in the file
+(``my_scene.py:scene``), a module with a name in it (``my.package:scene``), or an entry point that
+another package has registered in the group ``hhr_dolfinx.<kind>``, such as
+``hhr_dolfinx.pairings``. Files and entry points are code and are executed: a file once for all of
+its names, and again after a change.
 """
 
 from __future__ import annotations
@@ -47,13 +48,17 @@ _MODULES: Mapping[str, Mapping[str, str]] = {
         "loads": "Pressure PartialPressure Traction",
     },
     "outputs": {
-        "outputs": "ContactForce ContactMoment ContactWidth DisplacementAt GapAt LargestPressure LinearForm "
-        "LostContact",
+        "outputs": (
+            "ContactForce ContactMoment ContactWidth DisplacementAt GapAt LargestPressure "
+            "LinearForm LostContact"
+        ),
     },
     "samplings": {"sampling": "Sobol LatinHypercube"},
     "scenes": {},
 }
-"""Names of the parts of the core, separated by blanks, by kind and by module below ``hhr_dolfinx``."""
+"""Names of the parts of the core, separated by blanks, by kind and by module below
+``hhr_dolfinx``.
+"""
 
 OWN: Mapping[str, Mapping[str, str]] = MappingProxyType(
     {
@@ -96,21 +101,26 @@ def find(kind: str, name: str) -> Any:
     hint = f" Is '{near[0]}' meant?" if near else ""
     raise SceneError(
         f"none of the {kind} is called '{name}'{registry.remedy(kind, name)}.{hint} Known are "
-        f"{', '.join(known) or 'none'}; besides, what a file has ('my_file.py:name'), and entry points "
-        f"'hhr_dolfinx.{kind}' of other packages"
+        f"{', '.join(known) or 'none'}; besides, what a file has ('my_file.py:name'), and entry "
+        f"points 'hhr_dolfinx.{kind}' of other packages"
     )
 
 
 def names(kind: str) -> dict[str, str]:
     """Names of a kind, each with its package or plug-in."""
-    found = {name: "hhr_dolfinx" for name in OWN[kind]} | {name: at[1] for name, at in registry.parts(kind).items()}
+    found = {name: "hhr_dolfinx" for name in OWN[kind]} | {
+        name: at[1] for name, at in registry.parts(kind).items()
+    }
     for point in importlib.metadata.entry_points(group=f"hhr_dolfinx.{kind}"):
         found.setdefault(point.name, _owner(point))
     return found
 
 
 def place_of(error: BaseException) -> str:
-    """File and line of an error in a file that was loaded here, or in a file next to it; else empty."""
+    """File and line of an error in a file that was loaded here, or in a file next to it.
+
+    Else empty.
+    """
     place = ""
     for frame in traceback.extract_tb(error.__traceback__):
         # generated code, such as that of dataclasses, has a name such as <string> and no file
@@ -128,7 +138,8 @@ def _entry(points: list[importlib.metadata.EntryPoint]) -> Any:
         return points[0].load()
     except (Exception, SystemExit) as error:
         raise SceneError(
-            f"'{points[0].name}' of the package {_owner(points[0])} cannot be loaded: {type(error).__name__}: {error}"
+            f"'{points[0].name}' of the package {_owner(points[0])} cannot be loaded: "
+            f"{type(error).__name__}: {error}"
         ) from error
 
 
@@ -152,13 +163,17 @@ def _module(name: str) -> ModuleType:
     except HHRError:
         raise
     except (Exception, SystemExit) as error:
-        raise SceneError(f"the module {name} cannot be loaded: {type(error).__name__}: {error}") from error
+        raise SceneError(
+            f"the module {name} cannot be loaded: {type(error).__name__}: {error}"
+        ) from error
 
 
 def _file(path: Path) -> ModuleType:
     """Module of a file, which may import other files of its folder."""
     if not path.is_file():
-        beside = sorted(item.name for item in path.absolute().parent.glob("*.py") if item.is_file())[:8]
+        beside = sorted(
+            item.name for item in path.absolute().parent.glob("*.py") if item.is_file()
+        )[:8]
         hint = f", which has {', '.join(beside)}" if beside else ""
         raise SceneError(f"there is no file {path} in {path.absolute().parent}{hint}")
     whole = path.resolve()
@@ -188,7 +203,9 @@ def _run(path: Path, whole: Path) -> ModuleType:
         hint = ""
         if isinstance(error, ImportError) and "relative import" in str(error):
             hint = ". A file is no package: write 'import name' for what lies beside it"
-        raise SceneError(f"{path}{_line_in(error, whole)}: {type(error).__name__}: {error}{hint}") from error
+        raise SceneError(
+            f"{path}{_line_in(error, whole)}: {type(error).__name__}: {error}{hint}"
+        ) from error
     finally:
         sys.path.remove(folder)
     # its functions may import other files of its folder later, with the lowest priority
@@ -206,7 +223,9 @@ def _name_of(whole: Path) -> str:
 
 
 def _forget_others(folder: Path) -> None:
-    """Unload modules of other folders with the names of files in this folder, so that a file can import the latter."""
+    """Unload modules of other folders with the names of files in this folder, so that a file can
+    import the latter.
+    """
     others = _FOLDERS - {folder}
     for path in folder.glob("*.py"):
         there = getattr(sys.modules.get(path.stem), "__file__", None)
@@ -218,5 +237,9 @@ def _line_in(error: BaseException, path: Path) -> str:
     """Line of a file at which an error was raised, for messages."""
     if isinstance(error, SyntaxError) and error.filename and Path(error.filename) == path:
         return "" if error.lineno is None else f", line {error.lineno}"
-    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if Path(frame.filename) == path]
+    lines = [
+        frame.lineno
+        for frame in traceback.extract_tb(error.__traceback__)
+        if Path(frame.filename) == path
+    ]
     return f", line {lines[-1]}" if lines else ""

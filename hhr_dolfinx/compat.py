@@ -1,7 +1,9 @@
-"""Differences between DOLFINx distributions and versions, in one place; the package imports it before other modules.
+"""Differences between DOLFINx distributions and versions, in one place.
 
-Nothing heavy is imported at the top, so that :mod:`solver_first` can order imports. Optional packages are imported
-inside :func:`extra`.
+The package imports it before other modules.
+
+Nothing heavy is imported at the top, so that :mod:`solver_first` can order imports. Optional
+packages are imported inside :func:`extra`.
 """
 
 from __future__ import annotations
@@ -31,7 +33,10 @@ if TYPE_CHECKING:
 
     Shares = Callable[[np.ndarray, np.ndarray, int], np.ndarray]
     TaggedMesh = tuple[Mesh, MeshTags, MeshTags]
-    """Result of a geometry: the mesh, the tags of its cells and of its facets; a :class:`NamedMesh` is one."""
+    """Result of a geometry: the mesh, the tags of its cells and of its facets.
+
+    a :class:`NamedMesh` is one.
+    """
     Groups = list[tuple[str | int, tuple[int, int | tuple[int, ...]]]]
 
 T = TypeVar("T")
@@ -46,11 +51,13 @@ if "dolfinx_solver" not in sys.modules:
 class NamedMesh(tuple):
     """Result of a geometry: a mesh, the tags of its cells and of its facets, and their names."""
 
-    # name, dimension and number or numbers of each group; a body and a surface may have the same name. Meshes of
-    # DOLFINx have them from 0.10 on
+    # name, dimension and number or numbers of each group; a body and a surface may have the same
+    # name. Meshes of DOLFINx have them from 0.10 on
     physical_groups: Groups
     summary: Any  # of the mesh file, a ``geometries.summary.Summary``; None without a file
-    nodes: Mapping[str, np.ndarray]  # sets of nodes by name, as numbers of the points that the mesh was made of
+    nodes: Mapping[
+        str, np.ndarray
+    ]  # sets of nodes by name, as numbers of the points that the mesh was made of
 
     def __new__(
         cls,
@@ -71,12 +78,16 @@ class NamedMesh(tuple):
 
 @contextmanager
 def extra(name: str, what: str) -> Iterator[None]:
-    """Block of the imports for ``what``; if a package is missing, the error names the extra to install."""
+    """Block of the imports for ``what``.
+
+    If a package is missing, the error names the extra to install.
+    """
     try:
         yield
     except ModuleNotFoundError as error:
         raise MissingPackageError(
-            f"{what} needs the package {error.name}, which is not installed: `pip install hhr_dolfinx[{name}]`"
+            f"{what} needs the package {error.name}, which is not installed: `pip install "
+            f"hhr_dolfinx[{name}]`"
         ) from error
 
 
@@ -97,8 +108,9 @@ def netcdf_read(path: Path, what: str) -> Iterator[Any]:
 def netcdf4(what: str) -> Any:
     """Import the package netCDF4, for ``what``.
 
-    Its HDF5 differs from that of DOLFINx, whose symbols are global once PETSc is loaded. Unless each library resolves
-    its symbols locally first, HDF5 files cannot be opened ("NetCDF: HDF error").
+    Its HDF5 differs from that of DOLFINx, whose symbols are global once PETSc is loaded. Unless
+    each library resolves its symbols locally first, HDF5 files cannot be opened ("NetCDF: HDF
+    error").
     """
     flags = sys.getdlopenflags() if hasattr(sys, "getdlopenflags") else None
     if flags is not None:
@@ -114,25 +126,32 @@ def netcdf4(what: str) -> Any:
 
 
 SOLVER = frozenset({"dolfinx", "ufl", "basix", "petsc4py", "slepc4py", "mpi4py"})
-"""Packages that are installed as a set: by conda, by a distribution, or by the wheel of the extra ``solver``."""
+"""Packages that are installed as a set: by conda, by a distribution, or by the wheel of the extra
+``solver``.
+"""
 GET_DOLFINX = (
-    "Install it with `pip install hhr_dolfinx[solver]` (x86-64 Linux, Python >= 3.12), or from conda-forge "
-    "(`fenics-dolfinx`) or your distribution."
+    "Install it with `pip install hhr_dolfinx[solver]` (x86-64 Linux, Python >= 3.12), or from "
+    "conda-forge (`fenics-dolfinx`) or your distribution."
 )
 
 
 def explained(error: ModuleNotFoundError) -> ModuleNotFoundError | MissingPackageError:
-    """Explain a failed import if it is one of DOLFINx's packages; models in files do not need them."""
+    """Explain a failed import if it is one of DOLFINx's packages; models in files do not need
+    them.
+    """
     if (error.name or "").split(".")[0] not in SOLVER:
         return error
     return MissingPackageError(
-        f"DOLFINx is not installed (no module {error.name}), and scenes, trainings and full models need it. "
-        f"{GET_DOLFINX} Models that are read from files, load_model(path), answer without it."
+        f"DOLFINx is not installed (no module {error.name}), and scenes, trainings and full "
+        f"models need it. {GET_DOLFINX} Models that are read from files, load_model(path), answer "
+        "without it."
     )
 
 
 def require_dolfinx() -> None:
-    """Raise MissingPackageError without DOLFINx, ImportError if it is too old or its PETSc uses complex numbers."""
+    """Raise MissingPackageError without DOLFINx, ImportError if it is too old or its PETSc uses
+    complex numbers.
+    """
     try:
         import dolfinx
     except ImportError as error:
@@ -148,10 +167,12 @@ def require_dolfinx() -> None:
 
     if np.iscomplexobj(PETSc.ScalarType(0)):
         raise ImportError(
-            "this PETSc was built with complex numbers, and contact is a problem in real ones: install a real build, "
-            "`petsc=*=real*` with conda or `petsc-real` with apt, or set PETSC_DIR and PETSC_ARCH to one"
+            "this PETSc was built with complex numbers, and contact is a problem in real ones: "
+            "install a real build, `petsc=*=real*` with conda or `petsc-real` with apt, or set "
+            "PETSC_DIR and PETSC_ARCH to one"
         )
-    # if only one rank initialises SLEPc, as in a reduction on one rank, PETSc waits forever for the others at the end
+    # if only one rank initialises SLEPc, as in a reduction on one rank, PETSc waits forever for the
+    # others at the end
     from slepc4py import SLEPc  # noqa: F401
 
 
@@ -163,32 +184,47 @@ def versions() -> dict[str, str]:
     import slepc4py
 
     packages = {"dolfinx": dolfinx, "petsc": petsc4py, "slepc": slepc4py, "numpy": np}
-    return {name: package.__version__ for name, package in packages.items()} | {"python": platform.python_version()}
+    return {name: package.__version__ for name, package in packages.items()} | {
+        "python": platform.python_version()
+    }
 
 
 def gmsh_to_mesh(model: Any, comm: Comm, gdim: int, shares: Shares | None = None) -> NamedMesh:
     """Convert a gmsh model on rank 0 to a mesh with tags and the names of physical groups.
 
-    ``shares`` returns the rank of each cell from points, the corners of cells, and the number of ranks; by default
-    DOLFINx partitions the mesh.
+    ``shares`` returns the rank of each cell from points, the corners of cells, and the number of
+    ranks; by default DOLFINx partitions the mesh.
     """
     try:
-        module = importlib.import_module("dolfinx.io.gmsh")  # its result has more fields than that of gmshio
+        module = importlib.import_module(
+            "dolfinx.io.gmsh"
+        )  # its result has more fields than that of gmshio
     except ModuleNotFoundError:  # up to 0.9
         module = importlib.import_module("dolfinx.io.gmshio")
     try:
         kinds = _kinds_of_cells(model) if comm.rank == 0 else set()
-        if comm.bcast(len(kinds)) > 1:  # 0.9 accepts mixed kinds silently, and 0.11 makes a mesh without tags
+        if (
+            comm.bcast(len(kinds)) > 1
+        ):  # 0.9 accepts mixed kinds silently, and 0.11 makes a mesh without tags
             raise RuntimeError("they are of several kinds")
-        points = None if comm.rank > 0 or comm.size == 1 else module.extract_geometry(model)[:, :gdim]
+        points = (
+            None if comm.rank > 0 or comm.size == 1 else module.extract_geometry(model)[:, :gdim]
+        )
         partitioner = _partitioner(comm, points, shares)
-        mesh, cell_tags, facet_tags = module.model_to_mesh(model, comm, 0, gdim=gdim, partitioner=partitioner)[:3]
+        mesh, cell_tags, facet_tags = module.model_to_mesh(
+            model, comm, 0, gdim=gdim, partitioner=partitioner
+        )[:3]
     except (AssertionError, KeyError, RuntimeError) as error:
         raise SceneError(
-            f"DOLFINx does not take the cells that gmsh made ({error}): mesh all bodies with one kind of cells, and "
-            "those of second order with nodes in their middles too, Mesh.SecondOrderIncomplete = 0"
+            f"DOLFINx does not take the cells that gmsh made ({error}): mesh all bodies with one "
+            "kind of cells, and those of second order with nodes in their middles too, "
+            "Mesh.SecondOrderIncomplete = 0"
         ) from error
-    named = [(model.getPhysicalName(*group), group) for group in model.getPhysicalGroups()] if comm.rank == 0 else []
+    named = (
+        [(model.getPhysicalName(*group), group) for group in model.getPhysicalGroups()]
+        if comm.rank == 0
+        else []
+    )
     groups: Groups = [(name, group) for name, group in named if name]
     return NamedMesh(mesh, cell_tags, facet_tags, comm.bcast(groups))
 
@@ -197,14 +233,20 @@ def _kinds_of_cells(model: Any) -> set[int]:
     """Kinds of the elements of the highest dimension in physical groups, by gmsh's numbers."""
     groups = model.getPhysicalGroups()
     dim = max((group[0] for group in groups), default=0)
-    entities = {entity for d, tag in groups if d == dim for entity in model.getEntitiesForPhysicalGroup(d, tag)}
+    entities = {
+        entity
+        for d, tag in groups
+        if d == dim
+        for entity in model.getEntitiesForPhysicalGroup(d, tag)
+    }
     return {int(kind) for entity in entities for kind in model.mesh.getElements(dim, entity)[0]}
 
 
 def jitted(compiler: Callable[..., T], *given: Any) -> T:
     """Form or expression that FFCx compiles: ``compiler`` is ``fem.form`` or ``fem.Expression``.
 
-    FFCx marks what it compiles by a file. If a run is killed meanwhile the file is left, and later runs wait for it.
+    FFCx marks what it compiles by a file. If a run is killed meanwhile the file is left, and later
+    runs wait for it.
 
     Raises:
         FileError: with the files to remove, if FFCx has waited in vain.
@@ -215,29 +257,44 @@ def jitted(compiler: Callable[..., T], *given: Any) -> T:
         from dolfinx.jit import get_options
 
         folder = Path(get_options()["cache_dir"])
-        left = [path for path in folder.glob("libffcx_*.c") if not path.with_suffix(".c.cached").exists()]
+        left = [
+            path
+            for path in folder.glob("libffcx_*.c")
+            if not path.with_suffix(".c.cached").exists()
+        ]
         if "JIT" not in str(error) or not left:
             raise
         raise FileError(
-            f"a form waits for another run that compiles it, or that was killed meanwhile ({error}). If no other run "
-            f"compiles now, remove {', '.join(map(str, left))}, and run again"
+            "a form waits for another run that compiles it, or that was killed meanwhile "
+            f"({error}). If no other run compiles now, remove {', '.join(map(str, left))}, and "
+            "run again"
         ) from error
 
 
 def interpolation_points(element: FiniteElement) -> np.ndarray:
-    """Points of a DOLFINx element for interpolation: a method up to 0.9, a property from 0.10 on."""
+    """Points of a DOLFINx element for interpolation: a method up to 0.9, a property from 0.10
+    on.
+    """
     points = element.interpolation_points
     return points() if callable(points) else points
 
 
 def linear_mesh(
-    comm: Comm, points: np.ndarray, cells: np.ndarray, kind: str, degree: int = 1, shares: Shares | None = None
+    comm: Comm,
+    points: np.ndarray,
+    cells: np.ndarray,
+    kind: str,
+    degree: int = 1,
+    shares: Shares | None = None,
 ) -> Mesh:
-    """Make a mesh in the plane or in space; the arguments of ``create_mesh`` changed their order in 0.10.
+    """Make a mesh in the plane or in space.
 
-    Points, (n, dim), and the nodes of cells of a kind (``interval``, ``triangle``, ``quadrilateral``, ``tetrahedron``
-    or ``hexahedron``), in tensor order if there is a choice, are the union of those on all ranks. ``shares`` is as in
-    :func:`gmsh_to_mesh`, for meshes on the first rank only.
+    The arguments of ``create_mesh`` changed their order in 0.10.
+
+    Points, (n, dim), and the nodes of cells of a kind (``interval``, ``triangle``,
+    ``quadrilateral``, ``tetrahedron`` or ``hexahedron``), in tensor order if there is a choice, are
+    the union of those on all ranks. ``shares`` is as in :func:`gmsh_to_mesh`, for meshes on the
+    first rank only.
     """
     import basix.ufl
     import ufl
@@ -245,11 +302,16 @@ def linear_mesh(
 
     domain = ufl.Mesh(basix.ufl.element("Lagrange", kind, degree, shape=(points.shape[1],)))
     partitioner = _partitioner(comm, points, shares)
-    return mesh.create_mesh(comm, cells=cells.astype("int64"), x=points, e=domain, partitioner=partitioner)
+    return mesh.create_mesh(
+        comm, cells=cells.astype("int64"), x=points, e=domain, partitioner=partitioner
+    )
 
 
 def _partitioner(comm: Comm, points: np.ndarray | None, shares: Shares | None) -> Callable | None:
-    """Partitioner for DOLFINx of a mesh on the first rank, with points there, (n, dim); None without ``shares``."""
+    """Partitioner for DOLFINx of a mesh on the first rank, with points there, (n, dim).
+
+    None without ``shares``.
+    """
     if comm.size == 1 or shares is None:
         return None
     import numpy as np
@@ -259,7 +321,9 @@ def _partitioner(comm: Comm, points: np.ndarray | None, shares: Shares | None) -
         parts = [np.zeros(0, dtype="int32")]
         for kind, given in zip(kinds, corners, strict=True):
             cells = given.reshape(-1, cpp.mesh.cell_num_entities(kind, 0))
-            parts.append(shares(points, cells, count) if points is not None and len(cells) else parts[0])
+            parts.append(
+                shares(points, cells, count) if points is not None and len(cells) else parts[0]
+            )
         made = graph.adjacencylist(np.concatenate(parts)[:, None])
         return getattr(made, "_cpp_object", made)
 
@@ -267,7 +331,8 @@ def _partitioner(comm: Comm, points: np.ndarray | None, shares: Shares | None) -
 
 
 def tags_of(mesh: Mesh, dim: int, entities: np.ndarray, values: np.ndarray) -> MeshTags:
-    """Tags of entities of a dimension, given by their nodes in the numbering of the input of the mesh.
+    """Tags of entities of a dimension, given by their nodes in the numbering of the input of the
+    mesh.
 
     Entities, (n, k), and their tags, (n,), are the union of those on all ranks.
     """
@@ -277,7 +342,9 @@ def tags_of(mesh: Mesh, dim: int, entities: np.ndarray, values: np.ndarray) -> M
     distribute = getattr(io, "distribute_entity_data", None) or io.utils.distribute_entity_data
     local, tags = distribute(mesh, dim, entities.astype("int64"), values.astype("int32"))
     mesh.topology.create_connectivity(dim, mesh.topology.dim)
-    return meshtags_from_entities(mesh, dim, graph.adjacencylist(local), tags.astype("int32", copy=False))
+    return meshtags_from_entities(
+        mesh, dim, graph.adjacencylist(local), tags.astype("int32", copy=False)
+    )
 
 
 def geometry_dofmap(mesh: Mesh) -> np.ndarray:
@@ -293,13 +360,17 @@ def degree_of(mesh: Mesh) -> int:
 
 
 def quadrature(cell: str, degree: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points and weights of DOLFINx's quadrature rule of a degree on a reference cell, given by name."""
+    """Points and weights of DOLFINx's quadrature rule of a degree on a reference cell, given by
+    name.
+    """
     import basix
 
     return basix.make_quadrature(basix.CellType[cell], degree)
 
 
-def shape_functions(cell: str, points: np.ndarray, degree: int = 1) -> tuple[np.ndarray, np.ndarray]:
+def shape_functions(
+    cell: str, points: np.ndarray, degree: int = 1
+) -> tuple[np.ndarray, np.ndarray]:
     """Lagrange functions of a reference cell at points, (q, k), and their slopes, (q, k, dim)."""
     table = _lagrange(cell, degree).tabulate(1, points)[..., 0]
     return table[0], table[1:].transpose(1, 2, 0).copy()
@@ -326,14 +397,20 @@ def _lagrange(cell: str, degree: int) -> Any:
     return basix.create_element(basix.ElementFamily.P, basix.CellType[cell], degree, variant)
 
 
-def compiled(*, inner: bool = False, dear: str | None = None, **options: Any) -> Callable[[Callable], Callable]:
-    """numba's ``njit`` with a cache on disk, or without a cache if no folder is writable; Python itself without numba.
+def compiled(
+    *, inner: bool = False, dear: str | None = None, **options: Any
+) -> Callable[[Callable], Callable]:
+    """numba's ``njit`` with a cache on disk, or without a cache if no folder is writable.
 
-    If neither the package nor the user's cache folder is writable, as in a read-only image, the cache is in a private
-    folder of the user among temporary files; ``NUMBA_CACHE_DIR`` sets another one.
+    Python itself without numba.
+
+    If neither the package nor the user's cache folder is writable, as in a read-only image, the
+    cache is in a private folder of the user among temporary files; ``NUMBA_CACHE_DIR`` sets another
+    one.
 
     Args:
-        inner: only compiled functions call it. It has no Python wrapper, which may take seconds to compile.
+        inner: only compiled functions call it. It has no Python wrapper, which may take seconds to
+            compile.
         dear: description of a function that takes long to compile, which the log reports.
         options: options of numba.
     """
@@ -358,7 +435,9 @@ def compiled(*, inner: bool = False, dear: str | None = None, **options: Any) ->
 
 
 def require_numba() -> None:
-    """Raise MissingPackageError without numba: loops over whole meshes would take hours as Python."""
+    """Raise MissingPackageError without numba: loops over whole meshes would take hours as
+    Python.
+    """
     with extra("flow", "a scene whose bodies have laws or are nearly incompressible"):
         import numba  # noqa: F401
 
@@ -370,7 +449,10 @@ def _njit() -> Any:
         from numba import njit
     except ImportError:
         warnings.warn(
-            "numba is not installed, and laws of bodies run as Python, much slower: pip install hhr_dolfinx[flow]",
+            (
+                "numba is not installed, and laws of bodies run as Python, much slower: pip "
+                "install hhr_dolfinx[flow]"
+            ),
             ModelFileWarning,
             stacklevel=2,
         )
@@ -380,7 +462,10 @@ def _njit() -> Any:
 
 @contextmanager
 def _private_cache() -> Iterator[None]:
-    """Cache compiled functions in a folder of the user alone, as its contents are executed; else a RuntimeError."""
+    """Cache compiled functions in a folder of the user alone, as its contents are executed.
+
+    Else a RuntimeError.
+    """
     from numba.core import config
 
     if not hasattr(os, "getuid"):
@@ -416,7 +501,13 @@ def _report_compilation(function: Callable, what: str) -> None:
             if done is not None:
                 for other in [key for key, value in _DEAR.items() if value == done]:
                     del _DEAR[other]
-                _log.warning("compiling %s, once for an installation: this takes a quarter of a minute or more", done)
+                _log.warning(
+                    (
+                        "compiling %s, once for an installation: this takes a quarter of a minute "
+                        "or more"
+                    ),
+                    done,
+                )
 
         def on_end(self, event: object) -> None:
             pass

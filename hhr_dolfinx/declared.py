@@ -1,10 +1,11 @@
-"""Declarations in the annotations of a frozen dataclass: types of its fields, kinds and sizes of its arrays.
+"""Declarations in the annotations of a frozen dataclass: types of its fields, kinds and sizes of
+its arrays.
 
-``stiffness: Annotated[Floats, "ell", "ell"]`` is a square array of floating-point numbers. The same name is the same
-size everywhere in an object, and in a whole model if it is one of :data:`SHARED`; ``"points * components"`` is a
-product of sizes. ``Annotated[Integers, "m", "< N"]`` has indices from 0 to N - 1, and ``Annotated[Size, "N"]`` is
-itself the size. Other annotations declare no sizes. Files are written and checked by these declarations, see
-:mod:`hhr_dolfinx.plain`.
+``stiffness: Annotated[Floats, "ell", "ell"]`` is a square array of floating-point numbers. The same
+name is the same size everywhere in an object, and in a whole model if it is one of :data:`SHARED`;
+``"points * components"`` is a product of sizes. ``Annotated[Integers, "m", "< N"]`` has indices
+from 0 to N - 1, and ``Annotated[Size, "N"]`` is itself the size. Other annotations declare no
+sizes. Files are written and checked by these declarations, see :mod:`hhr_dolfinx.plain`.
 """
 
 from __future__ import annotations
@@ -35,10 +36,15 @@ Booleans = np.ndarray
 Size = int
 """A number that is itself a size, in annotations: ``Annotated[Size, "N"]``."""
 
-TYPES = {"Floats": np.dtype(np.float64), "Integers": np.dtype(np.int64), "Booleans": np.dtype(np.bool_)}
+TYPES = {
+    "Floats": np.dtype(np.float64),
+    "Integers": np.dtype(np.int64),
+    "Booleans": np.dtype(np.bool_),
+}
 SHARED = frozenset({"N", "N_lambda", "m", "ell", "terms", "P", "components", "gauss points"})
-"""Sizes that all parts of a model share: dofs, conditions on the whole surface and of the model, modes, terms of θ
-(1 + T), parameters, components of a strain, and Gauss points of the full model."""
+"""Sizes that all parts of a model share: dofs, conditions on the whole surface and of the model,
+modes, terms of θ (1 + T), parameters, components of a strain, and Gauss points of the full model.
+"""
 
 
 class DeclaredArray(NamedTuple):
@@ -51,12 +57,19 @@ class DeclaredArray(NamedTuple):
 
 @cache
 def annotations_of(kind: type) -> Mapping[str, ast.expr]:
-    """Annotations of the values that a file keeps of a class, by name: of fields, or of arguments named in ``kept``."""
+    """Annotations of the values that a file keeps of a class, by name: of fields, or of arguments
+    named in ``kept``.
+    """
     if dataclasses.is_dataclass(kind):
-        fields = [item for item in dataclasses.fields(kind) if item.init and item.metadata.get("kept", True)]
+        fields = [
+            item
+            for item in dataclasses.fields(kind)
+            if item.init and item.metadata.get("kept", True)
+        ]
         return {item.name: _parsed(item.type) for item in fields}
     given = inspect.get_annotations(kind.__init__)  # type: ignore[misc]
-    return {name: _parsed(given.get(name, "Any")) for name in kind.kept}  # type: ignore[attr-defined]
+    kept: Sequence[str] = kind.kept  # type: ignore[attr-defined]
+    return {name: _parsed(given.get(name, "Any")) for name in kept}
 
 
 @cache
@@ -71,7 +84,11 @@ def _parsed(annotation: object) -> ast.expr:
     """An annotation as a tree; an unreadable one declares nothing."""
     if isinstance(annotation, str):
         return _text(annotation)
-    return _text(annotation.__name__ if isinstance(annotation, type) and not get_args(annotation) else repr(annotation))
+    return _text(
+        annotation.__name__
+        if isinstance(annotation, type) and not get_args(annotation)
+        else repr(annotation)
+    )
 
 
 def shown(node: ast.expr) -> str:
@@ -93,7 +110,13 @@ def _alternatives(node: ast.expr) -> tuple[ast.expr, ...]:
 
 
 def _name(node: ast.expr) -> str:
-    return node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
+    return (
+        node.attr
+        if isinstance(node, ast.Attribute)
+        else node.id
+        if isinstance(node, ast.Name)
+        else ""
+    )
 
 
 def _items(node: ast.Subscript) -> list[ast.expr]:
@@ -101,7 +124,10 @@ def _items(node: ast.Subscript) -> list[ast.expr]:
 
 
 def fits(value: object, node: ast.expr, kinds: Mapping[str, type]) -> bool:
-    """True if the value of a field has its declared type; names not among the known classes accept every value."""
+    """True if the value of a field has its declared type.
+
+    Names not among the known classes accept every value.
+    """
     return any(_fits(value, item, kinds) for item in _alternatives(node))
 
 
@@ -130,7 +156,9 @@ def _fits(value: object, node: ast.expr, kinds: Mapping[str, type]) -> bool:
 def _tuple_fits(value: tuple, items: list[ast.expr], kinds: Mapping[str, type]) -> bool:
     if len(items) == 2 and isinstance(items[1], ast.Constant) and items[1].value is Ellipsis:
         return all(fits(item, items[0], kinds) for item in value)
-    return len(items) == len(value) and all(fits(*pair, kinds) for pair in zip(value, items, strict=True))
+    return len(items) == len(value) and all(
+        fits(*pair, kinds) for pair in zip(value, items, strict=True)
+    )
 
 
 @cache
@@ -160,8 +188,8 @@ def check_layout(
 ) -> None:
     """Check that arrays have a given layout with consistent sizes, of which some are known.
 
-    The layout has, for each name, the kind (``float``, ``int`` or ``bool``) and the names of the sizes. The error names
-    the array that is missing, unknown, or of another kind or shape.
+    The layout has, for each name, the kind (``float``, ``int`` or ``bool``) and the names of the
+    sizes. The error names the array that is missing, unknown, or of another kind or shape.
     """
     if arrays.keys() != layout.keys():
         missing = sorted(layout.keys() - arrays.keys())
@@ -184,7 +212,10 @@ class Sizes:
         self._waiting: list[tuple[Sizes, str, str, Any]] = []
 
     def of_part(self) -> Sizes:
-        """Sizes of a part: in a model, ``whole``, shared sizes are the same; in other values none are."""
+        """Sizes of a part: in a model, ``whole``, shared sizes are the same.
+
+        In other values none are.
+        """
         part = Sizes(self._whole)
         if self._whole:
             part.shared = self.shared
@@ -192,19 +223,33 @@ class Sizes:
         return part
 
     def claim(self, path: str, declared: DeclaredArray, value: Any) -> None:
-        """Record the sizes of an array, a tuple, or a number that is a size; FileContentError for others than known."""
-        found = (value,) if isinstance(value, int) else (len(value),) if isinstance(value, tuple) else value.shape
+        """Record the sizes of an array, a tuple, or a number that is a size.
+
+        FileContentError for others than known.
+        """
+        found = (
+            (value,)
+            if isinstance(value, int)
+            else (len(value),)
+            if isinstance(value, tuple)
+            else value.shape
+        )
         if len(found) != len(declared.sizes) or not all(
-            self._agrees(path, label, size) for label, size in zip(declared.sizes, found, strict=True)
+            self._agrees(path, label, size)
+            for label, size in zip(declared.sizes, found, strict=True)
         ):
             known = [(label, self._value(label)) for label in declared.sizes]
-            wanted = ", ".join(label if size is None else f"{label} = {size}" for label, size in known)
+            wanted = ", ".join(
+                label if size is None else f"{label} = {size}" for label, size in known
+            )
             raise FileContentError(f"{path} has shape {found}, it must be ({wanted})")
         if declared.below and isinstance(value, np.ndarray) and value.size:
             self._waiting.append((self, path, declared.below, (int(value.min()), int(value.max()))))
 
     def _agrees(self, path: str, label: str, size: int) -> bool:
-        """True if a size agrees with the known one of its name, or is the first one, which is recorded."""
+        """True if a size agrees with the known one of its name, or is the first one, which is
+        recorded.
+        """
         if label.isdigit():
             return size == int(label)
         if "*" in label:
@@ -221,19 +266,26 @@ class Sizes:
         return None if None in known else math.prod(known)  # type: ignore[arg-type]
 
     def check_known(self, last: bool = False) -> None:
-        """Raise FileContentError for wrong products or indices whose sizes are known; at the end of a model all are."""
+        """Raise FileContentError for wrong products or indices whose sizes are known.
+
+        At the end of a model all are.
+        """
         waiting = list(self._waiting)
         self._waiting[:] = []
         for sizes, path, label, found in waiting:
             size = sizes._value(label)
             if size is None:
                 if last:
-                    raise FileContentError(f"{path} depends on the size {label}, which nothing says")
+                    raise FileContentError(
+                        f"{path} depends on the size {label}, which nothing says"
+                    )
                 self._waiting.append((sizes, path, label, found))
             elif isinstance(found, tuple) and not 0 <= found[0] <= found[1] < size:
                 raise FileContentError(f"{path} has indices outside 0 .. {size - 1}")
             elif isinstance(found, int) and found != size:
-                raise FileContentError(f"{path} has the length {found}, it must be {label} = {size}")
+                raise FileContentError(
+                    f"{path} has the length {found}, it must be {label} = {size}"
+                )
 
 
 USUAL_SYMBOLS = {
@@ -255,7 +307,9 @@ USUAL_SYMBOLS = {
 
 
 class KnownArguments:
-    """Base of classes of scenes whose constructors refuse an unknown argument by a sentence, with the right name."""
+    """Base of classes of scenes whose constructors refuse an unknown argument by a sentence, with
+    the right name.
+    """
 
     def __new__(cls, *_: Any, **named: Any) -> Self:
         """Make an object; SceneError for an argument that its constructor has not."""
@@ -267,5 +321,8 @@ class KnownArguments:
             near = [one for one in USUAL_SYMBOLS.get(name, ()) if one in names]
             near = near or difflib.get_close_matches(name, names, n=1)
             meant = f": is '{near[0]}' meant?" if near else "."
-            raise SceneError(f"{cls.__name__} has no argument '{name}'{meant} Its arguments are {', '.join(names)}")
+            raise SceneError(
+                f"{cls.__name__} has no argument '{name}'{meant} Its arguments are "
+                f"{', '.join(names)}"
+            )
         return super().__new__(cls)

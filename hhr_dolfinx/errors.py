@@ -13,7 +13,9 @@ class HHRError(Exception):
 
 
 class SceneError(HHRError, ValueError):
-    """The scene cannot be built: a missing tag, surfaces that do not face each other, an unknown name."""
+    """The scene cannot be built: a missing tag, surfaces that do not face each other, an unknown
+    name.
+    """
 
 
 class NeverFacingError(SceneError):
@@ -37,7 +39,9 @@ class OutsideTrainingError(ParameterError):
 
 
 class NotOfferedError(HHRError, TypeError):
-    """A kind of model does not offer a request; the message gives the reason and a model that does."""
+    """A kind of model does not offer a request; the message gives the reason and a model that
+    does.
+    """
 
 
 class ReductionError(HHRError, ValueError):
@@ -53,7 +57,9 @@ class UnseenLoadError(ReductionError):
 
 
 class NotSolvableError(HHRError):
-    """No unique solution: dependent contact rows, thesis (1.67), a singular stiffness, numbers that are not finite."""
+    """No unique solution: dependent contact rows, thesis (1.67), a singular stiffness, numbers that
+    are not finite.
+    """
 
 
 class SingularError(NotSolvableError):
@@ -73,11 +79,15 @@ class ConvergenceError(HHRError):
 
 
 class ConformanceError(HHRError, AssertionError):
-    """A user-defined part breaks the contract of its seam, which a check of ``hhr_dolfinx.testing`` tells."""
+    """A user-defined part breaks the contract of its seam, which a check of ``hhr_dolfinx.testing``
+    tells.
+    """
 
 
 class RankError(HHRError):
-    """Another rank failed with an error that is not one of this package, or ranks were given different things."""
+    """Another rank failed with an error that is not one of this package, or ranks were given
+    different things.
+    """
 
 
 class MissingPackageError(HHRError, ImportError):
@@ -85,7 +95,9 @@ class MissingPackageError(HHRError, ImportError):
 
 
 class FileError(HHRError, OSError):
-    """A file or folder cannot be written: no space, no permission, or a file instead of a folder."""
+    """A file or folder cannot be written: no space, no permission, or a file instead of a
+    folder.
+    """
 
 
 class FileContentError(HHRError, ValueError):
@@ -101,7 +113,9 @@ class StabilityWarning(UserWarning):
 
 
 class TrainingWarning(StabilityWarning):
-    """The training lacks information that the model needs: no check of the model can make up for it."""
+    """The training lacks information that the model needs: no check of the model can make up for
+    it.
+    """
 
 
 class PairingWarning(UserWarning):
@@ -145,7 +159,10 @@ class MeshWarning(UserWarning):
 
 
 class SnapshotFileWarning(UserWarning):
-    """A stored solution is damaged or belongs to another problem; it is solved again and its file replaced."""
+    """A stored solution is damaged or belongs to another problem.
+
+    It is solved again and its file replaced.
+    """
 
 
 class ModelFileWarning(UserWarning):
@@ -153,7 +170,9 @@ class ModelFileWarning(UserWarning):
 
 
 class LockingWarning(UserWarning):
-    """A nearly incompressible body is meshed with cells that are too stiff for it: linear triangles or tetrahedra."""
+    """A nearly incompressible body is meshed with cells that are too stiff for it: linear triangles
+    or tetrahedra.
+    """
 
 
 class SmallStrainWarning(UserWarning):
@@ -169,7 +188,10 @@ class TimeStepWarning(UserWarning):
 
 
 def rounded(place: Iterable[float]) -> list[float]:
-    """Coordinates for a message, to six digits; those that are round-off of the largest one are zero."""
+    """Coordinates for a message, to six digits.
+
+    Those that are round-off of the largest one are zero.
+    """
     values = [float(value) for value in place]
     least = 1e-12 * max(map(abs, values), default=0.0)
     return [0.0 if abs(value) <= least else float(f"{value:.6g}") for value in values]

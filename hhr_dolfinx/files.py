@@ -1,12 +1,13 @@
 """Atomic files: one function that writes files, and one that reads arrays back.
 
-Writing: the content goes to a temporary file, is synced to the disk, and is renamed to the target in one step. The
-temporary file is locked (``flock``) as long as its process lives: one that can be locked is a leftover. Unlike process
-numbers and ages, locks work across containers and machines that share a folder.
+Writing: the content goes to a temporary file, is synced to the disk, and is renamed to the target
+in one step. The temporary file is locked (``flock``) as long as its process lives: one that can be
+locked is a leftover. Unlike process numbers and ages, locks work across containers and machines
+that share a folder.
 
-Reading: arrays are an uncompressed ``.npz`` file with a header (JSON) that has a checksum of everything. Nothing is
-allocated before its size is known to fit into the file, no pickle and no Python literal is evaluated, and any fault
-raises :class:`FileContentError`.
+Reading: arrays are an uncompressed ``.npz`` file with a header (JSON) that has a checksum of
+everything. Nothing is allocated before its size is known to fit into the file, no pickle and no
+Python literal is evaluated, and any fault raises :class:`FileContentError`.
 """
 
 from __future__ import annotations
@@ -46,8 +47,13 @@ _LEFTOVER = re.compile(r".+\.[0-9a-f]{16}\.part")
 
 _REMEDIES = {
     **dict.fromkeys((errno.ENOSPC, errno.EDQUOT), "free some space or choose another folder"),
-    **dict.fromkeys((errno.EROFS, errno.EACCES, errno.EPERM), "choose a folder that you may write to"),
-    **dict.fromkeys((errno.ENOTDIR, errno.EEXIST), "a file stands where a folder is needed, move it or choose another"),
+    **dict.fromkeys(
+        (errno.EROFS, errno.EACCES, errno.EPERM), "choose a folder that you may write to"
+    ),
+    **dict.fromkeys(
+        (errno.ENOTDIR, errno.EEXIST),
+        "a file stands where a folder is needed, move it or choose another",
+    ),
     errno.EISDIR: "a folder has this name, choose another name",
     errno.ENAMETOOLONG: "choose a shorter name",
 }
@@ -63,10 +69,12 @@ def make_folder(folder: str | Path) -> Path:
 
 @contextmanager
 def replacing(path: str | Path, *, text: bool = False, tidy: bool = True) -> Iterator[IO[Any]]:
-    """Open a file that becomes ``path``, or what this link points to, at the end of the block unless it fails.
+    """Open a file that becomes ``path``, or what this link points to, at the end of the block
+    unless it fails.
 
-    Text is UTF-8 without conversion of line ends. ``tidy`` removes temporary files of killed processes in the folder:
-    once is enough for many files. FileError if the file cannot be written, or is not a regular one.
+    Text is UTF-8 without conversion of line ends. ``tidy`` removes temporary files of killed
+    processes in the folder: once is enough for many files. FileError if the file cannot be written,
+    or is not a regular one.
     """
     path = _target(_named(path))
     folder = make_folder(path.parent)
@@ -101,12 +109,18 @@ LONGEST_HEADER = 9_999_999
 
 
 def write_arrays(
-    path: str | Path, header: Mapping[str, Any], arrays: Mapping[str, np.ndarray], *, tidy: bool = True
+    path: str | Path,
+    header: Mapping[str, Any],
+    arrays: Mapping[str, np.ndarray],
+    *,
+    tidy: bool = True,
 ) -> None:
-    """Write arrays of finite numbers or booleans with a header and a checksum over both; see :func:`replacing`.
+    """Write arrays of finite numbers or booleans with a header and a checksum over both.
 
-    The header is JSON data with ``format`` and ``version``, by which :func:`read_arrays` identifies the file. Arrays of
-    other numbers raise FileContentError.
+    See :func:`replacing`.
+
+    The header is JSON data with ``format`` and ``version``, by which :func:`read_arrays` identifies
+    the file. Arrays of other numbers raise FileContentError.
     """
     whole = {name: array if array.flags.forc else array.copy() for name, array in arrays.items()}
     try:
@@ -117,7 +131,10 @@ def write_arrays(
     signed = {**header, "sha256": _checksum(header, whole)}
     text = json.dumps(signed, separators=(",", ":"))
     if len(text) > LONGEST_HEADER:
-        why = f"{len(text)} characters beside the arrays are more than {LONGEST_HEADER}: keep many numbers in arrays"
+        why = (
+            f"{len(text)} characters beside the arrays are more than {LONGEST_HEADER}: keep many "
+            "numbers in arrays"
+        )
         raise FileContentError(f"{path} is not written: {why}")
     with replacing(path, tidy=tidy) as file:
         members: dict[str, Any] = {"header": np.array(text.encode()), **whole}
@@ -127,14 +144,18 @@ def write_arrays(
 def read_arrays(
     path: str | Path, kind: str, version: int, *, mapped: bool = False
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Read header and arrays of a file from :func:`write_arrays`; memory stays near the size of the file.
+    """Read header and arrays of a file from :func:`write_arrays`.
 
-    ``mapped`` maps arrays of a megabyte and more from disk, as long as half of the allowed descriptors are free; they
-    may start at any byte. The file may be replaced meanwhile, but must not be modified in place.
+    Memory stays near the size of the file.
+
+    ``mapped`` maps arrays of a megabyte and more from disk, as long as half of the allowed
+    descriptors are free; they may start at any byte. The file may be replaced meanwhile, but must
+    not be modified in place.
 
     Raises:
         FileNotFoundError: if there is no such file, for the caller to handle.
-        FileContentError: if the file cannot be read, is damaged, or has another ``format`` or ``version``.
+        FileContentError: if the file cannot be read, is damaged, or has another ``format`` or
+            ``version``.
     """
     path = Path(path)
     with _own_errors(path):
@@ -151,7 +172,9 @@ def read_arrays(
             raise _Damage(f"its header names no '{kind}'")
         if (named, header.get("version")) != (kind, version):
             found = f"'{named[:40]}' version {repr(header.get('version'))[:40]}"
-            raise FileContentError(f"{path} holds {found}, this release reads '{kind}' version {version}")
+            raise FileContentError(
+                f"{path} holds {found}, this release reads '{kind}' version {version}"
+            )
         for name, array in arrays.items():
             _check_numbers(name, array)
         stored = header.pop("sha256", None)
@@ -184,7 +207,9 @@ def _explained(path: Path, what: str) -> Iterator[None]:
 
 def _named(path: str | Path) -> Path:
     if "\0" in str(path):
-        raise FileError(f"{str(path)!r} has a zero byte, which no name may have: choose another name")
+        raise FileError(
+            f"{str(path)!r} has a zero byte, which no name may have: choose another name"
+        )
     return Path(path)
 
 
@@ -198,7 +223,10 @@ def _target(path: Path) -> Path:
         except (FileNotFoundError, NotADirectoryError):  # make_folder raises a better error
             kind = stat.S_IFREG
         if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
-            raise FileError(f"{path} is a device or a pipe, and no file that could be replaced: choose another name")
+            raise FileError(
+                f"{path} is a device or a pipe, and no file that could be replaced: choose "
+                "another name"
+            )
     return Path(os.path.realpath(path)) if path.is_symlink() else path
 
 
@@ -245,15 +273,18 @@ def _own_errors(path: Path) -> Iterator[None]:
         raise
     except OSError as error:
         raise FileContentError(f"{path} cannot be read ({error.strerror or error})") from error
-    # On damaged bytes zipfile, json and numpy raise BadZipFile, RuntimeError, NotImplementedError, EOFError,
-    # ValueError, OverflowError, struct.error, RecursionError, MemoryError ...: no list of them is complete.
+    # On damaged bytes zipfile, json and numpy raise BadZipFile, RuntimeError, NotImplementedError,
+    # EOFError, ValueError, OverflowError, struct.error, RecursionError, MemoryError ...: no list of
+    # them is complete.
     except Exception as error:
         why = str(error) if isinstance(error, _Damage) else f"{type(error).__name__}: {error}"
         raise FileContentError(f"{path} is damaged or another kind of file ({why})") from error
 
 
 class _Pieces(io.FileIO):
-    """A file that is read in small pieces, since zipfile reads the whole directory of an archive, of any length."""
+    """A file that is read in small pieces, since zipfile reads the whole directory of an archive,
+    of any length.
+    """
 
     def read(self, size: int | None = -1) -> bytes:
         if size is None or size < 0:
@@ -264,15 +295,24 @@ class _Pieces(io.FileIO):
 
 
 def _descriptors_left() -> bool:
-    """True if half of the descriptors allowed for this process are free; False if the system does not report it."""
+    """True if half of the descriptors allowed for this process are free.
+
+    False if the system does not report it.
+    """
     try:
-        return resource is not None and len(os.listdir("/dev/fd")) < resource.getrlimit(resource.RLIMIT_NOFILE)[0] // 2
+        return (
+            resource is not None
+            and len(os.listdir("/dev/fd")) < resource.getrlimit(resource.RLIMIT_NOFILE)[0] // 2
+        )
     except OSError:
         return False
 
 
 def _members(path: Path, mapped: int) -> dict[str, np.ndarray]:
-    """Arrays of an uncompressed archive by name; those of at least ``mapped`` bytes are mapped from disk."""
+    """Arrays of an uncompressed archive by name.
+
+    Those of at least ``mapped`` bytes are mapped from disk.
+    """
     arrays = {}
     whole = None
     with _Pieces(path) as file, zipfile.ZipFile(file) as archive:
@@ -303,17 +343,22 @@ def _members(path: Path, mapped: int) -> dict[str, np.ndarray]:
                     whole = np.asarray(np.memmap(path, np.uint8, "c")) if whole is None else whole
                     # the local header may be longer than the one in the directory
                     header = whole[info.header_offset : info.header_offset + 30]
-                    lengths = (int.from_bytes(header[k : k + 2].tobytes(), "little") for k in (26, 28))
+                    lengths = (
+                        int.from_bytes(header[k : k + 2].tobytes(), "little") for k in (26, 28)
+                    )
                     start = info.header_offset + 30 + sum(lengths)
                     member = whole[start : start + info.file_size]
                 arrays[name] = _array(cast(io.BufferedIOBase, stream), info, member)
     return arrays
 
 
-def _array(stream: io.BufferedIOBase, info: zipfile.ZipInfo, member: np.ndarray | None) -> np.ndarray:
+def _array(
+    stream: io.BufferedIOBase, info: zipfile.ZipInfo, member: np.ndarray | None
+) -> np.ndarray:
     """Read one array; ``member`` has the bytes of a mapped one.
 
-    The description is compared with the only form that numpy writes, never evaluated, and must match the size.
+    The description is compared with the only form that numpy writes, never evaluated, and must
+    match the size.
     """
     start = stream.read(10)
     description = stream.read(int.from_bytes(start[8:], "little"))
@@ -325,7 +370,11 @@ def _array(stream: io.BufferedIOBase, info: zipfile.ZipInfo, member: np.ndarray 
     count = math.prod(shape)
     if count * dtype.itemsize != info.file_size - len(start) - len(description):
         raise _Damage(f"{info.file_size} bytes of {info.filename} do not hold shape {shape}")
-    flat = np.empty(count, dtype) if member is None else member[len(start) + len(description) :].view(dtype)
+    flat = (
+        np.empty(count, dtype)
+        if member is None
+        else member[len(start) + len(description) :].view(dtype)
+    )
     if member is None:
         _fill(flat, stream, info)
     return flat.reshape(shape[::-1]).T if match[2] == b"True" else flat.reshape(shape)
@@ -343,7 +392,9 @@ def _fill(flat: np.ndarray, stream: io.BufferedIOBase, info: zipfile.ZipInfo) ->
 
 
 def _check_numbers(name: str, array: np.ndarray) -> None:
-    """Raise for unsupported kinds of numbers, non-finite numbers, and booleans that are neither 0 nor 1."""
+    """Raise for unsupported kinds of numbers, non-finite numbers, and booleans that are neither 0
+    nor 1.
+    """
     if array.dtype.str not in KINDS:
         raise _Damage(f"{name} has type {array.dtype}")
     if array.dtype.kind == "f" and not np.isfinite(array).all():
@@ -353,7 +404,9 @@ def _check_numbers(name: str, array: np.ndarray) -> None:
 
 
 def _checksum(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> str:
-    """Checksum of the header and every array with name, type, shape and order, on which last digits of sums depend."""
+    """Checksum of the header and every array with name, type, shape and order, on which last digits
+    of sums depend.
+    """
     digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
     for name in sorted(arrays):
         array = arrays[name]

@@ -1,8 +1,8 @@
 """Functions of the parameters written as text: ``"E0 * (1 - 2e-4 * T)"``.
 
-A formula is parsed once, checked, and stored as data; it is never executed as code. Its grammar has numbers, names,
-``+ - * / **``, ``pi``, the functions of :data:`FUNCTIONS`, and ``table(x, x0, y0, x1, y1, ...)``, which is linear
-between its points and raises an error beyond them.
+A formula is parsed once, checked, and stored as data; it is never executed as code. Its grammar has
+numbers, names, ``+ - * / **``, ``pi``, the functions of :data:`FUNCTIONS`, and ``table(x, x0, y0,
+x1, y1, ...)``, which is linear between its points and raises an error beyond them.
 """
 
 from __future__ import annotations
@@ -25,11 +25,15 @@ Values = Mapping[str, Any]
 _Evaluate = Callable[[Values], Any]
 
 STEP = 1e-30
-"""Imaginary step of a derivative: f(x + i h) = f(x) + i h f'(x) has no cancellation, so that h may be this small."""
+"""Imaginary step of a derivative: f(x + i h) = f(x) + i h f'(x) has no cancellation, so that h may
+be this small.
+"""
 LONGEST = 20_000
 """Largest number of characters of a formula."""
 DEEPEST = 400
-"""Largest depth of nested operations, such as a sum of 400 terms: each takes a frame of Python, which allows 1000."""
+"""Largest depth of nested operations, such as a sum of 400 terms: each takes a frame of Python,
+which allows 1000.
+"""
 
 
 def coordinate_names(hypothesis: str) -> tuple[str, ...]:
@@ -42,18 +46,26 @@ def _chosen(choose: Callable) -> Callable[..., Any]:
 
 
 FUNCTIONS: Mapping[str, tuple[int, Callable[..., Any]]] = {
-    **{name: (1, getattr(np, name)) for name in ("sqrt", "exp", "log", "sin", "cos", "tan", "tanh")},
-    "abs": (1, lambda x: np.where(np.real(x) < 0, -x, x)),  # the modulus of complex numbers would lose the derivative
+    **{
+        name: (1, getattr(np, name)) for name in ("sqrt", "exp", "log", "sin", "cos", "tan", "tanh")
+    },
+    "abs": (
+        1,
+        lambda x: np.where(np.real(x) < 0, -x, x),
+    ),  # the modulus of complex numbers would lose the derivative
     "min": (2, _chosen(np.less)),
     "max": (2, _chosen(np.greater)),
 }
-"""Functions that a formula may call, in addition to ``table``: number of arguments, and implementation."""
+"""Functions that a formula may call, in addition to ``table``: number of arguments, and
+implementation.
+"""
 
 
 def _power(a: Any, b: Any) -> Any:
     """Power a ** b; NaN for the root of a negative number, of which Python returns a complex one.
 
-    Python computes large powers of complex numbers by their angle, which loses the derivative at a negative real part.
+    Python computes large powers of complex numbers by their angle, which loses the derivative at a
+    negative real part.
     """
     if np.iscomplexobj(a) and not np.any(np.imag(b)):
         base = np.asarray(np.real(a))
@@ -62,7 +74,11 @@ def _power(a: Any, b: Any) -> Any:
             slope = np.where(exponent == 0, 0.0, exponent * base ** (exponent - 1))
             return base**exponent + 1j * slope * np.imag(a)
     found = a**b
-    return math.nan if isinstance(found, complex) and isinstance(a, float) and isinstance(b, float) else found
+    return (
+        math.nan
+        if isinstance(found, complex) and isinstance(a, float) and isinstance(b, float)
+        else found
+    )
 
 
 _OPERATORS: Mapping[type, Callable[[Any, Any], Any]] = {
@@ -94,9 +110,13 @@ class Formula(Rebuilt):
 
     def __post_init__(self) -> None:
         if not isinstance(self.text, str) or not 0 < len(self.text) <= LONGEST:
-            raise SceneError(f"a formula must be a text, such as '2 * E', and is {str(self.text)[:60]!r}")
+            raise SceneError(
+                f"a formula must be a text, such as '2 * E', and is {str(self.text)[:60]!r}"
+            )
         if "#" in self.text:  # would hide the text after it, for example in a product
-            raise SceneError(f"the formula {self.text[:80]!r} holds a comment: write it beside the formula")
+            raise SceneError(
+                f"the formula {self.text[:80]!r} holds a comment: write it beside the formula"
+            )
         self._parsed  # noqa: B018 (faults are reported where the formula is written)
 
     @cached_property
@@ -109,14 +129,24 @@ class Formula(Rebuilt):
             nodes = [tree]
             while nodes and level <= DEEPEST:
                 level += 1
-                nodes = [inner for node in nodes for inner in ast.iter_child_nodes(node) if isinstance(inner, ast.expr)]
+                nodes = [
+                    inner
+                    for node in nodes
+                    for inner in ast.iter_child_nodes(node)
+                    if isinstance(inner, ast.expr)
+                ]
             if level > DEEPEST:
-                raise SceneError(f"{what} nests more than {DEEPEST} operations: put parts of a long sum in brackets")
+                raise SceneError(
+                    f"{what} nests more than {DEEPEST} operations: put parts of a long sum in "
+                    "brackets"
+                )
             return _compiled(tree, names, what), tuple(names)
         except SceneError:
             raise
         except SyntaxError as error:
-            raise SceneError(f"{what} cannot be read: {error.msg}. Write numbers without units: '2 * E'") from None
+            raise SceneError(
+                f"{what} cannot be read: {error.msg}. Write numbers without units: '2 * E'"
+            ) from None
         except (RecursionError, MemoryError, ValueError) as error:
             raise SceneError(f"{what} cannot be read: {error}") from None
 
@@ -146,7 +176,9 @@ class Formula(Rebuilt):
 
 
 def formula_of(value: Any, what: str) -> Formula:
-    """A number or a text as a formula; SceneError for anything else, naming its purpose ``what``."""
+    """A number or a text as a formula; SceneError for anything else, naming its purpose
+    ``what``.
+    """
     if is_number(value):
         return Formula(repr(float(value)))
     if isinstance(value, Formula):
@@ -157,13 +189,16 @@ def formula_of(value: Any, what: str) -> Formula:
         except SceneError as error:
             raise SceneError(f"{what}: {error}") from None
     raise SceneError(
-        f"{what} = {value!r} must be a finite number, the name of a parameter, or a formula of parameters as text"
+        f"{what} = {value!r} must be a finite number, the name of a parameter, or a formula of "
+        "parameters as text"
     )
 
 
 @dataclass(frozen=True)
 class Scalar(Rebuilt):
-    """A formula of the parameters of a scene, ``names``: an amplitude of a single column, or a factor in K."""
+    """A formula of the parameters of a scene, ``names``: an amplitude of a single column, or a
+    factor in K.
+    """
 
     text: str
     names: tuple[str, ...]
@@ -173,11 +208,13 @@ class Scalar(Rebuilt):
     def __post_init__(self) -> None:
         unknown = set(self.formula.variables) - set(self.names)
         if "pi" in self.names:
-            raise SceneError("a parameter is named 'pi', which formulas take for 3.14...: rename it")
+            raise SceneError(
+                "a parameter is named 'pi', which formulas take for 3.14...: rename it"
+            )
         if unknown:
             raise SceneError(
-                f"the formula {self.text[:80]!r} names {sorted(unknown)}, the parameters are {self.names}: correct the "
-                "name, or add it to the ParameterSpace"
+                f"the formula {self.text[:80]!r} names {sorted(unknown)}, the parameters are "
+                f"{self.names}: correct the name, or add it to the ParameterSpace"
             )
 
     @cached_property
@@ -191,7 +228,8 @@ class Scalar(Rebuilt):
 
     def value(self, point: np.ndarray) -> float:
         """Value at a point, (P,); NaN outside its domain."""
-        # numbers of Python are several times as fast as those of numpy, and complex where numpy returns NaN
+        # numbers of Python are several times as fast as those of numpy, and complex where numpy
+        # returns NaN
         value = self.formula({name: float(point[place]) for name, place in self._places})
         return math.nan if isinstance(value, complex) else float(value)
 
@@ -211,20 +249,25 @@ class Scalar(Rebuilt):
         return found
 
     def __call__(self, point: np.ndarray) -> tuple[list[int], list[float]]:
-        """Column and value as a non-affine amplitude, see :class:`~hhr_dolfinx.amplitudes.NonAffine`."""
+        """Column and value as a non-affine amplitude, see
+        :class:`~hhr_dolfinx.amplitudes.NonAffine`.
+        """
         return [0], [self.value(point)]
 
 
 @dataclass(frozen=True)
 class Modulus(Rebuilt):
-    """Amplitude of one part of a stiffness: the factor of the body, its Young's modulus, times that of this part."""
+    """Amplitude of one part of a stiffness: the factor of the body, its Young's modulus, times that
+    of this part.
+    """
 
     factor: str
     rest: str
     names: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        self.factor_scalar, self.rest_scalar  # noqa: B018 (unknown names are reported where they are written)
+        # unknown names are reported where they are written
+        self.factor_scalar, self.rest_scalar  # noqa: B018
 
     @cached_property
     def factor_scalar(self) -> Scalar:
@@ -248,11 +291,17 @@ class Modulus(Rebuilt):
         """Derivatives along the parameters, (P,)."""
         factor = self.factor_scalar
         rest = self.rest_scalar
-        return factor.value(point) * rest.derivative(point) + rest.value(point) * factor.derivative(point)
+        return factor.value(point) * rest.derivative(point) + rest.value(point) * factor.derivative(
+            point
+        )
 
 
-def check_over_box(scalar: Scalar, space: ParameterSpace, what: str, low: float, high: float, remedy: str) -> None:
-    """Raise SceneError for a scalar that is not in (low, high) at corners, 256 points between, and on dense lines."""
+def check_over_box(
+    scalar: Scalar, space: ParameterSpace, what: str, low: float, high: float, remedy: str
+) -> None:
+    """Raise SceneError for a scalar that is not in (low, high) at corners, 256 points between, and
+    on dense lines.
+    """
     for point in (*box_samples(space), *_doubtful(scalar, space, low, high)):
         try:
             value = scalar.value(point)
@@ -261,7 +310,9 @@ def check_over_box(scalar: Scalar, space: ParameterSpace, what: str, low: float,
                 f"{what} = {scalar.text}: {error}. Give the table further points, or narrow the box"
             ) from None
         if not low < value < high:
-            raise SceneError(f"{what} = {scalar.text} is {value:g} at {space.described(point)}: {remedy}")
+            raise SceneError(
+                f"{what} = {scalar.text} is {value:g} at {space.described(point)}: {remedy}"
+            )
 
 
 def box_samples(space: ParameterSpace, count: int = 256) -> np.ndarray:
@@ -269,12 +320,16 @@ def box_samples(space: ParameterSpace, count: int = 256) -> np.ndarray:
     ends = np.array([space.lower, space.upper], dtype=float)
     dimension = len(space.names)
     bits = np.arange(2 ** min(dimension, 10))
-    corners = np.array([[ends[(k >> (axis % 10)) & 1, axis] for axis in range(dimension)] for k in bits])
+    corners = np.array(
+        [[ends[(k >> (axis % 10)) & 1, axis] for axis in range(dimension)] for k in bits]
+    )
     return np.vstack([ends.mean(axis=0), corners, space.random(count, seed=0)])
 
 
 def _doubtful(scalar: Scalar, space: ParameterSpace, low: float, high: float) -> np.ndarray:
-    """First of many points along its parameters at which a scalar leaves (low, high), (1, P), or (0, P) without one."""
+    """First of many points along its parameters at which a scalar leaves (low, high), (1, P), or
+    (0, P) without one.
+    """
     points = space.lines([space.names.index(name) for name in scalar.formula.variables])
     try:
         values = scalar.values(points)
@@ -284,8 +339,15 @@ def _doubtful(scalar: Scalar, space: ParameterSpace, low: float, high: float) ->
 
 
 def _compiled(node: ast.expr, names: dict[str, None], what: str) -> _Evaluate:
-    """A node as a function of values by name; SceneError, of ``what``, for syntax that formulas do not have."""
-    if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and is_number(node.value):
+    """A node as a function of values by name.
+
+    SceneError, of ``what``, for syntax that formulas do not have.
+    """
+    if (
+        isinstance(node, ast.Constant)
+        and isinstance(node.value, int | float)
+        and is_number(node.value)
+    ):
         number = float(node.value)
         return lambda values: number
     if isinstance(node, ast.Name):
@@ -305,12 +367,14 @@ def _compiled(node: ast.expr, names: dict[str, None], what: str) -> _Evaluate:
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
         return _called(node.func.id, node.args, names, what)
     raise SceneError(
-        f"{what} holds {ast.unparse(node)[:40]!r}, which is unknown: numbers, parameters, + - * / **, pi, table and "
-        f"{', '.join(FUNCTIONS)} are known"
+        f"{what} holds {ast.unparse(node)[:40]!r}, which is unknown: numbers, parameters, + - * / "
+        f"**, pi, table and {', '.join(FUNCTIONS)} are known"
     )
 
 
-def _called(name: str, arguments: Sequence[ast.expr], names: dict[str, None], what: str) -> _Evaluate:
+def _called(
+    name: str, arguments: Sequence[ast.expr], names: dict[str, None], what: str
+) -> _Evaluate:
     inner = [_compiled(argument, names, what) for argument in arguments]
     if name == "table":
         return _table(inner, what)
@@ -337,8 +401,8 @@ def _table(inner: list[_Evaluate], what: str) -> _Evaluate:
     finite = np.isfinite(numbers).all()
     if len(at) < 2 or len(at) != len(values) or not finite or not (np.diff(at) > 0).all():
         raise SceneError(
-            f"the table of {what} must be table(x, x0, y0, x1, y1, ...) with two points or more, x0 < x1 < ..., all of "
-            "them finite"
+            f"the table of {what} must be table(x, x0, y0, x1, y1, ...) with two points or more, "
+            "x0 < x1 < ..., all of them finite"
         )
     variable = inner[0]
     slopes = np.diff(values) / np.diff(at)
@@ -349,7 +413,9 @@ def _table(inner: list[_Evaluate], what: str) -> _Evaluate:
         slack = 1e-9 * (at[-1] - at[0])
         outside = (real < at[0] - slack) | (real > at[-1] + slack)
         if outside.any():
-            raise ParameterError(f"{real[outside].ravel()[0]:g} is outside the table from {at[0]:g} to {at[-1]:g}")
+            raise ParameterError(
+                f"{real[outside].ravel()[0]:g} is outside the table from {at[0]:g} to {at[-1]:g}"
+            )
         piece = np.clip(np.searchsorted(at, real, side="right") - 1, 0, len(slopes) - 1)
         return values[piece] + slopes[piece] * (x - at[piece])
 

@@ -1,4 +1,6 @@
-"""Processes that work on a problem together: one by itself, or, by the plug-in with the tool ``group``, several."""
+"""Processes that work on a problem together: one by itself, or, by the plug-in with the tool
+``group``, several.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +20,21 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-_LAUNCHERS = ("PMI_SIZE", "PMIX_RANK", "OMPI_COMM_WORLD_SIZE", "MPI_LOCALNRANKS", "SLURM_STEP_NUM_TASKS")
+_LAUNCHERS = (
+    "PMI_SIZE",
+    "PMIX_RANK",
+    "OMPI_COMM_WORLD_SIZE",
+    "MPI_LOCALNRANKS",
+    "SLURM_STEP_NUM_TASKS",
+)
 """Environment variables that launchers set for their processes."""
 
 
 def world() -> Comm | None:
-    """Communicator of all processes that a launcher started; None for a single process, which does not load MPI."""
+    """Communicator of all processes that a launcher started.
+
+    None for a single process, which does not load MPI.
+    """
     if "mpi4py.MPI" not in sys.modules and not any(name in os.environ for name in _LAUNCHERS):
         return None
     try:
@@ -78,20 +89,27 @@ class Group:
         return nullcontext()
 
     def agreed(self, task: str, call: Callable[[], list[str | np.ndarray]]) -> None:
-        """Compare what each process is asked for: words of it, then its values; ``call`` makes them, or refuses.
+        """Compare what each process is asked for: words of it, then its values.
+
+        ``call`` makes them, or refuses.
 
         Raises:
             RankError: on all processes, if these are asked for different things.
         """
 
     def in_step(self, items: Callable[[], Iterable[T]], task: str) -> Iterator[T]:
-        """Iterate over the same items on all processes; if code of the user that wraps them fails on one, all raise."""
+        """Iterate over the same items on all processes.
+
+        If code of the user that wraps them fails on one, all raise.
+        """
         return iter(items())
 
     def ending(self, task: str) -> Callable[[int, str], bool]:
-        """Prepare the end of a program, of which each process calls the result with its exit code and last words.
+        """Prepare the end of a program, of which each process calls the result with its exit code
+        and last words.
 
-        It returns True to the process that says its words, and ends the others if they wait for one that has failed.
+        It returns True to the process that says its words, and ends the others if they wait for one
+        that has failed.
         """
         return lambda code, words: True
 
@@ -100,18 +118,32 @@ class Group:
         return [work(number) for number in range(count)]
 
     def no_room_side_by_side(self, scene: Any) -> str:
-        """Reason why full models, one for each process, exceed the memory of a machine; empty if they fit."""
+        """Reason why full models, one for each process, exceed the memory of a machine.
+
+        Empty if they fit.
+        """
         return ""
 
     def shared_factors(self, factors: Any, rows: slice, own: csr_matrix, whole: csr_matrix) -> Any:
-        """Factors of a matrix of which each process has all rows, by those of its ``rows``, ``own``."""
+        """Factors of a matrix of which each process has all rows, by those of its ``rows``,
+        ``own``.
+        """
         return factors
 
     def factors(
-        self, matrix: csr_matrix, free: np.ndarray, scene: str, *, low_rank: float | None, last: np.ndarray | None,
+        self,
+        matrix: csr_matrix,
+        free: np.ndarray,
+        scene: str,
+        *,
+        low_rank: float | None,
+        last: np.ndarray | None,
         rows: slice | None = None,
-    ) -> Any:  # fmt: skip
-        """``FreeCholesky`` that the processes share of a matrix of which each has all rows; equal shares by default."""
+    ) -> Any:
+        """``FreeCholesky`` that the processes share of a matrix of which each has all rows.
+
+        Equal shares by default.
+        """
         raise NotImplementedError  # one process makes its own
 
     def rows(self, own: slice, count: int) -> Any:
@@ -123,7 +155,10 @@ ALONE = Group()
 
 
 def group_of(comm: Comm | Group) -> Group:
-    """The processes of a communicator, or a group itself; NotOfferedError for several that no plug-in serves."""
+    """The processes of a communicator, or a group itself.
+
+    NotOfferedError for several that no plug-in serves.
+    """
     if isinstance(comm, Group):
         return comm
     if comm.size == 1:
@@ -135,4 +170,8 @@ def group_of(comm: Comm | Group) -> Group:
 def launched() -> Group:
     """All processes that a launcher started; each is alone if no plug-in serves several."""
     comm = world()
-    return ALONE if comm is None or (comm.size > 1 and registry.offered("group") is None) else group_of(comm)
+    return (
+        ALONE
+        if comm is None or (comm.size > 1 and registry.offered("group") is None)
+        else group_of(comm)
+    )

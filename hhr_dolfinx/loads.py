@@ -1,6 +1,7 @@
 """Loads of a scene: each returns the vectors that it adds to F, and their amplitudes.
 
-A user-defined load is one class with a method ``terms``, see :class:`Load`; other code depends on the terms only.
+A user-defined load is one class with a method ``terms``, see :class:`Load`; other code depends on
+the terms only.
 """
 
 from __future__ import annotations
@@ -40,7 +41,8 @@ class Term:
     """Columns of F with their amplitudes.
 
     Attributes:
-        amplitude: affine or a formula, of a single column, or a :class:`~hhr_dolfinx.amplitudes.NonAffine` of several.
+        amplitude: affine or a formula, of a single column, or a
+            :class:`~hhr_dolfinx.amplitudes.NonAffine` of several.
         columns: nodal forces for the amplitude 1, (N,), or sparse (N, k).
     """
 
@@ -53,34 +55,41 @@ class Assembler:
     """Interface of the finite element model for loads; calls are collective."""
 
     test: ufl.Argument  # UFL test function v, a vector
-    # ``plane_strain``, ``plane_stress``, ``axisymmetric`` or ``solid``: forms in axisymmetry need the weight
-    # :func:`hhr_dolfinx.forms.elasticity.volume_weight`
+    # ``plane_strain``, ``plane_stress``, ``axisymmetric`` or ``solid``: forms in axisymmetry need
+    # the weight :func:`hhr_dolfinx.forms.elasticity.volume_weight`
     hypothesis: str
     parameters: ParameterSpace  # box of the parameters
     size: int  # N, number of dofs; those of node n are ``dim n`` to ``dim n + dim - 1``
     # measure of the outer facets with a tag; refuses missing tags and facets inside the mesh
     ds: Callable[[Tag], ufl.Measure]
     dx: Callable[[Tag], ufl.Measure]  # measure of the cells with a tag
-    vector: Callable[[ufl.Form], np.ndarray]  # assembles a UFL form that is linear in v, (N,); refuses other forms
-    surface: Callable[[Tag], Surface]  # nodes of the facets with a tag, their coordinates and measures
-    # numbers of the nodes of a surface, of a set or of a place, (k,); of a set of nodes those that it lists, with
-    # ``whole=True`` all of the facets that it holds
+    vector: Callable[
+        [ufl.Form], np.ndarray
+    ]  # assembles a UFL form that is linear in v, (N,); refuses other forms
+    surface: Callable[
+        [Tag], Surface
+    ]  # nodes of the facets with a tag, their coordinates and measures
+    # numbers of the nodes of a surface, of a set or of a place, (k,); of a set of nodes those that
+    # it lists, with ``whole=True`` all of the facets that it holds
     nodes: Callable[..., np.ndarray]
     points: Callable[[], np.ndarray]  # coordinates of all nodes, (nodes, dim)
-    cells: Callable[[], np.ndarray]  # numbers of the nodes of all cells, (cells, k), in the order of DOLFINx
-    # nodal forces of an eigenstrain, a UFL tensor 3x3, of the body with a tag: pairs of a modulus, which is a formula
-    # of the parameters, and the forces for the modulus 1, (N,)
+    cells: Callable[
+        [], np.ndarray
+    ]  # numbers of the nodes of all cells, (cells, k), in the order of DOLFINx
+    # nodal forces of an eigenstrain, a UFL tensor 3x3, of the body with a tag: pairs of a modulus,
+    # which is a formula of the parameters, and the forces for the modulus 1, (N,)
     eigenstress: Callable[[Tag, Any], Sequence[tuple[Formula, np.ndarray]]]
 
 
 class Load(Protocol):
     """Interface of a load.
 
-    A scene checks that an affine ``amplitude``, or one that is a formula, names parameters of the box, and calls the
-    methods ``check(parameters)`` and ``check_scene(scene)``, if there are any, for checks that raise SceneError.
-    A load that resists, as a spring, has a method ``stiffness(assembler)``: its stiffness to ground of each dof, (N,).
-    A load that is an eigenstrain has a method ``eigenstrain_of(tag, mesh)``, which stresses subtract: its amplitude and
-    its strain for amplitude 1, a UFL tensor 3x3, or None where the body with the tag has none.
+    A scene checks that an affine ``amplitude``, or one that is a formula, names parameters of the
+    box, and calls the methods ``check(parameters)`` and ``check_scene(scene)``, if there are any,
+    for checks that raise SceneError. A load that resists, as a spring, has a method
+    ``stiffness(assembler)``: its stiffness to ground of each dof, (N,). A load that is an
+    eigenstrain has a method ``eigenstrain_of(tag, mesh)``, which stresses subtract: its amplitude
+    and its strain for amplitude 1, a UFL tensor 3x3, or None where the body with the tag has none.
     """
 
     def terms(self, assembler: Assembler) -> Sequence[Term]:
@@ -91,7 +100,8 @@ class Load(Protocol):
 class Traction(KnownArguments):
     """Surface force ``amplitude(mu) * direction`` per area on tagged facets.
 
-    The amplitude is a number, an :class:`Amplitude`, or a formula of the parameters as text, ``"0.6 * speed**2"``.
+    The amplitude is a number, an :class:`Amplitude`, or a formula of the parameters as text, ``"0.6
+    * speed**2"``.
     """
 
     tag: Tag
@@ -100,23 +110,35 @@ class Traction(KnownArguments):
 
     def __post_init__(self):
         check_tag("traction", self.tag)
-        object.__setattr__(self, "direction", as_tuple("the direction of a traction", self.direction))
+        object.__setattr__(
+            self, "direction", as_tuple("the direction of a traction", self.direction)
+        )
         if not all(is_number(value) for value in self.direction) or not any(self.direction):
-            raise SceneError(f"the traction {self.direction} on tag {self.tag} must be finite and not zero")
+            raise SceneError(
+                f"the traction {self.direction} on tag {self.tag} must be finite and not zero"
+            )
         check_amplitude(self, f"the traction on tag {self.tag}", formulas=True)
 
     def terms(self, assembler: Assembler) -> list[Term]:
         """One vector."""
         (dim,) = assembler.test.ufl_shape
         if len(self.direction) != dim:
-            raise SceneError(f"the traction {self.direction} on tag {self.tag} must have {dim} components, as the mesh")
-        form = elasticity.traction(assembler.test, self.direction, assembler.hypothesis, assembler.ds(self.tag))
+            raise SceneError(
+                f"the traction {self.direction} on tag {self.tag} must have {dim} components, as "
+                "the mesh"
+            )
+        form = elasticity.traction(
+            assembler.test, self.direction, assembler.hypothesis, assembler.ds(self.tag)
+        )
         return [Term(self.amplitude, assembler.vector(form))]
 
 
 @dataclass(frozen=True)
 class Pressure(KnownArguments):
-    """Pressure ``amplitude(mu)`` against the outer normal of tagged facets; the amplitude as that of a traction."""
+    """Pressure ``amplitude(mu)`` against the outer normal of tagged facets.
+
+    The amplitude as that of a traction.
+    """
 
     tag: Tag
     amplitude: Amplitude | Formula
@@ -134,8 +156,8 @@ class Pressure(KnownArguments):
 class PartialPressure(KnownArguments):
     """Pressure on the part of a straight line with coordinate up to a parameter, in two dimensions.
 
-    It is integrated exactly over the partly covered edge, and evaluated online from few columns. A line of n nodes
-    needs about n^2 / 2 numbers.
+    It is integrated exactly over the partly covered edge, and evaluated online from few columns. A
+    line of n nodes needs about n^2 / 2 numbers.
 
     Attributes:
         tag: facet tag of the line, which runs along an axis.
@@ -153,14 +175,16 @@ class PartialPressure(KnownArguments):
         check_tag("partial pressure", self.tag)
         check_amplitude(self, f"the partial pressure on tag {self.tag}")
         if self.axis not in (0, 1):
-            raise SceneError(f"the axis {self.axis!r} of the partial pressure on tag {self.tag} must be 0 or 1")
+            raise SceneError(
+                f"the axis {self.axis!r} of the partial pressure on tag {self.tag} must be 0 or 1"
+            )
 
     def check(self, parameters: ParameterSpace) -> None:
         """Raise SceneError for an extent that is no parameter."""
         if self.extent not in parameters.names:
             raise SceneError(
-                f"the partial pressure on tag {self.tag} extends up to '{self.extent}': it must be one of the "
-                f"parameters {parameters.names}"
+                f"the partial pressure on tag {self.tag} extends up to '{self.extent}': it must "
+                f"be one of the parameters {parameters.names}"
             )
 
     def terms(self, assembler: Assembler) -> list[Term]:
@@ -176,17 +200,23 @@ class PartialPressure(KnownArguments):
         edges = np.arange(lengths.size)
         of_edges = csc_matrix((nodes.size, lengths.size))
         for place, part in enumerate(edge_integrals(degree, 1.0)):
-            of_edges += csc_matrix((part * lengths, (degree * edges + place, edges)), shape=of_edges.shape)
+            of_edges += csc_matrix(
+                (part * lengths, (degree * edges + place, edges)), shape=of_edges.shape
+            )
         nodal = np.asarray(of_edges.sum(axis=1)).ravel()
         whole = whole.reshape(-1, 2)[nodes]
-        # force of a unit pressure per unit length: the same at every node of a straight line along an axis
+        # force of a unit pressure per unit length: the same at every node of a straight line along
+        # an axis
         force = whole.sum(axis=0) / nodal.sum()
         if np.abs(whole - nodal[:, None] * force).max() > 1e-9 * np.abs(whole).max():
             ends = positions[[0, -1]]
-            start, end = np.where(np.abs(ends) > 1e-12 * np.abs(ends).max(), ends, 0.0)  # drops round-off of a mesher
+            start, end = np.where(
+                np.abs(ends) > 1e-12 * np.abs(ends).max(), ends, 0.0
+            )  # drops round-off of a mesher
             raise SceneError(
-                f"the line tagged {self.tag} under a partial pressure is not in one piece from {start:g} to "
-                f"{end:g} along axis {self.axis}: give each piece a tag and a pressure of its own"
+                f"the line tagged {self.tag} under a partial pressure is not in one piece from "
+                f"{start:g} to {end:g} along axis {self.axis}: give each piece a tag and a "
+                "pressure of its own"
             )
         rows = (2 * nodes[:, None] + [0, 1]).ravel()
         entries = np.tile(force, nodes.size), (rows, np.repeat(np.arange(nodes.size), 2))
@@ -199,42 +229,55 @@ class PartialPressure(KnownArguments):
         return [Term(coverage, hstack([before, at_nodes]))]
 
     def _check_line(self, points: np.ndarray, hypothesis: str) -> None:
-        """Raise SceneError unless nodes, (n, dim), form a straight line along the axis in the plane."""
+        """Raise SceneError unless nodes, (n, dim), form a straight line along the axis in the
+        plane.
+        """
         what = f"the partial pressure on tag {self.tag}"
         if points.shape[1] != 2:
-            raise SceneError(f"{what} needs a mesh in the plane: in space, write a load of your own with terms")
+            raise SceneError(
+                f"{what} needs a mesh in the plane: in space, write a load of your own with terms"
+            )
         extents = np.ptp(points, axis=0)
         if extents[1 - self.axis] > 1e-9 * extents[self.axis]:
             raise SceneError(
-                f"{what} acts along axis {self.axis}, and its line is not straight along it: it extends over "
-                f"{extents[0]:.6g} along axis 0 and {extents[1]:.6g} along axis 1. Set its axis to {extents.argmax()}, "
-                "or tag a straight line"
+                f"{what} acts along axis {self.axis}, and its line is not straight along it: it "
+                f"extends over {extents[0]:.6g} along axis 0 and {extents[1]:.6g} along axis 1. "
+                f"Set its axis to {extents.argmax()}, or tag a straight line"
             )
         if hypothesis == "axisymmetric" and self.axis == 0:
             raise SceneError(
-                f"{what} acts along the radius of an axisymmetric scene, where its area is not linear in its extent: "
-                "only lines along axis 1 are supported"
+                f"{what} acts along the radius of an axisymmetric scene, where its area is not "
+                "linear in its extent: only lines along axis 1 are supported"
             )
 
 
 def _unit_pressure(assembler: Assembler, tag: Tag) -> np.ndarray:
-    return assembler.vector(elasticity.pressure(assembler.test, assembler.hypothesis, assembler.ds(tag)))
+    return assembler.vector(
+        elasticity.pressure(assembler.test, assembler.hypothesis, assembler.ds(tag))
+    )
 
 
 def checked_terms(load: Load, assembler: Assembler) -> list[Term]:
-    """Terms of a load with columns in the format csc, without zeros; raise SceneError for an invalid one."""
+    """Terms of a load with columns in the format csc, without zeros.
+
+    Raise SceneError for an invalid one.
+    """
     terms = load.terms(assembler)
     if not isinstance(terms, Sequence) or not all(isinstance(term, Term) for term in terms):
         raise SceneError(f"the terms of {load!r} must be a list of Term, and are {terms!r}")
     given = [(bound(term.amplitude, assembler.parameters), term.columns) for term in terms]
-    return [Term(amplitude, _checked_columns(load, amplitude, columns, assembler)) for amplitude, columns in given]
+    return [
+        Term(amplitude, _checked_columns(load, amplitude, columns, assembler))
+        for amplitude, columns in given
+    ]
 
 
 class Terms:
     """All terms of θ in their order, which is known here alone.
 
-    The constant 1 comes first, then affine amplitudes, then others; both parts follow the order of the groups, and
-    terms keep theirs within a group. A group has a name: ``imposed`` displacements, ``gaps``, or ``loads``.
+    The constant 1 comes first, then affine amplitudes, then others; both parts follow the order of
+    the groups, and terms keep theirs within a group. A group has a name: ``imposed`` displacements,
+    ``gaps``, or ``loads``.
     """
 
     def __init__(self, space: ParameterSpace, **groups: Sequence[Term]):
@@ -248,10 +291,15 @@ class Terms:
 
     def amplitudes(self, limits: tuple[Limits, ...] = ()) -> Amplitudes:
         """θ as a function of the parameters."""
-        return Amplitudes.collect([term.amplitude for _, _, term in self._listed], self._space, limits)
+        return Amplitudes.collect(
+            [term.amplitude for _, _, term in self._listed], self._space, limits
+        )
 
-    def columns(self, group: str, rows: int, others: Sequence[csc_matrix] | None = None) -> csc_matrix:
-        """Columns of a group, each at the index of its term, zero elsewhere, in the format csc, (rows, 1 + T).
+    def columns(
+        self, group: str, rows: int, others: Sequence[csc_matrix] | None = None
+    ) -> csc_matrix:
+        """Columns of a group, each at the index of its term, zero elsewhere, in the format csc,
+        (rows, 1 + T).
 
         ``others`` take the place of the columns of the terms, in the order of the group.
         """
@@ -265,14 +313,21 @@ class Terms:
 
 
 def _checked_columns(load: Load, amplitude: Any, columns: Any, assembler: Assembler) -> csc_matrix:
-    count = 1 if isinstance(amplitude, Amplitude) else checked_count(amplitude, assembler.parameters, load)
+    count = (
+        1
+        if isinstance(amplitude, Amplitude)
+        else checked_count(amplitude, assembler.parameters, load)
+    )
     if isinstance(columns, np.ndarray) and columns.ndim == 1:
         columns = columns[:, None]
     shape = getattr(columns, "shape", None)
-    if not (isinstance(columns, np.ndarray) or issparse(columns)) or shape != (assembler.size, count):
+    if not (isinstance(columns, np.ndarray) or issparse(columns)) or shape != (
+        assembler.size,
+        count,
+    ):
         raise SceneError(
-            f"a term of {load!r} has {count} amplitudes: its columns must be an array or a sparse matrix of shape "
-            f"{(assembler.size, count)}, not {columns!r}"
+            f"a term of {load!r} has {count} amplitudes: its columns must be an array or a sparse "
+            f"matrix of shape {(assembler.size, count)}, not {columns!r}"
         )
     columns = csc_matrix(columns, dtype=float)
     columns.sum_duplicates()

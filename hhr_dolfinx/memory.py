@@ -9,7 +9,10 @@ from hhr_dolfinx.plain import rebuilt
 
 
 class Memory(Mapping[str, Any]):
-    """Internal variables of an answer by the names that laws give them; nobody writes into their arrays."""
+    """Internal variables of an answer by the names that laws give them.
+
+    Nobody writes into their arrays.
+    """
 
     __slots__ = ("_parts",)
 
@@ -30,7 +33,9 @@ class Memory(Mapping[str, Any]):
         return Memory(**{**self._parts, **more})
 
     def counted(self) -> dict[str, int]:
-        """Numbers that a line on the answer shows, by name, of the parts that have a method ``counted``."""
+        """Numbers that a line on the answer shows, by name, of the parts that have a method
+        ``counted``.
+        """
         counts = [part.counted() for part in self._parts.values() if hasattr(part, "counted")]
         return {name: number for part in counts for name, number in part.items()}
 

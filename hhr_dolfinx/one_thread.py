@@ -1,4 +1,6 @@
-"""BLAS and OpenMP on one thread of the process, as long as any thread of the package requires it."""
+"""BLAS and OpenMP on one thread of the process, as long as any thread of the package requires
+it.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,9 @@ from threadpoolctl import ThreadpoolController
 
 
 class _OneThread(ContextDecorator):
-    """Limit of the process to one thread, from the first of overlapping blocks to the last: none restores another."""
+    """Limit of the process to one thread, from the first of overlapping blocks to the last: none
+    restores another.
+    """
 
     def __init__(self) -> None:
         self._lock = Lock()
@@ -34,7 +38,8 @@ class _OneThread(ContextDecorator):
                 self._limit = None
 
     def _libraries(self) -> Any:
-        """Controller of the libraries in the process: a search takes 6 ms, more than a march of a condensed model.
+        """Controller of the libraries in the process: a search takes 6 ms, more than a march of a
+        condensed model.
 
         It is repeated when modules have been imported since: libraries are loaded with them.
         """

@@ -1,8 +1,10 @@
-"""Outputs of a scene: numbers by name, each with the rule to compute it from forces and displacement.
+"""Outputs of a scene: numbers by name, each with the rule to compute it from forces and
+displacement.
 
-A user-defined output is one class with a name, a unit and a method ``prepared``, see :class:`Output`. Forces and areas
-are those of the whole turn in axisymmetry, and per unit depth in the plane. If shapes depend on parameters, positions
-and boxes refer to the mesh in the middle of the parameter box: an output stays with its nodes and cells.
+A user-defined output is one class with a name, a unit and a method ``prepared``, see
+:class:`Output`. Forces and areas are those of the whole turn in axisymmetry, and per unit depth in
+the plane. If shapes depend on parameters, positions and boxes refer to the mesh in the middle of
+the parameter box: an output stays with its nodes and cells.
 """
 
 from __future__ import annotations
@@ -33,12 +35,15 @@ class ModelProbe:
 
     scene: Any  # the :class:`~hhr_dolfinx.scene.Scene`
     problem: ContactProblem  # the contact problem
-    # the problem on the mesh in which outputs find points and boxes: that of the middle of the box if a shape depends
-    # on parameters, so that an output keeps its nodes and cells; otherwise ``problem``
+    # the problem on the mesh in which outputs find points and boxes: that of the middle of the box
+    # if a shape depends on parameters, so that an output keeps its nodes and cells; otherwise
+    # ``problem``
     base: ContactProblem
     contact_rows: csr_matrix  # B with the columns of imposed dofs, (N_lambda, N)
     assembler: Assembler  # interface of loads
-    nodes: Callable[[Tag], np.ndarray]  # numbers of the nodes of a body, by its cell tag; refuses unknown tags
+    nodes: Callable[
+        [Tag], np.ndarray
+    ]  # numbers of the nodes of a body, by its cell tag; refuses unknown tags
     discretisation: Any  # mesh and forms, for outputs that read cells
     laws: Any  # bodies with laws, or their equilibrium; None for elastic bodies
 
@@ -52,13 +57,14 @@ class ModelProbe:
         contacts = len(self.scene.contacts)
         if output.contact >= contacts:
             raise SceneError(
-                f"output '{output.name}' names contact {output.contact}, and the scene has {contacts}: name one of "
-                f"{', '.join(map(str, range(contacts))) or 'none'}"
+                f"output '{output.name}' names contact {output.contact}, and the scene has "
+                f"{contacts}: name one of {', '.join(map(str, range(contacts))) or 'none'}"
             )
         found = self.problem.pressing_of(output.contact)
         if not found.size:
             raise SceneError(
-                f"output '{output.name}' names contact {output.contact}, of which no condition moves: name another"
+                f"output '{output.name}' names contact {output.contact}, of which no condition "
+                "moves: name another"
             )
         return found
 
@@ -67,24 +73,32 @@ class ModelProbe:
         conditions = self.conditions(output)
         conditions = conditions[self.problem.contact_areas[conditions] > 0]
         if not conditions.size:
-            raise SceneError(f"output '{output.name}': no condition of contact {output.contact} has an area")
+            raise SceneError(
+                f"output '{output.name}': no condition of contact {output.contact} has an area"
+            )
         return conditions, self.problem.contact_areas[conditions]
 
     def at_place(self, output: Any, points: np.ndarray) -> np.ndarray:
-        """Numbers of the points, (n, dim), of ``base`` nearest to the place of an output; several if they coincide.
+        """Numbers of the points, (n, dim), of ``base`` nearest to the place of an output.
+
+        Several if they coincide.
 
         Raises:
             SceneError: for a place farther from all of them than the length of a cell.
         """
         if len(output.place) != self.dimension:
-            raise SceneError(f"output '{output.name}': the place {output.place} must have {self.dimension} coordinates")
+            raise SceneError(
+                f"output '{output.name}': the place {output.place} must have {self.dimension} "
+                "coordinates"
+            )
         distances = np.linalg.norm(points - np.array(output.place), axis=1)
         nearest = int(distances.argmin())
         size = self._cell_size(points[nearest])
         if distances[nearest] > size:
             raise SceneError(
-                f"output '{output.name}': the place {output.place} is {distances[nearest]:.4g} away from the nearest "
-                f"point at {points[nearest].tolist()}, and a cell there is {size:.4g} long: move it"
+                f"output '{output.name}': the place {output.place} is {distances[nearest]:.4g} "
+                f"away from the nearest point at {points[nearest].tolist()}, and a cell there is "
+                f"{size:.4g} long: move it"
             )
         return np.flatnonzero(distances <= distances[nearest] + 1e-6 * size)
 
@@ -104,10 +118,11 @@ class ModelProbe:
         return found
 
     def nodal_forces(self, output: OfContact) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
-        """Conditions of a contact, positions of the nodes of its first surface, and the forces on them.
+        """Conditions of a contact, positions of the nodes of its first surface, and the forces on
+        them.
 
-        These are -B^T λ on the body of the slave, including friction: (c,), (n, dim), sparse (c, n dim). Of a condition
-        that several contacts state each has its share.
+        These are -B^T λ on the body of the slave, including friction: (c,), (n, dim), sparse (c, n
+        dim). Of a condition that several contacts state each has its share.
         """
         self.conditions(output)
         shares = self.problem.shares
@@ -131,7 +146,9 @@ class Output(Protocol):
         """Unit of its value, as text."""
 
     def prepared(self, probe: ModelProbe) -> Functional:
-        """The output as plain data; SceneError if the model lacks a contact, a body or a node of it."""
+        """The output as plain data; SceneError if the model lacks a contact, a body or a node of
+        it.
+        """
 
 
 @dataclass(frozen=True)
@@ -153,7 +170,9 @@ class NamedOutput(KnownArguments):
             if value is not None:
                 items = as_tuple(f"{name} of output '{self.name}'", value)
                 if not items or not all(is_number(item) for item in items):
-                    raise SceneError(f"output '{self.name}': {name} = {value!r} must hold finite numbers")
+                    raise SceneError(
+                        f"output '{self.name}': {name} = {value!r} must hold finite numbers"
+                    )
                 object.__setattr__(self, name, tuple(float(item) for item in items))
 
 
@@ -181,12 +200,12 @@ class LargestPressure(OfContact):
 class ContactForce(OfContact):
     """Component of the resultant of a contact on the body of its first surface, the slave.
 
-    The resultant has all forces of the contact: pressures, and friction if the pair has a law. Per unit depth in the
-    plane.
+    The resultant has all forces of the contact: pressures, and friction if the pair has a law. Per
+    unit depth in the plane.
 
     Attributes:
-        direction: direction of the component, of any length. In axisymmetry the first component sums radial forces
-            around the whole turn.
+        direction: direction of the component, of any length. In axisymmetry the first component
+            sums radial forces around the whole turn.
     """
 
     vectors: ClassVar[tuple[str, ...]] = ("direction",)
@@ -202,7 +221,8 @@ class ContactForce(OfContact):
 
 @dataclass(frozen=True)
 class ContactMoment(OfContact):
-    """Component of the moment of a contact on the body of its first surface, the slave, including friction.
+    """Component of the moment of a contact on the body of its first surface, the slave, including
+    friction.
 
     Attributes:
         about: reference point of the moment.
@@ -218,8 +238,8 @@ class ContactMoment(OfContact):
         """Functional of this output, see :class:`Output`."""
         if probe.scene.hypothesis == "axisymmetric":
             raise SceneError(
-                f"output '{self.name}': the moment of an axisymmetric contact without friction vanishes. Ask for the "
-                "Torque that friction can bear"
+                f"output '{self.name}': the moment of an axisymmetric contact without friction "
+                "vanishes. Ask for the Torque that friction can bear"
             )
         conditions, points, forces = probe.nodal_forces(self)
         arms = points - place_of(self, "about", probe.dimension)
@@ -233,10 +253,11 @@ class ContactMoment(OfContact):
 
 @dataclass(frozen=True)
 class ContactWidth(OfContact):
-    """Area under load of a contact: a width per unit depth in the plane, the area of the whole turn in axisymmetry.
+    """Area under load of a contact: a width per unit depth in the plane, the area of the whole turn
+    in axisymmetry.
 
-    Nodes with less than a thousandth of the largest pressure of the contact do not count. The area changes by steps of
-    a cell; its derivatives are zero except for those of the shape of the cells.
+    Nodes with less than a thousandth of the largest pressure of the contact do not count. The area
+    changes by steps of a cell; its derivatives are zero except for those of the shape of the cells.
     """
 
     def prepared(self, probe: ModelProbe) -> Functional:
@@ -246,7 +267,10 @@ class ContactWidth(OfContact):
 
 @dataclass(frozen=True)
 class LostContact(OfContact):
-    """Fraction of the area of a contact that is not under load, from 0 to 1; see :class:`ContactWidth`."""
+    """Fraction of the area of a contact that is not under load, from 0 to 1.
+
+    See :class:`ContactWidth`.
+    """
 
     def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
@@ -258,10 +282,10 @@ class LostContact(OfContact):
 class GapAt(OfContact):
     """Gap of the contact condition nearest to a point; zero in contact.
 
-    The gap is the one of the condition. Of ``Mortar`` it is a mean around a node of the slave, measured along the
-    normal of the slave, or along ``normal`` of the pair. On inclined or round surfaces it is longer than the shortest
-    distance, by 1 / cos of the angle between the surfaces. ``NodeToSurface`` measures to the closest point of the
-    master.
+    The gap is the one of the condition. Of ``Mortar`` it is a mean around a node of the slave,
+    measured along the normal of the slave, or along ``normal`` of the pair. On inclined or round
+    surfaces it is longer than the shortest distance, by 1 / cos of the angle between the surfaces.
+    ``NodeToSurface`` measures to the closest point of the master.
 
     Attributes:
         place: coordinates of the point.
@@ -277,7 +301,8 @@ class GapAt(OfContact):
         problem = probe.problem
         nearest = conditions[probe.at_place(self, probe.base.contact_points[conditions])[0]]
         row = problem.contact[[nearest]]
-        # gaps of a problem have the lifts subtracted, and the row subtracts them again with the displacement
+        # gaps of a problem have the lifts subtracted, and the row subtracts them again with the
+        # displacement
         gaps = problem.gaps[nearest] + (row @ problem.lifts).toarray()[0]
         terms = probe.terms(gaps)
         return Linear.of(self.name, self.unit, row=-row, terms=terms, coefficients=gaps[terms])
@@ -302,31 +327,45 @@ class DisplacementAt(NamedOutput):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not is_whole(self.component, 0) or self.component > 2:
-            raise SceneError(f"output '{self.name}': the component {self.component!r} must be 0, 1 or 2")
+            raise SceneError(
+                f"output '{self.name}': the component {self.component!r} must be 0, 1 or 2"
+            )
 
     def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
         problem = probe.problem
         dim = probe.dimension
         if self.component >= dim:
-            raise SceneError(f"output '{self.name}': the mesh has {dim} components, none is {self.component}")
+            raise SceneError(
+                f"output '{self.name}': the mesh has {dim} components, none is {self.component}"
+            )
         nodes = np.arange(len(problem.points)) if self.tag is None else probe.nodes(self.tag)
         points = probe.base.points[nodes]
         found = nodes[probe.at_place(self, points)]
         if found.size > 1:
             # bodies in contact have nodes at the same point, which may separate
-            tags = [body.tag for body in probe.scene.bodies if np.isin(found, probe.nodes(body.tag)).any()]
+            tags = [
+                body.tag
+                for body in probe.scene.bodies
+                if np.isin(found, probe.nodes(body.tag)).any()
+            ]
             node = probe.base.points[found[0]][:dim]
             near = tuple(
-                float(f"{value:.6g}") for value in np.where(np.abs(node) > 1e-9 * np.abs(points).max(), node, 0)
+                float(f"{value:.6g}")
+                for value in np.where(np.abs(node) > 1e-9 * np.abs(points).max(), node, 0)
             )
             remedy = f"move the place to one of them, such as {near}"
             raise SceneError(
-                f"output '{self.name}': {found.size} nodes, of bodies {tags}, are equally near to the place "
-                f"{self.place}: " + (f"name the body, tag=..., or {remedy}" if len(tags) > 1 else remedy)
+                f"output '{self.name}': {found.size} nodes, of bodies {tags}, are equally near to "
+                f"the place {self.place}: "
+                + (f"name the body, tag=..., or {remedy}" if len(tags) > 1 else remedy)
             )
         dof = dim * found[0] + self.component
-        return Linear.of(self.name, self.unit, row=csr_matrix(([1.0], ([0], [dof])), shape=(1, problem.free.size)))
+        return Linear.of(
+            self.name,
+            self.unit,
+            row=csr_matrix(([1.0], ([0], [dof])), shape=(1, problem.free.size)),
+        )
 
 
 @dataclass(frozen=True)
@@ -334,8 +373,9 @@ class LinearForm(NamedOutput):
     """A form that is linear in the displacement, such as its mean over a surface.
 
     Attributes:
-        form: function of an :class:`~hhr_dolfinx.loads.Assembler` that returns a UFL form, linear in ``test``, which
-            stands for the displacement: ``lambda a: a.test[0] * a.ds(TAG)``. In axisymmetry multiply it by the weight
+        form: function of an :class:`~hhr_dolfinx.loads.Assembler` that returns a UFL form, linear
+            in ``test``, which stands for the displacement: ``lambda a: a.test[0] * a.ds(TAG)``. In
+            axisymmetry multiply it by the weight
             :func:`hhr_dolfinx.forms.elasticity.volume_weight`.
     """
 
@@ -344,7 +384,9 @@ class LinearForm(NamedOutput):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not callable(self.form):
-            raise SceneError(f"output '{self.name}': the form {self.form!r} must be a function of an Assembler")
+            raise SceneError(
+                f"output '{self.name}': the form {self.form!r} must be a function of an Assembler"
+            )
 
     def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
@@ -356,7 +398,9 @@ def place_of(output: NamedOutput, name: str, dim: int) -> np.ndarray:
     """A vector of an output, (dim,)."""
     value = getattr(output, name)
     if value is None or len(value) != dim:
-        raise SceneError(f"output '{output.name}': {name} = {value} must have {dim} components, as the mesh")
+        raise SceneError(
+            f"output '{output.name}': {name} = {value} must have {dim} components, as the mesh"
+        )
     return np.array(value)
 
 
@@ -365,7 +409,9 @@ def unit_vector(output: NamedOutput, name: str, dim: int) -> np.ndarray:
     vector = place_of(output, name, dim)
     length = np.linalg.norm(vector)
     if length == 0:
-        raise SceneError(f"output '{output.name}': {name} = {getattr(output, name)} must not be zero")
+        raise SceneError(
+            f"output '{output.name}': {name} = {getattr(output, name)} must not be zero"
+        )
     return vector / length
 
 
@@ -376,7 +422,9 @@ def no_axis(output: Any) -> None:
 
 
 def _area_under_load(output: OfContact, probe: ModelProbe) -> Loaded:
-    """Area under load of the contact of an output, which has a share in conditions that others state too."""
+    """Area under load of the contact of an output, which has a share in conditions that others
+    state too.
+    """
     conditions, areas = probe.loaded(output)
     shares = probe.problem.shares_of(output.contact)[conditions]
     given = output.name, output.unit, *no_rows(), conditions, areas, 0.0, 1.0

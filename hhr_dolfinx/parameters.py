@@ -1,4 +1,6 @@
-"""The parameters of a scene: the box in which it is solved, and checks of numbers, names and tags."""
+"""The parameters of a scene: the box in which it is solved, and checks of numbers, names and
+tags.
+"""
 
 from __future__ import annotations
 
@@ -14,14 +16,27 @@ from hhr_dolfinx.declared import KnownArguments
 from hhr_dolfinx.errors import ParameterError, SceneError, StudyError
 
 PointLike = float | Sequence[float] | Mapping[str, float] | np.ndarray
-"""A point of the box as users give it: a number, a sequence, or values by name, see :func:`named_values`."""
-PointsLike = Sequence[float] | Sequence[Sequence[float]] | Mapping[str, Any] | Sequence[Mapping[str, Any]] | np.ndarray
-"""Several points of the box: one row each, (S, P), with one parameter also (S,); or columns or rows with names."""
+"""A point of the box as users give it: a number, a sequence, or values by name, see
+:func:`named_values`.
+"""
+PointsLike = (
+    Sequence[float]
+    | Sequence[Sequence[float]]
+    | Mapping[str, Any]
+    | Sequence[Mapping[str, Any]]
+    | np.ndarray
+)
+"""Several points of the box: one row each, (S, P), with one parameter also (S,).
+
+Or columns or rows with names.
+"""
 
 PLAIN = frozenset({float, int, np.float64})
 """Types of numbers that need no conversion."""
 LINE = 2001
-"""Points along a parameter at which formulas are checked: a spike a thousandth of the box wide has two of them."""
+"""Points along a parameter at which formulas are checked: a spike a thousandth of the box wide has
+two of them.
+"""
 
 
 def is_number(value: object) -> bool:
@@ -42,7 +57,10 @@ def is_whole(value: object, least: int) -> bool:
 def as_tuple(name: str, value: object) -> tuple:
     """Convert a list or an array to a tuple; raise SceneError for a single item."""
     if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
-        raise SceneError(f"{name} must be a tuple, and is {value!r}: write ({type(value).__name__}(...),) for one item")
+        raise SceneError(
+            f"{name} must be a tuple, and is {value!r}: write ({type(value).__name__}(...),) for "
+            "one item"
+        )
     return tuple(value.tolist() if isinstance(value, np.ndarray) else value)
 
 
@@ -66,15 +84,18 @@ def check_place(what: str, place: object) -> None:
 def check_tag(what: str, tag: object) -> None:
     """Raise SceneError for an invalid tag of a mesh."""
     if not is_whole(tag, 0) and not (isinstance(tag, str) and tag.strip()):
-        raise SceneError(f"the tag {tag!r} of a {what} must be an integer or a name, as in the mesh")
+        raise SceneError(
+            f"the tag {tag!r} of a {what} must be an integer or a name, as in the mesh"
+        )
 
 
 def named_values(table: Any) -> dict[Any, Any] | None:
     """Values by name of an object that has names: a value for each name, or a column, (S,).
 
-    Mappings, data sets, frames, series and structured arrays have names, and so have named tuples and tables with
-    ``columns`` or ``column_names``. The order of the names has no meaning. None for numbers and sequences, and for
-    frames and series whose labels are integers: their values are in the order of the parameters.
+    Mappings, data sets, frames, series and structured arrays have names, and so have named tuples
+    and tables with ``columns`` or ``column_names``. The order of the names has no meaning. None for
+    numbers and sequences, and for frames and series whose labels are integers: their values are in
+    the order of the parameters.
 
     Raises:
         ParameterError: for a labelled array with ``coords``, whose names may be on any axis.
@@ -87,13 +108,19 @@ def named_values(table: Any) -> dict[Any, Any] | None:
         return None
     if hasattr(table, "coords") and not hasattr(table, "keys") and np.ndim(table):
         raise ParameterError(
-            "a labelled array does not say on which axis the parameters are: give a data set with a variable for each, "
-            "to_dataset(dim=...), or its values without labels"
+            "a labelled array does not say on which axis the parameters are: give a data set with "
+            "a variable for each, to_dataset(dim=...), or its values without labels"
         )
     labels = getattr(table, "column_names", None)
     if labels is None:
-        labels = table.keys() if callable(getattr(table, "keys", None)) else getattr(table, "columns", None)
-    if labels is None or (not isinstance(table, Mapping) and all(is_whole(label, 0) for label in labels)):
+        labels = (
+            table.keys()
+            if callable(getattr(table, "keys", None))
+            else getattr(table, "columns", None)
+        )
+    if labels is None or (
+        not isinstance(table, Mapping) and all(is_whole(label, 0) for label in labels)
+    ):
         return None
     return {name: table[name] for name in labels}
 
@@ -105,7 +132,9 @@ def _filled(values: Any) -> Any:
 
 
 def has_names(table: Any) -> bool:
-    """True for a table whose columns have names, and for a list or tuple whose first row has them."""
+    """True for a table whose columns have names, and for a list or tuple whose first row has
+    them.
+    """
     first = table[:1] if isinstance(table, list | tuple) else ()
     return any(named_values(rows) is not None for rows in (table, *first))
 
@@ -124,7 +153,10 @@ def check_pair_index(what: str, index: object) -> None:
 def check_count_and_seed(what: str, count: object, seed: object) -> None:
     """Raise ParameterError for an invalid number of points, or an invalid seed."""
     if not is_whole(count, 1) or not is_whole(seed, 0):
-        raise ParameterError(f"{what}: the count must be a positive integer, the seed an integer that is not negative")
+        raise ParameterError(
+            f"{what}: the count must be a positive integer, the seed an integer that is not "
+            "negative"
+        )
 
 
 @dataclass(frozen=True)
@@ -142,34 +174,47 @@ class ParameterSpace(KnownArguments):
     upper: tuple[float, ...]
 
     def __post_init__(self):
-        for part, kind, what in (("names", str, "names"), ("lower", Real, "numbers"), ("upper", Real, "numbers")):
+        for part, kind, what in (
+            ("names", str, "names"),
+            ("lower", Real, "numbers"),
+            ("upper", Real, "numbers"),
+        ):
             value = getattr(self, part)
             if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
                 raise SceneError(
-                    f"{part} = {value!r} of a parameter space must be a tuple: for one parameter, ({value!r},)"
+                    f"{part} = {value!r} of a parameter space must be a tuple: for one parameter, "
+                    f"({value!r},)"
                 )
             items = as_tuple(part, value)
             if not all(isinstance(item, kind) for item in items):
                 raise SceneError(f"{part} = {value!r} of a parameter space must hold {what}")
             object.__setattr__(self, part, items)
         if len(set(self.names)) < len(self.names):
-            raise SceneError(f"a parameter is named twice in {self.names}: each needs a name of its own")
+            raise SceneError(
+                f"a parameter is named twice in {self.names}: each needs a name of its own"
+            )
         if not self.names or not len(self.names) == len(self.lower) == len(self.upper):
             raise SceneError(
-                f"parameters {self.names} need one lower and one upper bound each, and have {len(self.lower)} and "
-                f"{len(self.upper)}: give each its own"
+                f"parameters {self.names} need one lower and one upper bound each, and have "
+                f"{len(self.lower)} and {len(self.upper)}: give each its own"
             )
         if not all(is_number(value) for value in (*self.lower, *self.upper)):
-            raise SceneError(f"bounds {self.lower} .. {self.upper} of {self.names} must be finite numbers")
+            raise SceneError(
+                f"bounds {self.lower} .. {self.upper} of {self.names} must be finite numbers"
+            )
         bounds = np.array([self.lower, self.upper], dtype=float)
         if not (bounds[0] < bounds[1]).all():
             place = int((~(bounds[0] < bounds[1])).argmax())
             name = self.names[place]
             low, high = bounds[:, place].tolist()
-            remedy = "swap them" if low > high else "one that does not vary is a number where it is used, no parameter"
+            remedy = (
+                "swap them"
+                if low > high
+                else "one that does not vary is a number where it is used, no parameter"
+            )
             raise SceneError(
-                f"bounds {self.lower} .. {self.upper} of {self.names} must be increasing, and those of '{name}' are "
-                f"{low:g} .. {high:g}: {remedy}"
+                f"bounds {self.lower} .. {self.upper} of {self.names} must be increasing, and "
+                f"those of '{name}' are {low:g} .. {high:g}: {remedy}"
             )
 
     @cached_property
@@ -191,10 +236,12 @@ class ParameterSpace(KnownArguments):
         part: float,
         axes: Iterable[int] | None = None,
     ) -> np.ndarray:
-        """Derivatives of a function, (P,) -> (n,), along some or all parameters by differences, (n, axes).
+        """Derivatives of a function, (P,) -> (n,), along some or all parameters by differences, (n,
+        axes).
 
-        ``part`` is the step over the size of the box. Differences are central, or one-sided with three points if an end
-        of the box is nearer than a step: the error of both is of second order in the step.
+        ``part`` is the step over the size of the box. Differences are central, or one-sided with
+        three points if an end of the box is nearer than a step: the error of both is of second
+        order in the step.
         """
         columns = []
         for place in range(point.size) if axes is None else axes:
@@ -208,7 +255,9 @@ class ParameterSpace(KnownArguments):
         return np.stack(columns, axis=1)
 
     def _weights(self, here: float, step: float, place: int) -> tuple[tuple[float, float], ...]:
-        """Steps and weights of the derivative at ``here`` of the parabola through points inside the box."""
+        """Steps and weights of the derivative at ``here`` of the parabola through points inside the
+        box.
+        """
         if here - step < self.lower[place]:
             return ((0, -1.5), (1, 2.0), (2, -0.5))
         if here + step > self.upper[place]:
@@ -221,22 +270,32 @@ class ParameterSpace(KnownArguments):
         return np.mean([self.lower, self.upper], axis=0)
 
     def point(self, mu: PointLike) -> np.ndarray:
-        """Convert a number, a sequence or values by name, see :func:`named_values`, to a checked point, (P,).
+        """Convert a number, a sequence or values by name, see :func:`named_values`, to a checked
+        point, (P,).
 
         Raises:
             ParameterError: for a wrong length, a missing name, NaN, or a value outside the box.
         """
-        if type(mu) is dict and mu.keys() == self._known and PLAIN.issuperset(map(type, mu.values())):
-            mu = [mu[name] for name in self.names]  # the usual ones are quick: those by name, and arrays
+        if (
+            type(mu) is dict
+            and mu.keys() == self._known
+            and PLAIN.issuperset(map(type, mu.values()))
+        ):
+            mu = [
+                mu[name] for name in self.names
+            ]  # the usual ones are quick: those by name, and arrays
         elif type(mu) is not np.ndarray or mu.dtype.names is not None:
             mu = self._in_order(mu)
         try:
             point = np.array(mu, dtype=float, ndmin=1)
         except (TypeError, ValueError, OverflowError):
-            raise ParameterError(f"expected {len(self.names)} numbers for {self.names}, got {mu!r}") from None
+            raise ParameterError(
+                f"expected {len(self.names)} numbers for {self.names}, got {mu!r}"
+            ) from None
         if point.shape != (len(self.names),):
             raise ParameterError(
-                f"expected {len(self.names)} parameters {self.names}, got shape {point.shape}: give a value for each"
+                f"expected {len(self.names)} parameters {self.names}, got shape {point.shape}: "
+                "give a value for each"
             )
         for value, (low, high) in zip(point.tolist(), self._box):  # noqa: B905 (hot path)
             if not low <= value <= high:  # NaN fails too
@@ -254,7 +313,10 @@ class ParameterSpace(KnownArguments):
             for name, value, low, high in found
             if not low <= value <= high
         ]
-        return "; ".join(outside) + ": choose a value inside, or widen the parameter space, and train small models anew"
+        return (
+            "; ".join(outside)
+            + ": choose a value inside, or widen the parameter space, and train small models anew"
+        )
 
     def described(self, point: np.ndarray) -> str:
         """A point in words, for messages."""
@@ -267,23 +329,30 @@ class ParameterSpace(KnownArguments):
             return _filled(values)
         if set(self.names) ^ set(named):
             missing = [f"{name!r} is missing" for name in self.names if name not in named]
-            unknown = [f"{name!r} is unknown" for name in sorted(named, key=str) if name not in self.names]
+            unknown = [
+                f"{name!r} is unknown" for name in sorted(named, key=str) if name not in self.names
+            ]
             faults = ", ".join(missing + unknown)
             raise ParameterError(
-                f"{faults}: the names do not match {self.names}: give each of these a value, and no other"
+                f"{faults}: the names do not match {self.names}: give each of these a value, and "
+                "no other"
             )
         return [_filled(named[name]) for name in self.names]
 
     def table(self, rows: PointsLike, least: int = 0) -> np.ndarray:
-        """Convert ``least`` rows or more, or columns or rows with names, to numbers, (S, P), inside the box or not.
+        """Convert ``least`` rows or more, or columns or rows with names, to numbers, (S, P), inside
+        the box or not.
 
         Raises:
-            ParameterError: for another shape, names that do not match, or values that are no numbers.
+            ParameterError: for another shape, names that do not match, or values that are no
+                numbers.
         """
         rows = _filled(rows)
         try:
             if (columns := self._in_order(rows)) is not rows:
-                points = np.column_stack([np.array(column, dtype=float, ndmin=1) for column in columns])
+                points = np.column_stack(
+                    [np.array(column, dtype=float, ndmin=1) for column in columns]
+                )
             else:
                 several = isinstance(rows, Sequence) and not isinstance(rows, str)
                 points = np.array([*map(self._in_order, rows)] if several else rows, dtype=float)
@@ -291,22 +360,27 @@ class ParameterSpace(KnownArguments):
             raise
         except (TypeError, ValueError):
             raise ParameterError(
-                f"a table of points needs numbers in columns {self.names}, one row per point, got {rows!r}"
+                f"a table of points needs numbers in columns {self.names}, one row per point, got "
+                f"{rows!r}"
             ) from None
         count = len(self.names)
         if points.ndim == 1 and count == 1:
             points = points[:, None]
         if points.ndim != 2 or points.shape[1] != count or len(points) < least:
             raise ParameterError(
-                f"points have the shape {points.shape}: give one row per point and one column for each of {self.names}"
+                f"points have the shape {points.shape}: give one row per point and one column for "
+                f"each of {self.names}"
             )
         return points
 
     def points(self, table: PointsLike) -> np.ndarray:
-        """Convert a table, see :meth:`table`, to checked points, (S, P); with one parameter also (S,).
+        """Convert a table, see :meth:`table`, to checked points, (S, P).
+
+        With one parameter also (S,).
 
         Raises:
-            ParameterError: for another shape, values that are no numbers, or a value outside the box.
+            ParameterError: for another shape, values that are no numbers, or a value outside the
+                box.
         """
         points = self.table(table, least=1)
         low, high = np.transpose(self._box)
@@ -325,9 +399,13 @@ class ParameterSpace(KnownArguments):
         given = list(counts) if isinstance(counts, Sequence | np.ndarray) else [counts]
         if len(given) != len(self.names) or not all(is_whole(count, 1) for count in given):
             raise ParameterError(
-                f"counts {counts!r} of a grid must be {len(self.names)} positive integers, one for each of {self.names}"
+                f"counts {counts!r} of a grid must be {len(self.names)} positive integers, one "
+                f"for each of {self.names}"
             )
-        axes = [np.linspace(low, high, count) for low, high, count in zip(self.lower, self.upper, given, strict=True)]
+        axes = [
+            np.linspace(low, high, count)
+            for low, high, count in zip(self.lower, self.upper, given, strict=True)
+        ]
         return np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
 
     def random(self, count: int, seed: int) -> np.ndarray:
@@ -340,7 +418,9 @@ class ParameterSpace(KnownArguments):
         return np.random.default_rng(seed).uniform(self.lower, self.upper, (count, len(self.names)))
 
     def lines(self, places: Sequence[int], count: int = 3) -> np.ndarray:
-        """Points on lines along parameters, ``LINE`` on each: the first through the middle, others random, (n, P)."""
+        """Points on lines along parameters, ``LINE`` on each: the first through the middle, others
+        random, (n, P).
+        """
         ends = np.array([self.lower, self.upper], dtype=float)
         middle = ends.mean(axis=0)
         bases = np.vstack([middle, self.random(count - 1, seed=1)]) if count > 1 else middle[None]
@@ -351,7 +431,12 @@ class ParameterSpace(KnownArguments):
 
 
 def check_counts(**given: tuple[object, int]) -> None:
-    """Raise StudyError for a value that is no integer from its least value to 2^32; both are given by name."""
+    """Raise StudyError for a value that is no integer from its least value to 2^32.
+
+    Both are given by name.
+    """
     for name, (value, least) in given.items():
         if not is_whole(value, least) or int(value) >= 2**32:  # type: ignore[call-overload]
-            raise StudyError(f"{name} = {value!r} must be an integer of at least {least}, below 2^32")
+            raise StudyError(
+                f"{name} = {value!r} must be an integer of at least {least}, below 2^32"
+            )

@@ -1,14 +1,16 @@
-"""Values as plain data: models, laws and outputs, user-defined ones too, in files that execute nothing.
+"""Values as plain data: models, laws and outputs, user-defined ones too, in files that execute
+nothing.
 
-A value is a frozen dataclass, or a model that names its parts in ``kept``, of numbers, strings, booleans, arrays,
-sparse matrices, tuples and other such values. It becomes a JSON tree, in which each value is the name of its class and
-its fields, and arrays by their paths in this tree. The reader gives the classes that a file may contain. Fields must
-have the types, and arrays the sizes, that these classes declare, see :mod:`hhr_dolfinx.declared`. Equal arrays are
-restored as one object and must not be modified.
+A value is a frozen dataclass, or a model that names its parts in ``kept``, of numbers, strings,
+booleans, arrays, sparse matrices, tuples and other such values. It becomes a JSON tree, in which
+each value is the name of its class and its fields, and arrays by their paths in this tree. The
+reader gives the classes that a file may contain. Fields must have the types, and arrays the sizes,
+that these classes declare, see :mod:`hhr_dolfinx.declared`. Equal arrays are restored as one object
+and must not be modified.
 
-A class may have ``faults(sizes)``, which yields further faults of a value, given the sizes of its model by name, and
-``from_file(**fields)``, which replaces the constructor. A class with ``has_own_sizes`` is a model whose sizes are
-independent of the object that contains it.
+A class may have ``faults(sizes)``, which yields further faults of a value, given the sizes of its
+model by name, and ``from_file(**fields)``, which replaces the constructor. A class with
+``has_own_sizes`` is a model whose sizes are independent of the object that contains it.
 """
 
 from __future__ import annotations
@@ -37,12 +39,14 @@ MOST_DIMENSIONS = 32
 """Largest number of dimensions of an array, as in numpy 1."""
 ZEROS_PER_ENTRY = 100
 FREE_ZEROS = 2**24
-"""Largest number of omitted zeros, per stored entry and in total, so that no small file fills the memory."""
+"""Largest number of omitted zeros, per stored entry and in total, so that no small file fills the
+memory.
+"""
 
 _REMEDY = (
-    "what goes into a file must be a frozen dataclass, `@dataclass(frozen=True)`, whose fields are finite numbers, "
-    "strings, truth values, None, other frozen dataclasses, tuples of these, sparse matrices, or numpy arrays of "
-    "float64, int64, int32 or bool"
+    "what goes into a file must be a frozen dataclass, `@dataclass(frozen=True)`, whose fields "
+    "are finite numbers, strings, truth values, None, other frozen dataclasses, tuples of these, "
+    "sparse matrices, or numpy arrays of float64, int64, int32 or bool"
 )
 _SHOWN = 60
 
@@ -59,7 +63,8 @@ class Rebuilt:
     """A dataclass that is copied and pickled by its fields, without caches, factors and locks."""
 
     def __reduce__(self) -> tuple:
-        fields = [item for item in dataclasses.fields(self) if item.init and item.metadata.get("copied", True)]  # type: ignore[arg-type]
+        every = dataclasses.fields(self)  # type: ignore[arg-type]
+        fields = [item for item in every if item.init and item.metadata.get("copied", True)]
         return rebuilt, (type(self), {item.name: getattr(self, item.name) for item in fields})
 
 
@@ -68,15 +73,19 @@ def rebuilt(kind: Any, arguments: Mapping[str, Any]) -> Any:
     return kind(**arguments)
 
 
-def as_plain(value: object, known: Mapping[str, type] = _NO_KINDS) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """A value as a JSON tree, and its arrays by path: equal arrays once, sparse arrays without zeros.
+def as_plain(
+    value: object, known: Mapping[str, type] = _NO_KINDS
+) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
+    """A value as a JSON tree, and its arrays by path: equal arrays once, sparse arrays without
+    zeros.
 
-    The value is rebuilt once, as a check that the written data restore the same value. Only the classes ``known`` to
-    every reader may have their names.
+    The value is rebuilt once, as a check that the written data restore the same value. Only the
+    classes ``known`` to every reader may have their names.
 
     Raises:
         ModelFileError: for two classes of the same name.
-        FileContentError: for other objects, or values that their class would not accept again, with advice.
+        FileContentError: for other objects, or values that their class would not accept again, with
+            advice.
     """
     if not _is_kind(type(value)):
         raise FileContentError(f"{_shown(value)} cannot be kept: {_REMEDY}")
@@ -89,8 +98,8 @@ def as_plain(value: object, known: Mapping[str, type] = _NO_KINDS) -> tuple[dict
         again.arrays, writer.arrays
     ):
         raise FileContentError(
-            f"{_shown(value)} made of its own fields is another {type(value).__name__}: its __post_init__ must leave "
-            "fields that it has changed once as they are"
+            f"{_shown(value)} made of its own fields is another {type(value).__name__}: its "
+            "__post_init__ must leave fields that it has changed once as they are"
         )
     return tree, writer.arrays
 
@@ -107,14 +116,17 @@ def restored(
 
     Raises:
         ModelFileError: for a class that is not in ``kinds``, with advice.
-        FileContentError: for fields that are missing, unknown, of the wrong type or size, not finite, or refused by
-            their class, and for arrays without a field.
+        FileContentError: for fields that are missing, unknown, of the wrong type or size, not
+            finite, or refused by their class, and for arrays without a field.
     """
     return _Reader(arrays, kinds, of_the_mesh).whole(tree)
 
 
 def by_name(classes: Iterable[type]) -> dict[str, type]:
-    """Classes by name, for :func:`restored`; ModelFileError for what is no class of values, or two of one name."""
+    """Classes by name, for :func:`restored`.
+
+    ModelFileError for what is no class of values, or two of one name.
+    """
     named: dict[str, type] = {}
     for kind in classes:
         if not _is_kind(kind):
@@ -127,8 +139,8 @@ def add_kind(named: dict[str, type], kind: type) -> None:
     """Add a class to those that a file may contain; ModelFileError if another one has its name."""
     if (other := named.setdefault(kind.__name__, kind)) is not kind:
         raise ModelFileError(
-            f"two classes are called {kind.__name__}, in {other.__module__} and in {kind.__module__}: files know them "
-            "by name, rename one"
+            f"two classes are called {kind.__name__}, in {other.__module__} and in "
+            f"{kind.__module__}: files know them by name, rename one"
         )
 
 
@@ -141,7 +153,8 @@ def _is_kind(kind: object) -> bool:
 
 def _same(one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]) -> bool:
     return one.keys() == other.keys() and all(
-        array.dtype == other[name].dtype and np.array_equal(array, other[name]) for name, array in one.items()
+        array.dtype == other[name].dtype and np.array_equal(array, other[name])
+        for name, array in one.items()
     )
 
 
@@ -160,7 +173,9 @@ class _Writer:
         if isinstance(value, np.ndarray):
             return self._array(path, value, declared)
         if type(value) is tuple:
-            return [self.tree(item, f"{path}.{number}", depth + 1) for number, item in enumerate(value)]
+            return [
+                self.tree(item, f"{path}.{number}", depth + 1) for number, item in enumerate(value)
+            ]
         if type(value) in SPARSE.values():
             parts = {name: self._array(f"{path}.{name}", getattr(value, name)) for name in _PARTS}
             return {"sparse": value.format, "shape": list(value.shape), **parts}
@@ -171,7 +186,9 @@ class _Writer:
             add_kind(self.kinds, self._known[kind.__name__])
         add_kind(self.kinds, kind)
         fields = {
-            name: self.tree(getattr(value, name), f"{path}.{name}".lstrip("."), depth + 1, declared_array(node))
+            name: self.tree(
+                getattr(value, name), f"{path}.{name}".lstrip("."), depth + 1, declared_array(node)
+            )
             for name, node in annotations_of(kind).items()
         }
         return {"kind": kind.__name__, "fields": fields}
@@ -186,14 +203,22 @@ class _Writer:
         bits = flat.view(np.uint8)
         key = (array.dtype.str, array.shape, order, hashlib.sha256(bits).digest())
         first = self._first.setdefault(key, path)
-        dense = array.size < SMALL or array.dtype.kind != "f" or 3 * np.count_nonzero(flat.view(np.int64)) > array.size
+        dense = (
+            array.size < SMALL
+            or array.dtype.kind != "f"
+            or 3 * np.count_nonzero(flat.view(np.int64)) > array.size
+        )
         if first == path:
             if dense:
                 self.arrays[path] = array
             else:  # negative zeros are stored too
                 places = np.flatnonzero(flat.view(np.int64))
                 self.arrays |= {f"{path}.places": places, f"{path}.values": flat[places]}
-        return {"array": first} if dense else {"array": first, "shape": list(array.shape), "order": order}
+        return (
+            {"array": first}
+            if dense
+            else {"array": first, "shape": list(array.shape), "order": order}
+        )
 
 
 _PARTS = ("data", "indices", "indptr")
@@ -230,7 +255,9 @@ class _Reader:
         """Value of a part of the tree."""
         _check_depth(path, depth)
         if isinstance(data, list | tuple):
-            return tuple(self.value(item, f"{path}.{k}", sizes, depth + 1) for k, item in enumerate(data))
+            return tuple(
+                self.value(item, f"{path}.{k}", sizes, depth + 1) for k, item in enumerate(data)
+            )
         if not isinstance(data, Mapping):
             return _scalar(path, data)
         if data.keys() == {"kind", "fields"} and isinstance(data["fields"], Mapping):
@@ -241,7 +268,9 @@ class _Reader:
             return self._with_zeros(data["array"], data["shape"], data["order"])
         if data.keys() == {"sparse", "shape", *_PARTS}:
             return self._sparse(data, path, depth)
-        raise FileContentError(f"{path or 'the value'} is {_shown(data)}, which must have a kind and fields")
+        raise FileContentError(
+            f"{path or 'the value'} is {_shown(data)}, which must have a kind and fields"
+        )
 
     def _object(self, name: Any, given: Mapping, path: str, sizes: Sizes, depth: int) -> Any:
         kind = self._kind(name)
@@ -256,10 +285,16 @@ class _Reader:
         fields = {}
         for key, node in declared.items():
             place = f"{path}.{key}".lstrip(".")
-            fields[key] = self._field(self.value(given[key], place, own, depth + 1), name, place, node, own)
+            fields[key] = self._field(
+                self.value(given[key], place, own, depth + 1), name, place, node, own
+            )
         own.check_known(last=whole)
         if dataclasses.is_dataclass(kind):
-            omitted = {item.name for item in dataclasses.fields(kind) if not item.metadata.get("copied", True)}
+            omitted = {
+                item.name
+                for item in dataclasses.fields(kind)
+                if not item.metadata.get("copied", True)
+            }
             fields |= {key: self._of_the_mesh[key] for key in omitted & self._of_the_mesh.keys()}
         try:
             made = getattr(kind, "from_file", kind)(**fields)
@@ -280,9 +315,9 @@ class _Reader:
             if why := remedy("classes", name):
                 raise ModelFileError(f"the file holds a {name}{why}")
             raise ModelFileError(
-                f"the file holds a {name[:_SHOWN]}, which is unknown here: install the plug-in that has it, or pass "
-                f"the class, load_model(path, known=[{name[:_SHOWN]}]), or to a command, --known "
-                f"FILE.py:{name[:_SHOWN]}"
+                f"the file holds a {name[:_SHOWN]}, which is unknown here: install the plug-in "
+                f"that has it, or pass the class, load_model(path, known=[{name[:_SHOWN]}]), or "
+                f"to a command, --known FILE.py:{name[:_SHOWN]}"
             )
         return self.kinds[name]
 
@@ -290,7 +325,9 @@ class _Reader:
         if not fits(value, node, self.kinds):
             formula = isinstance(value, str) and shown(node) == "float"
             remedy = ": declare it float | str, if it may be a formula" if formula else ""
-            raise FileContentError(f"{path} of {name} is {_shown(value)}, and must be a {shown(node)}{remedy}")
+            raise FileContentError(
+                f"{path} of {name} is {_shown(value)}, and must be a {shown(node)}{remedy}"
+            )
         declared = declared_array(node)
         if declared is None or value is None:
             return value
@@ -311,15 +348,24 @@ class _Reader:
         values = self._array(f"{key}.values")
         if not _is_shape(shape) or order not in ("C", "F"):
             raise FileContentError(f"{key} has no shape: {_shown(shape)}")
-        if places.ndim != 1 or places.shape != values.shape or places.dtype.kind != "i" or values.dtype.kind != "f":
+        if (
+            places.ndim != 1
+            or places.shape != values.shape
+            or places.dtype.kind != "i"
+            or values.dtype.kind != "f"
+        ):
             raise FileContentError(f"{key} must have places and values, one for each")
-        ordered = not places.size or (places[0] >= 0 and places[-1] < math.prod(shape) and (np.diff(places) > 0).all())
+        ordered = not places.size or (
+            places[0] >= 0 and places[-1] < math.prod(shape) and (np.diff(places) > 0).all()
+        )
         if not ordered:
             raise FileContentError(f"{key} has places outside of it, or twice")
         if key not in self._made:
             self._zeros_left -= math.prod(shape)
             if self._zeros_left < 0:
-                raise FileContentError(f"{key} and others leave out more zeros than a file of this size may")
+                raise FileContentError(
+                    f"{key} and others leave out more zeros than a file of this size may"
+                )
             flat = np.zeros(math.prod(shape))
             flat[places] = values
             self._made[key] = flat.reshape(shape) if order == "C" else flat.reshape(shape[::-1]).T
@@ -331,19 +377,25 @@ class _Reader:
         parts = [self.value(data[name], f"{path}.{name}", Sizes(), depth + 1) for name in _PARTS]
         shape = data["shape"]
         form = data["sparse"]
-        kinds = "".join(part.dtype.kind for part in parts if isinstance(part, np.ndarray) and part.ndim == 1)
+        kinds = "".join(
+            part.dtype.kind for part in parts if isinstance(part, np.ndarray) and part.ndim == 1
+        )
         if not _is_shape(shape) or len(shape) != 2 or form not in SPARSE or kinds != "fii":
             raise FileContentError(f"{path} is no sparse matrix of floating-point numbers")
         values, indices, starts = parts
         # scipy checks only the last of the starts before it uses all of them
         whole = starts.size and starts[0] == 0 and starts[-1] == indices.size == values.size
         if not whole or (np.diff(starts) < 0).any():
-            raise FileContentError(f"the sparse matrix {path} has rows that do not follow each other")
+            raise FileContentError(
+                f"the sparse matrix {path} has rows that do not follow each other"
+            )
         try:
             matrix = SPARSE[form](tuple(parts), shape=tuple(shape))
             matrix.check_format(full_check=True)
         except (ValueError, IndexError, TypeError) as error:
-            raise FileContentError(f"the sparse matrix {path} has entries outside of it: {error}") from error
+            raise FileContentError(
+                f"the sparse matrix {path} has entries outside of it: {error}"
+            ) from error
         return matrix
 
 
@@ -357,7 +409,11 @@ def _of_type(path: str, array: np.ndarray, declared: Any) -> np.ndarray:
 
 
 def _checked_array(path: str, array: np.ndarray) -> np.ndarray:
-    if type(array) is not np.ndarray or array.dtype.str not in KINDS or not np.isfinite(array).all():
+    if (
+        type(array) is not np.ndarray
+        or array.dtype.str not in KINDS
+        or not np.isfinite(array).all()
+    ):
         kind = getattr(array, "dtype", type(array).__name__)
         raise FileContentError(f"{path} has the type {kind} or is not finite: {_REMEDY}")
     return array
@@ -379,7 +435,11 @@ def _check_depth(path: str, depth: int) -> None:
 def _scalar(path: str, value: object) -> bool | int | float | str | None:
     """A number, string, boolean or None; numbers of numpy become those of Python."""
     plain: Any = value.item() if isinstance(value, np.generic) else value
-    if plain is None or type(plain) in (bool, str) or (type(plain) is float and math.isfinite(plain)):
+    if (
+        plain is None
+        or type(plain) in (bool, str)
+        or (type(plain) is float and math.isfinite(plain))
+    ):
         return plain
     if type(plain) is int and abs(plain) < 2**63:
         return plain

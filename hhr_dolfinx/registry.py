@@ -1,8 +1,11 @@
-"""Plug-ins: packages that add a capability to the core. Each declares its additions and their places in one manifest.
+"""Plug-ins: packages that add a capability to the core.
 
-A plug-in is an entry point of the group ``hhr_dolfinx.plugins`` that names a :class:`Plugin`. Those of this package, in
-``hhr_dolfinx/plugins/``, register as those of other packages do. Places are written ``module:name`` and are
-loaded when they are used, so that a scene loads only the plug-ins that it names.
+Each declares its additions and their places in one manifest.
+
+A plug-in is an entry point of the group ``hhr_dolfinx.plugins`` that names a :class:`Plugin`. Those
+of this package, in ``hhr_dolfinx/plugins/``, register as those of other packages do. Places are
+written ``module:name`` and are loaded when they are used, so that a scene loads only the plug-ins
+that it names.
 """
 
 from __future__ import annotations
@@ -24,17 +27,31 @@ GROUP = "hhr_dolfinx.plugins"
 """Group of entry points of plug-ins."""
 OURS = Path(__file__).with_name("plug_ins.json")
 """Names that the plug-ins of this package add, for messages where one of them is deleted."""
-SHARED = ("public", "classes", "commands", "kinds", "methods", "trainings", "pair_laws", "recipes", "answers", "tools",
-          "readers", "switches")  # fmt: skip
+SHARED = (
+    "public",
+    "classes",
+    "commands",
+    "kinds",
+    "methods",
+    "trainings",
+    "pair_laws",
+    "recipes",
+    "answers",
+    "tools",
+    "readers",
+    "switches",
+)
 """Mappings of manifests in which a name has one meaning for all plug-ins."""
 NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 
 class Way(NamedTuple):
-    """A reductor in a manifest: the place of its class, loaded for the scenes that want it, and for no other.
+    """A reductor in a manifest: the place of its class, loaded for the scenes that want it, and for
+    no other.
 
-    The class without arguments has the usual settings, and ``wanted`` is a function of the full model. ``condense()``
-    takes the first one that ``condenses``: its models keep all contact conditions.
+    The class without arguments has the usual settings, and ``wanted`` is a function of the full
+    model. ``condense()`` takes the first one that ``condenses``: its models keep all contact
+    conditions.
     """
 
     place: str
@@ -43,11 +60,14 @@ class Way(NamedTuple):
 
 
 class Bounds(NamedTuple):
-    """Errors of the answers of hyper-reduced models, for the full models that ``wanted`` accepts; the first is taken.
+    """Errors of the answers of hyper-reduced models, for the full models that ``wanted`` accepts.
+
+    The first is taken.
 
     ``place`` is that of a function ``(full, basis, forces, *, cone, announce) -> Bounding``, see
-    :class:`~hhr_dolfinx.models.bound.Bounding`, with the basis, (own, ell), and the training forces, (N_lambda, S);
-    ``cone`` if these complete the forces outside the RID. It raises BoundError with the hypothesis that fails.
+    :class:`~hhr_dolfinx.models.bound.Bounding`, with the basis, (own, ell), and the training
+    forces, (N_lambda, S); ``cone`` if these complete the forces outside the RID. It raises
+    BoundError with the hypothesis that fails.
     """
 
     place: str
@@ -55,9 +75,11 @@ class Bounds(NamedTuple):
 
 
 class Stage(NamedTuple):
-    """A stage of the hyper-reduction: the place of a function of a :class:`~hhr_dolfinx.reduction.build.Draft`.
+    """A stage of the hyper-reduction: the place of a function of a
+    :class:`~hhr_dolfinx.reduction.build.Draft`.
 
-    It follows the stage at the place ``after``, if ``wanted`` accepts the full model and the recipe.
+    It follows the stage at the place ``after``, if ``wanted`` accepts the full model and the
+    recipe.
     """
 
     place: str
@@ -71,26 +93,33 @@ class Plugin:
 
     name: str  # name of the plug-in, unique
     needs: tuple[str, ...] = ()  # names of the plug-ins that it requires
-    optional: tuple[str, ...] = ()  # names of plug-ins that it imports only where a scene names them
+    optional: tuple[
+        str, ...
+    ] = ()  # names of plug-ins that it imports only where a scene names them
     # names that it adds to ``hhr_dolfinx``: of each module its names, separated by blanks
     public: Mapping[str, str] = field(default=NOTHING)
-    # what scenes may name: of each kind (``laws``, ``outputs``, ... of :mod:`hhr_dolfinx.by_name`) places by name, or
-    # of each module its names, as in ``public``
+    # what scenes may name: of each kind (``laws``, ``outputs``, ... of :mod:`hhr_dolfinx.by_name`)
+    # places by name, or of each module its names, as in ``public``
     parts: Mapping[str, Mapping[str, str]] = field(default=NOTHING)
     # classes that model files may hold: of each module their names, separated by blanks
     classes: Mapping[str, str] = field(default=NOTHING)
-    commands: Mapping[str, str] = field(default=NOTHING)  # places of the commands of ``hhr``, by name
-    # kinds of models that a training can build: places of functions ``(training, **options) -> model`` by the name of
-    # the method of a :class:`~hhr_dolfinx.study.training.train.Training`, and of ``hhr train --model``
+    commands: Mapping[str, str] = field(
+        default=NOTHING
+    )  # places of the commands of ``hhr``, by name
+    # kinds of models that a training can build: places of functions ``(training, **options) ->
+    # model`` by the name of the method of a :class:`~hhr_dolfinx.study.training.train.Training`,
+    # and of ``hhr train --model``
     kinds: Mapping[str, str] = field(default=NOTHING)
     # further methods of a training, which build no model that a file can keep
     methods: Mapping[str, str] = field(default=NOTHING)
-    # ways to choose training points of ``hhr train``: places of objects with ``options``, decorators of click, and
-    # ``training(given)``, by the option that selects them
+    # ways to choose training points of ``hhr train``: places of objects with ``options``,
+    # decorators of click, and ``training(given)``, by the option that selects them
     trainings: Mapping[str, str] = field(default=NOTHING)
-    materials: tuple[str, ...] = ()  # methods by which a law of a body is one of this plug-in, see :func:`reader_of`
-    # places of functions ``(value, what) -> PairLaw`` by the field of a pairing whose value they read, see
-    # :mod:`hhr_dolfinx.contact.law`
+    materials: tuple[
+        str, ...
+    ] = ()  # methods by which a law of a body is one of this plug-in, see :func:`reader_of`
+    # places of functions ``(value, what) -> PairLaw`` by the field of a pairing whose value they
+    # read, see :mod:`hhr_dolfinx.contact.law`
     pair_laws: Mapping[str, str] = field(default=NOTHING)
     # places of functions ``(**changes) -> Recipe`` by their names as attributes of ``Recipe``
     recipes: Mapping[str, str] = field(default=NOTHING)
@@ -102,50 +131,72 @@ class Plugin:
     memory: tuple[str, ...] = ()
     # what it adds to answers: places of functions of an answer, by the names of methods
     answers: Mapping[str, str] = field(default=NOTHING)
-    # places of objects that do for its laws what the core leaves to them, by words: each part of the core that needs
-    # one documents its word and protocol, and refuses a law without it, see :func:`facet`
+    # places of objects that do for its laws what the core leaves to them, by words: each part of
+    # the core that needs one documents its word and protocol, and refuses a law without it, see
+    # :func:`facet`
     facets: Mapping[str, str] = field(default=NOTHING)
-    # places of functions that the core calls by a word, of all plug-ins one for each word, see :func:`tool`
+    # places of functions that the core calls by a word, of all plug-ins one for each word, see
+    # :func:`tool`
     tools: Mapping[str, str] = field(default=NOTHING)
-    # places of readers of mesh files, ``(path) -> RawMesh`` of :mod:`hhr_dolfinx.geometries.raw_mesh`, by the ending
+    # places of readers of mesh files, ``(path) -> RawMesh`` of
+    # :mod:`hhr_dolfinx.geometries.raw_mesh`, by the ending
     readers: Mapping[str, str] = field(default=NOTHING)
     # functions ``(draft, neutral) -> draft`` that add one capability to a small scene, of each
     # module their names, as in ``public``; the plug-in ``conformance`` has the drafts
     switches: Mapping[str, str] = field(default=NOTHING)
-    # places of functions ``(full, folder) -> None`` that write further files next to a model; collective over the ranks
-    # of the full model
+    # places of functions ``(full, folder) -> None`` that write further files next to a model;
+    # collective over the ranks of the full model
     companions: tuple[str, ...] = ()
 
 
 @functools.cache
 def installed() -> Mapping[str, Plugin]:
-    """Plug-ins by name, those of this package first. A PluginWarning names each one that is left out, and the reason.
+    """Plug-ins by name, those of this package first.
 
-    Left out are plug-ins that cannot be loaded, lack a plug-in that they need, or register what another one has.
+    A PluginWarning names each one that is left out, and the reason.
+
+    Left out are plug-ins that cannot be loaded, lack a plug-in that they need, or register what
+    another one has.
     """
     plugins: dict[str, Plugin] = {}
     owners: dict[tuple[str, str], tuple[str, str]] = {}
-    for point in sorted(importlib.metadata.entry_points(group=GROUP), key=lambda one: not _is_ours(one.value)):
+    for point in sorted(
+        importlib.metadata.entry_points(group=GROUP), key=lambda one: not _is_ours(one.value)
+    ):
         try:
             plugin = point.load()
             if not isinstance(plugin, Plugin):
-                raise TypeError(f"{point.value} is a {type(plugin).__name__} and no hhr_dolfinx.registry.Plugin")
+                raise TypeError(
+                    f"{point.value} is a {type(plugin).__name__} and no hhr_dolfinx.registry.Plugin"
+                )
             registered = _registered(plugin)
         except (Exception, SystemExit) as error:  # third-party code may raise anything
-            _leave_out(point.name, f"{point.value} cannot be loaded: {type(error).__name__}: {error}")
+            _leave_out(
+                point.name, f"{point.value} cannot be loaded: {type(error).__name__}: {error}"
+            )
             continue
         if plugin.name in plugins:
             if plugins[plugin.name] is not plugin:
-                _leave_out(plugin.name, f"{point.value} has the name of another plug-in: give it a name of its own")
+                _leave_out(
+                    plugin.name,
+                    f"{point.value} has the name of another plug-in: give it a name of its own",
+                )
             continue
-        if taken := [key for key, place in registered.items() if owners.get(key, (place, ""))[0] != place]:
+        if taken := [
+            key for key, place in registered.items() if owners.get(key, (place, ""))[0] != place
+        ]:
             what, name = taken[0]
             place, owner = owners[taken[0]]
-            _leave_out(plugin.name, f"it registers {name!r} among {what}, which is {place} of the plug-in '{owner}'")
+            _leave_out(
+                plugin.name,
+                f"it registers {name!r} among {what}, which is {place} of the plug-in '{owner}'",
+            )
             continue
         plugins[plugin.name] = plugin
         owners |= {key: (place, plugin.name) for key, place in registered.items()}
-    while lacking := [name for name, plugin in plugins.items() if not plugins.keys() >= set(plugin.needs)]:
+    while lacking := [
+        name for name, plugin in plugins.items() if not plugins.keys() >= set(plugin.needs)
+    ]:
         for name in lacking:
             missing = set(plugins.pop(name).needs) - plugins.keys()
             _leave_out(name, f"it needs {', '.join(sorted(missing))}")
@@ -157,9 +208,13 @@ def _is_ours(place: str) -> bool:
 
 
 def _registered(plugin: Plugin) -> dict[tuple[str, str], str]:
-    """Places of all that a plug-in registers by a name, which no other plug-in may have, by kind and name."""
+    """Places of all that a plug-in registers by a name, which no other plug-in may have, by kind
+    and name.
+    """
     named = {what: getattr(plugin, what) for what in SHARED} | dict(plugin.parts)
-    return {(what, name): place for what, mapping in named.items() for name, place in places_in(mapping)}
+    return {
+        (what, name): place for what, mapping in named.items() for name, place in places_in(mapping)
+    }
 
 
 def owned(plugin: Plugin) -> Iterator[tuple[str, str]]:
@@ -176,7 +231,9 @@ def _ours() -> dict[str, dict[str, str]]:
 
 
 def remedy(what: str, name: str) -> str:
-    """End of a message, ": ...": the plug-in of this package that has a name of a kind, and is not installed; or ""."""
+    """End of a message, ": ...": the plug-in of this package that has a name of a kind, and is not
+    installed; or "".
+    """
     plugin = _ours().get(what, {}).get(name)
     if plugin is None or plugin in installed():
         return ""
@@ -184,16 +241,25 @@ def remedy(what: str, name: str) -> str:
 
 
 def wants(item: Way | Bounds | Stage, *given: Any) -> bool:
-    """True if a reductor, bound or stage wants a full model; one whose ``wanted`` fails is left out with a warning."""
+    """True if a reductor, bound or stage wants a full model.
+
+    One whose ``wanted`` fails is left out with a warning.
+    """
     try:
         return bool(item.wanted(*given))
     except Exception as error:  # third-party code may raise anything
-        warn(f"{item.place} is left out: its 'wanted' raised {type(error).__name__}: {error}", PluginWarning)
+        warn(
+            f"{item.place} is left out: its 'wanted' raised {type(error).__name__}: {error}",
+            PluginWarning,
+        )
         return False
 
 
 def loadable(what: str) -> dict[str, Any]:
-    """Objects by name in one mapping of all manifests; a PluginWarning names each one that cannot be loaded."""
+    """Objects by name in one mapping of all manifests.
+
+    a PluginWarning names each one that cannot be loaded.
+    """
     objects = {}
     for name, place in named(what).items():
         try:
@@ -216,17 +282,24 @@ def load(place: str) -> Any:
 
 
 def named(what: str) -> dict[str, str]:
-    """Places by name in one mapping of all manifests, such as ``classes``; SceneError for a name of two plug-ins."""
+    """Places by name in one mapping of all manifests, such as ``classes``.
+
+    SceneError for a name of two plug-ins.
+    """
     places: dict[str, str] = {}
     for plugin in installed().values():
         for name, place in places_in(getattr(plugin, what)):
             if places.setdefault(name, place) != place:
-                raise SceneError(f"two plug-ins register {name!r} among their {what}: {places[name]} and {place}")
+                raise SceneError(
+                    f"two plug-ins register {name!r} among their {what}: {places[name]} and {place}"
+                )
     return places
 
 
 def places_in(mapping: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-    """Names with their places in a mapping of names to places, or of modules to names separated by blanks."""
+    """Names with their places in a mapping of names to places, or of modules to names separated by
+    blanks.
+    """
     for key, value in mapping.items():
         if ":" in value:
             yield key, value
@@ -245,7 +318,9 @@ def parts(kind: str) -> dict[str, tuple[str, str]]:
 
 @functools.cache
 def memories(*, of_bodies: bool = False) -> frozenset[str]:
-    """Names of the parts of memories that laws of plug-ins keep in answers: of all laws, or of those of bodies."""
+    """Names of the parts of memories that laws of plug-ins keep in answers: of all laws, or of
+    those of bodies.
+    """
     plugins = [plugin for plugin in installed().values() if plugin.materials or not of_bodies]
     return frozenset(name for plugin in plugins for name in plugin.memory)
 
@@ -261,20 +336,32 @@ loaded = functools.cache(load)
 
 
 def reader_of(law: object, what: str) -> str:
-    """Name of the plug-in that reads the law of ``what``, a body, by a method of the law; SceneError if none does."""
-    methods = {method: plugin.name for plugin in installed().values() for method in plugin.materials}
+    """Name of the plug-in that reads the law of ``what``, a body, by a method of the law.
+
+    SceneError if none does.
+    """
+    methods = {
+        method: plugin.name for plugin in installed().values() for method in plugin.materials
+    }
     for method, name in methods.items():
         if not isinstance(law, type) and callable(getattr(law, method, None)):
             return name
     if not methods:
-        theirs = [said for name in _ours().get("materials", {}) if (said := remedy("materials", name))]
-        raise SceneError(f"{what}: no installed plug-in reads the law {law!r}{theirs[0] if theirs else ''}")
-    raise SceneError(f"{what}: the law {law!r} must be an object with a method {' or '.join(methods)}")
+        theirs = [
+            said for name in _ours().get("materials", {}) if (said := remedy("materials", name))
+        ]
+        raise SceneError(
+            f"{what}: no installed plug-in reads the law {law!r}{theirs[0] if theirs else ''}"
+        )
+    raise SceneError(
+        f"{what}: the law {law!r} must be an object with a method {' or '.join(methods)}"
+    )
 
 
 @functools.cache
 def facet(plugin: str, word: str, what: str) -> Any:
-    """Facet of a plug-in by its ``word``: what one place of the core, ``what``, needs for the laws of the plug-in.
+    """Facet of a plug-in by its ``word``: what one place of the core, ``what``, needs for the laws
+    of the plug-in.
 
     Raises:
         NotOfferedError: if the plug-in is missing, or has no such facet: the law would be ignored.
@@ -283,41 +370,51 @@ def facet(plugin: str, word: str, what: str) -> Any:
     if plugin not in known:
         raise NotOfferedError(f"{what} needs the plug-in '{plugin}', which is not installed")
     if word not in known[plugin].facets:
-        raise NotOfferedError(f"{what} is not built in for what the plug-in '{plugin}' adds: it has no facet '{word}'")
+        raise NotOfferedError(
+            f"{what} is not built in for what the plug-in '{plugin}' adds: it has no facet '{word}'"
+        )
     return load(known[plugin].facets[word])
 
 
 def tool(word: str, what: str) -> Any:
     """Function for ``what`` that a plug-in offers by a word, such as ``drawing`` or ``fields``.
 
-    ``drawing(value, path, full=None)`` is a figure of matplotlib, saved if a path is given, of a scene, or of an answer
-    on the mesh of a full model. ``fields(path, full, answer)`` writes the fields of an answer and returns the files.
-    ``forces_outside(problem, law, conditions, forces)`` completes forces outside the RID, an
-    :class:`~hhr_dolfinx.models.answer.InterfaceCompletion`, from training forces, (N_lambda, S).
-    ``histories(paths)`` are :class:`~hhr_dolfinx.snapshots.records.Queries` along paths.
-    ``queries(scene, training, held_out)`` are checked paths, or a training that chooses them, and paths held out.
+    ``drawing(value, path, full=None)`` is a figure of matplotlib, saved if a path is given, of a
+    scene, or of an answer on the mesh of a full model. ``fields(path, full, answer)`` writes the
+    fields of an answer and returns the files. ``forces_outside(problem, law, conditions, forces)``
+    completes forces outside the RID, an :class:`~hhr_dolfinx.models.answer.InterfaceCompletion`,
+    from training forces, (N_lambda, S). ``histories(paths)`` are
+    :class:`~hhr_dolfinx.snapshots.records.Queries` along paths. ``queries(scene, training,
+    held_out)`` are checked paths, or a training that chooses them, and paths held out.
     ``reduction(full)`` is the kind of answers of a full model with laws of contacts, an
-    :class:`~hhr_dolfinx.reduction.kinds.OfPoints`.
-    ``mesh_beside(path, model)`` is the :class:`~hhr_dolfinx.models.answer.Meshed` of a model file, read when it is
-    used; ``model()`` is then the model.
+    :class:`~hhr_dolfinx.reduction.kinds.OfPoints`. ``mesh_beside(path, model)`` is the
+    :class:`~hhr_dolfinx.models.answer.Meshed` of a model file, read when it is used; ``model()`` is
+    then the model.
 
     Raises:
         NotOfferedError: if no installed plug-in has it.
     """
     if (found := offered(word)) is None:
         raise NotOfferedError(
-            f"{what} needs a plug-in with the tool '{word}', and none is installed{remedy('tools', word)}"
+            f"{what} needs a plug-in with the tool '{word}', and none is "
+            f"installed{remedy('tools', word)}"
         )
     return found
 
 
 def offered(word: str) -> Any | None:
-    """Object of a tool that the core can do without, such as quicker factors, ``substructures``; None without one."""
+    """Object of a tool that the core can do without, such as quicker factors, ``substructures``.
+
+    None without one.
+    """
     place = named("tools").get(word)
     return None if place is None else load(place)
 
 
 def write_companions(full: object, folder: Path) -> None:
-    """Write the files of plug-ins next to a model in a folder. Collective over the ranks of the full model."""
+    """Write the files of plug-ins next to a model in a folder.
+
+    Collective over the ranks of the full model.
+    """
     for place in [place for plugin in installed().values() for place in plugin.companions]:
         load(place)(full, folder)

@@ -1,4 +1,6 @@
-"""Samplings of training points: space-filling points of a box, by scipy's quasi-random sequences."""
+"""Samplings of training points: space-filling points of a box, by scipy's quasi-random
+sequences.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,9 @@ class _Sampling:
         if not self.corners:
             return inside
         if len(space.names) > 10:
-            raise ParameterError(f"a box of {len(space.names)} parameters has too many corners: leave them out")
+            raise ParameterError(
+                f"a box of {len(space.names)} parameters has too many corners: leave them out"
+            )
         bits = np.indices((2,) * len(space.names)).reshape(len(space.names), -1).T
         return np.vstack([np.where(bits, upper, lower), inside])
 
@@ -56,7 +60,8 @@ class Sobol(_Sampling):
     def _unit(self, dimension: int) -> np.ndarray:
         from scipy.stats import qmc
 
-        # SciPy warns of counts that are no power of 2, which lose balance; training does not need it
+        # SciPy warns of counts that are no power of 2, which lose balance; training does not need
+        # it
         whole = 1 << (self.count - 1).bit_length()
         return qmc.Sobol(dimension, seed=self.seed).random(whole)[: self.count]
 

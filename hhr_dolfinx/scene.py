@@ -43,16 +43,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Displacement(KnownArguments):
-    """Imposed displacement of one component on facets or nodes: ``u[component] = amplitude(mu) field(x)``.
+    """Imposed displacement of one component on facets or nodes: ``u[component] = amplitude(mu)
+    field(x)``.
 
     Attributes:
         tag: tag of facets, the name of a set of nodes in the file of the mesh, or a
             :class:`~hhr_dolfinx.parameters.Place`.
         component: 0, 1 or 2.
-        amplitude: a number, an :class:`Amplitude`, or a formula of the parameters as text, ``"lift * sin(angle)"``.
-        field: formula of the coordinates as text, named x, y, z, in axisymmetry r, z; None for 1. Coordinates are those
-            of the given mesh, before any change of shape. A rotation about the axis z is
-            ``Displacement(tag, 0, angle, "-y")`` and ``Displacement(tag, 1, angle, "x")``.
+        amplitude: a number, an :class:`Amplitude`, or a formula of the parameters as text, ``"lift
+            * sin(angle)"``.
+        field: formula of the coordinates as text, named x, y, z, in axisymmetry r, z; None for 1.
+            Coordinates are those of the given mesh, before any change of shape. A rotation about
+            the axis z is ``Displacement(tag, 0, angle, "-y")`` and ``Displacement(tag, 1, angle,
+            "x")``.
     """
 
     tag: Tag | Place
@@ -64,8 +67,8 @@ class Displacement(KnownArguments):
         check_place("displacement", self.tag)
         if not is_whole(self.component, 0):
             raise SceneError(
-                f"component {self.component!r} of the displacement on tag {self.tag} must be 0, 1 or 2: "
-                "give each component that is imposed a Displacement of its own"
+                f"component {self.component!r} of the displacement on tag {self.tag} must be 0, 1 "
+                "or 2: give each component that is imposed a Displacement of its own"
             )
         check_amplitude(self, f"the displacement on tag {self.tag}", formulas=True)
         if self.field is not None:
@@ -75,7 +78,10 @@ class Displacement(KnownArguments):
             object.__setattr__(self, "field", formula_of(self.field, what))
 
     def at(self, points: np.ndarray, hypothesis: str) -> np.ndarray:
-        """Values of the field at points, (n, dim); SceneError for unknown coordinates or values that are not finite."""
+        """Values of the field at points, (n, dim).
+
+        SceneError for unknown coordinates or values that are not finite.
+        """
         assert self.field is not None
         from hhr_dolfinx.formulas import coordinate_names
 
@@ -85,7 +91,9 @@ class Displacement(KnownArguments):
         if unknown:
             raise SceneError(f"{what} names {sorted(unknown)}: coordinates are {names}")
         with np.errstate(all="ignore"):
-            values = np.broadcast_to(self.field(dict(zip(names, points.T, strict=True))), len(points)).astype(float)
+            values = np.broadcast_to(
+                self.field(dict(zip(names, points.T, strict=True))), len(points)
+            ).astype(float)
         if not np.isfinite(values).all():
             place = points[np.flatnonzero(~np.isfinite(values))[0]].tolist()
             raise SceneError(f"{what} is not finite at {place}: change the formula")
@@ -99,12 +107,14 @@ class Displacement(KnownArguments):
 
 @dataclass(frozen=True)
 class Opening(KnownArguments):
-    """An initial gap that depends on parameters: ``amplitude(mu)`` is added to all gaps of a contact pair.
+    """An initial gap that depends on parameters: ``amplitude(mu)`` is added to all gaps of a
+    contact pair.
 
     Attributes:
         contact: index of the pair in ``Scene.contacts``.
         amplitude: added gap.
-        overwrites: True if it is the whole gap, whatever the mesh has between the surfaces, as a ``*CLEARANCE``.
+        overwrites: True if it is the whole gap, whatever the mesh has between the surfaces, as a
+            ``*CLEARANCE``.
     """
 
     contact: int
@@ -131,16 +141,20 @@ class Scene(KnownArguments):
         parameters: box of the parameters.
         openings: initial gaps that depend on parameters.
         shapes: bodies whose shape depends on parameters, each a ``Shape``, which a plug-in adds.
-        outputs: numbers that every model of the scene returns by name, see :mod:`hhr_dolfinx.outputs`.
-        units: units of lengths and stresses, for labels and materials by name; None if they are not given.
-        order: degree of the displacement, 1 or 2; None takes that of the cells of the mesh. With 2 on a mesh of first
-            order sides stay straight.
-        system: makes a user-defined :class:`~hhr_dolfinx.full_order.system.System` of the arguments of one, for elastic
-            bodies without shapes; None for the elasticity of the bodies. It states K of all dofs, to which constraints
-            and springs are added. Reductions that cannot read its K refuse it.
-        parameter_units: units of parameters by name, for labels: ``{"push": "MPa"}``; other names are ignored.
-        constraints: equations between displacements, each an item that the tool ``constraints`` reads,
-            such as ties, which a plug-in adds.
+        outputs: numbers that every model of the scene returns by name, see
+            :mod:`hhr_dolfinx.outputs`.
+        units: units of lengths and stresses, for labels and materials by name; None if they are not
+            given.
+        order: degree of the displacement, 1 or 2; None takes that of the cells of the mesh. With 2
+            on a mesh of first order sides stay straight.
+        system: makes a user-defined :class:`~hhr_dolfinx.full_order.system.System` of the arguments
+            of one, for elastic bodies without shapes; None for the elasticity of the bodies. It
+            states K of all dofs, to which constraints and springs are added. Reductions that cannot
+            read its K refuse it.
+        parameter_units: units of parameters by name, for labels: ``{"push": "MPa"}``; other names
+            are ignored.
+        constraints: equations between displacements, each an item that the tool ``constraints``
+            reads, such as ties, which a plug-in adds.
     """
 
     name: str
@@ -162,40 +176,42 @@ class Scene(KnownArguments):
 
     def __post_init__(self):
         if self.order is not None and not (is_whole(self.order, 1) and self.order <= 2):
-            raise SceneError(f"order = {self.order!r} must be 1 or 2, the degree of the displacement, or left out")
+            raise SceneError(
+                f"order = {self.order!r} must be 1 or 2, the degree of the displacement, or left "
+                "out"
+            )
         if self.units is not None and not isinstance(self.units, Units):
             raise SceneError(f"units = {self.units!r} must be Units, such as Units('mm', 'MPa')")
         if self.hypothesis not in elasticity.HYPOTHESES:
             raise SceneError(
-                f"unknown hypothesis '{self.hypothesis}', one of {', '.join(elasticity.HYPOTHESES)} is needed"
+                f"unknown hypothesis '{self.hypothesis}', one of "
+                f"{', '.join(elasticity.HYPOTHESES)} is needed"
             )
         if not isinstance(self.name, str) or not self.name.isidentifier():
             word = re.sub(r"\W", "_", str(self.name)).lstrip("0123456789") or "my_scene"
             raise SceneError(
-                f"scene name {self.name!r} must be an identifier: it prefixes PETSc options. Call it '{word}'"
+                f"scene name {self.name!r} must be an identifier: it prefixes PETSc options. Call "
+                f"it '{word}'"
             )
         if not callable(self.geometry):
             path = f"'{self.geometry}'" if isinstance(self.geometry, str | Path) else "path"
             raise SceneError(
-                f"geometry = {self.geometry!r} must be a function of a communicator: for a mesh file write "
-                f"MeshFile({path}), for a mesh of your own lambda comm: ..."
+                f"geometry = {self.geometry!r} must be a function of a communicator: for a mesh "
+                f"file write MeshFile({path}), for a mesh of your own lambda comm: ..."
             )
         if not isinstance(self.parameters, ParameterSpace):
             raise SceneError(f"parameters = {self.parameters!r} must be a ParameterSpace")
         self._check_parameter_units()
-        for name, what, fits in _PARTS:
-            items = as_tuple(f"Scene.{name}", getattr(self, name))
-            object.__setattr__(self, name, items)
-            for place, item in enumerate(items):
-                if not fits(item):
-                    # a list of valid items, such as all displacements of a clamp
-                    listed = isinstance(item, tuple | list) and len(item) > 0 and all(map(fits, item))
-                    star = ". Put a star before it, *..., to list what it holds" if listed else ""
-                    raise SceneError(f"{name}[{place}] of scene '{self.name}' is {item!r}: it must be {what}{star}")
-        bound = (item.within(self.parameters) if hasattr(item, "within") else item for item in self.contacts)
+        self._check_items()
+        bound = (
+            item.within(self.parameters) if hasattr(item, "within") else item
+            for item in self.contacts
+        )
         object.__setattr__(self, "contacts", tuple(bound))
         if not self.bodies:
-            raise SceneError(f"scene '{self.name}' needs at least one body: bodies=(Body(tag, young, poisson),)")
+            raise SceneError(
+                f"scene '{self.name}' needs at least one body: bodies=(Body(tag, young, poisson),)"
+            )
         for body in self.bodies:
             body.check(self.parameters, self.hypothesis)
         _ = self.reader  # laws of several plug-ins are refused here
@@ -203,12 +219,30 @@ class Scene(KnownArguments):
         self._check_shapes()
         if not self.contacts:
             raise SceneError(
-                f"scene '{self.name}': a scene without contact pairs is a linear problem: nothing to hyper-reduce. "
-                "Name the surfaces that may touch, contacts=(NodeToSurface(slave, master),)"
+                f"scene '{self.name}': a scene without contact pairs is a linear problem: nothing "
+                "to hyper-reduce. Name the surfaces that may touch, "
+                "contacts=(NodeToSurface(slave, master),)"
             )
         self._check_places()
         self._check_names()
         self._check_laws_and_units()
+
+    def _check_items(self) -> None:
+        """Store sequences of items as tuples; raise SceneError for an item that does not fit."""
+        for name, what, fits in _PARTS:
+            items = as_tuple(f"Scene.{name}", getattr(self, name))
+            object.__setattr__(self, name, items)
+            for place, item in enumerate(items):
+                if not fits(item):
+                    # a list of valid items, such as all displacements of a clamp
+                    listed = (
+                        isinstance(item, tuple | list) and len(item) > 0 and all(map(fits, item))
+                    )
+                    star = ". Put a star before it, *..., to list what it holds" if listed else ""
+                    raise SceneError(
+                        f"{name}[{place}] of scene '{self.name}' is {item!r}: it must be "
+                        f"{what}{star}"
+                    )
 
     def _check_laws_and_units(self) -> None:
         for place, law in enumerate(self.laws):
@@ -218,23 +252,37 @@ class Scene(KnownArguments):
             own = None if self.units is None else self.units.conflict(getattr(output, "unit", ""))
             if own is not None:
                 warn(
-                    f"output '{output.name}' has the unit '{output.unit}', and numbers of scene '{self.name}' are in "
-                    f"{own}: a unit is a label and converts nothing, so correct it",
+                    f"output '{output.name}' has the unit '{output.unit}', and numbers of scene "
+                    f"'{self.name}' are in {own}: a unit is a label and converts nothing, so "
+                    "correct it",
                     SceneWarning,
                 )
 
     def _check_parameter_units(self) -> None:
         given = self.parameter_units
-        if not isinstance(given, Mapping) or not all(isinstance(unit, str) for unit in given.values()):
-            raise SceneError(f"parameter_units = {given!r} must be texts by the names of parameters, {{'push': 'MPa'}}")
+        if not isinstance(given, Mapping) or not all(
+            isinstance(unit, str) for unit in given.values()
+        ):
+            raise SceneError(
+                f"parameter_units = {given!r} must be texts by the names of parameters, {{'push': "
+                "'MPa'}"
+            )
         bare = [name for name in self.parameters.names if name not in given]
         for name in given:  # a copy of a scene with other parameters may have additional units
-            near = [] if name in self.parameters.names else difflib.get_close_matches(str(name), bare, n=1)
+            near = (
+                []
+                if name in self.parameters.names
+                else difflib.get_close_matches(str(name), bare, n=1)
+            )
             if near:
-                raise SceneError(f"parameter_units name '{name}', which is no parameter: is '{near[0]}' meant?")
+                raise SceneError(
+                    f"parameter_units name '{name}', which is no parameter: is '{near[0]}' meant?"
+                )
 
     def __str__(self) -> str:
-        """Text of several lines: bodies, contacts, supports, loads, parameters with their ranges, outputs."""
+        """Text of several lines: bodies, contacts, supports, loads, parameters with their ranges,
+        outputs.
+        """
         units = "" if self.units is None else f", in {self.units.length} and {self.units.stress}"
         lines = [f"Scene '{self.name}', {self.hypothesis.replace('_', ' ')}{units}"]
         for body in self.bodies:
@@ -242,11 +290,15 @@ class Scene(KnownArguments):
             lines.append(f"  body {body.tag}: young {body.young}, poisson {body.poisson}{law}")
         for place, (pair, own) in enumerate(zip(self.contacts, self.laws, strict=True)):
             law = "" if own is None else f", {own.words}"
-            lines.append(f"  contact {place}: {type(pair).__name__} of {', '.join(map(str, pair.tags))}{law}")
+            lines.append(
+                f"  contact {place}: {type(pair).__name__} of {', '.join(map(str, pair.tags))}{law}"
+            )
         for what in ("displacements", "constraints", "loads", "shapes"):
             if items := getattr(self, what):
                 lines.append(f"  {what}: {', '.join(_named_in_short(item) for item in items)}")
-        for name, low, high in zip(self.parameters.names, self.parameters.lower, self.parameters.upper, strict=True):
+        for name, low, high in zip(
+            self.parameters.names, self.parameters.lower, self.parameters.upper, strict=True
+        ):
             unit = self.parameter_units.get(name, "")
             lines.append(f"  parameter {name}: {low:g} to {high:g} {unit}".rstrip())
         if self.outputs:
@@ -254,7 +306,9 @@ class Scene(KnownArguments):
         return "\n".join(lines)
 
     def plot(self, path: object = None) -> Any:
-        """Plot bodies, contact surfaces, supports and loads, as a figure of matplotlib; nothing is solved.
+        """Plot bodies, contact surfaces, supports and loads, as a figure of matplotlib.
+
+        Nothing is solved.
 
         Args:
             path: file to save the figure to; None for none.
@@ -269,10 +323,14 @@ class Scene(KnownArguments):
     def opened(self, contact: int, point: np.ndarray) -> float:
         """Gap that openings add to a contact pair, given by its index, at a point, (P,)."""
         own = [item.amplitude for item in self.openings if item.contact == contact]
-        return sum(amplitude.constant + float(amplitude.row(self.parameters) @ point) for amplitude in own)
+        return sum(
+            amplitude.constant + float(amplitude.row(self.parameters) @ point) for amplitude in own
+        )
 
     def overwritten(self, contact: int) -> bool:
-        """True if an opening overwrites the gaps that the mesh has at a contact pair, given by its index."""
+        """True if an opening overwrites the gaps that the mesh has at a contact pair, given by its
+        index.
+        """
         return any(item.overwrites for item in self.openings if item.contact == contact)
 
     @cached_property
@@ -281,7 +339,9 @@ class Scene(KnownArguments):
         from hhr_dolfinx.contact.law import pair_law
 
         what = f"of scene '{self.name}'"
-        return tuple(pair_law(item, f"contact {place} {what}") for place, item in enumerate(self.contacts))
+        return tuple(
+            pair_law(item, f"contact {place} {what}") for place, item in enumerate(self.contacts)
+        )
 
     @property
     def remembers(self) -> bool:
@@ -294,9 +354,12 @@ class Scene(KnownArguments):
         return bool(self.remembers or self.reader)
 
     def own_stress(self, body: Body) -> Callable[[Any], Any] | None:
-        """Linear elasticity of a body that is not Hooke's, under the hypothesis; None for Hooke's, and for laws.
+        """Linear elasticity of a body that is not Hooke's, under the hypothesis.
 
-        A function of the strain, both 3x3, in UFL. Beside bodies that flow, a linear law is solved for as theirs are.
+        None for Hooke's, and for laws.
+
+        A function of the strain, both 3x3, in UFL. Beside bodies that flow, a linear law is solved
+        for as theirs are.
         """
         if body.stress is None and (body.law is None or self.reader):
             return None
@@ -306,10 +369,16 @@ class Scene(KnownArguments):
 
     @cached_property
     def reader(self) -> str:
-        """Name of the plug-in that solves for laws of bodies, empty if all are elastic; SceneError for several."""
+        """Name of the plug-in that solves for laws of bodies, empty if all are elastic.
+
+        SceneError for several.
+        """
         readers = sorted({body.reader for body in self.bodies} - {""})
         if len(readers) > 1:
-            raise SceneError(f"scene '{self.name}' has laws of bodies of several plug-ins, {readers}: not built in")
+            raise SceneError(
+                f"scene '{self.name}' has laws of bodies of several plug-ins, {readers}: not "
+                "built in"
+            )
         return readers[0] if readers else ""
 
     def _check_system(self) -> None:
@@ -317,15 +386,27 @@ class Scene(KnownArguments):
         if self.system is None:
             return
         if not callable(self.system):
-            raise SceneError(f"system = {self.system!r} must make a System: a subclass, or a function of its arguments")
+            raise SceneError(
+                f"system = {self.system!r} must make a System: a subclass, or a function of its "
+                "arguments"
+            )
         whole = "K of all bodies"
         for present, what, why in (
-            (self.reader, "laws of bodies", f"a law states the stress of its body, and a system {whole}"),
-            (self.shapes, "shapes", f"K is assembled on the mesh of each point, and a system states {whole} on one"),
+            (
+                self.reader,
+                "laws of bodies",
+                f"a law states the stress of its body, and a system {whole}",
+            ),
+            (
+                self.shapes,
+                "shapes",
+                f"K is assembled on the mesh of each point, and a system states {whole} on one",
+            ),
         ):
             if present:
                 raise SceneError(
-                    f"scene '{self.name}' has {what} and a system of its own: {why}. Leave one of them out"
+                    f"scene '{self.name}' has {what} and a system of its own: {why}. Leave one of "
+                    "them out"
                 )
 
     def _check_shapes(self) -> None:
@@ -333,17 +414,24 @@ class Scene(KnownArguments):
         tags = {body.tag: body for body in self.bodies}
         for place, shape in enumerate(self.shapes):
             shape.check(self.parameters, self.hypothesis)
-            if shape.tag not in tags or any(shape.tag == other.tag for other in self.shapes[:place]):
+            if shape.tag not in tags or any(
+                shape.tag == other.tag for other in self.shapes[:place]
+            ):
                 raise SceneError(
-                    f"shapes[{place}] of scene '{self.name}' is of body {shape.tag}: give one shape for each of the "
-                    f"bodies {sorted(tags)} that changes"
+                    f"shapes[{place}] of scene '{self.name}' is of body {shape.tag}: give one "
+                    f"shape for each of the bodies {sorted(tags)} that changes"
                 )
 
     @property
     def named(self) -> set[str]:
         """Parameters that bodies and laws of contacts name, in addition to those of loads."""
         parts: list[Any] = list(self.shapes)
-        texts = [text for body in self.bodies for text in (body.young, body.poisson) if isinstance(text, str)]
+        texts = [
+            text
+            for body in self.bodies
+            for text in (body.young, body.poisson)
+            if isinstance(text, str)
+        ]
         texts += [text for law in self.laws if law is not None for text in law.texts]
         if texts:
             from hhr_dolfinx.formulas import Formula
@@ -357,22 +445,23 @@ class Scene(KnownArguments):
         for place, tag in enumerate(tags):
             if (first := tags.index(tag)) != place:
                 raise SceneError(
-                    f"bodies {first} and {place} have the same cell tag {tag}: their stiffness would add up. List each "
-                    "body once, and give each a tag of its own in the mesh"
+                    f"bodies {first} and {place} have the same cell tag {tag}: their stiffness "
+                    "would add up. List each body once, and give each a tag of its own in the mesh"
                 )
         for place, item in enumerate(self.contacts):
             for tag in item.tags:
                 check_tag(f"surface of contact {place}", tag)
             if len(set(item.tags)) < len(item.tags):
                 raise SceneError(
-                    f"contact {place} pairs surface {item.tags[0]} with itself: each side needs a tag. Name the "
-                    "surface of the other body, or split one that folds onto itself"
+                    f"contact {place} pairs surface {item.tags[0]} with itself: each side needs a "
+                    "tag. Name the surface of the other body, or split one that folds onto itself"
                 )
             for before, other in enumerate(self.contacts[:place]):
                 if _same_pair(item, other):
                     raise SceneError(
-                        f"contacts {before} and {place} are the same pair of surfaces {tuple(item.tags)}: its "
-                        "conditions would be dependent. List each pair once"
+                        f"contacts {before} and {place} are the same pair of surfaces "
+                        f"{tuple(item.tags)}: its conditions would be dependent. List each pair "
+                        "once"
                     )
         names = [output.name for output in self.outputs]
         for name in names:
@@ -382,18 +471,26 @@ class Scene(KnownArguments):
         for place, opening in enumerate(self.openings):
             if opening.overwrites and (before := whole.setdefault(opening.contact, place)) != place:
                 raise SceneError(
-                    f"openings {before} and {place} both overwrite the gaps of contact {opening.contact}, and each is "
-                    "the whole gap: leave one of them out, or give one without overwrites=True, which adds to it"
+                    f"openings {before} and {place} both overwrite the gaps of contact "
+                    f"{opening.contact}, and each is the whole gap: leave one of them out, or "
+                    "give one without overwrites=True, which adds to it"
                 )
             if opening.contact >= len(self.contacts):
-                pairs = ", ".join(f"{place} of {tuple(item.tags)}" for place, item in enumerate(self.contacts))
+                pairs = ", ".join(
+                    f"{place} of {tuple(item.tags)}" for place, item in enumerate(self.contacts)
+                )
                 raise SceneError(
-                    f"an opening names contact {opening.contact}, of {len(self.contacts)} counted from 0: name one of "
-                    f"{pairs}"
+                    f"an opening names contact {opening.contact}, of {len(self.contacts)} counted "
+                    f"from 0: name one of {pairs}"
                 )
 
     def _check_names(self) -> None:
-        driven: tuple[Any, ...] = (*self.displacements, *self.constraints, *self.openings, *self.loads)
+        driven: tuple[Any, ...] = (
+            *self.displacements,
+            *self.constraints,
+            *self.openings,
+            *self.loads,
+        )
         for item in driven:
             amplitude: Any = getattr(item, "amplitude", None)
             if isinstance(amplitude, Amplitude):
@@ -420,13 +517,21 @@ def _has(*names: str) -> Callable[[Any], bool]:
 
 _PARTS = (
     ("bodies", "a Body", lambda item: isinstance(item, Body)),
-    ("contacts", "a contact pair with tags and rows, such as Obstacle or NodeToNode", _has("tags", "rows")),
+    (
+        "contacts",
+        "a contact pair with tags and rows, such as Obstacle or NodeToNode",
+        _has("tags", "rows"),
+    ),
     ("displacements", "a Displacement", lambda item: isinstance(item, Displacement)),
     ("loads", "a load with terms, such as Pressure", _has("terms")),
     ("constraints", "a constraint with equations, such as Tie", _has("equations", "amplitude")),
     ("openings", "an Opening", lambda item: isinstance(item, Opening)),
     ("shapes", "a Shape", _has("coordinates", "moved")),
-    ("outputs", "an output with name, unit and prepared, such as LargestPressure", _has("name", "unit", "prepared")),
+    (
+        "outputs",
+        "an output with name, unit and prepared, such as LargestPressure",
+        _has("name", "unit", "prepared"),
+    ),
 )
 """Fields of a scene with several items, a description of each item, and its test."""
 

@@ -1,11 +1,14 @@
-"""Conformance checks: each holds a part that you wrote to the contract of its seam, on two small pressed blocks.
+"""Conformance checks: each holds a part that you wrote to the contract of its seam, on two small
+pressed blocks.
 
-A check takes the part, or a function without arguments that makes it, and raises :class:`ConformanceError` with one
-sentence that says what is wrong and what to do. The blocks need no optional package. Parts refer to them by the tags
-below, to contact 0, and to the parameters of :data:`BOX` or to your own, which you give by name with their bounds. No
-check proves that a part models what you mean: write your own tests for that.
+A check takes the part, or a function without arguments that makes it, and raises
+:class:`ConformanceError` with one sentence that says what is wrong and what to do. The blocks need
+no optional package. Parts refer to them by the tags below, to contact 0, and to the parameters of
+:data:`BOX` or to your own, which you give by name with their bounds. No check proves that a part
+models what you mean: write your own tests for that.
 
-Checks are those of plug-ins, by their names in ``Plugin.parts["checks"]``; here is what they are made of.
+Checks are those of plug-ins, by their names in ``Plugin.parts["checks"]``; here is what they are
+made of.
 """
 
 from __future__ import annotations
@@ -29,15 +32,21 @@ UPPER_BODY = two_blocks.SECOND
 LOWER_SURFACE = two_blocks.side(LOWER_BODY, 1, True)
 UPPER_SURFACE = two_blocks.side(UPPER_BODY, 1, False)
 FLANK = two_blocks.side(UPPER_BODY, 0, True)
-"""Tags of the blocks 1 <= x <= 2 below and above y = 1, of their surfaces there, and of the upper side at x = 2."""
+"""Tags of the blocks 1 <= x <= 2 below and above y = 1, of their surfaces there, and of the upper
+side at x = 2.
+"""
 BOX = {"push": (0.005, 0.06), "slide": (-0.02, 0.02), "load": (0.0, 0.1), "gap": (0.0, 0.03)}
-"""Bounds of the motion of the top down and aside, of the pressure on the flank, and of the opening of the contact."""
+"""Bounds of the motion of the top down and aside, of the pressure on the flank, and of the opening
+of the contact.
+"""
 STEP = 1e-5
 ROUND_OFF = 1e-8
 OF_FUNCTIONS = 1e-6
 OF_ANSWERS = 1e-5
-"""Step of differences over the box or the size of a block, and relative errors: of exact answers, for cond(K) < 1e4; of
-differences of smooth functions; and of those of answers, whose round-off is larger."""
+"""Step of differences over the box or the size of a block, and relative errors: of exact answers,
+for cond(K) < 1e4; of differences of smooth functions; and of those of answers, whose round-off is
+larger.
+"""
 Bounds = Mapping[str, tuple[float, float]]
 OTHER_IN_A_FILE = "a copy from a file answers otherwise: keep all that it needs in its fields"
 """What a check says of a part that a file changes."""
@@ -84,5 +93,7 @@ def from_file(value: object) -> Any:
 def classes_in(value: object) -> set[type]:
     """Classes of a dataclass and of all in it."""
     if is_dataclass(value):
-        return {type(value)}.union(*(classes_in(getattr(value, item.name)) for item in fields(value)))
+        return {type(value)}.union(
+            *(classes_in(getattr(value, item.name)) for item in fields(value))
+        )
     return set().union(*map(classes_in, value)) if isinstance(value, tuple) else set()

@@ -23,7 +23,10 @@ def today() -> str:
 
 
 Announce = Callable[[str, float], None]
-"""Function of the name of a stage and the fraction that is done, 0 at the start; it may raise to stop the run."""
+"""Function of the name of a stage and the fraction that is done, 0 at the start.
+
+It may raise to stop the run.
+"""
 
 
 def unannounced(stage: str, share: float) -> None:
@@ -34,7 +37,8 @@ def unannounced(stage: str, share: float) -> None:
 class StageLog:
     """Times of the stages of a run, in seconds, skipped stages, and attempts that a check refused.
 
-    Entries also go to the logger ``hhr_dolfinx.timing``: stages and refusals as INFO, skipped stages as DEBUG.
+    Entries also go to the logger ``hhr_dolfinx.timing``: stages and refusals as INFO, skipped
+    stages as DEBUG.
     """
 
     times: dict[str, float] = field(default_factory=dict)

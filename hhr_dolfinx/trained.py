@@ -1,4 +1,6 @@
-"""Training range of a reduced model, stored with it as numbers, and the check of queries against it."""
+"""Training range of a reduced model, stored with it as numbers, and the check of queries against
+it.
+"""
 
 from __future__ import annotations
 
@@ -14,12 +16,16 @@ from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.warn import warn
 
 USUAL = "usual"
-"""Default of ``outside``: each kind of model has its reaction to queries outside the training range."""
+"""Default of ``outside``: each kind of model has its reaction to queries outside the training
+range.
+"""
 OUTSIDE = ("warn", "refuse", "ignore")
 """Reactions to a query outside the training range."""
 
 MARGIN = 0.05
-"""Fraction of the range of a parameter by which a query may lie outside it: slight extrapolation was found harmless."""
+"""Fraction of the range of a parameter by which a query may lie outside it: slight extrapolation
+was found harmless.
+"""
 
 
 def check_outside(outside: object) -> None:
@@ -29,7 +35,10 @@ def check_outside(outside: object) -> None:
 
 
 def announce(message: str, outside: str) -> None:
-    """Warn of a query outside the training range, refuse it, or ignore it; ``outside`` is one of :data:`OUTSIDE`."""
+    """Warn of a query outside the training range, refuse it, or ignore it.
+
+    ``outside`` is one of :data:`OUTSIDE`.
+    """
     check_outside(outside)
     if outside == "refuse":
         raise OutsideTrainingError(message)
@@ -76,7 +85,9 @@ class TrainedRange:
             return ""
         return ", ".join(
             f"{name} = {value:g} (trained {low:g} to {high:g})"
-            for name, value, low, high in zip(self.names, point, self.lower, self.upper, strict=True)
+            for name, value, low, high in zip(
+                self.names, point, self.lower, self.upper, strict=True
+            )
             if not low <= value <= high
         )
 
@@ -84,4 +95,7 @@ class TrainedRange:
         """Check a point against the range; see :func:`announce`."""
         complaint = self.complaint(point)
         if complaint:
-            announce(f"outside what was trained: {complaint}. Train there, or take the full model", outside)
+            announce(
+                f"outside what was trained: {complaint}. Train there, or take the full model",
+                outside,
+            )

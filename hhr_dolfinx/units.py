@@ -9,7 +9,14 @@ from hhr_dolfinx.errors import SceneError
 
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 """Units of length in metres."""
-STRESSES = {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "psi": 6894.757293168361, "ksi": 6894757.293168361}
+STRESSES = {
+    "Pa": 1.0,
+    "kPa": 1e3,
+    "MPa": 1e6,
+    "GPa": 1e9,
+    "psi": 6894.757293168361,
+    "ksi": 6894757.293168361,
+}
 """Units of stress in pascals."""
 FORCES = {"N": 1.0, "kN": 1e3, "MN": 1e6, "lbf": 4.4482216152605}
 """Units of force in newtons."""
@@ -30,9 +37,14 @@ class Units:
     stress: str = "Pa"
 
     def __post_init__(self) -> None:
-        for what, unit, known in (("length", self.length, LENGTHS), ("stress", self.stress, STRESSES)):
+        for what, unit, known in (
+            ("length", self.length, LENGTHS),
+            ("stress", self.stress, STRESSES),
+        ):
             if unit not in known:
-                raise SceneError(f"the unit {unit!r} of {what} is unknown: take one of {', '.join(known)}")
+                raise SceneError(
+                    f"the unit {unit!r} of {what} is unknown: take one of {', '.join(known)}"
+                )
 
     @property
     def force(self) -> str:
@@ -62,15 +74,23 @@ class Units:
         return length * LENGTHS[self.length]
 
     def conflict(self, unit: str) -> str | None:
-        """Unit, as text, in which a number of the scene is, if ``unit`` is another one; None if it fits or is unknown.
+        """Unit, as text, in which a number of the scene is, if ``unit`` is another one.
 
-        Products and quotients of lengths, stresses, forces and works are compared, such as ``N/mm`` and ``kN m``.
+        None if it fits or is unknown.
+
+        Products and quotients of lengths, stresses, forces and works are compared, such as ``N/mm``
+        and ``kN m``.
         """
         size = 1.0
         stress = length = 0
         for sign, symbol, exponent in re.findall(r"([/*·\s]*)([A-Za-z]+)\^?([\d²³]?)", unit):
             power = (-1 if "/" in sign else 1) * int((exponent or "1").translate(_EXPONENTS))
-            for known, of_stress, of_length in ((LENGTHS, 0, 1), (STRESSES, 1, 0), (FORCES, 1, 2), (_WORK, 1, 3)):
+            for known, of_stress, of_length in (
+                (LENGTHS, 0, 1),
+                (STRESSES, 1, 0),
+                (FORCES, 1, 2),
+                (_WORK, 1, 3),
+            ):
                 if symbol in known:
                     size *= known[symbol] ** power
                     stress += of_stress * power
@@ -82,4 +102,6 @@ class Units:
         if abs(size - own) <= 1e-6 * own:
             return None
         powers = ((self.stress, stress), (self.length, length))
-        return " ".join(name if power == 1 else f"{name}^{power}" for name, power in powers if power)
+        return " ".join(
+            name if power == 1 else f"{name}^{power}" for name, power in powers if power
+        )

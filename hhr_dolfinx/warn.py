@@ -1,8 +1,9 @@
 """Warnings of the package, which a block of one thread may ignore or collect.
 
-Until Python 3.14 ``warnings.catch_warnings`` replaces the filters of the whole process: if two threads leave such
-blocks in another order than they entered them, the filters of one of them stay for good. Here the handlers belong to
-the context of a thread, and the filters of the user do not change.
+Until Python 3.14 ``warnings.catch_warnings`` replaces the filters of the whole process: if two
+threads leave such blocks in another order than they entered them, the filters of one of them stay
+for good. Here the handlers belong to the context of a thread, and the filters of the user do not
+change.
 """
 
 from __future__ import annotations
@@ -30,13 +31,20 @@ _HANDLERS: ContextVar[tuple[_Handler, ...]] = ContextVar("handlers of warnings",
 
 
 _INSIDE = {"hhr_dolfinx", "contextlib", "functools", "importlib"}
-"""Modules whose lines say nothing to the user: those of the package, and those by which they call each other."""
+"""Modules whose lines say nothing to the user: those of the package, and those by which they call
+each other.
+"""
 
 
 def warn(message: str, category: type[Warning]) -> None:
-    """Warn, for the line that called the package, unless an enclosing block ignores or collects the warning."""
+    """Warn, for the line that called the package, unless an enclosing block ignores or collects the
+    warning.
+    """
     frame = sys._getframe(1)
-    while frame.f_back is not None and frame.f_globals.get("__name__", "").partition(".")[0] in _INSIDE:
+    while (
+        frame.f_back is not None
+        and frame.f_globals.get("__name__", "").partition(".")[0] in _INSIDE
+    ):
         frame = frame.f_back
     _repeat(Warned(message, category, frame.f_code.co_filename, frame.f_lineno), frame.f_globals)
 
@@ -68,14 +76,19 @@ def _handled(handler: _Handler) -> Iterator[None]:
 
 @contextmanager
 def ignored(*categories: type[Warning], about: str = "") -> Iterator[None]:
-    """Ignore warnings of some classes in a block of this thread, if their text contains ``about``."""
+    """Ignore warnings of some classes in a block of this thread, if their text contains
+    ``about``.
+    """
     with _handled(lambda item: issubclass(item.category, categories) and about in item.message):
         yield
 
 
 @contextmanager
 def collected(*categories: type[Warning]) -> Iterator[list[Warned]]:
-    """Collect warnings of some classes, all by default, in a block of this thread; :func:`repeat` reports them."""
+    """Collect warnings of some classes, all by default, in a block of this thread.
+
+    :func:`repeat` reports them.
+    """
     found: list[Warned] = []
 
     def take(item: Warned) -> bool:
@@ -93,7 +106,9 @@ _FIRST: ContextVar[set[str] | None] = ContextVar("kinds of warnings said in a bl
 
 @contextmanager
 def first_alone() -> Iterator[None]:
-    """Context in which each kind of warning that asks :func:`is_first` is given once, for many histories."""
+    """Context in which each kind of warning that asks :func:`is_first` is given once, for many
+    histories.
+    """
     if _FIRST.get() is not None:  # the outermost block counts
         yield
         return
@@ -105,7 +120,10 @@ def first_alone() -> Iterator[None]:
 
 
 def is_first(kind: str) -> bool:
-    """True for the first warning of a kind in a block of :func:`first_alone`; always outside of one."""
+    """True for the first warning of a kind in a block of :func:`first_alone`.
+
+    Always outside of one.
+    """
     said = _FIRST.get()
     if said is None:
         return True

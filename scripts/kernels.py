@@ -1,4 +1,6 @@
-"""Compile the kernels of pages again, after a change of their C sources: needs the package ziglang."""
+"""Compile the kernels of pages again, after a change of their C sources: needs the package
+ziglang.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ LAWS = ("friction",)
 
 def main() -> None:
     """Compile all of them."""
-    facets = [registry.facet(name, "page", "a kernel") for name in LAWS if name in registry.installed()]
+    facets = [
+        registry.facet(name, "page", "a kernel") for name in LAWS if name in registry.installed()
+    ]
     for law, part in itertools.product([None, *facets], ([], ["floating"], ["flow"])):
         parts = [*part, *([] if law is None else [law.key])]
         path = kernel_path(parts, Laws(law, ()))

@@ -1,12 +1,14 @@
-"""Mutation run: change a rule of the code, run the tests that name its file, and print each change that no test sees.
+"""Mutation run: change a rule of the code, run the tests that name its file, and print each change
+that no test sees.
 
-    python scripts/mutants.py                     # the decisions below, and 40 random mutants of studies and certify
-    python scripts/mutants.py --count 200 --seed 2
-    python scripts/mutants.py --count 10 hhr_dolfinx/plugins/one_call/search.py
+    python scripts/mutants.py                     # the decisions below, and 40 random mutants of
+    studies and certify python scripts/mutants.py --count 200 --seed 2 python scripts/mutants.py
+    --count 10 hhr_dolfinx/plugins/one_call/search.py
 
-Random mutants exchange comparisons, ``and`` and ``or``, ``min`` and ``max``, ``+`` and ``-``, negate conditions and
-double numbers. A survivor is a rule that no test holds, or a change without an effect, which a reader must tell apart:
-survivors of random mutants are printed, those of the decisions end the run with exit code 1.
+Random mutants exchange comparisons, ``and`` and ``or``, ``min`` and ``max``, ``+`` and ``-``,
+negate conditions and double numbers. A survivor is a rule that no test holds, or a change without
+an effect, which a reader must tell apart: survivors of random mutants are printed, those of the
+decisions end the run with exit code 1.
 
 Everything runs in a copy of the repository, one mutant after another, each with a limit of time.
 """
@@ -28,42 +30,117 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-FOLDERS = ("hhr_dolfinx/study", "hhr_dolfinx/certify", "hhr_dolfinx/plugins/studies", "hhr_dolfinx/plugins/one_call")
+FOLDERS = (
+    "hhr_dolfinx/study",
+    "hhr_dolfinx/certify",
+    "hhr_dolfinx/plugins/studies",
+    "hhr_dolfinx/plugins/one_call",
+)
 MOST_TESTS = 3
 """Test files that are run for one mutant, those with the fewest lines of all that name its file."""
-LEFT_OUT = shutil.ignore_patterns(".git", ".venv", "out", "__pycache__", ".mypy_cache", ".pytest_cache", ".ruff_cache")
+LEFT_OUT = shutil.ignore_patterns(
+    ".git", ".venv", "out", "__pycache__", ".mypy_cache", ".pytest_cache", ".ruff_cache"
+)
 ONE_CALL = "hhr_dolfinx/plugins/one_call"
 STUDIES = "hhr_dolfinx/plugins/studies"
 DECISIONS = (
     ("the worst error counts once", f"{ONE_CALL}/search.py", "ROOM = 2.0", "ROOM = 1.0"),
-    ("no check where the worst is expected", f"{ONE_CALL}/search.py",
-     "points[worst_first[: FRESH // 2]]", "None"),
-    ("earlier checks are forgotten", f"{ONE_CALL}/search.py", "before = list(context.held_out)", "before: list = []"),
-    ("the first model that meets is taken", f"{ONE_CALL}/search.py",
-     "return min((number for number in met if tried[number].query <= CLOSE * quickest), key=worst)", "return met[0]"),
-    ("a bound is looked at in 5 points", f"{ONE_CALL}/search.py", "LOOKED_AT = 500", "LOOKED_AT = 5"),
+    (
+        "no check where the worst is expected",
+        f"{ONE_CALL}/search.py",
+        "points[worst_first[: FRESH // 2]]",
+        "None",
+    ),
+    (
+        "earlier checks are forgotten",
+        f"{ONE_CALL}/search.py",
+        "before = list(context.held_out)",
+        "before: list = []",
+    ),
+    (
+        "the first model that meets is taken",
+        f"{ONE_CALL}/search.py",
+        (
+            "return min((number for number in met if tried[number].query <= CLOSE * quickest), "
+            "key=worst)"
+        ),
+        "return met[0]",
+    ),
+    (
+        "a bound is looked at in 5 points",
+        f"{ONE_CALL}/search.py",
+        "LOOKED_AT = 500",
+        "LOOKED_AT = 5",
+    ),
     ("checks are not set apart", f"{ONE_CALL}/context.py", "FRESH_SEED = 7000", "FRESH_SEED = 0"),
-    ("unsettled interpolation is believed", f"{ONE_CALL}/search.py", "    if off:\n", "    if False:\n"),
-    ("condensation though 300 times slower", f"{STUDIES}/advice.py", "exact <= 3 * reduced", "exact <= 300 * reduced"),
-    ("speed whatever the error", f"{STUDIES}/advice.py",
-     'key=lambda method: (max(rows[method]["dual_full_floored_max"], ALIKE), seconds[method])', "key=seconds.get"),
-    ("95 % and worst exchanged in a row", f"{STUDIES}/measure.py",
-     'f"{name}_p95": figures["p95"], f"{name}_max": figures["max"]',
-     'f"{name}_p95": figures["max"], f"{name}_max": figures["p95"]'),
-    ("columns of a page exchanged", f"{STUDIES}/page.py",
-     'figures.get(name)) for name in ("median", "p95", "max"))]',
-     'figures.get(name)) for name in ("median", "max", "p95"))]'),
-    ("break-even forgets the reduced time", f"{STUDIES}/report.py",
-     'saved = times["fom_best"]["median"] - times[kind]["median"]', 'saved = times["fom_best"]["median"]'),
-    ("answers of files cost nothing", f"{STUDIES}/report.py",
-     'return {FROM_FILES: training.read / steps * fom_best["median"]}', "return {FROM_FILES: 0.0}"),
-)  # fmt: skip
-"""Rules that decide which model a user gets, or what he reads of it: each of these changes must fail a test."""
+    (
+        "unsettled interpolation is believed",
+        f"{ONE_CALL}/search.py",
+        "    if off:\n",
+        "    if False:\n",
+    ),
+    (
+        "condensation though 300 times slower",
+        f"{STUDIES}/advice.py",
+        "exact <= 3 * reduced",
+        "exact <= 300 * reduced",
+    ),
+    (
+        "speed whatever the error",
+        f"{STUDIES}/advice.py",
+        'key=lambda method: (max(rows[method]["dual_full_floored_max"], ALIKE), seconds[method])',
+        "key=seconds.get",
+    ),
+    (
+        "95 % and worst exchanged in a row",
+        f"{STUDIES}/measure.py",
+        'f"{name}_p95": figures["p95"], f"{name}_max": figures["max"]',
+        'f"{name}_p95": figures["max"], f"{name}_max": figures["p95"]',
+    ),
+    (
+        "columns of a page exchanged",
+        f"{STUDIES}/page.py",
+        'figures.get(name)) for name in ("median", "p95", "max"))]',
+        'figures.get(name)) for name in ("median", "max", "p95"))]',
+    ),
+    (
+        "break-even forgets the reduced time",
+        f"{STUDIES}/report.py",
+        'saved = times["fom_best"]["median"] - times[kind]["median"]',
+        'saved = times["fom_best"]["median"]',
+    ),
+    (
+        "answers of files cost nothing",
+        f"{STUDIES}/report.py",
+        'return {FROM_FILES: training.read / steps * fom_best["median"]}',
+        "return {FROM_FILES: 0.0}",
+    ),
+)
+"""Rules that decide which model a user gets, or what he reads of it: each of these changes must
+fail a test.
+"""
 
-COMPARED = {ast.Lt: ast.Gt, ast.LtE: ast.GtE, ast.Gt: ast.Lt, ast.GtE: ast.LtE, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
-            ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In}  # fmt: skip
+COMPARED = {
+    ast.Lt: ast.Gt,
+    ast.LtE: ast.GtE,
+    ast.Gt: ast.Lt,
+    ast.GtE: ast.LtE,
+    ast.Eq: ast.NotEq,
+    ast.NotEq: ast.Eq,
+    ast.Is: ast.IsNot,
+    ast.IsNot: ast.Is,
+    ast.In: ast.NotIn,
+    ast.NotIn: ast.In,
+}
 COUNTED = {ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult}
-NAMED = {"min": "max", "max": "min", "any": "all", "all": "any", "argmin": "argmax", "argmax": "argmin"}
+NAMED = {
+    "min": "max",
+    "max": "min",
+    "any": "all",
+    "all": "any",
+    "argmin": "argmax",
+    "argmax": "argmin",
+}
 
 
 @dataclass(frozen=True)
@@ -105,7 +182,8 @@ def changed(node: ast.AST) -> bool:
 def _is_text(node: ast.BinOp) -> bool:
     """Whether a sum is one of texts, whose wording tests of rules do not read."""
     return any(
-        isinstance(part, ast.JoinedStr) or isinstance(getattr(part, "value", None), str) for part in ast.walk(node)
+        isinstance(part, ast.JoinedStr) or isinstance(getattr(part, "value", None), str)
+        for part in ast.walk(node)
     )
 
 
@@ -132,7 +210,9 @@ def decisions() -> Iterator[Mutant]:
     for name, path, before, after in DECISIONS:
         text = (ROOT / path).read_text(encoding="utf-8")
         if text.count(before) != 1:
-            raise SystemExit(f"{path} has {text.count(before)} places of {before!r} for '{name}': mend DECISIONS")
+            raise SystemExit(
+                f"{path} has {text.count(before)} places of {before!r} for '{name}': mend DECISIONS"
+            )
         yield Mutant(f"{path}: {name}", path, text.replace(before, after))
 
 
@@ -141,7 +221,11 @@ def tests_of(path: str) -> list[str]:
     module = Path(path).with_suffix("")
     dotted, package = re.escape(".".join(module.parts)), re.escape(".".join(module.parent.parts))
     named = re.compile(rf"\b{dotted}\b|from {package} import [^#\n]*\b{module.name}\b")
-    found = [file for file in (ROOT / "tests").rglob("test_*.py") if named.search(file.read_text(encoding="utf-8"))]
+    found = [
+        file
+        for file in (ROOT / "tests").rglob("test_*.py")
+        if named.search(file.read_text(encoding="utf-8"))
+    ]
     found.sort(key=lambda file: file.stat().st_size)
     return [str(file.relative_to(ROOT)) for file in found]
 
@@ -151,11 +235,27 @@ def is_seen(mutant: Mutant, place: Path, tests: Sequence[str], seconds: float) -
     target = place / mutant.path
     before = target.read_text(encoding="utf-8")
     target.write_text(mutant.text, encoding="utf-8")
-    words = [sys.executable, "-m", "pytest", "-n", "0", "-q", "-x", "-p", "no:cacheprovider", *tests]
+    words = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-n",
+        "0",
+        "-q",
+        "-x",
+        "-p",
+        "no:cacheprovider",
+        *tests,
+    ]
     paths = [str(place), *filter(None, [os.environ.get("PYTHONPATH")])]
-    environment = os.environ | {"PYTHONPATH": os.pathsep.join(paths), "PYTHONDONTWRITEBYTECODE": "1"}
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join(paths),
+        "PYTHONDONTWRITEBYTECODE": "1",
+    }
     try:
-        found = subprocess.run(words, cwd=place, env=environment, capture_output=True, timeout=seconds, check=False)
+        found = subprocess.run(
+            words, cwd=place, env=environment, capture_output=True, timeout=seconds, check=False
+        )
         return found.returncode != 0
     except subprocess.TimeoutExpired:
         return True
@@ -166,7 +266,9 @@ def is_seen(mutant: Mutant, place: Path, tests: Sequence[str], seconds: float) -
 def drawn(given: Sequence[str], count: int, seed: int) -> list[Mutant]:
     """Random mutants of files; those that no test names are printed and left out."""
     paths = given or [
-        str(file.relative_to(ROOT)) for folder in FOLDERS for file in sorted((ROOT / folder).rglob("*.py"))
+        str(file.relative_to(ROOT))
+        for folder in FOLDERS
+        for file in sorted((ROOT / folder).rglob("*.py"))
     ]
     every = [(path, place) for path in paths if tests_of(path) for place in places_of(path)]
     for path in paths:
@@ -177,12 +279,19 @@ def drawn(given: Sequence[str], count: int, seed: int) -> list[Mutant]:
 
 def main() -> int:
     """Run the mutants, and print what survives."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("paths", nargs="*", help="files to change; those of studies and certify by default")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "paths", nargs="*", help="files to change; those of studies and certify by default"
+    )
     parser.add_argument("--count", type=int, default=40, help="random mutants")
     parser.add_argument("--seed", type=int, default=1, help="of the random mutants")
     parser.add_argument(
-        "--seconds", type=float, default=900.0, help="after which the tests of a mutant count as failed"
+        "--seconds",
+        type=float,
+        default=900.0,
+        help="after which the tests of a mutant count as failed",
     )
     given = parser.parse_args()
     must = [] if given.paths else list(decisions())
@@ -194,7 +303,13 @@ def main() -> int:
         for number, mutant in enumerate([*must, *may], 1):
             seen = is_seen(mutant, place, tests_of(mutant.path)[:MOST_TESTS], given.seconds)
             survivors += [] if seen else [mutant]
-            print(f"{number} of {len(must) + len(may)}, {'seen' if seen else 'SURVIVES'}: {mutant.name}", flush=True)
+            print(
+                (
+                    f"{number} of {len(must) + len(may)}, {'seen' if seen else 'SURVIVES'}: "
+                    f"{mutant.name}"
+                ),
+                flush=True,
+            )
     print(f"\n{len(survivors)} of {len(must) + len(may)} survive:")
     print("\n".join(mutant.name for mutant in survivors))
     return int(any(mutant in must for mutant in survivors))

@@ -1,13 +1,16 @@
-"""Compare answers, gradients, marches and files of all kinds of models between two commits, bit by bit.
+"""Compare answers, gradients, marches and files of all kinds of models between two commits, bit by
+bit.
 
-    make same                                  # the checkout with the commit of scripts/same_base.txt
-    make same BASE=main                        # with another commit, of which no difference is allowed
-    PYTHONPATH=TREE python scripts/same.py dump OUT.npz [--only '*friction*']
-    python scripts/same.py compare A.npz B.npz [--allow scripts/same_allowed.txt] [--all]
+    make same                                  # the checkout with the commit of
+    scripts/same_base.txt make same BASE=main                        # with another commit, of which
+    no difference is allowed PYTHONPATH=TREE python scripts/same.py dump OUT.npz [--only
+    '*friction*'] python scripts/same.py compare A.npz B.npz [--allow scripts/same_allowed.txt]
+    [--all]
 
-``dump`` records the package of the first tree on PYTHONPATH, ``compare`` prints what differs and ends with 1 if that is
-not allowed. The kinds of models are in ``same_kinds.py``. A line of a file of allowed differences holds a pattern of
-names, the largest relative difference, or ``missing``, and the reason:
+``dump`` records the package of the first tree on PYTHONPATH, ``compare`` prints what differs and
+ends with 1 if that is not allowed. The kinds of models are in ``same_kinds.py``. A line of a file
+of allowed differences holds a pattern of names, the largest relative difference, or ``missing``,
+and the reason:
 
     HHR, inelastic*/solve*/stress*  |  1e-13  |  a quotient in the place of a product
 """
@@ -39,7 +42,9 @@ import numpy as np
 
 HEADER = "header"
 BY_CONTENT = ("/file/arrays/", "/memory/")
-"""Arrays below these are equal if their commit has one of the same bits there, whatever its name."""
+"""Arrays below these are equal if their commit has one of the same bits there, whatever its
+name.
+"""
 MAY_SHRINK = "/bytes"
 """Sizes that may fall."""
 SHOWN = 8
@@ -53,16 +58,22 @@ PACKAGES = ("hhr_dolfinx", "hhr_dolfinx.geometries", "hhr_dolfinx.forms")
 
 
 class TreeDistribution(importlib.metadata.Distribution):
-    """The distribution of a tree as ``pyproject.toml`` describes it: what is installed has plug-ins of another tree."""
+    """The distribution of a tree as ``pyproject.toml`` describes it: what is installed has plug-ins
+    of another tree.
+    """
 
     def __init__(self, tree: Path, project: dict[str, Any]) -> None:
         self._tree = tree
         groups = project.get("entry-points", {})
         lines = [
-            f"[{group}]\n" + "\n".join(f"{key} = {value}" for key, value in groups[group].items()) for group in groups
+            f"[{group}]\n" + "\n".join(f"{key} = {value}" for key, value in groups[group].items())
+            for group in groups
         ]
         name, version = project.get("name", PACKAGES[0]), project.get("version", "0")
-        self._texts = {"METADATA": f"Name: {name}\nVersion: {version}\n", "entry_points.txt": "\n".join(lines)}
+        self._texts = {
+            "METADATA": f"Name: {name}\nVersion: {version}\n",
+            "entry_points.txt": "\n".join(lines),
+        }
 
     def read_text(self, filename: str) -> str | None:
         """Text of a file of its metadata, None if there is none."""
@@ -160,8 +171,8 @@ class Row:
 
     Attributes:
         name: of the array, or of what ended in an error.
-        outcome: ``equal``, ``refused`` (the same error in both), ``off``, ``missing``, ``new`` or ``broken`` (an error
-            in both that refuses nothing, so that nothing was compared).
+        outcome: ``equal``, ``refused`` (the same error in both), ``off``, ``missing``, ``new`` or
+            ``broken`` (an error in both that refuses nothing, so that nothing was compared).
         difference: largest relative one; infinite where there is none to tell.
         note: what else there is to say.
         reason: why it is allowed; empty where it is not.
@@ -210,8 +221,12 @@ class Allowed(NamedTuple):
             if not line.strip() or line.startswith("#"):
                 continue
             if len(parts) != 3 or not all(parts):
-                raise click.ClickException(f"{path}:{number}: pattern | largest difference | reason, not {line!r}")
-            found.append(cls(parts[0], float("inf") if parts[1] == "missing" else float(parts[1]), parts[2]))
+                raise click.ClickException(
+                    f"{path}:{number}: pattern | largest difference | reason, not {line!r}"
+                )
+            found.append(
+                cls(parts[0], float("inf") if parts[1] == "missing" else float(parts[1]), parts[2])
+            )
         return found
 
     def allows(self, row: Row) -> bool:
@@ -220,7 +235,10 @@ class Allowed(NamedTuple):
 
 
 def difference(a: np.ndarray, b: np.ndarray) -> float:
-    """Largest difference of two arrays over the largest number of the first; infinite where there is none."""
+    """Largest difference of two arrays over the largest number of the first.
+
+    Infinite where there is none.
+    """
     if a.shape != b.shape or a.dtype.kind not in "biuf" or b.dtype.kind not in "biuf":
         return float("inf")
     a, b = a.astype(float), b.astype(float)
@@ -229,7 +247,11 @@ def difference(a: np.ndarray, b: np.ndarray) -> float:
         return 0.0
     apart = np.abs(a[differs] - b[differs]).max()
     finite = np.abs(a[np.isfinite(a)])
-    return float(apart / finite.max()) if np.isfinite(apart) and finite.max(initial=0.0) > 0 else float("inf")
+    return (
+        float(apart / finite.max())
+        if np.isfinite(apart) and finite.max(initial=0.0) > 0
+        else float("inf")
+    )
 
 
 def _bits(array: np.ndarray) -> tuple[str, tuple[int, ...], bytes]:
@@ -237,7 +259,9 @@ def _bits(array: np.ndarray) -> tuple[str, tuple[int, ...], bytes]:
 
 
 def _group(name: str) -> str | None:
-    """The group in which an array is known by its content; None of one that is known by its name."""
+    """The group in which an array is known by its content; None of one that is known by its
+    name.
+    """
     return next((name[: name.index(part) + len(part)] for part in BY_CONTENT if part in name), None)
 
 
@@ -288,12 +312,19 @@ def _said(a: np.ndarray, b: np.ndarray) -> str:
 
 
 def compare_errors(a: Dump, b: Dump) -> Iterable[Row]:
-    """Rows of all that ended in an error in the first dump, and of what the second one alone ends in."""
+    """Rows of all that ended in an error in the first dump, and of what the second one alone ends
+    in.
+    """
     for name in a.errors.keys() | b.errors.keys():
         one, two = (item.get(name, "").split(":")[0] for item in (a.errors, b.errors))
         if one and one == two:
             refused = one.startswith(PACKAGES[0])
-            yield Row(name, "refused" if refused else "broken", 0.0 if refused else float("inf"), a.errors[name])
+            yield Row(
+                name,
+                "refused" if refused else "broken",
+                0.0 if refused else float("inf"),
+                a.errors[name],
+            )
         elif one and two:
             yield Row(name, "off", float("inf"), f"{a.errors[name]}  is  {b.errors[name]}")
         elif one:
@@ -307,7 +338,9 @@ def compare_errors(a: Dump, b: Dump) -> Iterable[Row]:
 def compared(a: Dump, b: Dump, allowed: Sequence[Allowed] = ()) -> list[Row]:
     """All rows of two dumps, with the reasons of those that are allowed."""
     found = [*compare_arrays(a, b), *compare_errors(a, b)]
-    reasons = {row: next((item.reason for item in allowed if item.allows(row)), "") for row in found}
+    reasons = {
+        row: next((item.reason for item in allowed if item.allows(row)), "") for row in found
+    }
     return [replace(row, reason=reasons[row]) if row.outcome not in ALIKE else row for row in found]
 
 
@@ -363,24 +396,36 @@ def dump_command(out: Path, only: str) -> None:
     same_kinds.dump(record, lambda kind: fnmatchcase(kind, only), announce)
     Dump(record.arrays, record.errors).write(out)
     seconds = f"{time.perf_counter() - begun:.0f} s, {time.process_time():.0f} s of a core"
-    click.echo(f"{out}: {len(record.arrays)} arrays, {len(record.errors)} refusals and errors in {seconds}")
+    click.echo(
+        f"{out}: {len(record.arrays)} arrays, {len(record.errors)} refusals and errors in {seconds}"
+    )
 
 
 @main.command("compare")
 @click.argument("a", type=click.Path(exists=True, dir_okay=False, path_type=Path))
 @click.argument("b", type=click.Path(exists=True, dir_okay=False, path_type=Path))
-@click.option("--allow", type=click.Path(exists=True, dir_okay=False, path_type=Path), help="known differences")
+@click.option(
+    "--allow",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    help="known differences",
+)
 @click.option("--all", "every", is_flag=True, help="print every row that is not equal")
 def compare_command(a: Path, b: Path, allow: Path | None, every: bool) -> None:
     """Print what differs between two dumps; exit 1 if that is not allowed."""
     allowed = [] if allow is None else Allowed.read(allow)
     rows = compared(Dump.read(a), Dump.read(b), allowed)
     print_rows(rows, every)
-    idle = [item for item in allowed if not any(row.outcome not in ALIKE and item.allows(row) for row in rows)]
+    idle = [
+        item
+        for item in allowed
+        if not any(row.outcome not in ALIKE and item.allows(row) for row in rows)
+    ]
     for item in idle if every else []:
         click.echo(f"nothing differs that is allowed by: {item.pattern} | {item.reason}")
     if idle and not every:
-        click.echo(f"\n{len(idle)} of {len(allowed)} lines allow nothing that differs here, shown by --all")
+        click.echo(
+            f"\n{len(idle)} of {len(allowed)} lines allow nothing that differs here, shown by --all"
+        )
     failed = sum(row.fails for row in rows)
     click.echo(f"\n{failed} of {len(rows)} differ and are not allowed" if failed else "\nthe same")
     sys.exit(int(failed > 0))

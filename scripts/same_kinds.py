@@ -1,8 +1,10 @@
-"""Kinds of models that ``scripts/same.py`` dumps, each on a small scene, and the numbers that each of them gives.
+"""Kinds of models that ``scripts/same.py`` dumps, each on a small scene, and the numbers that each
+of them gives.
 
-This file runs with the package of two commits. It names nothing but public names, and finds the few others by
-:func:`in_tree`, wherever a commit keeps them. What a commit does not have is recorded with its error. After a change
-of the API give a reader below one way more; the old way stays for as long as the base has it.
+This file runs with the package of two commits. It names nothing but public names, and finds the few
+others by :func:`in_tree`, wherever a commit keeps them. What a commit does not have is recorded
+with its error. After a change of the API give a reader below one way more; the old way stays for as
+long as the base has it.
 
 Left out: ``hhr.reduce`` and reports of studies, whose choices depend on measured times; pictures.
 """
@@ -34,7 +36,9 @@ LOWER, UPPER, SIDE = two_blocks.FIRST, two_blocks.SECOND, two_blocks.side
 MOVING = ("push", "load", "press", "aside")
 """Parameters that change along a path; all others are constants of the bodies."""
 SHARES = (0.0, 0.4, 1.0, 0.7, 0.2, 0.8)
-"""Of the way from rest to the parameter of a kind, at the times of a path: loaded, unloaded and loaded again."""
+"""Of the way from rest to the parameter of a kind, at the times of a path: loaded, unloaded and
+loaded again.
+"""
 MADE = re.compile(rb'"made":"[^"]*"')
 """Date and version on a page."""
 QUIET = hhr.MarchSettings(outside="ignore")
@@ -47,7 +51,9 @@ def in_tree(name: str) -> Any:
     Raises:
         LookupError: where no file has it.
     """
-    folders = ((Path(module.__path__[0]), module.__name__) for module in (hhr, geometries_package()))
+    folders = (
+        (Path(module.__path__[0]), module.__name__) for module in (hhr, geometries_package())
+    )
     for folder, package in folders:
         for path in sorted(folder.rglob("*.py")):
             text = path.read_text(encoding="utf-8")
@@ -69,9 +75,12 @@ def geometries_package() -> Any:
 
 
 OF_FRICTION = (
-    hhr.FrictionForce("shear", 0, (1.0, 0.0)), hhr.LargestSlip("slip", 0), hhr.DissipatedWork("work", 0),
-    hhr.LargestWear("wear", 0, 1e-3), hhr.StickArea("sticks", 0),
-)  # fmt: skip
+    hhr.FrictionForce("shear", 0, (1.0, 0.0)),
+    hhr.LargestSlip("slip", 0),
+    hhr.DissipatedWork("work", 0),
+    hhr.LargestWear("wear", 0, 1e-3),
+    hhr.StickArea("sticks", 0),
+)
 MODULI, BOTH = {"E1": (1.0, 6.0)}, {"E1": (1.0, 6.0), "nu1": (0.2, 0.4)}
 SHAPE = {"crown": (0.0, 0.02)}
 MIDDLE = {"push": 0.03, "load": 0.05}
@@ -80,12 +89,22 @@ YIELDS = hhr.Plasticity(yield_stress=0.03, hardening=0.3)
 
 
 def blocks(
-    lower: Any = (3.0, 0.3), *, free: bool = False, law: Any = None, friction: Any = None, hypothesis: str = "",
-    pairing: Any = None, cells: int = 3, other_cells: int = 3, simplices: bool = False, **others: Any,
-) -> hhr.Scene:  # fmt: skip
+    lower: Any = (3.0, 0.3),
+    *,
+    free: bool = False,
+    law: Any = None,
+    friction: Any = None,
+    hypothesis: str = "",
+    pairing: Any = None,
+    cells: int = 3,
+    other_cells: int = 3,
+    simplices: bool = False,
+    **others: Any,
+) -> hhr.Scene:
     """Two blocks on each other, the lower one clamped.
 
-    The upper one is pushed down and its flank is loaded; a free one is pressed, and contact alone holds it.
+    The upper one is pushed down and its flank is loaded; a free one is pressed, and contact alone
+    holds it.
     """
     dim = 3 if hypothesis == "solid" else 2
     up = dim - 1
@@ -97,9 +116,20 @@ def blocks(
     held = [hhr.Displacement(SIDE(LOWER, up, False), axis) for axis in range(dim)]
     held += [hhr.Displacement(top, axis) for axis in range(up)]
     held += [] if free else [hhr.Displacement(top, up, hhr.Amplitude(slopes={"push": -1.0}))]
-    load = hhr.Pressure(top if free else flank, hhr.Amplitude(slopes={"press" if free else "load": 1.0}))
-    corners = [(1.0,) * up + (0.0,), (2.0,) * up + (1.0,), (1.0,) * up + (1.0,), (2.0,) * up + (2.0,)]
-    made = hhr.NodeToNode(*surfaces, normal, friction) if pairing is None else pairing(*surfaces, friction=friction)
+    load = hhr.Pressure(
+        top if free else flank, hhr.Amplitude(slopes={"press" if free else "load": 1.0})
+    )
+    corners = [
+        (1.0,) * up + (0.0,),
+        (2.0,) * up + (1.0,),
+        (1.0,) * up + (1.0,),
+        (2.0,) * up + (2.0,),
+    ]
+    made = (
+        hhr.NodeToNode(*surfaces, normal, friction)
+        if pairing is None
+        else pairing(*surfaces, friction=friction)
+    )
     given = {
         "loads": (load,),
         "outputs": (hhr.LargestPressure("peak", 0), hhr.ContactForce("force", 0, normal)),
@@ -107,7 +137,10 @@ def blocks(
     return hhr.Scene(
         name="same",
         geometry=lambda comm: two_blocks.two_blocks(
-            comm, first=(*corners[:2], (cells,) * dim), second=(*corners[2:], (other_cells,) * dim), simplices=simplices
+            comm,
+            first=(*corners[:2], (cells,) * dim),
+            second=(*corners[2:], (other_cells,) * dim),
+            simplices=simplices,
         ),
         hypothesis=hypothesis or "plane_strain",
         bodies=(hhr.Body(LOWER, *lower, law), hhr.Body(UPPER, 5.0, 0.3)),
@@ -126,9 +159,12 @@ def with_outputs(scene: hhr.Scene, outputs: Sequence[Any]) -> hhr.Scene:
 def of_fields() -> tuple[Any, ...]:
     """Outputs that read displacements and areas."""
     return (
-        hhr.DisplacementAt("moved", (2.0, 2.0), 1), hhr.VonMises("mises", LOWER), hhr.ElasticEnergy("energy"),
-        hhr.ContactWidth("width", 0), hhr.LostContact("lost", 0),
-    )  # fmt: skip
+        hhr.DisplacementAt("moved", (2.0, 2.0), 1),
+        hhr.VonMises("mises", LOWER),
+        hhr.ElasticEnergy("energy"),
+        hhr.ContactWidth("width", 0),
+        hhr.LostContact("lost", 0),
+    )
 
 
 def crowned() -> Any:
@@ -139,10 +175,14 @@ def crowned() -> Any:
 def volume_loads() -> tuple[Any, ...]:
     """Loads of all kinds, of which one is no sum of products of formulas and columns."""
     return (
-        hhr.BodyForce(UPPER, (0.3, 1.0), "-0.02 * load"), hhr.ThermalExpansion(LOWER, "1e-3 * (1 + E1)", "load"),
-        hhr.Eigenstrain(UPPER, "0.01 * load"), hhr.Traction(SIDE(UPPER, 0, False), (1.0, 0.0), "0.1 * load**2"),
-        hhr.PartialPressure(SIDE(UPPER, 0, True), hhr.Amplitude(slopes={"load": 1.0}), extent="reach"),
-    )  # fmt: skip
+        hhr.BodyForce(UPPER, (0.3, 1.0), "-0.02 * load"),
+        hhr.ThermalExpansion(LOWER, "1e-3 * (1 + E1)", "load"),
+        hhr.Eigenstrain(UPPER, "0.01 * load"),
+        hhr.Traction(SIDE(UPPER, 0, False), (1.0, 0.0), "0.1 * load**2"),
+        hhr.PartialPressure(
+            SIDE(UPPER, 0, True), hhr.Amplitude(slopes={"load": 1.0}), extent="reach"
+        ),
+    )
 
 
 def half_discs() -> hhr.Scene:
@@ -153,13 +193,18 @@ def half_discs() -> hhr.Scene:
         name="same_discs",
         geometry=lambda comm: hertz_half_discs.half_discs(comm, arc_segments=24, flat_segments=6),
         hypothesis="plane_strain",
-        bodies=tuple(hhr.Body(tag, 15.0, 0.35) for tag in (hertz_half_discs.LOWER, hertz_half_discs.UPPER)),
+        bodies=tuple(
+            hhr.Body(tag, 15.0, 0.35) for tag in (hertz_half_discs.LOWER, hertz_half_discs.UPPER)
+        ),
         contacts=(hhr.NodeToNode(*tags, normal=(0.0, 1.0)),),
         parameters=hhr.ParameterSpace(("push",), (0.15,), (0.45,)),
         displacements=tuple(
             hhr.Displacement(tag, axis, amplitude)
             for tag, slope in towards.items()
-            for axis, amplitude in ((0, hhr.Amplitude()), (1, hhr.Amplitude(slopes={"push": slope})))
+            for axis, amplitude in (
+                (0, hhr.Amplitude()),
+                (1, hhr.Amplitude(slopes={"push": slope})),
+            )
         ),
         outputs=(hhr.LargestPressure("peak", 0),),
     )
@@ -182,9 +227,15 @@ def elastic_scene(name: str) -> hhr.Scene:
         "mortar": lambda: blocks(pairing=hhr.Mortar, other_cells=4),
         "solid": partial(blocks, hypothesis="solid", cells=2, other_cells=2),
         "tetrahedra, moduli": lambda: blocks(
-            ("E1", 0.3), hypothesis="solid", cells=2, other_cells=3, simplices=True, box=MODULI, pairing=hhr.Mortar
+            ("E1", 0.3),
+            hypothesis="solid",
+            cells=2,
+            other_cells=3,
+            simplices=True,
+            box=MODULI,
+            pairing=hhr.Mortar,
         ),
-    }  # fmt: skip
+    }
     if name == "half-discs":
         return half_discs()
     scene = plain[name]()
@@ -215,7 +266,10 @@ def frictional(name: str) -> hhr.FullOrderModel:
 def yielding_path(top: float, steps: int = 4) -> list[tuple[float, np.ndarray]]:
     """Pushed down and halfway up again."""
     shares = [k / steps for k in range(steps + 1)] + [1 - k / steps for k in range(1, 3)]
-    return [(0.25 * k, np.array([0.005 + share * (top - 0.005), 0.02])) for k, share in enumerate(shares)]
+    return [
+        (0.25 * k, np.array([0.005 + share * (top - 0.005), 0.02]))
+        for k, share in enumerate(shares)
+    ]
 
 
 @cache
@@ -223,7 +277,9 @@ def inelastic(name: str) -> Any:
     """Training of a scene whose lower body yields or creeps."""
     scene = {
         "plastic": lambda: blocks(law=YIELDS),
-        "creep": lambda: blocks(law=hhr.Norton(resistance=0.3, exponent=3.0), hypothesis="axisymmetric"),
+        "creep": lambda: blocks(
+            law=hhr.Norton(resistance=0.3, exponent=3.0), hypothesis="axisymmetric"
+        ),
         "with friction": lambda: blocks(law=YIELDS, friction=0.1),
     }[name]()
     paths, held_out = [yielding_path(0.03), yielding_path(0.05)], [yielding_path(0.04)]
@@ -245,7 +301,9 @@ INELASTIC = hhr.Recipe.flowing(domain=hhr.Rid(1, 3)).as_it_is()
 
 
 def hyper_reduced_friction(full: hhr.FullOrderModel) -> Any:
-    """A model of paths that load, shear and turn round, at some points of the constants of bodies."""
+    """A model of paths that load, shear and turn round, at some points of the constants of
+    bodies.
+    """
     space = full.parameters
     constants = np.array([name not in MOVING for name in space.names])
     rest = np.array(space.lower, dtype=float)
@@ -253,7 +311,11 @@ def hyper_reduced_friction(full: hhr.FullOrderModel) -> Any:
     for point in np.random.default_rng(1).uniform(space.lower, space.upper, (12, rest.size)):
         start = np.where(constants, point, rest)
         shares = (0.0, 0.25, 0.5, 1.0, 0.6)
-        histories.append(full.march([(float(k), start + share * (point - start)) for k, share in enumerate(shares)]))
+        histories.append(
+            full.march(
+                [(float(k), start + share * (point - start)) for k, share in enumerate(shares)]
+            )
+        )
     recipe = hhr.Recipe.with_friction(domain=hhr.Rid(1, 1), enrichment=hhr.Enrich(2.0)).as_it_is()
     return hhr.build(full, hhr.SnapshotSet.of_histories(histories), recipe)
 
@@ -281,12 +343,20 @@ def matrices() -> Any:
     space = hhr.ParameterSpace(("load", "gap"), (0.0, 0.0), (1.0, 0.5))
     loads = np.stack([np.linspace(0, 1, size), np.zeros(size)], axis=1)
     gaps = np.stack([np.zeros(4), np.linspace(1, 2, 4)], axis=1)
-    return hhr.condense_matrices(space, stiffness, contact, loads, gaps, ["load", "gap"], areas=np.ones(4))
+    return hhr.condense_matrices(
+        space, stiffness, contact, loads, gaps, ["load", "gap"], areas=np.ones(4)
+    )
 
 
 def greedy(training_of: str) -> Any:
     """A reduced model of points that a greedy training chose."""
-    how = hhr.Greedy(tolerance=1e-9, budget=14, start=hhr.Sobol(4), candidates=hhr.Lattice(60, levels=8), together=4)
+    how = hhr.Greedy(
+        tolerance=1e-9,
+        budget=14,
+        start=hhr.Sobol(4),
+        candidates=hhr.Lattice(60, levels=8),
+        together=4,
+    )
     training = hhr.train(elastic_scene(training_of), how, held_out=0, comm=MPI.COMM_SELF)
     return training.build(checked=False)
 
@@ -302,7 +372,9 @@ class Unknowns:
 
     def prepared(self, problem: Any, basis: np.ndarray, sets: Any) -> Callable[[Any], float]:
         """Make the indicator, see ``hhr.Recipe``."""
-        return lambda answer: float(np.linalg.norm(basis @ answer.unknown) / np.abs(answer.unknown).max())
+        return lambda answer: float(
+            np.linalg.norm(basis @ answer.unknown) / np.abs(answer.unknown).max()
+        )
 
 
 class Kind(NamedTuple):
@@ -324,68 +396,125 @@ class Kind(NamedTuple):
 def _kinds() -> Iterator[tuple[str, Kind]]:
     discs = {"push": 0.35}
     points = {
-        "constant": MIDDLE, "moduli": VARIED, "E and nu": {**VARIED, "nu1": 0.33}, "shape": {**MIDDLE, "crown": 0.01},
-        "floating": PRESSED, "half-discs": discs, "loads": {**VARIED, "reach": 1.6}, "tetrahedra, moduli": VARIED,
-    }  # fmt: skip
-    for name in ("constant", "moduli", "E and nu", "shape", "floating", "loads", "axisymmetric", "plane stress",
-                 "second order", "non-matching", "double pass", "mortar", "solid", "tetrahedra, moduli",
-                 "half-discs"):  # fmt: skip
+        "constant": MIDDLE,
+        "moduli": VARIED,
+        "E and nu": {**VARIED, "nu1": 0.33},
+        "shape": {**MIDDLE, "crown": 0.01},
+        "floating": PRESSED,
+        "half-discs": discs,
+        "loads": {**VARIED, "reach": 1.6},
+        "tetrahedra, moduli": VARIED,
+    }
+    for name in (
+        *("constant", "moduli", "E and nu", "shape", "floating", "loads", "axisymmetric"),
+        *("plane stress", "second order", "non-matching", "double pass", "mortar", "solid"),
+        *("tetrahedra, moduli", "half-discs"),
+    ):
         mu, training = points.get(name, MIDDLE), partial(elastic, name)
         full = partial(lambda training: training().full_order, training)
         yield f"full, {name}", Kind(full, mu)
-        yield f"condensed, {name}", Kind(partial(lambda training: training().condense(), training), mu, full)
+        yield (
+            f"condensed, {name}",
+            Kind(partial(lambda training: training().condense(), training), mu, full),
+        )
         if name != "shape":
-            yield f"HHR, {name}", Kind(partial(lambda training: training().build(AS_IT_IS), training), mu)
+            yield (
+                f"HHR, {name}",
+                Kind(partial(lambda training: training().build(AS_IT_IS), training), mu),
+            )
     constant = partial(elastic, "constant")
     yield "naive", Kind(lambda: in_tree("NaiveFullOrder")(constant().full_order), MIDDLE)
     yield "hhr.condense, constant", Kind(lambda: hhr.condense(elastic_scene("constant")), MIDDLE)
     yield (
         "hhr.condense, moduli, no fields",
-        Kind(lambda: hhr.condense(elastic("E and nu").full_order, fields=False), points["E and nu"]),
+        Kind(
+            lambda: hhr.condense(elastic("E and nu").full_order, fields=False), points["E and nu"]
+        ),
     )
     yield "HHR, checked", Kind(lambda: constant().build(), MIDDLE)
     yield "HHR, moduli, checked", Kind(lambda: elastic("moduli").build(), VARIED)
-    yield "HHR, no bound", Kind(lambda: constant().build(dataclasses.replace(AS_IT_IS, bound=False)), MIDDLE)
-    yield "HHR, cone", Kind(lambda: elastic("half-discs").build(hhr.Recipe.thesis(1e-8).as_it_is()), discs)
+    yield (
+        "HHR, no bound",
+        Kind(lambda: constant().build(dataclasses.replace(AS_IT_IS, bound=False)), MIDDLE),
+    )
+    yield (
+        "HHR, cone",
+        Kind(lambda: elastic("half-discs").build(hhr.Recipe.thesis(1e-8).as_it_is()), discs),
+    )
     indicated = {"bound": False, "indicator": Unknowns()}
     yield (
         "HHR, own indicator",
-        Kind(lambda: elastic("half-discs").build(dataclasses.replace(AS_IT_IS, **indicated)), discs),
+        Kind(
+            lambda: elastic("half-discs").build(dataclasses.replace(AS_IT_IS, **indicated)), discs
+        ),
     )
     yield "greedy", Kind(lambda: greedy("constant"), MIDDLE)
     yield "greedy, moduli", Kind(lambda: greedy("moduli"), VARIED)
     yield "local models, split", Kind(lambda: local(hhr.Splitting(modes=6, checks=20)), discs)
     yield "local models, clusters", Kind(lambda: local(hhr.Clusters(2)), discs)
-    yield "fallback", Kind(lambda: elastic("half-discs").safe_model(0.01, recipe=hhr.Recipe.thesis(1e-4).as_it_is()),
-                           discs)  # fmt: skip
+    yield (
+        "fallback",
+        Kind(
+            lambda: elastic("half-discs").safe_model(
+                0.01, recipe=hhr.Recipe.thesis(1e-4).as_it_is()
+            ),
+            discs,
+        ),
+    )
     yield (
         "fallback, of pressure",
         Kind(lambda: elastic("moduli").safe_model(0.01, of="pressure", recipe=AS_IT_IS), VARIED),
     )
     yield "matrices", Kind(matrices, {"load": 0.6, "gap": 0.2})
-    rub = {"constant": MIDDLE, "Tresca": MIDDLE, "moduli": VARIED, "floating": PRESSED, "solid": MIDDLE,
-           "shape": {**MIDDLE, "crown": 0.01}, "non-matching": MIDDLE}  # fmt: skip
+    rub = {
+        "constant": MIDDLE,
+        "Tresca": MIDDLE,
+        "moduli": VARIED,
+        "floating": PRESSED,
+        "solid": MIDDLE,
+        "shape": {**MIDDLE, "crown": 0.01},
+        "non-matching": MIDDLE,
+    }
     for name, mu in rub.items():
         full = partial(frictional, name)
         yield f"full, friction, {name}", Kind(full, mu)
         fields = True if name in ("moduli", "shape") else None
-        yield f"condensed, friction, {name}", Kind(partial(lambda f, w: hhr.condense(f(), fields=w), full, fields), mu,
-                                                   full)  # fmt: skip
+        yield (
+            f"condensed, friction, {name}",
+            Kind(partial(lambda f, w: hhr.condense(f(), fields=w), full, fields), mu, full),
+        )
     for name in ("constant", "moduli", "floating"):
-        yield f"HHR, friction, {name}", Kind(partial(lambda n: hyper_reduced_friction(frictional(n)), name), rub[name])
+        yield (
+            f"HHR, friction, {name}",
+            Kind(partial(lambda n: hyper_reduced_friction(frictional(n)), name), rub[name]),
+        )
     slid = {"push": 0.03, "load": 0.005}
     yield "sliding past the mesh", Kind(lambda: sliding(True), slid)
     yield "sliding past the mesh, full", Kind(lambda: sliding(False), slid)
     at, along = {"push": 0.04, "load": 0.02}, partial(yielding_path, 0.04)
     for name in ("plastic", "creep", "with friction"):
         training = partial(inelastic, name)
-        yield f"full, inelastic, {name}", Kind(partial(lambda t: t().full_order, training), at, None, along)
-        yield f"HHR, inelastic, {name}", Kind(partial(lambda t: t().build(INELASTIC), training), at, None, along)
+        yield (
+            f"full, inelastic, {name}",
+            Kind(partial(lambda t: t().full_order, training), at, None, along),
+        )
+        yield (
+            f"HHR, inelastic, {name}",
+            Kind(partial(lambda t: t().build(INELASTIC), training), at, None, along),
+        )
         if name != "with friction":
-            yield f"condensed, inelastic, {name}", Kind(
-                partial(lambda t: t().condense(in_tree("CorrectionSettings")(primal=1.0, dual=1.0)), training),
-                at, partial(lambda t: t().full_order, training), along,
-            )  # fmt: skip
+            yield (
+                f"condensed, inelastic, {name}",
+                Kind(
+                    partial(
+                        lambda t: t().condense(in_tree("CorrectionSettings")(primal=1.0, dual=1.0)),
+                        training,
+                    ),
+                    at,
+                    partial(lambda t: t().full_order, training),
+                    along,
+                ),
+            )
     yield "full, inelastic, moduli", Kind(inelastic_moduli, {**at, "E1": 2.5})
 
 
@@ -419,14 +548,18 @@ class Record:
             if value.dtype != object:
                 self.arrays[name] = value.copy()
         elif issparse(value):
-            self.put(name, {part: getattr(value.tocsr(), part) for part in ("data", "indices", "indptr")})
+            self.put(
+                name, {part: getattr(value.tocsr(), part) for part in ("data", "indices", "indptr")}
+            )
         else:
             for part, item in _parts(value):
                 self.put(f"{name}/{part}", item)
 
     @contextmanager
     def of(self, name: str, counts: Counts | None = None) -> Iterator[None]:
-        """A block that may end in an error, which is recorded with the warnings of the package and with counts."""
+        """A block that may end in an error, which is recorded with the warnings of the package and
+        with counts.
+        """
         before = {} if counts is None else counts.now()
         with warnings.catch_warnings(record=True) as heard:
             warnings.simplefilter("always")
@@ -435,7 +568,11 @@ class Record:
             except Exception as error:
                 kind = type(error)
                 self.errors[name] = f"{kind.__module__.split('.')[0]}.{kind.__name__}: {error}"
-        own = {item.category.__name__ for item in heard if item.category.__module__.startswith("hhr_dolfinx")}
+        own = {
+            item.category.__name__
+            for item in heard
+            if item.category.__module__.startswith("hhr_dolfinx")
+        }
         if own:
             self.arrays[f"{name}/warnings"] = np.array(", ".join(sorted(own)))
         if counts is not None:
@@ -460,7 +597,9 @@ def _parts(value: Any) -> Iterable[tuple[Any, Any]]:
 
 
 class Counts:
-    """Numbers of factorisations and solves so far: of PETSc by its log, of LAPACK by wrapped classes."""
+    """Numbers of factorisations and solves so far: of PETSc by its log, of LAPACK by wrapped
+    classes.
+    """
 
     EVENTS: ClassVar = {
         "factorisations": ("MatCholFctrNum", "MatLUFactorNum"),
@@ -514,7 +653,9 @@ def _outputs(answer: Any) -> Any:
 
 
 def _columns(found: Any) -> list[Any]:
-    """Columns of a table that some kinds of models have: which model answered, whether the full one did."""
+    """Columns of a table that some kinds of models have: which model answered, whether the full one
+    did.
+    """
     if hasattr(found, "columns"):
         own = list(found.columns.values())
     else:
@@ -540,7 +681,10 @@ ANSWER: dict[str, Callable[[Any], Any]] = {
     "gradient": lambda answer: answer.gradient,
     "memory": _memory,
 }
-STEP = ANSWER | {"time error": lambda answer: answer.time_error, "ends": lambda answer: np.array(answer.ends)}
+STEP = ANSWER | {
+    "time error": lambda answer: answer.time_error,
+    "ends": lambda answer: np.array(answer.ends),
+}
 MANY: dict[str, Callable[[Any], Any]] = {
     "unknown": lambda many: [answer.unknown for answer in many],
     "multipliers": lambda many: [answer.multipliers for answer in many],
@@ -577,7 +721,9 @@ def points_of(model: Any, mu: Mapping[str, float]) -> np.ndarray:
     return np.vstack([[mu[name] for name in space.names], drawn])
 
 
-def path_of(model: Any, kind: Kind, shares: Sequence[float] = SHARES) -> list[tuple[float, np.ndarray]]:
+def path_of(
+    model: Any, kind: Kind, shares: Sequence[float] = SHARES
+) -> list[tuple[float, np.ndarray]]:
     """Times and parameters of a path; constants of bodies stay what they are."""
     if kind.path is not None:
         return kind.path()
@@ -587,7 +733,9 @@ def path_of(model: Any, kind: Kind, shares: Sequence[float] = SHARES) -> list[tu
     return [(0.25 * k, start + share * (end - start)) for k, share in enumerate(shares)]
 
 
-def dump_history(record: Record, name: str, march: Callable[[], Any], counts: Counts | None) -> None:
+def dump_history(
+    record: Record, name: str, march: Callable[[], Any], counts: Counts | None
+) -> None:
     """Record a history and each of its steps."""
     with record.of(name, counts):
         history = march()
@@ -606,15 +754,23 @@ def dump_file(record: Record, name: str, model: Any, kind: Kind) -> None:
             record.put(f"{name}/arrays", {key: file[key] for key in file.files if key != "header"})
         loaded = hhr.load_model(path)
         point = points_of(loaded, kind.mu)[0]
-        record.read(f"{name}/answer", ANSWER, loaded.solve(point, outside="ignore", raise_on_failure=False))
-        dump_history(record, f"{name}/march", lambda: loaded.march(path_of(loaded, kind), QUIET), None)
+        record.read(
+            f"{name}/answer", ANSWER, loaded.solve(point, outside="ignore", raise_on_failure=False)
+        )
+        dump_history(
+            record, f"{name}/march", lambda: loaded.march(path_of(loaded, kind), QUIET), None
+        )
 
 
 def dump_exports(record: Record, name: str, model: Any, kind: Kind) -> None:
     """Record the page and the C header of a model, and their sizes."""
     with tempfile.TemporaryDirectory() as folder:
         for part, suffix, write in (
-            ("page", ".html", lambda path: hhr.write_model_page(path, model, hhr.scenery_of(kind.full()))),
+            (
+                "page",
+                ".html",
+                lambda path: hhr.write_model_page(path, model, hhr.scenery_of(kind.full())),
+            ),
             ("C header", ".h", lambda path: in_tree("write_c_header")(path, model)),
         ):
             with record.of(f"{name}/{part}"):
@@ -628,7 +784,8 @@ def dump_exports(record: Record, name: str, model: Any, kind: Kind) -> None:
 def dump_kind(record: Record, name: str, counts: Counts) -> None:
     """Record all that a model of a kind gives."""
     kind = KINDS[name]
-    np.random.seed(0)  # noqa: NPY002, what SciPy draws by itself in bounds of commits before they were without it
+    # what SciPy draws by itself in bounds of commits before they were without it
+    np.random.seed(0)  # noqa: NPY002
     with record.of(f"{name}/make", counts):
         model = kind.make()
     if f"{name}/make" in record.errors:
@@ -654,10 +811,14 @@ def dump_kind(record: Record, name: str, counts: Counts) -> None:
     dump_history(record, f"{name}/march", lambda: model.march(path_of(model, kind), QUIET), counts)
     if inelastic_bodies:
         settings = hhr.MarchSettings(**TIGHT, gradient=True)
-        dump_history(record, f"{name}/gradient", lambda: model.march(path_of(model, kind), settings), counts)
+        dump_history(
+            record, f"{name}/gradient", lambda: model.march(path_of(model, kind), settings), counts
+        )
     if "creep" in name:
         settings = hhr.MarchSettings(**TIGHT, time_tolerance=0.01)
-        dump_history(record, f"{name}/cut", lambda: model.march(path_of(model, kind)[::2], settings), counts)
+        dump_history(
+            record, f"{name}/cut", lambda: model.march(path_of(model, kind)[::2], settings), counts
+        )
     dump_file(record, f"{name}/file", model, kind)
     if kind.full is not None:
         dump_exports(record, name, model, kind)

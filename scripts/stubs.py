@@ -1,6 +1,8 @@
-"""Writes what the core knows of our plug-ins: public names for type checkers, and all names for messages.
+"""Writes what the core knows of our plug-ins: public names for type checkers, and all names for
+messages.
 
-These are hhr_dolfinx/__init__.pyi and hhr_dolfinx/plug_ins.json, which names the plug-in of what is not there.
+These are hhr_dolfinx/__init__.pyi and hhr_dolfinx/plug_ins.json, which names the plug-in of what is
+not there.
 
 python scripts/stubs.py
 """
@@ -32,12 +34,19 @@ def names() -> dict[str, dict[str, str]]:
 
 def stub() -> str:
     """The file."""
-    places = dict(places_in({f"hhr_dolfinx.{module}": own for module, own in hhr_dolfinx.PUBLIC.items()}))
+    places = dict(
+        places_in({f"hhr_dolfinx.{module}": own for module, own in hhr_dolfinx.PUBLIC.items()})
+    )
     for plugin in manifests():
         places |= places_in(plugin.public)
-    named = sorted((place.partition(":")[0].removeprefix("hhr_dolfinx"), name) for name, place in places.items())
+    named = sorted(
+        (place.partition(":")[0].removeprefix("hhr_dolfinx"), name)
+        for name, place in places.items()
+    )
     lines = [f"from {module} import {name} as {name}" for module, name in named]
-    return "\n".join(['"""Public names for type checkers; written by scripts/stubs.py."""', "", *lines, ""])
+    return "\n".join(
+        ['"""Public names for type checkers; written by scripts/stubs.py."""', "", *lines, ""]
+    )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
-"""What a store of snapshots needs of a problem, without a mesh: light to import for processes that are killed."""
+"""What a store of snapshots needs of a problem, without a mesh: light to import for processes that
+are killed.
+"""
 
 import csv
 import io
@@ -21,12 +23,17 @@ from hhr_dolfinx.models.answer import Answer, ElasticFields
 from hhr_dolfinx.parameters import ParameterSpace
 
 WAIT = 1800
-"""Seconds after which another process is held to hang; those of the tests take half a minute on an idle machine."""
+"""Seconds after which another process is held to hang.
+
+Those of the tests take half a minute on an idle machine.
+"""
 _ROOT = Path(__file__).parent.parent
 _PLUGINS = [f"tests/plugins/{name}" for name in ("elasticity", "floating", "ranks")]
 _FOLDERS = ["tests", "tests/core", *_PLUGINS, "demos", "benchmarks", "benchmarks/thesis"]
 SCENE_FOLDERS = [str(_ROOT / name) for name in _FOLDERS]
-"""Folders in which other processes find scenes and tests, as `pythonpath` of `pyproject.toml` names them for pytest."""
+"""Folders in which other processes find scenes and tests, as `pythonpath` of `pyproject.toml` names
+them for pytest.
+"""
 
 
 def read_csv(path):
@@ -36,7 +43,10 @@ def read_csv(path):
 
 
 def bare_problem(dofs=6, conditions=2):
-    """A contact problem as far as a store looks at it; there is no stiffness, no load and no contact: all solve it."""
+    """A contact problem as far as a store looks at it.
+
+    There is no stiffness, no load and no contact: all solve it.
+    """
     return ContactProblem(
         stiffness_terms=(csr_matrix((dofs, dofs)),),
         node_mass=csr_matrix((1, 1)),

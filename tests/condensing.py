@@ -1,4 +1,6 @@
-"""Small models of condensed flow: a tube in a wall, a pellet in its cladding, made once, and how histories compare."""
+"""Small models of condensed flow: a tube in a wall, a pellet in its cladding, made once, and how
+histories compare.
+"""
 
 from functools import cache
 
@@ -43,7 +45,11 @@ def walled_tube(law, wall=2.003, cells=6, **space):
     """The thick tube with its pressure in a wall that it reaches."""
     bodies = (hhr.Body(block.SOLID, YOUNG, 0.3, law),)
     contacts = (hhr.Obstacle(block.side(0, upper=True), (1, 0), wall),)
-    given = {"parameters": scenes.space(**{"p": (0.0, 1.0)} | space), "bodies": bodies, "contacts": contacts}
+    given = {
+        "parameters": scenes.space(**{"p": (0.0, 1.0)} | space),
+        "bodies": bodies,
+        "contacts": contacts,
+    }
     return tube(law, 1.0, cells, **given)
 
 
@@ -53,7 +59,9 @@ def up(pressure, steps=8, dt=0.1, constants=()):
 
 def cycle(pressure, dt=0.1):
     """Loaded, unloaded and loaded again."""
-    shares = np.concatenate([np.linspace(0, 1, 9), np.linspace(0.75, 0, 4), np.linspace(0.25, 1, 4)])
+    shares = np.concatenate(
+        [np.linspace(0, 1, 9), np.linspace(0.75, 0, 4), np.linspace(0.25, 1, 4)]
+    )
     return [(dt * k, np.array([pressure * share])) for k, share in enumerate(shares)]
 
 
@@ -74,13 +82,22 @@ def loaded(gap, top=1.0, seconds=1.0, steps=flowing.STEPS, height=0.9):
     return pressures(np.arange(steps + 1) / steps * top, [seconds / steps] * steps, gap, height)
 
 
-INSIDE = (5.0, 0.6, 0.7), (15.0, 1.0, 0.7), (5.0, 1.0, 1.3), (15.0, 0.6, 1.3), (10.0, 0.8, 1.0), (8.0, 0.95, 1.1)
+INSIDE = (
+    (5.0, 0.6, 0.7),
+    (15.0, 1.0, 0.7),
+    (5.0, 1.0, 1.3),
+    (15.0, 0.6, 1.3),
+    (10.0, 0.8, 1.0),
+    (8.0, 0.95, 1.1),
+)
 """Gaps, largest loads and seconds of the training."""
 
 
 @cache
 def pellet():
-    """Plasticity against creep: full model, training and condensed model, with two histories held out."""
+    """Plasticity against creep: full model, training and condensed model, with two histories held
+    out.
+    """
     full = flowing.flowing_full()
     histories = [full.march(loaded(*item), TIGHT) for item in INSIDE]
     held = [full.march(loaded(7.0 + 4 * k, 0.9 - 0.1 * k, 0.9 + 0.2 * k), TIGHT) for k in range(3)]

@@ -81,8 +81,15 @@ collect_ignore = [file for file, plugins in NEEDING.items() if not present(*plug
 
 @pytest.hookimpl(tryfirst=True)  # before those that are not asked for are left out
 def pytest_collection_modifyitems(config, items):
-    """Mark the cases of slow_cases.txt as slow; leave out other slices, and tests whose plug-ins are not there."""
-    lacking = [item for item in items if any(not present(*mark.args) for mark in item.iter_markers("needs"))]
+    """Mark the cases of slow_cases.txt as slow.
+
+    Leave out other slices, and tests whose plug-ins are not there.
+    """
+    lacking = [
+        item
+        for item in items
+        if any(not present(*mark.args) for mark in item.iter_markers("needs"))
+    ]
     if lacking:
         config.hook.pytest_deselected(items=lacking)
         items[:] = [item for item in items if item not in lacking]
@@ -97,7 +104,9 @@ def pytest_collection_modifyitems(config, items):
 
 @pytest.fixture
 def restless():
-    """Threads change as often as they can, so that a race shows in one run and not in one of a thousand."""
+    """Threads change as often as they can, so that a race shows in one run and not in one of a
+    thousand.
+    """
     before = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)
     yield
@@ -118,5 +127,7 @@ def hertz_snapshots(hertz):
 
 @pytest.fixture(scope="session")
 def hertz_reduction(hertz, hertz_snapshots):
-    """The thesis' recipe, as it is: its forces outside the RID are up to 22 % wrong, which the trust check says."""
+    """The thesis' recipe, as it is: its forces outside the RID are up to 22 % wrong, which the
+    trust check says.
+    """
     return hhr.build(hertz, hertz_snapshots, THESIS.as_it_is())

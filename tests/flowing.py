@@ -1,4 +1,6 @@
-"""Small models of bodies that flow: coarse, quick, and as they are, where only arrays and bits count."""
+"""Small models of bodies that flow: coarse, quick, and as they are, where only arrays and bits
+count.
+"""
 
 import dataclasses
 
@@ -7,8 +9,18 @@ import pellet_cladding_plastic as demo
 
 import hhr_dolfinx as hhr
 
-SMALL_MESH = {"radial_cells": 4, "axial_cells": 6, "cladding_radial_cells": 2, "cladding_axial_cells": 5}
-DEMO_MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 3, "cladding_axial_cells": 15}
+SMALL_MESH = {
+    "radial_cells": 4,
+    "axial_cells": 6,
+    "cladding_radial_cells": 2,
+    "cladding_axial_cells": 5,
+}
+DEMO_MESH = {
+    "radial_cells": 12,
+    "axial_cells": 20,
+    "cladding_radial_cells": 3,
+    "cladding_axial_cells": 15,
+}
 """On which the errors of the demo hold."""
 STEPS = 6
 TRAINING = (5.0, 12.0)

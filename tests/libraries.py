@@ -1,4 +1,6 @@
-"""What the libraries at hand can do, asked of themselves: tests of what they lack are skipped by that reason."""
+"""What the libraries at hand can do, asked of themselves: tests of what they lack are skipped by
+that reason.
+"""
 
 import pytest
 

@@ -1,4 +1,6 @@
-"""Marks for tests that need plug-ins, which may have been deleted: they are left out where one of these is missing."""
+"""Marks for tests that need plug-ins, which may have been deleted: they are left out where one of
+these is missing.
+"""
 
 import re
 from pathlib import Path
@@ -9,7 +11,11 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx import registry
 
 PAGE = (Path(__file__).parents[1] / "docs/plug_ins.md").read_text("utf-8")
-OURS = tuple(re.findall(r"^\| `(\w+)` \|", PAGE.partition("\n## Ours\n")[2].partition("\n## ")[0], re.MULTILINE))
+OURS = tuple(
+    re.findall(
+        r"^\| `(\w+)` \|", PAGE.partition("\n## Ours\n")[2].partition("\n## ")[0], re.MULTILINE
+    )
+)
 """Our plug-ins, by the list of the page, which has those that were deleted too."""
 
 
@@ -39,7 +45,10 @@ def double_pass(*surfaces, **options):
 
 
 def cases_of(meshes):
-    """Cases by names of arguments of ``pressed_pair``; those of meshes that do not match need a plug-in."""
+    """Cases by names of arguments of ``pressed_pair``.
+
+    Those of meshes that do not match need a plug-in.
+    """
     return [
         pytest.param(name, marks=() if mesh.get("matching", True) else needs("nonmatching"))
         for name, mesh in sorted(meshes.items())

@@ -1,4 +1,6 @@
-"""Where nothing is optional, as in continuous integration, a test that is skipped fails: HHR_CI=1 says so."""
+"""Where nothing is optional, as in continuous integration, a test that is skipped fails: HHR_CI=1
+says so.
+"""
 
 import os
 
@@ -12,7 +14,9 @@ def fail_if_skipped(report):
         return
     reason = report.longrepr[2] if isinstance(report.longrepr, tuple) else report.longrepr
     report.outcome = "failed"
-    report.longrepr = f"{reason}\nHHR_CI is set, and so no test may be skipped: install what is missing"
+    report.longrepr = (
+        f"{reason}\nHHR_CI is set, and so no test may be skipped: install what is missing"
+    )
 
 
 @pytest.hookimpl(hookwrapper=True)

@@ -1,4 +1,6 @@
-"""Von Mises plasticity in numpy, and what laws outside of UFL have in common: histories, refusals, stores."""
+"""Von Mises plasticity in numpy, and what laws outside of UFL have in common: histories, refusals,
+stores.
+"""
 
 import pickle
 from dataclasses import replace
@@ -18,7 +20,10 @@ FIELDS = *EVERY, "plastic_strain"
 
 
 def von_mises(increment, stress, cumulated, *, young, poisson, yield_stress, hardening):
-    """Tangents, (..., c, c), stress after a step, (..., c), and the increment of p, (...); numbers may be arrays."""
+    """Tangents, (..., c, c), stress after a step, (..., c), and the increment of p, (...).
+
+    Numbers may be arrays.
+    """
     size = increment.shape[-1]
     unit = np.array([1.0, 1.0, 1.0] + [0.0] * (size - 3))
     dev = np.eye(size) - np.outer(unit, unit) / 3
@@ -31,7 +36,11 @@ def von_mises(increment, stress, cumulated, *, young, poisson, yield_stress, har
     amount = np.maximum(q - yield_stress - hardening * cumulated, 0) / (3 * mu + hardening)
     n = np.divide(s, q[..., None], out=np.zeros_like(s), where=(amount > 0)[..., None])
     ratio = 3 * mu * np.divide(amount, q, out=np.zeros_like(q), where=q > 0)
-    rank_one = (3 * mu * (3 * mu / (3 * mu + hardening) - ratio))[..., None, None] * n[..., :, None] * n[..., None, :]
+    rank_one = (
+        (3 * mu * (3 * mu / (3 * mu + hardening) - ratio))[..., None, None]
+        * n[..., :, None]
+        * n[..., None, :]
+    )
     tangents = elastic - rank_one - 2 * mu[..., None, None] * ratio[..., None, None] * dev
     return tangents, trial - ratio[..., None] * s, amount
 
@@ -65,7 +74,9 @@ def check_histories(law):
 
 
 def other_law(condensed, law):
-    """A condensed model with a law instead of its own: other arrays, such as points, stay the same."""
+    """A condensed model with a law instead of its own: other arrays, such as points, stay the
+    same.
+    """
     flow = condensed.flow
     code = law.at_points(flow.components)
     groups = tuple(replace(group, law=group.law and code) for group in flow.groups)
@@ -74,10 +85,12 @@ def other_law(condensed, law):
 
 
 def check_condensed(full, found, law):
-    """Condensed histories are those of the law in UFL, which a compiled loop solves: round-off of steps of 1e-11.
+    """Condensed histories are those of the law in UFL, which a compiled loop solves: round-off of
+    steps of 1e-11.
 
-    So are those of a copy in another process, with what is estimated of time steps. Models that are trained apart may
-    choose another one of two points that are alike, of which completed fields know, and no displacement or force.
+    So are those of a copy in another process, with what is estimated of time steps. Models that are
+    trained apart may choose another one of two points that are alike, of which completed fields
+    know, and no displacement or force.
     """
     whole, training, _ = reference()
     compiled = condensed(whole, training)
@@ -85,7 +98,10 @@ def check_condensed(full, found, law):
     settings = replace(FINE, time_error=True)
     for path in (cycle(0.7), up(0.9, steps=3)):
         expected = compiled.march(path, settings)
-        assert expected.answers[-1].plastic_strain().max() > 1e-3 and expected.answers[-1].forces().any()
+        assert (
+            expected.answers[-1].plastic_strain().max() > 1e-3
+            and expected.answers[-1].forces().any()
+        )
         for model in (same, pickle.loads(pickle.dumps(same))):
             history = model.march(path, settings)
             assert max(apart(history, expected, FIELDS)) < 1e-10
@@ -102,7 +118,9 @@ def check_refused(full, found, model, law, folder):
     why = f"{law.name} is code outside of UFL"
     small = check_condensed(full, found, law)
     for one in (model, small):
-        with pytest.raises(NotOfferedError, match=f"{why}, and files, pages, C and FMUs hold none.* folder="):
+        with pytest.raises(
+            NotOfferedError, match=f"{why}, and files, pages, C and FMUs hold none.* folder="
+        ):
             hhr.save_model(folder / "model.npz", one)
     assert not list(folder.iterdir())
     if present("pages"):
@@ -117,7 +135,10 @@ def check_refused(full, found, model, law, folder):
 
         with pytest.raises(NotOfferedError, match=why):
             write_c_header(folder / "model.h", small)
-    for refused in (replace(walled_tube(law), hypothesis="plane_stress"), walled_tube(hhr.Heated(law, 1e-5, 20.0))):
+    for refused in (
+        replace(walled_tube(law), hypothesis="plane_stress"),
+        walled_tube(hhr.Heated(law, 1e-5, 20.0)),
+    ):
         with pytest.raises(SceneError, match=f"{why}: no plane stress, no heat"):
             hhr.FullOrderModel(refused)
 
@@ -132,14 +153,22 @@ def check_store(law, other, folder):
 
 
 def check_points(law, components, young=200.0):
-    """Steps at random points are those of :func:`von_mises`, tangents too; E is that of the body unless it is given."""
+    """Steps at random points are those of :func:`von_mises`, tangents too.
+
+    E is that of the body unless it is given.
+    """
     from hhr_dolfinx.plugins.inelastic.update import Group, Material
 
     random = np.random.default_rng(components)
     # one of the bodies has no points, as on a rank
     groups = [Group(np.arange(points), 200.0, 0.3, law.at_points(components)) for points in (40, 0)]
     material = Material(groups, components)
-    state, strain, stress, p = material.at_rest(), np.zeros((40, components)), np.zeros((40, components)), np.zeros(40)
+    state, strain, stress, p = (
+        material.at_rest(),
+        np.zeros((40, components)),
+        np.zeros((40, components)),
+        np.zeros(40),
+    )
     given = {"young": young, "poisson": 0.3, "yield_stress": YIELD, "hardening": SLOPE}
     for _ in range(4):
         step = 0.004 * random.standard_normal(strain.shape)

@@ -1,4 +1,6 @@
-"""Small sets of local models, made by hand: parts of a box that overlap, and choices between them."""
+"""Small sets of local models, made by hand: parts of a box that overlap, and choices between
+them.
+"""
 
 import dataclasses
 
@@ -20,7 +22,9 @@ VARIED = {"E1": (1.0, 6.0)}
 
 def choice(nodes, reach):
     """A choice of rows (axis, cut, low, high) of cuts, and (-1, model) of regions."""
-    rows = np.array([(axis, *rest, 0) if axis >= 0 else (-1, 0.0, 0, 0, *rest) for axis, *rest in nodes])
+    rows = np.array(
+        [(axis, *rest, 0) if axis >= 0 else (-1, 0.0, 0, 0, *rest) for axis, *rest in nodes]
+    )
     from hhr_dolfinx.plugins.local.models import Choice
 
     axis, low, high, label = (rows[:, k].astype(np.int64) for k in (0, 2, 3, 4))
@@ -58,10 +62,14 @@ def three_models(training):
 
 def varying_set():
     """Two models of a pair of blocks whose lower modulus is a parameter, and the training."""
-    training = hhr.train(pressed_pair("plane_strain", (("E1", 0.3), (5.0, 0.3)), VARIED, cells=3), hhr.Sobol(32))
+    training = hhr.train(
+        pressed_pair("plane_strain", (("E1", 0.3), (5.0, 0.3)), VARIED, cells=3), hhr.Sobol(32)
+    )
     reach = np.zeros(len(training.full_order.parameters.names))
     reach[-1] = 0.5
-    return training, hhr.LocalModels(parts_of(training, [(0.0, 4.3), (2.7, 9.0)]), one_cut(4, 3.5, reach))
+    return training, hhr.LocalModels(
+        parts_of(training, [(0.0, 4.3), (2.7, 9.0)]), one_cut(4, 3.5, reach)
+    )
 
 
 def by_lapack(model):
@@ -73,7 +81,13 @@ def by_lapack(model):
 
 def bits(answer):
     """What an answer hands out, to the last digit."""
-    parts = answer.parameter, answer.unknown, answer.multipliers, answer.displacement(), answer.forces()
+    parts = (
+        answer.parameter,
+        answer.unknown,
+        answer.multipliers,
+        answer.displacement(),
+        answer.forces(),
+    )
     return b"".join(part.tobytes() for part in parts)
 
 

@@ -1,7 +1,9 @@
-"""Contact with several laws by projected forces alone, without Newton's method and statuses: a reference for tests.
+"""Contact with several laws by projected forces alone, without Newton's method and statuses: a
+reference for tests.
 
-x <- projection of x - c s with one small c, s = free + S x. The projections are closed forms: the resolvent of a cubic
-by its real root, that of wear by hand, and friction of the plane by an interval.
+x <- projection of x - c s with one small c, s = free + S x. The projections are closed forms: the
+resolvent of a cubic by its real root, that of wear by hand, and friction of the plane by an
+interval.
 """
 
 import numpy as np
@@ -20,7 +22,10 @@ def projected(schur, free, projection, start=None, most=1_000_000):
 
 
 def cubic(y, c, linear, third):
-    """k1 d + k3 d^3 where k3 d^3 + (k1 + c) d = y, by the hyperbolic form of the root; zero for y < 0."""
+    """k1 d + k3 d^3 where k3 d^3 + (k1 + c) d = y, by the hyperbolic form of the root.
+
+    Zero for y < 0.
+    """
     y = np.maximum(y, 0.0)
     p, q = (linear + c) / third, y / third
     d = 2.0 * np.sqrt(p / 3.0) * np.sinh(np.arcsinh(1.5 * q / p * np.sqrt(3.0 / p)) / 3.0)
@@ -28,9 +33,14 @@ def cubic(y, c, linear, third):
 
 
 class Reference:
-    """Three ranges of rows: pairs of friction in the plane, gaskets, and wear; all other rows are unilateral."""
+    """Three ranges of rows: pairs of friction in the plane, gaskets, and wear.
 
-    def __init__(self, schur, normal, tangential, mu, gasket=(), constants=(1.0, 1.0), wearing=(), rate=0.0):
+    All other rows are unilateral.
+    """
+
+    def __init__(
+        self, schur, normal, tangential, mu, gasket=(), constants=(1.0, 1.0), wearing=(), rate=0.0
+    ):
         self.schur = schur
         self.normal, self.tangential, self.mu = normal, tangential, mu
         self.gasket, self.constants = np.array(gasket, dtype=int), constants

@@ -10,7 +10,10 @@ from hhr_dolfinx.geometries import block, stacked_blocks, two_blocks
 from hhr_dolfinx.reduction.projection import open_conditions, reduced_domain
 
 THESIS = hhr.Recipe.thesis(1e-8)
-"""The recipe of the thesis for the half-discs; built ``as_it_is``, since the trust check warns of it, with reason."""
+"""The recipe of the thesis for the half-discs.
+
+Built ``as_it_is``, since the trust check warns of it, with reason.
+"""
 
 
 def node_dofs(problem, nodes):
@@ -20,7 +23,9 @@ def node_dofs(problem, nodes):
 
 def with_bodies(scene, **changes):
     """The scene with other constants or another law of all of its bodies."""
-    return dataclasses.replace(scene, bodies=tuple(dataclasses.replace(body, **changes) for body in scene.bodies))
+    return dataclasses.replace(
+        scene, bodies=tuple(dataclasses.replace(body, **changes) for body in scene.bodies)
+    )
 
 
 def whole_domain(problem):
@@ -41,7 +46,8 @@ def check_closed(problem, asked, sets):
     columns = np.flatnonzero(contact[sets.A_lambda].any(axis=0))
     assert sets.A_c_tilde.tolist() == columns.tolist()
     assert sets.A_c.tolist() == columns[in_A[columns]].tolist()
-    # every node asked for keeps its free dofs, and a condition belongs to the RID if those of its slave do
+    # every node asked for keeps its free dofs, and a condition belongs to the RID if those of its
+    # slave do
     dofs = node_dofs(problem, asked)
     assert in_A[dofs[problem.free[dofs]]].all()
     for row, slave in enumerate(problem.contact_slaves):
@@ -60,14 +66,19 @@ def space(**box):
     return hhr.ParameterSpace(tuple(box), *zip(*box.values(), strict=True))
 
 
-def block_scene(name, box, *, lower=(0.0, 0.0), upper=(1.0, 1.0), cells=(4, 4), young=1.0, poisson=0.3, **others):
-    """A scene of one block, in plane strain unless ``others``, parts of a scene or ``simplices``, say otherwise.
+def block_scene(
+    name, box, *, lower=(0.0, 0.0), upper=(1.0, 1.0), cells=(4, 4), young=1.0, poisson=0.3, **others
+):
+    """A scene of one block, in plane strain unless ``others``, parts of a scene or ``simplices``,
+    say otherwise.
 
     ``box`` has the bounds of its parameters by their names.
     """
     simplices = others.pop("simplices", False)
     given = {
-        "geometry": lambda comm: block.block(comm, lower=lower, upper=upper, cells=cells, simplices=simplices),
+        "geometry": lambda comm: block.block(
+            comm, lower=lower, upper=upper, cells=cells, simplices=simplices
+        ),
         "hypothesis": "plane_strain",
         "bodies": (hhr.Body(block.SOLID, young, poisson),),
         "parameters": space(**box),
@@ -76,7 +87,8 @@ def block_scene(name, box, *, lower=(0.0, 0.0), upper=(1.0, 1.0), cells=(4, 4), 
 
 
 def pair_scene(name, box, first, second, bodies, *, simplices=False, warp=None, **others):
-    """A scene of two blocks, boxes (lower, upper, cells), in plane strain unless ``others`` say otherwise.
+    """A scene of two blocks, boxes (lower, upper, cells), in plane strain unless ``others`` say
+    otherwise.
 
     Bodies are (young, poisson) or a Body.
     """
@@ -86,7 +98,9 @@ def pair_scene(name, box, first, second, bodies, *, simplices=False, warp=None, 
             comm, first=first, second=second, simplices=simplices, warp=warp
         ),
         "hypothesis": "plane_strain",
-        "bodies": tuple(body if isinstance(body, hhr.Body) else hhr.Body(tag, *body) for tag, body in tagged),
+        "bodies": tuple(
+            body if isinstance(body, hhr.Body) else hhr.Body(tag, *body) for tag, body in tagged
+        ),
         "parameters": space(**box),
     }
     return hhr.Scene(name=name, **given | others)
@@ -95,14 +109,20 @@ def pair_scene(name, box, first, second, bodies, *, simplices=False, warp=None, 
 def pressed_block(hypothesis, *, young=3.0, poisson=0.3, gap=0.01, cells=4, simplices=False):
     """A block of height 2 pushed by ``push`` in [0, 0.1] on a rigid floor ``gap`` below it.
 
-    Its strain is uniform: the pressure is E (push - gap) / 2, and with E / (1 - nu^2) in plane strain.
+    Its strain is uniform: the pressure is E (push - gap) / 2, and with E / (1 - nu^2) in plane
+    strain.
     """
     dim = 3 if hypothesis == "solid" else 2
     up = dim - 1
     normal = tuple(-1.0 if axis == up else 0.0 for axis in range(dim))
     fixed = tuple(hhr.Displacement(block.side(axis, upper=False), axis) for axis in range(up))
     push = hhr.Displacement(block.side(up, upper=True), up, slope("push", -1.0))
-    size = {"lower": (0.0,) * dim, "upper": (1.5,) * up + (2.0,), "cells": (cells,) * dim, "simplices": simplices}
+    size = {
+        "lower": (0.0,) * dim,
+        "upper": (1.5,) * up + (2.0,),
+        "cells": (cells,) * dim,
+        "simplices": simplices,
+    }
     return block_scene(
         f"pressed_{hypothesis}",
         {"push": (0.0, 0.1)},
@@ -137,12 +157,16 @@ PAIR_BOX = {"push": (0.005, 0.06), "slide": (-0.02, 0.02), "load": (0.0, 0.1), "
 """Parameters of :func:`pressed_pair` that move it, by their bounds."""
 
 
-def pressed_pair(hypothesis, bodies, parameters=None, *, cells=4, simplices=False, matching=True, **others):
-    """Two blocks of height 1 on each other: the lower one is clamped, the upper one pushed, slid and pressed aside.
+def pressed_pair(
+    hypothesis, bodies, parameters=None, *, cells=4, simplices=False, matching=True, **others
+):
+    """Two blocks of height 1 on each other: the lower one is clamped, the upper one pushed, slid
+    and pressed aside.
 
-    Nothing in it is uniform, displacements that move are imposed on the upper body, and contact is lost in places.
-    Bodies are (young, poisson) or a Body; ``parameters`` are bounds by name beside ``PAIR_BOX``. Where nodes do not
-    face each other the lower surface is the slave of ``NodeToSurface``. ``others`` replace parts of the scene.
+    Nothing in it is uniform, displacements that move are imposed on the upper body, and contact is
+    lost in places. Bodies are (young, poisson) or a Body; ``parameters`` are bounds by name beside
+    ``PAIR_BOX``. Where nodes do not face each other the lower surface is the slave of
+    ``NodeToSurface``. ``others`` replace parts of the scene.
     """
     dim = 3 if hypothesis == "solid" else 2
     up = dim - 1
@@ -154,15 +178,20 @@ def pressed_pair(hypothesis, bodies, parameters=None, *, cells=4, simplices=Fals
     clamped = side(two_blocks.FIRST, up, False)
     top, flank = side(two_blocks.SECOND, up, True), side(two_blocks.SECOND, 0, True)
     surfaces = side(two_blocks.FIRST, up, True), side(two_blocks.SECOND, up, False)
-    held = [hhr.Displacement(clamped, axis) for axis in range(dim)] + [hhr.Displacement(top, k) for k in range(1, up)]
+    held = [hhr.Displacement(clamped, axis) for axis in range(dim)] + [
+        hhr.Displacement(top, k) for k in range(1, up)
+    ]
     moved = hhr.Displacement(top, 0, slope("slide")), hhr.Displacement(top, up, slope("push", -1.0))
     given = {
-        "contacts": others.get("contacts") or ((hhr.NodeToNode if matching else hhr.NodeToSurface)(*surfaces, normal),),
+        "contacts": others.get("contacts")
+        or ((hhr.NodeToNode if matching else hhr.NodeToSurface)(*surfaces, normal),),
         "loads": (hhr.Pressure(flank, slope("load")),),
         "openings": (hhr.Opening(0, slope("gap")),),
     }
     given |= {"hypothesis": hypothesis, "displacements": (*held, *moved), "simplices": simplices}
-    return pair_scene(f"pair_{hypothesis}", PAIR_BOX | (parameters or {}), first, second, bodies, **given | others)
+    return pair_scene(
+        f"pair_{hypothesis}", PAIR_BOX | (parameters or {}), first, second, bodies, **given | others
+    )
 
 
 def largest_difference(found, expected):
@@ -171,7 +200,9 @@ def largest_difference(found, expected):
 
 
 def check_like(found, exact, **tolerances):
-    """Hold fields of an answer, by their names, to those of another one, relative to the largest entry."""
+    """Hold fields of an answer, by their names, to those of another one, relative to the largest
+    entry.
+    """
     for name, tolerance in tolerances.items():
         assert largest_difference(getattr(found, name)(), getattr(exact, name)()) < tolerance, name
 
@@ -183,7 +214,8 @@ def check_alike(full, model, points, **tolerances):
 
 
 def slope_errors(model, point, step=1e-5):
-    """Relative errors of the gradient of a model, (multipliers, unknown), beside central differences, (P,) each.
+    """Relative errors of the gradient of a model, (multipliers, unknown), beside central
+    differences, (P,) each.
 
     The statuses must not change within a step.
     """
@@ -197,23 +229,36 @@ def slope_errors(model, point, step=1e-5):
         assert np.array_equal(found.active, answer.active)
         return np.concatenate([getattr(found, name) for name in names])
 
-    changes = np.split(space.differences(values, np.array(point, dtype=float), step) * width, [answer.multipliers.size])
+    changes = np.split(
+        space.differences(values, np.array(point, dtype=float), step) * width,
+        [answer.multipliers.size],
+    )
     errors = []
     for name, change in zip(names, changes, strict=True):
         size = np.linalg.norm(getattr(answer, name))
         off = np.linalg.norm(getattr(answer.gradient, name) * width - change, axis=0)
-        errors.append(off / (np.linalg.norm(change, axis=0) + 1e-3 * size) if size else np.zeros(off.size))
+        errors.append(
+            off / (np.linalg.norm(change, axis=0) + 1e-3 * size) if size else np.zeros(off.size)
+        )
     return np.transpose(errors)
 
 
 def output_slopes(model, point, *names, step=1e-6):
-    """Derivatives of outputs by central differences of a part of the box, (P,) each, by their names."""
+    """Derivatives of outputs by central differences of a part of the box, (P,) each, by their
+    names.
+    """
 
     def values(moved):
         outputs = model.outputs(moved, outside="ignore")
         return np.array([outputs[name] for name in names])
 
-    return dict(zip(names, model.parameters.differences(values, np.array(point, dtype=float), step), strict=True))
+    return dict(
+        zip(
+            names,
+            model.parameters.differences(values, np.array(point, dtype=float), step),
+            strict=True,
+        )
+    )
 
 
 def squeezed(deepest):
@@ -230,7 +275,15 @@ def squeezed(deepest):
     )
 
 
-def stacked(dim, simplices=False, pairing="node to node", bodies=((3.0, 0.3), (5.0, 0.2)), *, alike=True, **others):
+def stacked(
+    dim,
+    simplices=False,
+    pairing="node to node",
+    bodies=((3.0, 0.3), (5.0, 0.2)),
+    *,
+    alike=True,
+    **others,
+):
     """Two blocks of edge 1, one pressed on the other by the pressure ``p``: the stress is uniform.
 
     With "obstacle" the lower one rests on a rigid floor; ``alike`` if nodes face each other.
@@ -244,13 +297,19 @@ def stacked(dim, simplices=False, pairing="node to node", bodies=((3.0, 0.3), (5
     second = lower + above, upper + above, (3 if alike else 4,) * dim
     faces = side(below, last, True), side(on_top, last, False)
     contact = {
-        "node to node": lambda: hhr.NodeToNode(*faces, normal), "node to surface": lambda: hhr.NodeToSurface(*faces),
-        "double pass": lambda: hhr.DoublePass(*faces), "mortar": lambda: hhr.Mortar(*faces),
+        "node to node": lambda: hhr.NodeToNode(*faces, normal),
+        "node to surface": lambda: hhr.NodeToSurface(*faces),
+        "double pass": lambda: hhr.DoublePass(*faces),
+        "mortar": lambda: hhr.Mortar(*faces),
         "obstacle": lambda: hhr.Obstacle(side(below, last, False), tuple(-above), 0.0),
-    }[pairing]()  # fmt: skip
+    }[pairing]()
     resting = pairing == "obstacle"
     held = () if resting else (hhr.Displacement(side(below, last, False), last),)
-    sides = (hhr.Displacement(side(body, axis, False), axis) for body in (below, on_top) for axis in range(last))
+    sides = (
+        hhr.Displacement(side(body, axis, False), axis)
+        for body in (below, on_top)
+        for axis in range(last)
+    )
     given = {
         "hypothesis": "plane_strain" if dim == 2 else "solid",
         "contacts": (contact, *((hhr.NodeToNode(*faces, normal),) if resting else ())),
@@ -268,7 +327,9 @@ def lying(*, bulge=0.05, cells=(8, 4), tilt=0.0, sideways=0.0, young=1000.0, **c
     surfaces = (stacked_blocks.interface(body, 2) for body in (under, over))
     given = {
         "name": "floating",
-        "geometry": lambda comm: stacked_blocks.stacked_blocks(comm, lower=cells, upper=cells, bulge=bulge),
+        "geometry": lambda comm: stacked_blocks.stacked_blocks(
+            comm, lower=cells, upper=cells, bulge=bulge
+        ),
         "hypothesis": "plane_strain",
         "bodies": (hhr.Body(under, 2000.0, 0.3), hhr.Body(over, young, 0.3)),
         "contacts": (hhr.NodeToNode(*surfaces, (0.0, 1.0)),),

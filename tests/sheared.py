@@ -10,13 +10,20 @@ from scenes import pair_scene, slope
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
 
-PATH = [(0.0, (0.0, 0.0)), (1.0, (0.03, 0.0)), *((2.0 + k, (0.03, s)) for k, s in enumerate((0.02, 0.06, 0.0, -0.06)))]
+PATH = [
+    (0.0, (0.0, 0.0)),
+    (1.0, (0.03, 0.0)),
+    *((2.0 + k, (0.03, s)) for k, s in enumerate((0.02, 0.06, 0.0, -0.06))),
+]
 
 
 def rubbing(friction=0.3, cells=8, pairing=None, dimension=2, **others) -> hhr.Scene:
     """A block pressed on another one and sheared; in space aside too if the box has ``aside``."""
     last = dimension - 1
-    first, second = (np.zeros(dimension), np.ones(dimension)), (np.zeros(dimension), np.ones(dimension))
+    first, second = (
+        (np.zeros(dimension), np.ones(dimension)),
+        (np.zeros(dimension), np.ones(dimension)),
+    )
     second[0][last], second[1][last] = 1.0, 2.0
     faces = side(FIRST, last, True), side(SECOND, last, False)
     top = side(SECOND, last, True)
@@ -58,7 +65,9 @@ def leaning(comm):
 
 
 def driven(dimension=2, **others) -> hhr.Scene:
-    """The same blocks with sides that are held below and moved above: of contacts there both sides are imposed."""
+    """The same blocks with sides that are held below and moved above: of contacts there both sides
+    are imposed.
+    """
     scene = rubbing(dimension=dimension, cells=8 if dimension == 2 else 3, **others)
     sides = (
         hhr.Displacement(side(FIRST, 0, False), 0),

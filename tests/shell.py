@@ -17,7 +17,9 @@ AT = ["--at", "travel=0.5,lowered=0.1"]
 TRAIN = ["train", SPRING, "--sobol", "12"]
 ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "FORCE_COLOR"} | {
     "OMP_NUM_THREADS": "1",
-    "PYTHONPATH": os.pathsep.join(filter(None, [str(Path(DEMO).parent), os.environ.get("PYTHONPATH")])),
+    "PYTHONPATH": os.pathsep.join(
+        filter(None, [str(Path(DEMO).parent), os.environ.get("PYTHONPATH")])
+    ),
 }
 
 

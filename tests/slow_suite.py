@@ -26,12 +26,17 @@ def slice_of(text):
 
 
 def unit(nodeid):
-    """Tests that a slice has or has not: a file, whose tests share fixtures; scripts, which share none, one by one."""
+    """Tests that a slice has or has not: a file, whose tests share fixtures.
+
+    scripts, which share none, one by one.
+    """
     return nodeid if "test_scripts.py" in nodeid else nodeid.partition("::")[0]
 
 
 def planned(seconds, count):
-    """Slices of units, so that all take about as long: the dearest first, each into the slice that has least."""
+    """Slices of units, so that all take about as long: the dearest first, each into the slice that
+    has least.
+    """
     slices, totals = {}, [0.0] * count
     for name in sorted(seconds, key=lambda name: (-seconds[name], name)):
         slices[name] = totals.index(min(totals))
@@ -78,7 +83,10 @@ def row_of(counts):
 
 
 def commit():
-    """Hash of the commit that is checked out, with ``+`` if files of it are changed; empty outside of git."""
+    """Hash of the commit that is checked out, with ``+`` if files of it are changed.
+
+    Empty outside of git.
+    """
     hashed = subprocess.run(["git", "rev-parse", "HEAD"], cwd=ROOT, capture_output=True, text=True)
     changed = subprocess.run(["git", "diff", "--quiet", "HEAD"], cwd=ROOT, capture_output=True)
     return hashed.stdout.strip() + ("+" if changed.returncode == 1 else "")
@@ -109,6 +117,10 @@ def keep_slice(config, items):
         return
     index, count = slice_of(text)
     slices = planned(recorded(), count)
-    others = [item for item in items if slices.get(unit(item.nodeid), slice_by_hash(unit(item.nodeid), count)) != index]
+    others = [
+        item
+        for item in items
+        if slices.get(unit(item.nodeid), slice_by_hash(unit(item.nodeid), count)) != index
+    ]
     config.hook.pytest_deselected(items=others)
     items[:] = [item for item in items if item not in set(others)]

@@ -1,4 +1,6 @@
-"""A kind of output of a user's own, in one file: the smooth largest pressure, (sum of p^n)^(1/n)."""
+"""A kind of output of a user's own, in one file: the smooth largest pressure, (sum of
+p^n)^(1/n).
+"""
 
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
@@ -45,4 +47,6 @@ class SmoothPeak:
 
     def prepared(self, probe):
         conditions, areas = probe.loaded(self)
-        return PressureNorm(self.name, self.unit, 0, NOWHERE, NOWHERE, np.zeros(0), conditions, areas, self.power)
+        return PressureNorm(
+            self.name, self.unit, 0, NOWHERE, NOWHERE, np.zeros(0), conditions, areas, self.power
+        )

@@ -1,4 +1,6 @@
-"""A way to reduce of a user's own, in one file: POD-Galerkin on the whole mesh, with all contact conditions kept."""
+"""A way to reduce of a user's own, in one file: POD-Galerkin on the whole mesh, with all contact
+conditions kept.
+"""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -27,7 +29,8 @@ class GalerkinFields(ExactFields):
 
 @dataclass(frozen=True)
 class Galerkin(Reductor[Task]):
-    """Modes of training displacements and one for each contact condition, more of them until errors are small.
+    """Modes of training displacements and one for each contact condition, more of them until errors
+    are small.
 
     An error of displacements and forces of ``small`` is small enough.
     """
@@ -39,8 +42,15 @@ class Galerkin(Reductor[Task]):
 
     def check(self, task):
         full, problem = task.full, task.full.problem
-        if full.equilibrium is not None or full.law.plugin or problem.varies or problem.kernel is not None:
-            raise NotOfferedError("Galerkin is for elastic bodies of constant stiffness that are held")
+        if (
+            full.equilibrium is not None
+            or full.law.plugin
+            or problem.varies
+            or problem.kernel is not None
+        ):
+            raise NotOfferedError(
+                "Galerkin is for elastic bodies of constant stiffness that are held"
+            )
 
     def levels(self, task):
         return (1e-4, 1e-8, 1e-12)
@@ -51,7 +61,9 @@ class Galerkin(Reductor[Task]):
         contact = problem.contact.toarray() * problem.free
         basis = orth(np.column_stack([modes, contact.T]), rcond=1e-10)
         factor = cho_factor(basis.T @ (problem.stiffness @ basis))
-        free, per_force = (basis @ cho_solve(factor, basis.T @ b) for b in (problem.loads.toarray(), contact.T))
+        free, per_force = (
+            basis @ cho_solve(factor, basis.T @ b) for b in (problem.loads.toarray(), contact.T)
+        )
         slack = problem.gaps - problem.contact @ free
         responses = Responses(free[:0], per_force[:0], slack, problem.contact @ per_force)
         fields = self.fields(problem.amplitudes, problem.lifts, per_force, free, problem.block_size,

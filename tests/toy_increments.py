@@ -1,8 +1,9 @@
-"""Increments of wear by a solver of its own, the facet ``steps``: an active set on S with a larger diagonal.
+"""Increments of wear by a solver of its own, the facet ``steps``: an active set on S with a larger
+diagonal.
 
-The template of contact laws, ``my_contact_law``, is solved by the facet ``range``. This is the same backward Euler,
-slack = free + worn before + (S + rate dt) force, in other operations: a reference for it, and a law
-whose plug-in has no facet ``range``.
+The template of contact laws, ``my_contact_law``, is solved by the facet ``range``. This is the same
+backward Euler, slack = free + worn before + (S + rate dt) force, in other operations: a reference
+for it, and a law whose plug-in has no facet ``range``.
 """
 
 from dataclasses import replace
@@ -63,7 +64,9 @@ class WearIncrements:
         start = slack < 0 if before.active is None else before.active
         found = active_set(SchurEqualities.of(contact.schur + np.diag(worn)), slack, start)
         after = before.worn + worn * found.forces
-        return Solved(found, contact, Reached(target.time, target.point, target.weights, found.active, after))
+        return Solved(
+            found, contact, Reached(target.time, target.point, target.weights, found.active, after)
+        )
 
     def compare(self, solved):
         """Take in the size of forces."""
@@ -71,7 +74,9 @@ class WearIncrements:
 
     def difference(self, before, half, second, whole):
         """Of forces, over the largest so far."""
-        return float(np.linalg.norm(second.found.forces - whole.found.forces)) / (self.largest or 1.0)
+        return float(np.linalg.norm(second.found.forces - whole.found.forces)) / (
+            self.largest or 1.0
+        )
 
     def check(self, place):
         """No check."""

@@ -43,7 +43,11 @@ class Ludwik(hhr.Law if present("inelastic") else object):  # type: ignore[misc]
     strength: float | str
     exponent: float | str
     unknowns: ClassVar = {"amount": 1}
-    limits: ClassVar = {"yield_stress": NOT_NEGATIVE, "strength": NOT_NEGATIVE, "exponent": (0.0, 2.0)}
+    limits: ClassVar = {
+        "yield_stress": NOT_NEGATIVE,
+        "strength": NOT_NEGATIVE,
+        "exponent": (0.0, 2.0),
+    }
 
     def statement(self, at: At) -> Stated:
         """q = σ0 + K p^n."""

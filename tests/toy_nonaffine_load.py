@@ -24,7 +24,10 @@ class Square:
 
 @dataclass(frozen=True)
 class WindLoad:
-    """Surface force ``factor * speed^2 * direction`` per area on tagged facets; ``speed`` names its parameter."""
+    """Surface force ``factor * speed^2 * direction`` per area on tagged facets.
+
+    ``speed`` names its parameter.
+    """
 
     tag: int
     direction: tuple[float, ...]
@@ -33,6 +36,8 @@ class WindLoad:
 
     def terms(self, assembler: Assembler) -> list[hhr.Term]:
         """One vector."""
-        form = traction(assembler.test, self.direction, assembler.hypothesis, assembler.ds(self.tag))
+        form = traction(
+            assembler.test, self.direction, assembler.hypothesis, assembler.ds(self.tag)
+        )
         square = Square(assembler.parameters.names.index(self.speed), self.factor)
         return [hhr.Term(square, assembler.vector(form))]

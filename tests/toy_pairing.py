@@ -4,14 +4,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hhr_dolfinx.pairings import ContactRows, mean_normal, nodal_rows, tangential_order, warn_of_overlap
+from hhr_dolfinx.pairings import (
+    ContactRows,
+    mean_normal,
+    nodal_rows,
+    tangential_order,
+    warn_of_overlap,
+)
 
 
 @dataclass(frozen=True)
 class RoundPunch:
-    """Contact with a rigid disc or ball ``|x - centre| >= radius``, linearised: ``u·n <= |x - centre| - radius``.
+    """Contact with a rigid disc or ball ``|x - centre| >= radius``, linearised: ``u·n <= |x -
+    centre| - radius``.
 
-    The centre is outside the body, on the axis in axisymmetry; ``surface`` is a facet tag of the body.
+    The centre is outside the body, on the axis in axisymmetry; ``surface`` is a facet tag of the
+    body.
     """
 
     surface: int

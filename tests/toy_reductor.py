@@ -1,4 +1,6 @@
-"""A way to reduce of a user's own, with an elimination of its own: K inverted once and for all, densely."""
+"""A way to reduce of a user's own, with an elimination of its own: K inverted once and for all,
+densely.
+"""
 
 from dataclasses import dataclass
 from functools import partial
@@ -29,7 +31,9 @@ class DenseElimination(Elimination):
         free = self.inverse @ (self.loads @ theta)
         slack = self.gaps @ theta - self.contact @ free
         changes = partial(self._changes, point)
-        return CondensedContact(self.contact @ pushed, slack, free, partial(np.matmul, pushed), changes)
+        return CondensedContact(
+            self.contact @ pushed, slack, free, partial(np.matmul, pushed), changes
+        )
 
     def _changes(self, point, forces, unknown):
         acting, slopes = self.amplitudes.slopes_at(point)
@@ -39,21 +43,35 @@ class DenseElimination(Elimination):
 
 @dataclass(frozen=True)
 class DenseCondensation:
-    """Exact where the stiffness is constant, refused elsewhere and beyond ``most`` dofs, as slow as it is short."""
+    """Exact where the stiffness is constant, refused elsewhere and beyond ``most`` dofs, as slow as
+    it is short.
+    """
 
     most: int = 2000
 
     def reduced(self, full, snapshots, held_out):
         problem, free = full.problem, np.flatnonzero(full.problem.free)
         if problem.varies or problem.law.plugin:
-            raise NotOfferedError("this condensation is exact for constant stiffness without friction only")
+            raise NotOfferedError(
+                "this condensation is exact for constant stiffness without friction only"
+            )
         if free.size > self.most:
             raise ValueError(f"{free.size} dofs are more than {self.most}")
         inverse = np.zeros((problem.free.size,) * 2)
         inverse[np.ix_(free, free)] = np.linalg.inv(problem.stiffness[free][:, free].toarray())
         contact, loads = problem.contact.toarray(), problem.loads.toarray()
-        eliminated = DenseElimination(inverse, contact, loads, np.array(problem.gaps), problem.amplitudes)
+        eliminated = DenseElimination(
+            inverse, contact, loads, np.array(problem.gaps), problem.amplitudes
+        )
         per_force = inverse @ contact.T
-        fields = ExactFields(problem.amplitudes, problem.lifts, per_force, inverse @ loads, problem.block_size,
-                             functionals=full.functionals)  # fmt: skip
-        return CondensedModel(full.parameters, eliminated, snapshots.known_statuses(), fields, problem.contact_pairs)
+        fields = ExactFields(
+            problem.amplitudes,
+            problem.lifts,
+            per_force,
+            inverse @ loads,
+            problem.block_size,
+            functionals=full.functionals,
+        )
+        return CondensedModel(
+            full.parameters, eliminated, snapshots.known_statuses(), fields, problem.contact_pairs
+        )

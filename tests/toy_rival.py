@@ -15,11 +15,15 @@ class NearestAnswer:
     def solve(self, mu, **_):
         """The nearest answer."""
         point = self._full.parameters.point(mu)
-        return self._answers[np.linalg.norm(self._points - point, axis=1).argmin()]._replace(parameter=point)
+        return self._answers[np.linalg.norm(self._points - point, axis=1).argmin()]._replace(
+            parameter=point
+        )
 
 
 class NearestHistory:
-    """The same of bodies that flow: the training history whose parameters are nearest on average."""
+    """The same of bodies that flow: the training history whose parameters are nearest on
+    average.
+    """
 
     def __init__(self, training):
         self._histories = training.snapshots.histories

@@ -24,29 +24,39 @@ class EveryKth:
     def modes(self, problem: ContactProblem, snapshots: SnapshotSet) -> np.ndarray:
         """V, (N, ell); see :class:`hhr_dolfinx.reduction.recipe.Basis`."""
         columns = snapshots.displacements[:, :: self.k]
-        modes, triangle, _ = linalg.qr(columns / np.linalg.norm(columns, axis=0), mode="economic", pivoting=True)
+        modes, triangle, _ = linalg.qr(
+            columns / np.linalg.norm(columns, axis=0), mode="economic", pivoting=True
+        )
         return modes[:, np.abs(np.diag(triangle)) > self.tolerance]
 
 
 @dataclass(frozen=True)
 class WholeSurface:
-    """The slave nodes of a contact pair, by its number: no contact force of it is left to be completed."""
+    """The slave nodes of a contact pair, by its number: no contact force of it is left to be
+    completed.
+    """
 
     pair: int = 0
 
-    def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
+    def nodes(
+        self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray
+    ) -> np.ndarray:
         """Their numbers; see :class:`hhr_dolfinx.reduction.recipe.Nodes`."""
         return problem.contact_slaves[problem.contact_pairs == self.pair]
 
 
 @dataclass(frozen=True)
 class EquilibriumResidual:
-    """Norm of K U0 + B^T Λ - F on free dofs over that of the contact forces and F, all of them on the whole mesh.
+    """Norm of K U0 + B^T Λ - F on free dofs over that of the contact forces and F, all of them on
+    the whole mesh.
 
-    A reduced model solves the equations of its RID; those of the rest of the mesh tell what it knows nothing of.
+    A reduced model solves the equations of its RID; those of the rest of the mesh tell what it
+    knows nothing of.
     """
 
-    def prepared(self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Callable[[Answer], float]:
+    def prepared(
+        self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets
+    ) -> Callable[[Answer], float]:
         """K V on free dofs is all that can be computed beforehand."""
         free = problem.free
         internal, contact = (problem.stiffness @ basis)[free], problem.contact[:, free].T.tocsr()

@@ -1,4 +1,5 @@
-"""A system of a user's own, in one file: bodies on an elastic foundation whose stiffness is a parameter, K + k M.
+"""A system of a user's own, in one file: bodies on an elastic foundation whose stiffness is a
+parameter, K + k M.
 
 K is that of the bodies at the point: their moduli may be parameters.
 On several ranks each has its rows of K and M, (own, N), and of the loads, (own,).
@@ -22,12 +23,18 @@ class Foundation(System):
         rows = np.repeat(np.arange(own.shape[0]), np.diff(own.indptr))
         entries = np.asarray(csr_matrix(problem.mass)[rows, own.indices]).ravel()
         self.mass = csr_matrix((entries, own.indices, own.indptr), shape=own.shape)
-        self.pulled = csc_matrix(self.mass @ problem.lifts).multiply(problem.free[problem.rows][:, None]).tocsc()
+        self.pulled = (
+            csc_matrix(self.mass @ problem.lifts)
+            .multiply(problem.free[problem.rows][:, None])
+            .tocsc()
+        )
 
     def equations(self, point, theta):
         problem, k = self.problem, point[self.axis]
         own = problem.combined(problem.weights(point)) if problem.moduli else problem.own_stiffness
-        matrix = csr_matrix((own.data + k * self.mass.data, own.indices, own.indptr), shape=own.shape)
+        matrix = csr_matrix(
+            (own.data + k * self.mass.data, own.indices, own.indptr), shape=own.shape
+        )
         loads = problem.spread.of(problem.loads_at(point, theta))
         return problem, self.made(matrix, problem), loads - k * (self.pulled @ theta)
 

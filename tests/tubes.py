@@ -1,4 +1,6 @@
-"""The thick tube under inner pressure, and elastic models that are solved in time as those of inelastic bodies are."""
+"""The thick tube under inner pressure, and elastic models that are solved in time as those of
+inelastic bodies are.
+"""
 
 from scenes import block_scene, slope
 
@@ -9,20 +11,29 @@ YOUNG, POISSON = 200.0, 0.3
 
 
 def tube(law, pressure, cells=24, poisson=0.3, **others):
-    """Tube 1 <= r <= 2 held axially, with inner pressure up to the given one; ``others`` replace parts of the scene."""
+    """Tube 1 <= r <= 2 held axially, with inner pressure up to the given one.
+
+    ``others`` replace parts of the scene.
+    """
     given = {
         "hypothesis": "axisymmetric",
         "bodies": (hhr.Body(block.SOLID, YOUNG, poisson, law),),
         "contacts": (hhr.Obstacle(block.side(0, upper=True), (1, 0), 9.0),),
-        "displacements": tuple(hhr.Displacement(block.side(1, upper=upper), 1) for upper in (False, True)),
+        "displacements": tuple(
+            hhr.Displacement(block.side(1, upper=upper), 1) for upper in (False, True)
+        ),
         "loads": (hhr.Pressure(block.side(0, upper=False), slope("p")),),
     }
     box = {"p": (0.0, pressure)}
-    return block_scene("tube", box, lower=(1, 0), upper=(2, 0.2), cells=(cells, 1), **given | others)
+    return block_scene(
+        "tube", box, lower=(1, 0), upper=(2, 0.2), cells=(cells, 1), **given | others
+    )
 
 
 def in_time(scene):
-    """A model in which nothing flows, solved through its Gauss points and in time steps all the same."""
+    """A model in which nothing flows, solved through its Gauss points and in time steps all the
+    same.
+    """
     from hhr_dolfinx.plugins.inelastic.full_order import bodies_of
 
     full = hhr.FullOrderModel(scene)

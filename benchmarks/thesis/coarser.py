@@ -18,7 +18,8 @@ from hhr_dolfinx.snapshots.records import compute_snapshots
 
 
 class CoarserMesh:
-    """Answers on a coarser mesh by exact condensation, carried over to the fine one where fields are asked for.
+    """Answers on a coarser mesh by exact condensation, carried over to the fine one where fields
+    are asked for.
 
     Args:
         coarse: full model of the same scene on a coarser mesh, on one rank.
@@ -28,14 +29,18 @@ class CoarserMesh:
 
     def __init__(self, coarse: FullOrderModel, fine: ContactProblem, points: np.ndarray):
         condensed = exact_condensation(coarse, compute_snapshots(coarse, points).known_statuses())
-        fields = _CarriedOver(coarse.problem, fine, _matching_bodies(coarse.problem, fine), condensed.fields)
+        fields = _CarriedOver(
+            coarse.problem, fine, _matching_bodies(coarse.problem, fine), condensed.fields
+        )
         self._online = condensed.changed(fields=fields)
         self.solve, self.march = self._online.solve, self._online.march
 
 
 @dataclass(frozen=True)
 class _CarriedOver(ElasticFields):
-    """ModelFields of a coarse mesh on a fine one, see :class:`hhr_dolfinx.models.answer.ModelFields`."""
+    """ModelFields of a coarse mesh on a fine one, see
+    :class:`hhr_dolfinx.models.answer.ModelFields`.
+    """
 
     coarse: ContactProblem
     fine: ContactProblem
@@ -63,7 +68,9 @@ class _CarriedOver(ElasticFields):
                 kernel="linear",
                 degree=0,
             )
-            forces[there] = np.maximum(pressure(fine.contact_points[there]), 0.0) * fine.contact_areas[there]
+            forces[there] = (
+                np.maximum(pressure(fine.contact_points[there]), 0.0) * fine.contact_areas[there]
+            )
         return forces
 
     def stress(self, answer: Answer) -> np.ndarray:
@@ -75,7 +82,10 @@ def _matching_bodies(coarse, fine):
     """Pairs of node sets of the same body on both meshes, matched by their centres."""
     candidates = _bodies(coarse)
     centres = np.array([coarse.points[nodes].mean(axis=0) for nodes in candidates])
-    match = lambda nodes: np.linalg.norm(centres - fine.points[nodes].mean(axis=0), axis=1).argmin()  # noqa: E731
+
+    def match(nodes: np.ndarray) -> int:
+        return int(np.linalg.norm(centres - fine.points[nodes].mean(axis=0), axis=1).argmin())
+
     return [(candidates[match(nodes)], nodes) for nodes in _bodies(fine)]
 
 
@@ -83,7 +93,9 @@ def _bodies(problem):
     """Nodes of each connected body."""
     cells, per_cell = problem.cell_nodes.shape
     data = np.ones(cells * per_cell)
-    incidence = csr_matrix((data, problem.cell_nodes.ravel(), np.arange(0, data.size + 1, per_cell)))
+    incidence = csr_matrix(
+        (data, problem.cell_nodes.ravel(), np.arange(0, data.size + 1, per_cell))
+    )
     count, label = connected_components(incidence.T @ incidence, directed=False)
     return [np.flatnonzero(label == k) for k in range(count)]
 

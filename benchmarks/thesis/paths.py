@@ -39,12 +39,17 @@ class PathCase:
 
 
 def try_path(
-    full: FullOrderModel, models: Mapping[str, SmallModel], case: PathCase, floor: float, settings: MarchSettings
+    full: FullOrderModel,
+    models: Mapping[str, SmallModel],
+    case: PathCase,
+    floor: float,
+    settings: MarchSettings,
 ) -> dict[str, dict[str, Any]]:
     """A row of errors and warnings on one path for each of some models, by name.
 
-    It holds the largest errors of displacement and forces over their largest size in the history, those of stress and
-    plastic strain at the last step, whether the model warned, or why it has no answer; ``floor`` is a force norm.
+    It holds the largest errors of displacement and forces over their largest size in the history,
+    those of stress and plastic strain at the last step, whether the model warned, or why it has no
+    answer; ``floor`` is a force norm.
     """
     with told_once():
         exact = full.march(case.path, settings)
@@ -52,7 +57,12 @@ def try_path(
 
 
 def _row(
-    full: FullOrderModel, model: SmallModel, case: PathCase, exact: History, floor: float, settings: MarchSettings
+    full: FullOrderModel,
+    model: SmallModel,
+    case: PathCase,
+    exact: History,
+    floor: float,
+    settings: MarchSettings,
 ) -> dict[str, Any]:
     """What one model did on a path."""
     row = {"name": case.name, "inside": case.inside}
@@ -78,20 +88,24 @@ def _row(
 def summarise_paths(rows: Iterable[dict[str, Any]]) -> dict[str, Any]:
     """The ``paths`` part of a report.
 
-    ``silent_worst`` holds the largest errors outside of training that no warning told of, and ``false_alarms`` counts
-    the paths inside that were warned of.
+    ``silent_worst`` holds the largest errors outside of training that no warning told of, and
+    ``false_alarms`` counts the paths inside that were warned of.
     """
     rows = list(rows)
     names = ("displacement", "forces", "stress_rr", "plastic_strain")
     inside, outside = ([row for row in rows if row["inside"] is side] for side in (True, False))
     silent = [row for row in outside if not row["warned"]]
     return {
-        "inside": {name: summary([row.get(name, np.inf) for row in inside]) for name in names} if inside else None,
+        "inside": {name: summary([row.get(name, np.inf) for row in inside]) for name in names}
+        if inside
+        else None,
         "false_alarms": sum(row["warned"] for row in inside),
         "outside": {
             "n": len(outside),
             "warned": sum(row["warned"] for row in outside),
-            "silent_worst": {name: max((row[name] for row in silent), default=0.0) for name in names[:2]},
+            "silent_worst": {
+                name: max((row[name] for row in silent), default=0.0) for name in names[:2]
+            },
         },
         "rows": rows,
     }

@@ -1,14 +1,17 @@
 """Fuel pellet and cladding: contact that varies in strength and size over two parameters.
 
-A pressure P1 in [5, 200] MPa acts on the outside of a tube up to the height h1 in [0.6, 6] mm and presses it
-on the pellet inside, across a gap of 2 micrometres (thesis sections 1.5.2 and 3.5.2; axisymmetric). The bottom of the
-pellet may lift off: it is a second contact pair. Trained on 25 x 20 parameters, compared on 200 random ones.
+A pressure P1 in [5, 200] MPa acts on the outside of a tube up to the height h1 in [0.6, 6] mm and
+presses it on the pellet inside, across a gap of 2 micrometres (thesis sections 1.5.2 and 3.5.2;
+axisymmetric). The bottom of the pellet may lift off: it is a second contact pair. Trained on 25 x
+20 parameters, compared on 200 random ones.
 
     ∫ σ(u) : ε(v) r + λ·B v = -∫_{z < h1} P1 v_r r,    B u <= g,  λ >= 0,  λ·(B u - g) = 0
-    The load on {z < h1} is no affine function of h1: on each edge it is a quadratic one (``amplitudes.Coverage``).
+    The load on {z < h1} is no affine function of h1: on each edge it is a quadratic one
+    (``amplitudes.Coverage``).
 
-What to see: where contact grazes, plain snapshots give force errors of 100 %; snapshots divided by their norm,
-a RID with two more layers of cells and FE functions on the contact nodes bring them to about 1 %.
+What to see: where contact grazes, plain snapshots give force errors of 100 %; snapshots divided by
+their norm, a RID with two more layers of cells and FE functions on the contact nodes bring them to
+about 1 %.
 
     python benchmarks/thesis/pellet_cladding.py [--out DIR] [--quick] [--seed N] [--study thesis]
     mpirun -n 2 python benchmarks/thesis/pellet_cladding.py --batch points.csv    # header: P1,h1
@@ -53,7 +56,11 @@ def scene(bottom: str = "obstacle", **mesh_options: Any) -> hhr.Scene:
             hhr.Displacement(geometry.PELLET_AXIS, component=0),
             *(hhr.Displacement(tag, component=1) for tag in held),
         ),
-        loads=(hhr.PartialPressure(geometry.CLADDING_OUTER, hhr.Amplitude(slopes={"P1": 1.0}), extent="h1"),),
+        loads=(
+            hhr.PartialPressure(
+                geometry.CLADDING_OUTER, hhr.Amplitude(slopes={"P1": 1.0}), extent="h1"
+            ),
+        ),
     )
 
 
@@ -63,12 +70,18 @@ def main() -> None:
     from parts import cli
 
     parser = cli.demo_parser("pellet_cladding", __doc__)
-    parser.add_argument("--batch", type=Path, help="CSV file of parameters to answer, spread over the ranks")
-    parser.add_argument("--study", choices=["thesis"], help="rows of the thesis' tables 3.1 to 3.3 beside ours")
+    parser.add_argument(
+        "--batch", type=Path, help="CSV file of parameters to answer, spread over the ranks"
+    )
+    parser.add_argument(
+        "--study", choices=["thesis"], help="rows of the thesis' tables 3.1 to 3.3 beside ours"
+    )
     options = cli.parse(parser)
     built, folder = scene(**(QUICK_MESH if options.quick else {})), options.out
     rows = cli.points_or_exit(parser, options.batch, built.parameters)
-    training = hhr.train(built, GRID, seed=options.seed, folder=folder / "snapshots", progress=options.progress)
+    training = hhr.train(
+        built, GRID, seed=options.seed, folder=folder / "snapshots", progress=options.progress
+    )
     if rows is not None:
         cli.answer_and_exit(training.build(), rows, options)
     elif options.first_rank:

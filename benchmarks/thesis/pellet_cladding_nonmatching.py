@@ -1,12 +1,15 @@
 """Fuel pellet in its cladding on meshes that do not match, thesis section 5.3.
 
-As ``pellet_cladding.py``, with 76 instead of 100 cells along the cladding: N = 13,708, and 101 conditions on the side
-of the pellet, which is the slave surface. The reduced problem is a generalised saddle point (5.27) on a closed RID.
+As ``pellet_cladding.py``, with 76 instead of 100 cells along the cladding: N = 13,708, and 101
+conditions on the side of the pellet, which is the slave surface. The reduced problem is a
+generalised saddle point (5.27) on a closed RID.
 
-    K~ γ + B~_1^T λ = f~,    B~_2 γ <= g~,    B~_1 = B V on A,  B~_2 = B V on A and its interface    (5.23), (5.26)
+    K~ γ + B~_1^T λ = f~,    B~_2 γ <= g~,    B~_1 = B V on A,  B~_2 = B V on A and its interface
+    (5.23), (5.26)
 
-What to see: the thesis' recipe on a small RID is refused, cond(K~) is 1e9 although both inf-sup constants are perfect;
-with layers of cells it answers. The default recipe is as good as on matching meshes; mortar costs the same.
+What to see: the thesis' recipe on a small RID is refused, cond(K~) is 1e9 although both inf-sup
+constants are perfect; with layers of cells it answers. The default recipe is as good as on matching
+meshes; mortar costs the same.
 
     python benchmarks/thesis/pellet_cladding_nonmatching.py [--out DIR] [--quick] [--seed N]
         [--pairing mortar] [--bottom held]
@@ -39,18 +42,30 @@ def VIEW() -> "hhr.View":
     return matching.VIEW((POINT,))
 
 
-def scene(pairing: str = "node_to_surface", bottom: str = "obstacle", **mesh_options: Any) -> hhr.Scene:
+def scene(
+    pairing: str = "node_to_surface", bottom: str = "obstacle", **mesh_options: Any
+) -> hhr.Scene:
     """The scene in mm and MPa; the mesh options are those of :func:`geometry.pellet_cladding`."""
     base = matching.scene(bottom, **{"cladding_axial_cells": 76, **mesh_options})
-    side = getattr(hhr, PAIRINGS[pairing])(geometry.PELLET_SIDE, geometry.CLADDING_INNER, normal=(1.0, 0.0))
-    return dataclasses.replace(base, name="pellet_cladding_nonmatching", contacts=(side, *base.contacts[1:]))
+    side = getattr(hhr, PAIRINGS[pairing])(
+        geometry.PELLET_SIDE, geometry.CLADDING_INNER, normal=(1.0, 0.0)
+    )
+    return dataclasses.replace(
+        base, name="pellet_cladding_nonmatching", contacts=(side, *base.contacts[1:])
+    )
 
 
 def variants() -> Iterator[tuple[str, hhr.Recipe]]:
     """The thesis' recipe, with layers added, and the default one with fewer modes."""
-    thesis = {"nodes": (hhr.Deim(), hhr.ForceDeim(1e-3), hhr.LoadNodes()), "enrichment": hhr.Enrich(1.0)}
+    thesis = {
+        "nodes": (hhr.Deim(), hhr.ForceDeim(1e-3), hhr.LoadNodes()),
+        "enrichment": hhr.Enrich(1.0),
+    }
     for layers in (0, 1, 2, 4):
-        yield f"thesis, {layers} layers", hhr.Recipe.thesis(1e-6, domain=hhr.Rid(layers, 0), **thesis)
+        yield (
+            f"thesis, {layers} layers",
+            hhr.Recipe.thesis(1e-6, domain=hhr.Rid(layers, 0), **thesis),
+        )
     for tolerance in (1e-9, 1e-10):
         yield f"relative {tolerance:.0e}", hhr.Recipe(hhr.Pod(tolerance, relative=True))
 
@@ -60,7 +75,9 @@ def errors_at_point(study: "Study") -> dict[str, float]:
     full, inside = study.training.full_order, study.model.fields.A_lambda
     answers = study.model.solve(POINT), full.solve(POINT)
     return {
-        "primal_l2": relative_error(*(answer.displacement() for answer in answers), full.problem.mass),
+        "primal_l2": relative_error(
+            *(answer.displacement() for answer in answers), full.problem.mass
+        ),
         "dual_rid": relative_error(*(answer.forces()[inside] for answer in answers)),
         "von_mises": relative_error(*(von_mises(answer.stress()) for answer in answers)),
         "sigma_rr": relative_error(*(answer.stress()[:, 0] for answer in answers)),
@@ -86,7 +103,9 @@ def main() -> None:
         here = errors_at_point(study)
         study.report["point"] = {"P1, h1": POINT, "thesis": THESIS, "here": here}
         study.write(options.out, options.console, VIEW())
-        print_beside("errors", {"190 MPa, 5.2 mm": here}, {"190 MPa, 5.2 mm": THESIS}, options.console)
+        print_beside(
+            "errors", {"190 MPa, 5.2 mm": here}, {"190 MPa, 5.2 mm": THESIS}, options.console
+        )
 
 
 if __name__ == "__main__":

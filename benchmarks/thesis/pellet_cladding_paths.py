@@ -1,4 +1,6 @@
-"""Random paths of the flowing pellet: inside the family it is trained on (gaps, one pace, one height), and outside."""
+"""Random paths of the flowing pellet: inside the family it is trained on (gaps, one pace, one
+height), and outside.
+"""
 
 from collections.abc import Callable, Iterator
 
@@ -13,8 +15,12 @@ Drawn = tuple[np.ndarray, np.ndarray, float, float]
 GAPS, TRAINED_HEIGHT = (5.0, 15.0), 0.9
 
 
-def ramp(rng: Generator, steps: int = 40, pace: float = 1.0, height: float = TRAINED_HEIGHT) -> Drawn:
-    """The trained path at a random gap, pace and height as given: times, shares of the pressure, gap, height."""
+def ramp(
+    rng: Generator, steps: int = 40, pace: float = 1.0, height: float = TRAINED_HEIGHT
+) -> Drawn:
+    """The trained path at a random gap, pace and height as given: times, shares of the pressure,
+    gap, height.
+    """
     shares = np.arange(steps + 1) / steps
     return shares / pace, shares, rng.uniform(*GAPS), height
 
@@ -64,7 +70,8 @@ def path_cases(
     """Cases, those outside in turns of the four ways to leave what was trained.
 
     Args:
-        history: makes times and parameters of times, shares of the pressure, a gap in um and a height.
+        history: makes times and parameters of times, shares of the pressure, a gap in um and a
+            height.
         seed: of random paths.
         inside_count, outside_count: how many.
     """

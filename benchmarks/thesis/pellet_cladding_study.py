@@ -1,4 +1,6 @@
-"""What ``pellet_cladding.py`` is compared with: recipes, peers, coarser meshes, the thesis' own size."""
+"""What ``pellet_cladding.py`` is compared with: recipes, peers, coarser meshes, the thesis' own
+size.
+"""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -34,29 +36,58 @@ def rivals(training: Training, scene: Callable[..., hhr.Scene], quick: bool) -> 
     full_order, snapshots = training.full_order, training.snapshots
     for count in (10,) if quick else (20, 40):
         cone = cone_projected_greedy(snapshots.forces, count)
-        yield hhr.Rival("cone-projected greedy", f"{count}", DualBasisModel(full_order, snapshots, cone, 30))
+        yield hhr.Rival(
+            "cone-projected greedy", f"{count}", DualBasisModel(full_order, snapshots, cone, 30)
+        )
     factors = nonnegative_factors(snapshots.forces, 10 if quick else 40)
-    yield hhr.Rival("NNMF", f"{factors.shape[1]}", DualBasisModel(full_order, snapshots, factors, 30))
+    yield hhr.Rival(
+        "NNMF", f"{factors.shape[1]}", DualBasisModel(full_order, snapshots, factors, 30)
+    )
     cells = (12, 20, 4) if quick else (60, 100, 8)
     for part in (2,) if quick else (4, 2):
-        mesh = dict(zip(("radial_cells", "axial_cells", "cladding_radial_cells"), np.array(cells) // part, strict=True))
-        coarse = hhr.FullOrderModel(scene(**{name: int(count) for name, count in mesh.items()}), MPI.COMM_SELF)
+        mesh = dict(
+            zip(
+                ("radial_cells", "axial_cells", "cladding_radial_cells"),
+                np.array(cells) // part,
+                strict=True,
+            )
+        )
+        coarse = hhr.FullOrderModel(
+            scene(**{name: int(count) for name, count in mesh.items()}), MPI.COMM_SELF
+        )
         points = scene().parameters.grid([12, 10])
-        yield hhr.Rival("coarser mesh", f"1/{part}", CoarserMesh(coarse, full_order.problem, points))
+        yield hhr.Rival(
+            "coarser mesh", f"1/{part}", CoarserMesh(coarse, full_order.problem, points)
+        )
 
 
 def thesis_size(study: Study) -> dict[str, float]:
-    """Errors of the thesis-size recipe at the points of table 3.1, and its time beside the full order's."""
+    """Errors of the thesis-size recipe at the points of table 3.1, and its time beside the full
+    order's.
+    """
     training, settings = study.training, study.settings
     model = training.build(THESIS_SIZE, checked=False)
-    points = training.full_order.problem.parameters.random(2 * settings.queries + 5, settings.seed + 3000)
+    points = training.full_order.problem.parameters.random(
+        2 * settings.queries + 5, settings.seed + 3000
+    )
     seconds = float(np.median(time_queries({"online": model.solve}, points)["online"]))
     inside, errors = model.fields.A_lambda, {}
     for point in POINTS:
         exact = training.full_order.solve(point).forces()[inside]
-        errors[f"dual_rid at {point.tolist()}"] = relative_error(model.solve(point).multipliers, exact)
-    times = {f"{name}/online": study.report["times"][name]["median"] / seconds for name in ("fom_best", "fom_naive")}
-    return {"ell_bar": len(model.problem.stiffness), "N_lambda_C": len(inside), **errors, "online_s": seconds, **times}
+        errors[f"dual_rid at {point.tolist()}"] = relative_error(
+            model.solve(point).multipliers, exact
+        )
+    times = {
+        f"{name}/online": study.report["times"][name]["median"] / seconds
+        for name in ("fom_best", "fom_naive")
+    }
+    return {
+        "ell_bar": len(model.problem.stiffness),
+        "N_lambda_C": len(inside),
+        **errors,
+        "online_s": seconds,
+        **times,
+    }
 
 
 def draw_maps(study: Study, folder: Path, quick: bool) -> None:
@@ -72,4 +103,6 @@ def draw_maps(study: Study, folder: Path, quick: bool) -> None:
     maps = {name: references.errors(model).values for name, model in models.items()}
     for error in ("dual_rid_floored", "dual_full_floored"):
         shown = {name: values[error] for name, values in maps.items()}
-        plot_maps(references.solutions.points, shown, ("P1 [MPa]", "h1 [mm]"), folder / f"map_{error}.png")
+        plot_maps(
+            references.solutions.points, shown, ("P1 [MPa]", "h1 [mm]"), folder / f"map_{error}.png"
+        )

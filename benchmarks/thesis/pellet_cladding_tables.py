@@ -37,7 +37,10 @@ TIMES = [  # tables 3.2 and 3.3: label, dual epsilon, epsilon 2, size, milliseco
 
 
 def thesis(extended: float | None, dual: float, kappa_max: float = 10.0) -> hhr.Recipe:
-    """The thesis' recipe at epsilon 1e-6 with DEIM of the forces; POD + FE enrichment with an extended POD."""
+    """The thesis' recipe at epsilon 1e-6 with DEIM of the forces.
+
+    POD + FE enrichment with an extended POD.
+    """
     nodes = (hhr.Deim(hhr.Pod(1e-6)), hhr.ForceDeim(dual), hhr.LoadNodes())
     return hhr.Recipe.thesis(extended or 1e-6, nodes=nodes, enrichment=hhr.Enrich(kappa_max))
 
@@ -49,7 +52,9 @@ def thesis_tables(training: Training, folder: Path, console: Console) -> None:
 
 
 def _errors(training: Training, console: Console) -> Iterator[dict]:
-    table = Table("eps 2", "size", "errors % at (170, 3.2)", "at (30, 5.25)", title="table 3.1: thesis | here")
+    table = Table(
+        "eps 2", "size", "errors % at (170, 3.2)", "at (30, 5.25)", title="table 3.1: thesis | here"
+    )
     references = References.at(POINTS, training.full_order, training.snapshots)
     for epsilon, size, *theirs in ERRORS:
         try:
@@ -59,14 +64,28 @@ def _errors(training: Training, console: Console) -> Iterator[dict]:
             mine = str(len(model.problem.stiffness))
         except HHRError as error:
             ours, mine = [float("inf")] * 4, f"refused: {error}"
-        cells = [f"{theirs[k]:g}, {theirs[k + 1]:g} | {ours[k]:.2g}, {ours[k + 1]:.2g}" for k in (0, 2)]
+        cells = [
+            f"{theirs[k]:g}, {theirs[k + 1]:g} | {ours[k]:.2g}, {ours[k + 1]:.2g}" for k in (0, 2)
+        ]
         table.add_row("-" if epsilon is None else f"{epsilon:.1e}", f"{size} | {mine}", *cells)
-        yield {"epsilon": epsilon, "thesis_size": size, "size": mine, "thesis": theirs, "here": ours}
+        yield {
+            "epsilon": epsilon,
+            "thesis_size": size,
+            "size": mine,
+            "thesis": theirs,
+            "here": ours,
+        }
     console.print(table)
 
 
 def _times(training: Training, console: Console) -> Iterator[dict]:
-    table = Table("table", "recipe", "size: thesis | here", "time: thesis | here", "x full order: thesis | here")
+    table = Table(
+        "table",
+        "recipe",
+        "size: thesis | here",
+        "time: thesis | here",
+        "x full order: thesis | here",
+    )
     fresh = training.full_order.problem.parameters.random(105, 5)
     full = float(np.median(time_queries({"full": training.full_order.solve}, fresh)["full"]))
     for number, label, dual, epsilon, size, milliseconds in TIMES:
@@ -75,7 +94,12 @@ def _times(training: Training, console: Console) -> Iterator[dict]:
             float(np.median(time_queries({"online": model.solve}, fresh)["online"])),
             len(model.problem.loads),
         )
-        table.add_row(number, label, f"{size} | {ours}", f"{milliseconds} ms | {online * 1e6:.0f} us",
-                      f"{704 / milliseconds:.1f} | {full / online:.0f} (best)")  # fmt: skip
+        table.add_row(
+            number,
+            label,
+            f"{size} | {ours}",
+            f"{milliseconds} ms | {online * 1e6:.0f} us",
+            f"{704 / milliseconds:.1f} | {full / online:.0f} (best)",
+        )
         yield {"table": number, "recipe": label, "size": ours, "online_s": online}
     console.print(table)

@@ -1,10 +1,13 @@
-"""Families of paths of the flowing pellet: loading, a hold, unloading, loading again, at other paces, in any mixture.
+"""Families of paths of the flowing pellet: loading, a hold, unloading, loading again, at other
+paces, in any mixture.
 
 family = families()["combined"]
 train, test = family.paths(hhr.Sobol(12)), family.paths(hhr.Sobol(20, seed=2))
 """
 
-from __future__ import annotations  # else the names of types would load families where none is asked for
+from __future__ import (
+    annotations,
+)  # else the names of types would load families where none is asked for
 
 import hhr_dolfinx as hhr
 
@@ -22,19 +25,21 @@ OWN = {
 }
 """Smallest and largest of what families vary.
 
-Initial gap in um; height of the pressure in mm; seconds at the largest pressure; the share of the pressure that is
-taken off, and the share of that which is put on again; the pace in decades, 0 for the largest pressure in a second.
+Initial gap in um; height of the pressure in mm; seconds at the largest pressure; the share of the
+pressure that is taken off, and the share of that which is put on again; the pace in decades, 0 for
+the largest pressure in a second.
 """
 LOADED, UNLOADED = PRESSURE, f"{PRESSURE} * (1 - back)"
 LOADED_AGAIN = f"{PRESSURE} * (1 - back * (1 - again))"
 
 
 def families(steps: int = 40) -> dict[str, hhr.PathFamily]:
-    """Families by name: ``loading``, ``held``, ``reloaded``, ``paced``, and ``combined``, which holds all of them.
+    """Families by name: ``loading``, ``held``, ``reloaded``, ``paced``, and ``combined``, which
+    holds all of them.
 
     Args:
-        steps: in which the largest pressure is put on; unloading and loading again take steps of the same pressure, a
-            hold takes a quarter as many.
+        steps: in which the largest pressure is put on; unloading and loading again take steps of
+            the same pressure, a hold takes a quarter as many.
     """
     hold = hhr.Leg({}, "hold", max(steps // 4, 1))
     up, paced_up = (hhr.Leg({"P1": LOADED}, seconds, steps) for seconds in (1.0, "10**-log_pace"))
@@ -59,7 +64,9 @@ def families(steps: int = 40) -> dict[str, hhr.PathFamily]:
 
 
 def _unloading_and_loading(seconds: str, steps: int) -> tuple[hhr.Leg, hhr.Leg]:
-    """Both legs at a pace: the largest pressure would take ``seconds``, a formula, and as many steps."""
+    """Both legs at a pace: the largest pressure would take ``seconds``, a formula, and as many
+    steps.
+    """
     back = hhr.Leg({"P1": UNLOADED}, f"back * {seconds}", f"{steps} * back")
     again = hhr.Leg({"P1": LOADED_AGAIN}, f"back * again * {seconds}", f"{steps} * back * again")
     return back, again

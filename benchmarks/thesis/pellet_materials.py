@@ -1,14 +1,16 @@
-"""Pellet and cladding with their materials as parameters: six in all, as calibration and uncertainty studies vary them.
+"""Pellet and cladding with their materials as parameters: six in all, as calibration and
+uncertainty studies vary them.
 
-The scene of ``pellet_cladding.py`` with the pressure P1, its height h1, and Young's modulus and Poisson's ratio of both
-bodies. For a new material the full order factors its stiffness anew. Two ways to answer are measured side by side: the
-hyper-reduced model, and condensation interpolated between few Poisson's ratios, of which Young's moduli are factors.
+The scene of ``pellet_cladding.py`` with the pressure P1, its height h1, and Young's modulus and
+Poisson's ratio of both bodies. For a new material the full order factors its stiffness anew. Two
+ways to answer are measured side by side: the hyper-reduced model, and condensation interpolated
+between few Poisson's ratios, of which Young's moduli are factors.
 
-    K(μ) = Σ_q w_q(E, ν) K_q,    λ solves  S(μ) λ + s(μ) >= 0,  λ >= 0,    S = B K^-1 B^T = Σ_c S_c(ν) / E_c
-    S_c is interpolated over ν alone: Young's modulus of a whole body is a factor.
+    K(μ) = Σ_q w_q(E, ν) K_q,    λ solves  S(μ) λ + s(μ) >= 0,  λ >= 0,    S = B K^-1 B^T = Σ_c
+    S_c(ν) / E_c S_c is interpolated over ν alone: Young's modulus of a whole body is a factor.
 
-What to see: interpolated condensation keeps all contact conditions and is the most accurate; it pays after some
-fifteen queries. The hyper-reduced model, trained on 512 Sobol points, comes close.
+What to see: interpolated condensation keeps all contact conditions and is the most accurate; it
+pays after some fifteen queries. The hyper-reduced model, trained on 512 Sobol points, comes close.
 
     python benchmarks/thesis/pellet_materials.py [--out DIR] [--quick] [--seed N]
 """
@@ -53,7 +55,9 @@ def main() -> None:
 
     options = cli.parse(cli.demo_parser("pellet_materials", __doc__))
     mesh, count = (base.QUICK_MESH, 128) if options.quick else ({}, 512)
-    settings = hhr.StudySettings(hhr.Sobol(count), recipe=RECIPE, variants=VARIANTS, queries=100, naive=False)
+    settings = hhr.StudySettings(
+        hhr.Sobol(count), recipe=RECIPE, variants=VARIANTS, queries=100, naive=False
+    )
     settings = settings.adapted(seed=options.seed, quick=options.quick)
     study = hhr.study_scene(scene(**mesh), settings, options.out, progress=options.progress)
     if study is not None:

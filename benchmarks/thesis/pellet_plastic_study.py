@@ -1,4 +1,6 @@
-"""A family of paths, and paths inside and outside of what was trained: studies of the pellet that yields."""
+"""A family of paths, and paths inside and outside of what was trained: studies of the pellet that
+yields.
+"""
 
 import argparse
 from collections.abc import Iterator
@@ -16,7 +18,13 @@ from hhr_dolfinx.command.console import Table
 from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 from hhr_dolfinx.plugins.studies.study import Study
 
-OF_FAMILIES = ("largest_displacement", "primal_l2", "resultant", "dual_full_floored", "largest_forces")
+OF_FAMILIES = (
+    "largest_displacement",
+    "primal_l2",
+    "resultant",
+    "dual_full_floored",
+    "largest_forces",
+)
 """Errors that a study of a family of paths is summed up by."""
 
 
@@ -59,14 +67,22 @@ def path_lines(paths: dict[str, Any]) -> Iterator[str]:
     inside, outside = paths["inside"], paths["outside"]
     if inside:
         errors = ", ".join(f"{name} {row['max']:.1%}" for name, row in inside.items())
-        yield f"paths inside what was trained, worst errors: {errors}; {paths['false_alarms']} false alarms"
+        yield (
+            f"paths inside what was trained, worst errors: {errors}; {paths['false_alarms']} "
+            "false alarms"
+        )
     silent = ", ".join(f"{name} {value:.1%}" for name, value in outside["silent_worst"].items())
-    yield f"paths outside: {outside['warned']} of {outside['n']} warned of; worst errors without a warning: {silent}"
+    yield (
+        f"paths outside: {outside['warned']} of {outside['n']} warned of; worst errors without a "
+        f"warning: {silent}"
+    )
 
 
 def print_family(study: Study, options: argparse.Namespace) -> None:
     """Print the 95th percentiles of errors over the paths of a family, and what was refused."""
-    table = Table("model", *OF_FAMILIES, title="95 % of the paths of the family are better than, in %")
+    table = Table(
+        "model", *OF_FAMILIES, title="95 % of the paths of the family are better than, in %"
+    )
     for name, item in study.report["models"].items():
         cells = [f"refused: {item['refused']}"[:160]] if "refused" in item else [
             f"{100 * item['errors'][key]['p95']:.2g}" for key in OF_FAMILIES

@@ -14,8 +14,11 @@ from hhr_dolfinx.command.console import Column, Console, Table
 matplotlib.use("Agg")
 
 
-def plot_maps(points: np.ndarray, maps: dict[str, np.ndarray], labels: tuple[str, str], path: Path) -> None:
-    """Relative errors over two parameters, one map per model on one logarithmic scale, thesis figure 3.9.
+def plot_maps(
+    points: np.ndarray, maps: dict[str, np.ndarray], labels: tuple[str, str], path: Path
+) -> None:
+    """Relative errors over two parameters, one map per model on one logarithmic scale, thesis
+    figure 3.9.
 
     ``points`` form a regular grid, (n, 2), with errors by model, (n,) each.
     """
@@ -24,18 +27,29 @@ def plot_maps(points: np.ndarray, maps: dict[str, np.ndarray], labels: tuple[str
     first, second = (np.unique(points[:, k]) for k in (0, 1))
     norm = LogNorm(1e-4, 1.0)
     for axis, (name, errors) in zip(axes[0], maps.items(), strict=True):
-        table = np.clip(np.nan_to_num(errors, nan=1.0, posinf=1.0), 1e-4, 1.0).reshape(first.size, second.size)
-        image = axis.pcolormesh(first, second, table.T, norm=norm, cmap="magma_r", shading="nearest")
+        table = np.clip(np.nan_to_num(errors, nan=1.0, posinf=1.0), 1e-4, 1.0).reshape(
+            first.size, second.size
+        )
+        image = axis.pcolormesh(
+            first, second, table.T, norm=norm, cmap="magma_r", shading="nearest"
+        )
         axis.set(title=name, xlabel=labels[0], ylabel=labels[1])
     figure.colorbar(image, ax=axes, label="relative error of the contact forces")
     figure.savefig(path, dpi=150)
 
 
-def print_beside(title: str, ours: dict[str, dict], theirs: dict[str, dict], console: Console) -> None:
-    """Print relative errors by label and name in per cent, those of another source in brackets if it has any."""
+def print_beside(
+    title: str, ours: dict[str, dict], theirs: dict[str, dict], console: Console
+) -> None:
+    """Print relative errors by label and name in per cent, those of another source in brackets if
+    it has any.
+    """
     table = Table(Column("", no_wrap=True), *ours, title=f"{title}, in % (in brackets: thesis)")
     for name in next(iter(ours.values())):
         pairs = ((row[name], theirs.get(label, {}).get(name)) for label, row in ours.items())
-        cells = (f"{100 * here:.2g}" + ("" if there is None else f" ({100 * there:.2g})") for here, there in pairs)
+        cells = (
+            f"{100 * here:.2g}" + ("" if there is None else f" ({100 * there:.2g})")
+            for here, there in pairs
+        )
         table.add_row(name, *cells)
     console.print(table)

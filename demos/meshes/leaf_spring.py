@@ -2,7 +2,8 @@
 
     python demos/meshes/leaf_spring.py [--out DIR] [--quick] [--seed N]
 
-``--out demos/meshes`` replaces the file that the demo reads. ``--quick`` makes coarse cells. Nothing is random.
+``--out demos/meshes`` replaces the file that the demo reads. ``--quick`` makes coarse cells.
+Nothing is random.
 
 Lengths in mm. Bodies and surfaces have names, as physical groups.
 """
@@ -24,7 +25,9 @@ FINE, COARSE = 0.15, 2.0
 
 
 def segment(name: str, place: float, pole: float, up: float) -> None:
-    """A segment of a disc, 60 degrees to each side of its pole, which looks down or up; its round and its flat side.
+    """A segment of a disc, 60 degrees to each side of its pole, which looks down or up.
+
+    Its round and its flat side.
 
     No more than that can touch: nodes that look aside find nothing that they face.
     """
@@ -32,7 +35,10 @@ def segment(name: str, place: float, pole: float, up: float) -> None:
     wide, high = RADIUS * math.sin(math.pi / 3), RADIUS * (1 - math.cos(math.pi / 3))
     places = ((-wide, up * high), (0, 0), (wide, up * high), (0, up * RADIUS))
     points = [occ.addPoint(place + x, pole + y, 0) for x, y in places]
-    arcs = [occ.addCircleArc(points[0], points[3], points[1]), occ.addCircleArc(points[1], points[3], points[2])]
+    arcs = [
+        occ.addCircleArc(points[0], points[3], points[1]),
+        occ.addCircleArc(points[1], points[3], points[2]),
+    ]
     flat = occ.addLine(points[2], points[0])
     body = occ.addPlaneSurface([occ.addCurveLoop([*arcs, flat])])
     occ.synchronize()
@@ -58,7 +64,14 @@ def refine_contact(finest: float) -> None:
     places = []
     for x, y in ((ROLLER, THICKNESS), (STOP, 0.0)):
         ball = field.add("Ball")
-        shape = {"XCenter": x, "YCenter": y, "Radius": 1.2, "Thickness": 9.0, "VIn": finest, "VOut": COARSE}
+        shape = {
+            "XCenter": x,
+            "YCenter": y,
+            "Radius": 1.2,
+            "Thickness": 9.0,
+            "VIn": finest,
+            "VOut": COARSE,
+        }
         for key, value in shape.items():
             field.setNumber(ball, key, value)
         places.append(ball)

@@ -21,11 +21,22 @@ if TYPE_CHECKING:
 
 
 def demo_parser(name: str, description: str) -> argparse.ArgumentParser:
-    """Parser with ``--out``, ``--quick`` and ``--seed``; the first line of ``description`` is shown."""
+    """Parser with ``--out``, ``--quick`` and ``--seed``.
+
+    The first line of ``description`` is shown.
+    """
     parser = argparse.ArgumentParser(description=description.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path("out") / name, help="folder of the results (%(default)s)")
-    parser.add_argument("--quick", action="store_true", help="fewer points and queries, for a first look and for tests")
-    parser.add_argument("--seed", type=_seed, default=1, help="seed of random test points (%(default)s)")
+    parser.add_argument(
+        "--out", type=Path, default=Path("out") / name, help="folder of the results (%(default)s)"
+    )
+    parser.add_argument(
+        "--quick",
+        action="store_true",
+        help="fewer points and queries, for a first look and for tests",
+    )
+    parser.add_argument(
+        "--seed", type=_seed, default=1, help="seed of random test points (%(default)s)"
+    )
     return parser
 
 
@@ -40,7 +51,9 @@ def _seed(text: str) -> int:
     return value
 
 
-def points_or_exit(parser: argparse.ArgumentParser, table: Path | None, space: ParameterSpace) -> list[TableRow] | None:
+def points_or_exit(
+    parser: argparse.ArgumentParser, table: Path | None, space: ParameterSpace
+) -> list[TableRow] | None:
     """Rows of a table of parameters, read before anything is computed; None without a table."""
     from hhr_dolfinx.plugins.tables.tables import read_points
 
@@ -50,11 +63,17 @@ def points_or_exit(parser: argparse.ArgumentParser, table: Path | None, space: P
         parser.error(str(error))
 
 
-def answer_and_exit(model: AnsweringModel, rows: list[TableRow], options: argparse.Namespace) -> NoReturn:
-    """Answer a table of parameters and exit on all ranks, with exit code 1 if a row has no answer."""
+def answer_and_exit(
+    model: AnsweringModel, rows: list[TableRow], options: argparse.Namespace
+) -> NoReturn:
+    """Answer a table of parameters and exit on all ranks, with exit code 1 if a row has no
+    answer.
+    """
     from hhr_dolfinx.plugins.tables.tables import answer_table
 
-    bad = answer_table(model, rows, options.out / "answers.csv", options.console, options.progress("answers"))
+    bad = answer_table(
+        model, rows, options.out / "answers.csv", options.console, options.progress("answers")
+    )
     raise SystemExit(1 if bad else 0)
 
 
@@ -67,9 +86,11 @@ def parse_on_first_rank(parser: argparse.ArgumentParser) -> argparse.Namespace:
 
 
 def parse(parser: argparse.ArgumentParser) -> argparse.Namespace:
-    """The options, with a ``console`` that prints on the first rank only, and its ``progress`` bars by label.
+    """The options, with a ``console`` that prints on the first rank only, and its ``progress`` bars
+    by label.
 
-    The folder ``out`` is created here: one that cannot be written to ends the program before anything is computed.
+    The folder ``out`` is created here: one that cannot be written to ends the program before
+    anything is computed.
     """
     options = parser.parse_args()
     options.first_rank = MPI.COMM_WORLD.rank == 0
@@ -86,7 +107,10 @@ def parse(parser: argparse.ArgumentParser) -> argparse.Namespace:
 
 
 def _why_not_writable(folder: Path) -> str:
-    """Reason why no files can be written to a folder, and the remedy; empty if they can. The folder is created."""
+    """Reason why no files can be written to a folder, and the remedy; empty if they can.
+
+    The folder is created.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         # trying is more reliable than checking: rights, read-only mounts and full disks all show
@@ -98,16 +122,21 @@ def _why_not_writable(folder: Path) -> str:
         if not isinstance(error, PermissionError):
             return f"{why}. Name another folder"
         return (
-            f"{why}: {_owner(folder)}. Name a folder of yours by --out. For a folder mounted in a container: on the "
-            'host, make it first (mkdir -p out) or make it yours (sudo chown "$(id -u)" out), and start the container '
-            'as its owner (--user "$(id -u):$(id -g)")'
+            f"{why}: {_owner(folder)}. Name a folder of yours by --out. For a folder mounted in a "
+            "container: on the host, make it first (mkdir -p out) or make it yours "
+            '(sudo chown "$(id -u)" out), and start the container as its owner '
+            '(--user "$(id -u):$(id -g)")'
         )
     return ""
 
 
 def _owner(folder: Path) -> str:
-    """Owner of the folder, or of its parent, and the user, by number: names may be unknown on this machine."""
-    there = next(place for place in (folder.absolute(), *folder.absolute().parents) if os.path.exists(place))
+    """Owner of the folder, or of its parent, and the user, by number: names may be unknown on this
+    machine.
+    """
+    there = next(
+        place for place in (folder.absolute(), *folder.absolute().parents) if os.path.exists(place)
+    )
     asks = f", this is user {os.geteuid()}" if hasattr(os, "geteuid") else ""
     return f"{there} belongs to user {there.stat().st_uid}{asks}"
 
@@ -117,7 +146,11 @@ def print_rows(title: str, rows: list[dict[str, Any]], console: Console) -> None
     table = Table(*rows[0], title=title)
     for row in rows:
         cells = (
-            f"{value:.1e}" if isinstance(value, float) else "" if value is None else f"{value}"[:160]
+            f"{value:.1e}"
+            if isinstance(value, float)
+            else ""
+            if value is None
+            else f"{value}"[:160]
             for value in row.values()
         )
         table.add_row(*cells)
@@ -134,11 +167,18 @@ def write_drawn(scene: str, counts: dict[str, int], options: argparse.Namespace)
     options.console.print(f"{listed} in {options.out}", highlight=False)
 
 
-def report_of_histories(scene: str, title: str, rows: dict[str, Any], condensing: float, options: Any) -> None:
-    """Print and write what a demo found of histories, by name, with the seconds of the condensation."""
+def report_of_histories(
+    scene: str, title: str, rows: dict[str, Any], condensing: float, options: Any
+) -> None:
+    """Print and write what a demo found of histories, by name, with the seconds of the
+    condensation.
+    """
     from hhr_dolfinx.plugins.studies import report
 
-    shown = [{"what": name, "found": item if isinstance(item, str) else f"{item:.4g}"} for name, item in rows.items()]
+    shown = [
+        {"what": name, "found": item if isinstance(item, str) else f"{item:.4g}"}
+        for name, item in rows.items()
+    ]
     print_rows(title, shown, options.console)
     found = {"scene": scene, "seed": options.seed, title: rows, "times": {"condense": condensing}}
     report.write_report({**found, **report.environment()}, options.out)

@@ -1,4 +1,6 @@
-"""What the fretting demo measures: the path, its errors and times, closed forms, and the picture."""
+"""What the fretting demo measures: the path, its errors and times, closed forms, and the
+picture.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,9 @@ class Mindlin:
         self.first = None if turned is None else self.width * np.sqrt(1 - abs(turned) / full)
 
     def traction(self, x: np.ndarray) -> np.ndarray:
-        """Along the way in positive; on the way back what it was at the turn less twice what slipped back."""
+        """Along the way in positive; on the way back what it was at the turn less twice what
+        slipped back.
+        """
 
         def bump(width: float) -> np.ndarray:
             return width / self.width * np.sqrt(np.maximum(1 - (x / width) ** 2, 0.0))
@@ -123,4 +127,6 @@ def cycles(history: hhr.History, shear: np.ndarray) -> dict[str, float]:
     moved = np.array([answer.parameter[1] for answer in history.answers])[-1 - 4 * STEPS :]
     force = shear[-1 - 4 * STEPS :]
     area = float(np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(moved)))
-    return {name: after[name] - before[name] for name in ("wear", "dissipated")} | {"area of the loop": area}
+    return {name: after[name] - before[name] for name in ("wear", "dissipated")} | {
+        "area of the loop": area
+    }

@@ -1,4 +1,6 @@
-"""Picture of a history with friction: sticking and slipping contacts, tractions, and the loop of forces."""
+"""Picture of a history with friction: sticking and slipping contacts, tractions, and the loop of
+forces.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ COLOURS = ("#e8e8e8", "#2b6cb0", "#e07b39")
 
 
 def tangential_forces(friction: Friction, history: History, direction: np.ndarray) -> np.ndarray:
-    """Tangential forces on the slaves along a direction, (dim,), of each answer and contact, (answers, C)."""
+    """Tangential forces on the slaves along a direction, (dim,), of each answer and contact,
+    (answers, C).
+    """
     along = friction.tangents @ direction
     forces = np.array([answer.forces() for answer in history.answers])[:, friction.tangential]
     found = np.zeros((len(forces), friction.normal.size))
@@ -61,20 +65,36 @@ def draw_friction(
     map_, profile, loop = figure.subplots(1, 3)
     colours = ListedColormap(COLOURS)
     map_.pcolormesh(
-        places[order], np.arange(len(statuses)) + 1, statuses, cmap=colours, vmin=0, vmax=2, shading="nearest"
+        places[order],
+        np.arange(len(statuses)) + 1,
+        statuses,
+        cmap=colours,
+        vmin=0,
+        vmax=2,
+        shading="nearest",
     )
     for colour, name in zip(COLOURS, ("open", "sticks", "slips"), strict=True):
         map_.plot([], [], "s", color=colour, label=name)
     map_.set(xlabel=labels[0], ylabel="increment", title="what sticks and what slips")
     for k, (number, name) in enumerate(tractions.items()):
-        values = np.divide(forces[number], friction.area, out=np.zeros(places.size), where=friction.area > 0)
+        values = np.divide(
+            forces[number], friction.area, out=np.zeros(places.size), where=friction.area > 0
+        )
         profile.plot(places[order], values[order], "o", markersize=3, color=f"C{k}", label=name)
         if closed_forms is not None and number in closed_forms:
-            profile.plot(places[order], closed_forms[number][order], "-", color=f"C{k}", label=f"{name}, closed form")
+            profile.plot(
+                places[order],
+                closed_forms[number][order],
+                "-",
+                color=f"C{k}",
+                label=f"{name}, closed form",
+            )
     profile.set(xlabel=labels[0], ylabel=labels[1], title="tractions")
     touched = np.abs(places[(statuses[:, np.argsort(order)] > 0).any(axis=0)])
     for axis in (map_, profile):
-        axis.set_xlim(*(np.array([-1.3, 1.3]) * touched.max(initial=0.0) if touched.size else axis.get_xlim()))
+        axis.set_xlim(
+            *(np.array([-1.3, 1.3]) * touched.max(initial=0.0) if touched.size else axis.get_xlim())
+        )
     loop.plot(driven[1], forces.sum(axis=1), ".-", color="#444444")
     loop.set(xlabel=driven[0], ylabel=labels[2], title="loop")
     for axis in (map_, profile):

@@ -35,8 +35,9 @@ from hhr_dolfinx.timing import timed
 def pressures(full: hhr.FullOrderModel, history: History) -> list[dict[str, float]]:
     """Radius and mean pressure of a history of a block with the usual E, by Tabor's numbers.
 
-    The radius is that of an even pressure with the second moment of the one found, 2 F = a^2 / integral of p r^2:
-    E* a / (sy R) is 2.5 where the block begins to yield, and from 30 on the mean pressure is some 2.8 to 3 sy.
+    The radius is that of an even pressure with the second moment of the one found, 2 F = a^2 /
+    integral of p r^2: E* a / (sy R) is 2.5 where the block begins to yield, and from 30 on the mean
+    pressure is some 2.8 to 3 sy.
     """
     distance = np.hypot(*full.problem.contact_points[:, :2].T)
     modulus = 1 / sum((1 - POISSON**2) / young for young in (SPHERE_E, BLOCK_E))
@@ -45,16 +46,30 @@ def pressures(full: hhr.FullOrderModel, history: History) -> list[dict[str, floa
         forces, (depth, yield_stress, hardening, *_) = answer.forces(), answer.parameter
         if forces.sum() > 0:
             radius = np.sqrt(2 * forces @ distance**2 / forces.sum())
-            rows.append({"depth": depth, "sy": yield_stress, "H": hardening, "force": 4 * forces.sum(),
-                         "E* a / (sy R)": modulus * radius / (yield_stress * RADIUS),
-                         "mean pressure / sy": 4 * forces.sum() / (np.pi * radius**2 * yield_stress)})  # fmt: skip
+            rows.append(
+                {
+                    "depth": depth,
+                    "sy": yield_stress,
+                    "H": hardening,
+                    "force": 4 * forces.sum(),
+                    "E* a / (sy R)": modulus * radius / (yield_stress * RADIUS),
+                    "mean pressure / sy": 4 * forces.sum() / (np.pi * radius**2 * yield_stress),
+                }
+            )
     return rows
 
 
 def errors(full: hhr.FullOrderModel, exact: History, found: History) -> dict[str, float]:
-    """Largest errors along a history: displacement and forces over their largest, resultant, imprint, stress."""
-    outputs = [[answer.outputs().values for answer in history.answers] for history in (exact, found)]
-    force, pole = (np.array([[step[name] for step in steps] for steps in outputs]) for name in ("force", "pole"))
+    """Largest errors along a history: displacement and forces over their largest, resultant,
+    imprint, stress.
+    """
+    outputs = [
+        [answer.outputs().values for answer in history.answers] for history in (exact, found)
+    ]
+    force, pole = (
+        np.array([[step[name] for step in steps] for steps in outputs])
+        for name in ("force", "pole")
+    )
     displacement, forces = largest_errors(full, found, exact, 0.0)
     stress = [history.answers[-1].stress()[:, 2] for history in (exact, found)]
     return {
@@ -67,23 +82,42 @@ def errors(full: hhr.FullOrderModel, exact: History, found: History) -> dict[str
 
 
 def compared(full: hhr.FullOrderModel, model: Any, known: Sequence[History]) -> dict[str, Any]:
-    """Errors of a model, forces at 95 % of the paths too, and seconds of its histories and of the full order."""
+    """Errors of a model, forces at 95 % of the paths too, and seconds of its histories and of the
+    full order.
+    """
     paths = [history.path for history in known]
-    found, seconds = zip(*(timed(partial(model.march, item), REPETITIONS) for item in paths), strict=True)
+    found, seconds = zip(
+        *(timed(partial(model.march, item), REPETITIONS) for item in paths), strict=True
+    )
     rows = [errors(full, exact, history) for exact, history in zip(known, found, strict=True)]
     exact = float(np.median([timed(partial(full.march, item, MARCH))[1] for item in paths[:2]]))
     online = float(np.median(seconds))
     worst = {name: max(row[name] for row in rows) for name in rows[0]}
-    forces = {"forces": float(np.percentile([row["forces"] for row in rows], 95)), "forces_max": worst["forces"]}
+    forces = {
+        "forces": float(np.percentile([row["forces"] for row in rows], 95)),
+        "forces_max": worst["forces"],
+    }
     return {"fom_best": exact, "online": online, "ratio": exact / online} | worst | forces
 
 
-def measured_on(cells: int, options: Any) -> tuple[hhr.FullOrderModel, Any, dict[str, dict[str, Any]]]:
+def measured_on(
+    cells: int, options: Any
+) -> tuple[hhr.FullOrderModel, Any, dict[str, dict[str, Any]]]:
     """Full order and condensed flow on one mesh, and a row of the table for each small model."""
     drawn = tests(4 if options.quick else 8)
-    trained = hhr.train(scene(cells, "E"), training(), held_out=drawn, march=MARCH, progress=options.progress,
-                        folder=options.out / f"snapshots_{cells}")  # fmt: skip
-    full, model, known = trained.full_order, trained.condense(CORRECTION), trained.held_out.histories
+    trained = hhr.train(
+        scene(cells, "E"),
+        training(),
+        held_out=drawn,
+        march=MARCH,
+        progress=options.progress,
+        folder=options.out / f"snapshots_{cells}",
+    )
+    full, model, known = (
+        trained.full_order,
+        trained.condense(CORRECTION),
+        trained.held_out.histories,
+    )
     sizes = {"N": full.problem.free.size, "N_lambda": len(full.problem.gaps)}
     record = model.offline
     own = {"modes": record.modes, "gauss_points": record.points}
@@ -99,31 +133,52 @@ def measured_on(cells: int, options: Any) -> tuple[hhr.FullOrderModel, Any, dict
     return full, model, rows
 
 
-def curve(model: Any, constants: np.ndarray, depth: float = DEPTH, gradient: bool = False) -> tuple[np.ndarray, ...]:
-    """Forces along the path in N, (24,), and with ``gradient`` their derivatives by (sy, H), (24, 2)."""
+def curve(
+    model: Any, constants: np.ndarray, depth: float = DEPTH, gradient: bool = False
+) -> tuple[np.ndarray, ...]:
+    """Forces along the path in N, (24,), and with ``gradient`` their derivatives by (sy, H), (24,
+    2).
+    """
     settings = hhr.MarchSettings(search=MARCH.search, gradient=gradient)
     known = (BLOCK_E,) if "E" in model.parameters.names else ()
-    found = [answer.outputs() for answer in model.march(path(depth, *constants, *known), settings).answers]
+    found = [
+        answer.outputs()
+        for answer in model.march(path(depth, *constants, *known), settings).answers
+    ]
     forces = np.array([item.values["force"] for item in found])
-    return (forces, np.array([item.gradient["force"][1:3] for item in found])) if gradient else (forces,)
+    return (
+        (forces, np.array([item.gradient["force"][1:3] for item in found]))
+        if gradient
+        else (forces,)
+    )
 
 
-def measured(model: Any, constants: np.ndarray, seed: int, depth: float = DEPTH) -> tuple[np.ndarray, np.ndarray]:
-    """The mean of some curves, each reading with noise of a hundredth of it, (24,), and its deviation, (24,)."""
+def measured(
+    model: Any, constants: np.ndarray, seed: int, depth: float = DEPTH
+) -> tuple[np.ndarray, np.ndarray]:
+    """The mean of some curves, each reading with noise of a hundredth of it, (24,), and its
+    deviation, (24,).
+    """
     (forces,) = curve(model, constants, depth)
     size = NOISE * np.maximum(forces, LEAST * forces.max())
     readings = forces + size * np.random.default_rng(seed).standard_normal((CURVES, forces.size))
     return readings.mean(axis=0), size / np.sqrt(CURVES)
 
 
-def fitted(model: Any, data: np.ndarray, size: np.ndarray, start: np.ndarray, depth: float = DEPTH) -> np.ndarray:
+def fitted(
+    model: Any, data: np.ndarray, size: np.ndarray, start: np.ndarray, depth: float = DEPTH
+) -> np.ndarray:
     """Constants by least squares with the gradients of histories, each in parts of its range."""
-    lower, upper = (np.array(item)[1:3] for item in (model.parameters.lower, model.parameters.upper))
+    lower, upper = (
+        np.array(item)[1:3] for item in (model.parameters.lower, model.parameters.upper)
+    )
     sides = upper - lower
     found = least_squares(
         lambda x: (curve(model, lower + x * sides, depth)[0] - data) / size,
         (start - lower) / sides,
-        jac=lambda x: curve(model, lower + x * sides, depth, gradient=True)[1] * sides / size[:, None],
+        jac=lambda x: (
+            curve(model, lower + x * sides, depth, gradient=True)[1] * sides / size[:, None]
+        ),
         bounds=(0.0, 1.0),
         xtol=1e-6,
     )
@@ -131,18 +186,32 @@ def fitted(model: Any, data: np.ndarray, size: np.ndarray, start: np.ndarray, de
 
 
 def posterior(
-    model: Any, data: np.ndarray, size: np.ndarray, start: np.ndarray, count: int, seed: int, depth: float = DEPTH
+    model: Any,
+    data: np.ndarray,
+    size: np.ndarray,
+    start: np.ndarray,
+    count: int,
+    seed: int,
+    depth: float = DEPTH,
 ) -> np.ndarray:
-    """Samples of a random walk (Metropolis) with even priors in the box, one history each, (count, 2)."""
-    lower, upper = (np.array(item)[1:3] for item in (model.parameters.lower, model.parameters.upper))
+    """Samples of a random walk (Metropolis) with even priors in the box, one history each, (count,
+    2).
+    """
+    lower, upper = (
+        np.array(item)[1:3] for item in (model.parameters.lower, model.parameters.upper)
+    )
     random = np.random.default_rng(seed)
     forces, slopes = curve(model, start, depth, gradient=True)
     scaled = slopes / size[:, None]
-    # steps as the posterior would be if the model were linear (Roberts, Gelman and Gilks 1997), and no prior wider
-    # than the box
+    # steps as the posterior would be if the model were linear (Roberts, Gelman and Gilks 1997), and
+    # no prior wider than the box
     precision = scaled.T @ scaled + np.diag(12 / (upper - lower) ** 2)
     steps = 2.4 / np.sqrt(start.size) * np.linalg.cholesky(np.linalg.inv(precision))
-    here, value, samples = start, 0.5 * np.sum(((forces - data) / size) ** 2), np.empty((count, start.size))
+    here, value, samples = (
+        start,
+        0.5 * np.sum(((forces - data) / size) ** 2),
+        np.empty((count, start.size)),
+    )
     for k in range(count):
         there = here + steps @ random.standard_normal(start.size)
         if (lower < there).all() and (there < upper).all():
@@ -154,16 +223,33 @@ def posterior(
 
 
 def calibrated(full: hhr.FullOrderModel, model: Any, samples: int, seed: int) -> dict[str, Any]:
-    """Yield stress and hardening from curves of the full order, by the model; and what the walk says of them."""
+    """Yield stress and hardening from curves of the full order, by the model.
+
+    And what the walk says of them.
+    """
     data, size = measured(full, TRUE, seed)
     start = np.array([200.0, 4e3])
     found, fitting = timed(lambda: fitted(model, data, size, start))
     walk, walking = timed(lambda: posterior(model, data, size, found, samples, seed))
     late = walk[samples // 10 :]
     rows = zip(("sy", "H"), TRUE, found, late.mean(axis=0), late.std(axis=0), strict=True)
-    values = {name: {"true": true, "found": best, "off": best / true - 1, "mean": mean, "deviation": spread}
-              for name, true, best, mean, spread in rows}  # fmt: skip
-    return {**values, "samples": samples, "seconds": fitting + walking, "noise": NOISE, "curves": CURVES}
+    values = {
+        name: {
+            "true": true,
+            "found": best,
+            "off": best / true - 1,
+            "mean": mean,
+            "deviation": spread,
+        }
+        for name, true, best, mean, spread in rows
+    }
+    return {
+        **values,
+        "samples": samples,
+        "seconds": fitting + walking,
+        "noise": NOISE,
+        "curves": CURVES,
+    }
 
 
 def tabor(full: hhr.FullOrderModel) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
@@ -173,11 +259,15 @@ def tabor(full: hhr.FullOrderModel) -> tuple[list[dict[str, Any]], list[dict[str
         history = full.march(path(DEPTH, *constants, BLOCK_E), MARCH)
         rows += pressures(full, history)[3:16:4]
         values = history.answers[-1].outputs().values
-        imprints.append({"sy": constants[0], "H": constants[1], **values, "iterations": sum(history.iterations)})
+        imprints.append(
+            {"sy": constants[0], "H": constants[1], **values, "iterations": sum(history.iterations)}
+        )
     return rows, imprints
 
 
-def told(scaling: dict[str, list], rows: list, imprints: list, calibration: dict[str, Any], options: Any) -> None:
+def told(
+    scaling: dict[str, list], rows: list, imprints: list, calibration: dict[str, Any], options: Any
+) -> None:
     """Write ``report.json`` and print its tables."""
     from hhr_dolfinx.plugins.studies import report
     from parts import cli
@@ -189,9 +279,16 @@ def told(scaling: dict[str, list], rows: list, imprints: list, calibration: dict
     for name, table in scaling.items():
         shown = [{key: value for key, value in row.items() if key != "offline"} for row in table]
         cli.print_rows(name, shown, options.console)
-        cli.print_rows(f"seconds offline, {name}", [row["offline"] for row in table], options.console)
-    cli.print_rows("from curves with noise", [{"constant": name, **calibration[name]} for name in ("sy", "H")],
-                      options.console)  # fmt: skip
-    options.console.print(f"{calibration['samples']} histories and the fit took {calibration['seconds']:.0f} s")
+        cli.print_rows(
+            f"seconds offline, {name}", [row["offline"] for row in table], options.console
+        )
+    cli.print_rows(
+        "from curves with noise",
+        [{"constant": name, **calibration[name]} for name in ("sy", "H")],
+        options.console,
+    )
+    options.console.print(
+        f"{calibration['samples']} histories and the fit took {calibration['seconds']:.0f} s"
+    )
     cli.print_rows("beside Tabor", rows, options.console)
     cli.print_rows("after unloading", imprints, options.console)

@@ -24,7 +24,9 @@ def o_ring_and_lid(comm: Any, *, fine: float) -> Any:
         ring = occ.addPlaneSurface([occ.addCurveLoop(quarters)])
         lid = occ.addRectangle(MIDDLE - 3, THICKNESS, 0, 6, LID)
         occ.synchronize()
-        face, _, top, _ = (abs(tag) for _, tag in gmsh.model.getBoundary([(2, lid)], oriented=False))
+        face, _, top, _ = (
+            abs(tag) for _, tag in gmsh.model.getBoundary([(2, lid)], oriented=False)
+        )
         for name, surface in (("ring", ring), ("lid", lid)):
             gmsh.model.addPhysicalGroup(2, [surface], name=name)
         named = dict(zip(("bottom", "outside", "top", "inside"), quarters, strict=True))
@@ -37,5 +39,9 @@ def o_ring_and_lid(comm: Any, *, fine: float) -> Any:
         gmsh.model.mesh.generate(2)
 
     # each cell is cut into quadrilaterals: triangles of rubber lock
-    quads = {"Mesh.RecombineAll": 1.0, "Mesh.SubdivisionAlgorithm": 1.0, "Mesh.MeshSizeMax": 8 * fine}
+    quads = {
+        "Mesh.RecombineAll": 1.0,
+        "Mesh.SubdivisionAlgorithm": 1.0,
+        "Mesh.MeshSizeMax": 8 * fine,
+    }
     return mesh_of(make, comm, dim=2, options=quads)

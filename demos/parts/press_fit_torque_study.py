@@ -1,4 +1,6 @@
-"""What the demo of the torque of a press fit measures: designs beside the full order, a thousand of them, pictures."""
+"""What the demo of the torque of a press fit measures: designs beside the full order, a thousand of
+them, pictures.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,13 @@ def path(design: np.ndarray) -> list:
     interference, friction, warmer, *fixed = design
     free = (0.0, demo.LOWER[1], friction, demo.LOWER[3], *fixed)
     turns = np.linspace(0.0, demo.UPPER[0], STEPS + 1)
-    return [(0.0, free), *((1.0 + k, (turn, interference, friction, warmer, *fixed)) for k, turn in enumerate(turns))]
+    return [
+        (0.0, free),
+        *(
+            (1.0 + k, (turn, interference, friction, warmer, *fixed))
+            for k, turn in enumerate(turns)
+        ),
+    ]
 
 
 def torques(history: hhr.History) -> np.ndarray:
@@ -52,7 +60,9 @@ def lame(design: np.ndarray) -> float:
     return 2 * np.pi * radius**2 * demo.LENGTH * friction * pressure
 
 
-def compared(full: Any, model: Any, some: np.ndarray, progress: Any) -> tuple[dict[str, Any], dict[str, list[float]]]:
+def compared(
+    full: Any, model: Any, some: np.ndarray, progress: Any
+) -> tuple[dict[str, Any], dict[str, list[float]]]:
     """Errors of some designs for the report, and seconds of an increment of each design."""
     errors, off, iterations, rows = [], [], [], []
     seconds: dict[str, list[float]] = {"fom_best": [], "online": []}
@@ -68,10 +78,15 @@ def compared(full: Any, model: Any, some: np.ndarray, progress: Any) -> tuple[di
             seconds[name].append(taken / (len(steps) - 1))
         iterations += found.iterations
         fallbacks += sum(answer.cycled for answer in found.answers)
-        rows.append({
-            "case": f"design {number + 1}", "quantity": "torque at slip", "reference": float(wanted.max()),
-            "ours": float(ours.max()), "error": float(abs(ours.max() / wanted.max() - 1)),
-        })  # fmt: skip
+        rows.append(
+            {
+                "case": f"design {number + 1}",
+                "quantity": "torque at slip",
+                "reference": float(wanted.max()),
+                "ours": float(ours.max()),
+                "error": float(abs(ours.max() / wanted.max() - 1)),
+            }
+        )
     return {
         "increments": len(iterations),
         "iterations": {"mean": float(np.mean(iterations)), "max": max(iterations)},
@@ -88,7 +103,9 @@ def study(scene: hhr.Scene, options: Any) -> dict[str, Any]:
     model, offline = timed(lambda: hhr.condense(full))
     options.out.mkdir(parents=True, exist_ok=True)
     hhr.save_model(options.out / "model.npz", model)
-    found, seconds = compared(full, model, designs(options.designs, options.seed + 1), options.progress("designs"))
+    found, seconds = compared(
+        full, model, designs(options.designs, options.seed + 1), options.progress("designs")
+    )
     cases = designs(options.cases, options.seed)
     histories = (model.march(path(design)) for design in options.progress("cases")(cases))
     curves = np.array([torques(history) for history in histories])
@@ -104,20 +121,28 @@ def study(scene: hhr.Scene, options: Any) -> dict[str, Any]:
 
 
 def draw(full: Any, model: Any, cases: np.ndarray, curves: np.ndarray, file: Path) -> None:
-    """Torque over the turn, slip on the unrolled surface of one design, torque at slip beside Lame's."""
+    """Torque over the turn, slip on the unrolled surface of one design, torque at slip beside
+    Lame's.
+    """
     figure = Figure(figsize=(16, 8), layout="constrained")
     top, bottom = figure.subfigures(2, 1, height_ratios=(1.2, 1))
     turning, scatter = top.subplots(1, 2)
     turns = np.linspace(0.0, demo.UPPER[0], STEPS + 1) * 1e3
     for curve in curves[:40]:
         turning.plot(turns, curve / 1e3, color="#2b6cb0", alpha=0.4, linewidth=1)
-    turning.set(xlabel="turn of the shaft [mrad]", ylabel="torque [N m]", title="torque, 40 designs")
+    turning.set(
+        xlabel="turn of the shaft [mrad]", ylabel="torque [N m]", title="torque, 40 designs"
+    )
     long = np.array([lame(design) for design in cases])
-    points = scatter.scatter(long / 1e3, curves.max(axis=1) / 1e3, c=cases[:, 1], s=8, cmap="viridis")
+    points = scatter.scatter(
+        long / 1e3, curves.max(axis=1) / 1e3, c=cases[:, 1], s=8, cmap="viridis"
+    )
     top.colorbar(points, ax=scatter, label="coefficient of friction")
     scatter.plot(*[[0, long.max() / 1e3]] * 2, color="#444444", linewidth=1)
     scatter.set(
-        xlabel="Lame, long rings [N m]", ylabel="torque at slip [N m]", title=f"{len(cases)} designs beside Lame"
+        xlabel="Lame, long rings [N m]",
+        ylabel="torque at slip [N m]",
+        title=f"{len(cases)} designs beside Lame",
     )
     middle = np.array([*(0.5 * (np.array(demo.LOWER) + demo.UPPER))[1:]])
     answers = model.march(path(middle)).answers
@@ -129,5 +154,7 @@ def draw(full: Any, model: Any, cases: np.ndarray, curves: np.ndarray, file: Pat
         bottom.colorbar(shades, ax=axis, label="slip since it turns [um]")
         stuck = answers[number].slip.statuses == 1
         axis.scatter(angle[stuck], height[stuck], s=3, c="k")
-        axis.set(xlabel="angle [°]", title=f"turned by {1e3 * demo.UPPER[0] * number / STEPS:.1f} mrad")
+        axis.set(
+            xlabel="angle [°]", title=f"turned by {1e3 * demo.UPPER[0] * number / STEPS:.1f} mrad"
+        )
     figure.savefig(file, dpi=130)

@@ -1,4 +1,6 @@
-"""What the demo of the sliding punch measures: forces beside the full order and other meshes, and the picture."""
+"""What the demo of the sliding punch measures: forces beside the full order and other meshes, and
+the picture.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ PLACES = (0.0, 1.7, 3.33, 4.9)
 
 
 def pressed_at(way: float, cells: int) -> float:
-    """Force on a punch that is meshed where it would be drawn to, without friction, and only pushed."""
+    """Force on a punch that is meshed where it would be drawn to, without friction, and only
+    pushed.
+    """
     there = demo.scene(None, cells=cells, start=demo.START + way)
     return hhr.FullOrderModel(there, MPI.COMM_SELF).solve((demo.PUSH, 0.0)).outputs()["pressed"]
 
@@ -40,23 +44,43 @@ def study(scene: hhr.Scene, cells: int, options: Any) -> dict[str, Any]:
     smooth = hhr.slide(demo.scene(None, cells=cells))
     reference = []
     for way in PLACES:
-        ours = forces(smooth.march([(0.0, (0.0, 0.0)), (1.0, (demo.PUSH, 0.0)), (2.0, (demo.PUSH, way))]))[-1, 0]
-        reference.append(row(f"meshed at {way:g} mm", "force without friction [N/mm]", pressed_at(way, cells), ours))
+        ours = forces(
+            smooth.march([(0.0, (0.0, 0.0)), (1.0, (demo.PUSH, 0.0)), (2.0, (demo.PUSH, way))])
+        )[-1, 0]
+        reference.append(
+            row(
+                f"meshed at {way:g} mm",
+                "force without friction [N/mm]",
+                pressed_at(way, cells),
+                ours,
+            )
+        )
     reference.append(
-        row("drawn, half way", "drawing over pressing force", demo.FRICTION, *here[40:41, 1] / here[40, 0])
+        row(
+            "drawn, half way",
+            "drawing over pressing force",
+            demo.FRICTION,
+            *here[40:41, 1] / here[40, 0],
+        )
     )
     draw(model, found, here, options.out / "sliding_punch.png")
     width = widths(model, found)[0]
-    return {"friction": {
-        "increments": len(here),
-        "iterations": {"mean": float(np.mean(found.iterations)), "max": max(found.iterations)},
-        "fallbacks": sum(answer.cycled for answer in found.answers),
-        "mu_kappa": None,
-        "widths": demo.WAY / width,
-        "errors": {"forces": float(np.abs(here - there).max() / np.abs(there).max())},
-        "times": {"offline": offline, "condensed": quick / len(here), "full order": slow / len(here)},
-        "reference": reference,
-    }}  # fmt: skip
+    return {
+        "friction": {
+            "increments": len(here),
+            "iterations": {"mean": float(np.mean(found.iterations)), "max": max(found.iterations)},
+            "fallbacks": sum(answer.cycled for answer in found.answers),
+            "mu_kappa": None,
+            "widths": demo.WAY / width,
+            "errors": {"forces": float(np.abs(here - there).max() / np.abs(there).max())},
+            "times": {
+                "offline": offline,
+                "condensed": quick / len(here),
+                "full order": slow / len(here),
+            },
+            "reference": reference,
+        }
+    }
 
 
 def row(case: str, quantity: str, reference: float, ours: float) -> dict[str, Any]:
@@ -79,11 +103,20 @@ def draw(model: Any, history: hhr.History, values: np.ndarray, file: Path) -> No
         way = answer.parameter[1]
         profile.plot(x + way, answer.slip.pressure / model.law.area, ".-", label=f"{way:.1f} mm")
     profile.set(xlabel="x [mm]", ylabel="pressure [MPa]", title="pressure goes along")
-    profile.legend(fontsize=8, ncols=5, title="drawn by", loc="upper center", bbox_to_anchor=(0.5, -0.14))
+    profile.legend(
+        fontsize=8, ncols=5, title="drawn by", loc="upper center", bbox_to_anchor=(0.5, -0.14)
+    )
     ways = [answer.parameter[1] for answer in history.answers]
     for column, name in enumerate(("pressed", "drawn")):
         loop.plot(ways, values[:, column], label=name)
-    loop.plot(ways, demo.FRICTION * values[:, 0], "--", color="#444444", linewidth=1, label="f times pressed")
+    loop.plot(
+        ways,
+        demo.FRICTION * values[:, 0],
+        "--",
+        color="#444444",
+        linewidth=1,
+        label="f times pressed",
+    )
     loop.set(xlabel="drawn by [mm]", ylabel="force [N/mm]", title="forces on the punch")
     loop.legend(fontsize=8)
     file.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,5 @@
-"""A law of interfaces without memory, next to any others in a scene: a gasket, which bears a pressure as it is closed.
+"""A law of interfaces without memory, next to any others in a scene: a gasket, which bears a
+pressure as it is closed.
 
 Its pressure is p = k1 c + k3 c^3 over the closure c, minus the gap; k1 and k3 are numbers or
 formulas of the parameters. The core solves it, by the curve and its derivatives alone. Such a law
@@ -79,10 +80,21 @@ class Gasket(PairLaw):
         return f"gasket {self.linear} c + {self.cubic} c^3"
 
     def scalars(self, space, what):
-        """Constants over the box; SceneError for one that is negative there: the pressure would fall."""
-        scalars = tuple(Scalar(formula_of(value, what).text, space.names) for value in (self.linear, self.cubic))
+        """Constants over the box; SceneError for one that is negative there: the pressure would
+        fall.
+        """
+        scalars = tuple(
+            Scalar(formula_of(value, what).text, space.names) for value in (self.linear, self.cubic)
+        )
         for scalar in scalars:
-            check_over_box(scalar, space, what, -1e-300, np.inf, "a gasket that softens may have several answers")
+            check_over_box(
+                scalar,
+                space,
+                what,
+                -1e-300,
+                np.inf,
+                "a gasket that softens may have several answers",
+            )
         return scalars
 
     def check(self, scene, what):
@@ -93,8 +105,12 @@ class Gasket(PairLaw):
     def attached(cls, laws, scene, rows, pairs, free, lifts, mesh):
         """See PairLaw: no further rows."""
         places = list(laws)
-        number = np.array([places.index(pair) if pair in laws else 0 for pair in pairs], dtype=np.int64)
-        scalars = tuple(law.scalars(scene.parameters, "a constant of a gasket") for law in laws.values())
+        number = np.array(
+            [places.index(pair) if pair in laws else 0 for pair in pairs], dtype=np.int64
+        )
+        scalars = tuple(
+            law.scalars(scene.parameters, "a constant of a gasket") for law in laws.values()
+        )
         return rows, pairs, Gaskets(rows.areas, number, scalars)
 
 
@@ -121,11 +137,16 @@ class GasketStep(CurveStep):
 
     def curve(self, closure):
         """See CurveStep."""  # TODO: the curve of your law; forces are pressures times areas
-        return self.linear * closure + self.cubic * closure**3, self.linear + 3.0 * self.cubic * closure**2
+        return (
+            self.linear * closure + self.cubic * closure**3,
+            self.linear + 3.0 * self.cubic * closure**2,
+        )
 
     def curve_slopes(self, closure):
         """See CurveStep."""
-        slopes = np.array([[scalar.derivative(self.point) for scalar in one] for one in self.law.laws])
+        slopes = np.array(
+            [[scalar.derivative(self.point) for scalar in one] for one in self.law.laws]
+        )
         linear, cubic = np.moveaxis(slopes[self.law.law], 1, 0)
         return (self.law.area * (linear.T * closure + cubic.T * closure**3)).T
 
@@ -148,7 +169,8 @@ static double model_my_gasket_curve(const model_own *own, double closure, double
     return linear * closure + cubic * closure * closure * closure;
 }
 
-static inline double model_my_gasket_projection(const model_own *own, double y, double c, double *slope) {
+static inline double model_my_gasket_projection(const model_own *own, double y, double c,
+                                                double *slope) {
     return model_resolvent(own, model_my_gasket_curve, y, c, slope);
 }
 """

@@ -25,4 +25,6 @@ class MyLaw(Law):
         from hhr_dolfinx.forms.laws import closed
 
         # TODO: dp as a function of the trial stress and of 3 mu
-        return closed(at, lambda trial, stiff: at.dt * trial / (at.constants.viscosity + stiff * at.dt))
+        return closed(
+            at, lambda trial, stiff: at.dt * trial / (at.constants.viscosity + stiff * at.dt)
+        )

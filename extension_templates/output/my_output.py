@@ -25,7 +25,12 @@ class MyOutput:
     unit: str = ""
 
     def prepared(self, probe):
-        """Plain data that has `value` and `slopes`; see hhr_dolfinx.models.functionals.functional.Functional."""
+        """Plain data that has `value` and `slopes`.
+
+        See hhr_dolfinx.models.functionals.functional.Functional.
+        """
         conditions, areas = probe.loaded(self)
         # TODO: your weights of the contact forces, or a Functional of your own
-        return Linear.of(self.name, self.unit, conditions, np.full(conditions.size, 1 / areas.sum()))
+        return Linear.of(
+            self.name, self.unit, conditions, np.full(conditions.size, 1 / areas.sum())
+        )

@@ -30,9 +30,14 @@ class MyReductor(Reductor[Task]):
         """Refuse what it is not for."""
         # TODO: refuse what you do not treat: a model that answers as if it were not there is wrong
         if not wanted(task.full):
-            raise NotOfferedError("MyReductor is for elastic bodies of constant stiffness in unilateral contact")
+            raise NotOfferedError(
+                "MyReductor is for elastic bodies of constant stiffness in unilateral contact"
+            )
 
     def attempt(self, prepared, level):
-        """A model of the scene, and facts for its record; see hhr_dolfinx.reduction.reductor.Reductor."""
+        """A model of the scene, and facts for its record.
+
+        See hhr_dolfinx.reduction.reductor.Reductor.
+        """
         # TODO: your model, made of the full one and the snapshots
         return exact_condensation(prepared.full, prepared.snapshots.known_statuses()), None

@@ -19,13 +19,21 @@ FORCE_FLOOR = 1e-3
 """Fraction of the largest training force below which a relative dual error is meaningless."""
 
 ROUND_OFF_FORCE = 1e-9
-"""Fraction of the forces in the bodies below which contact forces are round-off: there is no contact."""
+"""Fraction of the forces in the bodies below which contact forces are round-off: there is no
+contact.
+"""
 ROUND_OFF = 1e-14
-"""Relative error of a sum of products K_ij u_j; 50 units in the last place, for rows of some dozen entries."""
+"""Relative error of a sum of products K_ij u_j.
+
+50 units in the last place, for rows of some dozen entries.
+"""
 
 
 class Solutions(Protocol):
-    """Answers of a full model, for training or validation; see :class:`hhr_dolfinx.snapshots.records.SnapshotSet`."""
+    """Answers of a full model, for training or validation.
+
+    See :class:`hhr_dolfinx.snapshots.records.SnapshotSet`.
+    """
 
     @property
     def points(self) -> np.ndarray:
@@ -60,11 +68,14 @@ def force_floor(problem: ContactProblem, training: Solutions) -> float:
     return floor if training.histories else max(floor, round_off_force(problem, training))
 
 
-def least_sizes(problem: ContactProblem, schur: np.ndarray, forces: np.ndarray | None) -> np.ndarray:
-    """S norm, Euclidean norm and peak pressure of forces below which relative errors of them are meaningless, (3,).
+def least_sizes(
+    problem: ContactProblem, schur: np.ndarray, forces: np.ndarray | None
+) -> np.ndarray:
+    """S norm, Euclidean norm and peak pressure of forces below which relative errors of them are
+    meaningless, (3,).
 
-    A thousandth of the largest training force, (N_lambda, S); zero without training. S is that of the middle of the
-    box.
+    A thousandth of the largest training force, (N_lambda, S); zero without training. S is that of
+    the middle of the box.
     """
     if forces is None:
         return np.zeros(3)
@@ -81,15 +92,17 @@ def least_sizes(problem: ContactProblem, schur: np.ndarray, forces: np.ndarray |
 def round_off_force(problem: ContactProblem, solutions: Solutions) -> float:
     """Force norm that is round-off compared with the internal forces K U of some solutions.
 
-    U is the whole displacement: loads F - K lift include the reaction to a rigid motion, compared with which all
-    contact forces would be noise, while K U includes only its round-off.
+    U is the whole displacement: loads F - K lift include the reaction to a rigid motion, compared
+    with which all contact forces would be noise, while K U includes only its round-off.
     """
     # some of the largest and some evenly chosen solutions give the scale of all
     count = solutions.displacements.shape[1]
     rows = problem.spread
     stiffness = problem.stiffness_of_rows
     largest = np.argsort(rows.norms(solutions.displacements))[-10:]
-    solutions = solutions.take(np.union1d(largest, np.linspace(0, count - 1, min(10, count)).astype(int)))
+    solutions = solutions.take(
+        np.union1d(largest, np.linspace(0, count - 1, min(10, count)).astype(int))
+    )
     lifts = rows.of(problem.amplitudes.sum_columns(problem.lifts, solutions.points))
     fields = solutions.displacements + lifts
     internal = rows.norms(stiffness @ fields).max()
@@ -102,9 +115,10 @@ class Residuals:
     """Residuals of the contact problem for an answer, each relative to its scale.
 
     Attributes:
-        equilibrium: norm of K u + B^T λ - F on free dofs over that of the loads or the contact forces.
-        penetration: deepest violation of a gap over the largest gap or relative motion of its pair, or a thousandth of
-            the largest displacement.
+        equilibrium: norm of K u + B^T λ - F on free dofs over that of the loads or the contact
+            forces.
+        penetration: deepest violation of a gap over the largest gap or relative motion of its pair,
+            or a thousandth of the largest displacement.
         sign: largest tensile force over the largest contact force.
     """
 
@@ -114,9 +128,14 @@ class Residuals:
 
 
 def contact_residuals(
-    problem: ContactProblem, displacement: np.ndarray, forces: np.ndarray, theta: Theta, opened: object = 0.0
+    problem: ContactProblem,
+    displacement: np.ndarray,
+    forces: np.ndarray,
+    theta: Theta,
+    opened: object = 0.0,
 ) -> Residuals:
-    """Residuals of (1.21) for a displacement, lift included, (N,), and forces, (N_lambda,), as returned to a user.
+    """Residuals of (1.21) for a displacement, lift included, (N,), and forces, (N_lambda,), as
+    returned to a user.
 
     ``opened`` is the part of the gaps that the memory of a law adds, see :meth:`ContactLaw.opened`.
     """
@@ -125,7 +144,9 @@ def contact_residuals(
     contact_load = problem.contact.T @ forces
     rows = problem.spread
     residual = problem.own_stiffness @ homogeneous + rows.of(contact_load - load)
-    if problem.kernel is not None:  # the moment of facets of round surfaces is distributed over the body
+    if (
+        problem.kernel is not None
+    ):  # the moment of facets of round surfaces is distributed over the body
         idle = rows.of(problem.kernel.idle)
         residual = residual - idle @ rows.sum(idle.T @ residual)
     # K lift, the reaction to imposed displacements, is far larger than the forces on a body
@@ -138,7 +159,11 @@ def contact_residuals(
 
 
 def slack_residuals(
-    problem: ContactProblem, homogeneous: np.ndarray, forces: np.ndarray, theta: Theta, opened: object = 0.0
+    problem: ContactProblem,
+    homogeneous: np.ndarray,
+    forces: np.ndarray,
+    theta: Theta,
+    opened: object = 0.0,
 ) -> tuple:
     """``(penetration, sign)`` of :class:`Residuals` for a displacement less its lift, (N,)."""
     gaps = problem.gaps @ theta + opened
@@ -157,18 +182,24 @@ def slack_residuals(
 
 
 def mass_norm(problem: ContactProblem, field: np.ndarray) -> float:
-    """L2 norm of a field, (N,), whose values are all on each of the ranks that share the Gram matrix by rows."""
+    """L2 norm of a field, (N,), whose values are all on each of the ranks that share the Gram
+    matrix by rows.
+    """
     mass_times = problem.node_mass @ field.reshape(-1, problem.block_size)  # components do not meet
     square = problem.spread.sum(problem.spread.of(field) @ mass_times.ravel())
     return float(np.sqrt(max(square, 0.0)))
 
 
 def relative_error(
-    approximation: np.ndarray, reference: np.ndarray, gram: csr_matrix | None = None, floor: float = 0.0
+    approximation: np.ndarray,
+    reference: np.ndarray,
+    gram: csr_matrix | None = None,
+    floor: float = 0.0,
 ) -> float:
     """Error ``|a - r| / max(|r|, floor)`` in the norm of ``gram``, (3.6)-(3.8); Euclidean if None.
 
-    If both the reference and the floor are zero the error is 0 for an exact answer and infinite otherwise.
+    If both the reference and the floor are zero the error is 0 for an exact answer and infinite
+    otherwise.
     """
     return of_size(norm(approximation - reference, gram), max(norm(reference, gram), floor))
 
@@ -187,23 +218,32 @@ def energy_minimum(problem: ContactProblem, displacement: np.ndarray, theta: The
     """
     problem.require_parts()
     unknown = displacement - problem.lifts @ theta
-    return 0.5 * problem.doubled_energy(unknown, theta) - float((problem.forces @ theta) @ displacement)
+    return 0.5 * problem.doubled_energy(unknown, theta) - float(
+        (problem.forces @ theta) @ displacement
+    )
 
 
 def summary(values: object) -> dict:
-    """Median, 95th percentile and maximum of errors or times over all points, without exclusions."""
+    """Median, 95th percentile and maximum of errors or times over all points, without
+    exclusions.
+    """
     values = np.asarray(values, dtype=float)
     # order statistics: an infinite error stays infinite and does not become NaN
     median, p95 = np.percentile(values, [50, 95], method="higher")
-    return {"median": float(median), "p95": float(p95), "max": float(values.max()), "n": int(values.size)}
+    return {
+        "median": float(median),
+        "p95": float(p95),
+        "max": float(values.max()),
+        "n": int(values.size),
+    }
 
 
 def norm(vector: np.ndarray, gram: csr_matrix | None = None) -> float:
     """Norm of a vector by a Gram matrix, Euclidean if None."""
     if gram is not None and gram.shape[0] != vector.size:
         raise SceneError(
-            f"the Gram matrix has {gram.shape[0]} rows for {vector.size} dofs: where ranks share the rows take "
-            "full.gathered(), problem.gathered(comm)"
+            f"the Gram matrix has {gram.shape[0]} rows for {vector.size} dofs: where ranks share "
+            "the rows take full.gathered(), problem.gathered(comm)"
         )
     square = vector @ vector if gram is None else vector @ (gram @ vector)
     return float(np.sqrt(max(square, 0.0)))

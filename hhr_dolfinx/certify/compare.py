@@ -35,11 +35,15 @@ class Comparison:
     labels: list[str]  # description of the point or path
     primal: np.ndarray  # relative L2 errors of the displacement everywhere
     dual: np.ndarray  # relative errors of the forces on the whole contact surface, with a floor
-    further: Mapping[str, np.ndarray] = NOTHING_ELSE  # errors of what else a kind of answers has, by its name
+    further: Mapping[str, np.ndarray] = (
+        NOTHING_ELSE  # errors of what else a kind of answers has, by its name
+    )
 
     @classmethod
     def of(cls, rows: Sequence[Row], names: Sequence[str] = ()) -> Comparison:
-        """Comparison from one row per point or path; ``names`` are those of further errors in them."""
+        """Comparison from one row per point or path; ``names`` are those of further errors in
+        them.
+        """
         labels, primal, dual, *errors = zip(*rows, strict=True)
         further = {name: np.array(column) for name, column in zip(names, errors, strict=True)}
         return cls(list(labels), np.array(primal), np.array(dual), further)
@@ -48,12 +52,14 @@ class Comparison:
 def compare_points(full: FullModel, model: Model, solutions: Solutions, floor: float) -> Comparison:
     """Errors of fields and forces everywhere at known solutions.
 
-    A point that fails has infinite errors, and so does the force if two starts lead to two solutions. ``floor`` is
-    the force norm below which a relative error is meaningless.
+    A point that fails has infinite errors, and so does the force if two starts lead to two
+    solutions. ``floor`` is the force norm below which a relative error is meaningless.
     """
     problem = full.problem
     rows: list[Row] = []
-    for point, own, forces in zip(solutions.points, solutions.displacements.T, solutions.forces.T, strict=True):
+    for point, own, forces in zip(
+        solutions.points, solutions.displacements.T, solutions.forces.T, strict=True
+    ):
         label = problem.parameters.described(point)
         theta = problem.amplitudes(point)
         try:
@@ -69,5 +75,7 @@ def compare_points(full: FullModel, model: Model, solutions: Solutions, floor: f
         off = mass_norm(problem, displacement - exact)
         primal = off / size if size > 0 else (math.inf if off > 0 else 0.0)
         one_answer = relative_error(unaided, answer.multipliers, floor=floor) <= ONE_ANSWER
-        rows.append((label, primal, relative_error(found, forces, floor=floor) if one_answer else math.inf))
+        rows.append(
+            (label, primal, relative_error(found, forces, floor=floor) if one_answer else math.inf)
+        )
     return Comparison.of(rows)

@@ -1,8 +1,8 @@
 """Stability of reduced models: inf-sup constants and condition numbers, by LAPACK.
 
-An inf-sup constant inf_q sup_v b(v, q) / (|v| |q|) over v = Phi gamma and q is the smallest singular
-value of L_q^-1 B~ L_v^-T, where the Gram matrices of the two norms are L_v L_v^T and L_q L_q^T. Here they are the
-thesis' Euclidean norms of nodal values (section 2.6.1).
+An inf-sup constant inf_q sup_v b(v, q) / (|v| |q|) over v = Phi gamma and q is the smallest
+singular value of L_q^-1 B~ L_v^-T, where the Gram matrices of the two norms are L_v L_v^T and L_q
+L_q^T. Here they are the thesis' Euclidean norms of nodal values (section 2.6.1).
 """
 
 from __future__ import annotations
@@ -40,9 +40,10 @@ class Stability:
     kappa_B_2: float  # condition number of B~2, (5.25)
     sigma_min: float  # smallest singular value of B~1, by which the thesis evaluates beta_HR
     sigma_max: float  # largest singular value of B~1
-    # smallest eigenvalue of the symmetric part of S = B~2 K~^-1 B~1^T over the norm of S. If it is positive, S is a
-    # P-matrix: every parameter has one solution, and the active set finds it. Otherwise the model may still find a
-    # solution, which satisfies all contact conditions, but this is not guaranteed
+    # smallest eigenvalue of the symmetric part of S = B~2 K~^-1 B~1^T over the norm of S. If it is
+    # positive, S is a P-matrix: every parameter has one solution, and the active set finds it.
+    # Otherwise the model may still find a solution, which satisfies all contact conditions, but
+    # this is not guaranteed
     contact_definite: float
     cond_K: float  # condition number of K~
     cond_whole: float  # condition number of V^T K V, the Galerkin projection on the whole domain
@@ -51,7 +52,9 @@ class Stability:
 
     @property
     def distortion(self) -> float:
-        """Factor by which restricting the domain to the RID increases the condition number of the stiffness."""
+        """Factor by which restricting the domain to the RID increases the condition number of the
+        stiffness.
+        """
         return self.cond_K / self.cond_whole
 
 
@@ -61,12 +64,15 @@ def singular_range(matrix: np.ndarray) -> tuple[float, float]:
     return float(values[-1]), float(values[0])
 
 
-def inf_sup(rows: np.ndarray, primal_gram: np.ndarray | None = None, dual_gram: np.ndarray | None = None) -> float:
+def inf_sup(
+    rows: np.ndarray, primal_gram: np.ndarray | None = None, dual_gram: np.ndarray | None = None
+) -> float:
     """Inf-sup constant of b(v, q) = q^T rows gamma with the given Gram matrices (identity if None).
 
-    The rows are (m, ell), for example B~; the matrices, symmetric and positive definite, (ell, ell) and (m, m), or the
-    diagonal of the latter, (m,). It is 0 if there are more rows than columns, since some q is then orthogonal to all v;
-    NaN if a Gram matrix is not positive definite to round-off, so that double precision cannot decide.
+    The rows are (m, ell), for example B~; the matrices, symmetric and positive definite, (ell, ell)
+    and (m, m), or the diagonal of the latter, (m,). It is 0 if there are more rows than columns,
+    since some q is then orthogonal to all v; NaN if a Gram matrix is not positive definite to
+    round-off, so that double precision cannot decide.
     """
     if rows.shape[0] > rows.shape[1]:
         return 0.0
@@ -77,10 +83,17 @@ def inf_sup(rows: np.ndarray, primal_gram: np.ndarray | None = None, dual_gram: 
     return singular_range(whitened)[0]
 
 
-def assess(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, reduced: ReducedProblem) -> Stability:
-    """Compute all constants of a reduced model, with local rows of its modes if they are distributed."""
+def assess(
+    problem: ContactProblem, basis: np.ndarray, sets: IndexSets, reduced: ReducedProblem
+) -> Stability:
+    """Compute all constants of a reduced model, with local rows of its modes if they are
+    distributed.
+    """
     smallest, largest = row_range(reduced.contact_test)
-    kappas = [problem.condition_number(*pair) for pair in ((smallest, largest), row_range(reduced.contact_trial))]
+    kappas = [
+        problem.condition_number(*pair)
+        for pair in ((smallest, largest), row_range(reduced.contact_trial))
+    ]
     # without rigid motions, along which K~ is zero
     basis = basis[:, reduced.motions :]
     reduced = reduced.held
@@ -108,15 +121,22 @@ def assess(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, reduced:
 
 
 def row_range(rows: np.ndarray) -> tuple[float, float]:
-    """Smallest and largest singular value on the rows; the smallest is 0 if there are more rows than columns."""
+    """Smallest and largest singular value on the rows.
+
+    The smallest is 0 if there are more rows than columns.
+    """
     smallest, largest = singular_range(rows)
     return (0.0 if rows.shape[0] > rows.shape[1] else smallest), largest
 
 
 def constants_of(
-    reduced: ReducedProblem, test_gram: np.ndarray, trial_gram: np.ndarray, dual_gram: np.ndarray | None = None
+    reduced: ReducedProblem,
+    test_gram: np.ndarray,
+    trial_gram: np.ndarray,
+    dual_gram: np.ndarray | None = None,
 ) -> Constants:
-    """Constants for the Gram matrices of modes truncated outside A and of whole modes, (ell, ell) each.
+    """Constants for the Gram matrices of modes truncated outside A and of whole modes, (ell, ell)
+    each.
 
     ``dual_gram`` is that of forces, (m, m) or its diagonal, (m,); None for the identity.
     """
@@ -127,10 +147,16 @@ def constants_of(
     )
 
 
-def _alpha_prime(reduced: ReducedProblem, test_gram: np.ndarray, trial_gram: np.ndarray) -> float | None:
+def _alpha_prime(
+    reduced: ReducedProblem, test_gram: np.ndarray, trial_gram: np.ndarray
+) -> float | None:
     """Inf-sup constant of a on the kernels of b, thesis (2.46)."""
-    test, trial = (linalg.null_space(rows) for rows in (reduced.contact_test, reduced.contact_trial))
-    if test.shape[1] != trial.shape[1]:  # dependent rows in one of the two: a direction without an equation
+    test, trial = (
+        linalg.null_space(rows) for rows in (reduced.contact_test, reduced.contact_trial)
+    )
+    if (
+        test.shape[1] != trial.shape[1]
+    ):  # dependent rows in one of the two: a direction without an equation
         return 0.0
     if test.shape[1] == 0:
         return None

@@ -25,11 +25,17 @@ FIELDS = (".vtkhdf", ".vtu")
 
 
 def largest_values(
-    answer: Answer, dimension: int, scene: Scene | None, problem: ContactProblem | None, forces: np.ndarray
+    answer: Answer,
+    dimension: int,
+    scene: Scene | None,
+    problem: ContactProblem | None,
+    forces: np.ndarray,
 ) -> dict[str, float]:
-    """The largest displacement, the sum of the forces of each contact, and the number of active contacts.
+    """The largest displacement, the sum of the forces of each contact, and the number of active
+    contacts.
 
-    Scene and problem are None for a model in a file, which has no units; ``forces`` are those of pressures, (c,).
+    Scene and problem are None for a model in a file, which has no units; ``forces`` are those of
+    pressures, (c,).
     """
     length = force = ""
     if scene is not None and scene.units is not None:
@@ -38,17 +44,31 @@ def largest_values(
     elif scene is not None and scene.hypothesis.startswith("plane"):
         force = "per unit depth"
     displacement = answer.displacement().reshape(-1, dimension)
-    rows = {_with_unit("largest displacement", length): float(np.linalg.norm(displacement, axis=1).max())}
-    normal = "normal " if forces.size < answer.forces().size else ""  # there are others, such as friction
+    rows = {
+        _with_unit("largest displacement", length): float(
+            np.linalg.norm(displacement, axis=1).max()
+        )
+    }
+    normal = (
+        "normal " if forces.size < answer.forces().size else ""
+    )  # there are others, such as friction
     if problem is None or scene is None:
         rows[_with_unit(f"sum of the {normal}forces of all contacts", force)] = float(forces.sum())
     else:
-        numbers = [number for number in range(len(scene.contacts)) if problem.pressing_of(number).size]
+        numbers = [
+            number for number in range(len(scene.contacts)) if problem.pressing_of(number).size
+        ]
         for number in numbers:
             which = f" {number} of {', '.join(map(str, scene.contacts[number].tags))}"
             several = len(numbers) > 1
-            name = f"sum of the {normal}forces of contact{which}" if several else f"sum of {normal}contact forces"
-            rows[_with_unit(name, force)] = float(forces @ problem.shares_of(number)[problem.pressing])
+            name = (
+                f"sum of the {normal}forces of contact{which}"
+                if several
+                else f"sum of {normal}contact forces"
+            )
+            rows[_with_unit(name, force)] = float(
+                forces @ problem.shares_of(number)[problem.pressing]
+            )
     return rows | {"active contacts": int((forces > 0).sum())} | answer.memory.counted()
 
 
@@ -74,7 +94,8 @@ def _checked_answer(full: Any, point: dict[str, float], step: dict[str, float]) 
 
 
 def _meshed(model: AnsweringModel, scene: str | None) -> AnsweringModel:
-    """Model with the mesh for the fields of a model in a file: that of a scene, or the model with its mesh beside it.
+    """Model with the mesh for the fields of a model in a file: that of a scene, or the model with
+    its mesh beside it.
 
     Raises:
         UsageError: if nothing reads a mesh beside a model.
@@ -83,18 +104,34 @@ def _meshed(model: AnsweringModel, scene: str | None) -> AnsweringModel:
     if scene is not None:
         return _full_of(scene)
     if model.fields.full is None:
-        raise click.UsageError("--out needs a mesh, which a model in a file has not: name the scene, --scene FILE.py")
+        raise click.UsageError(
+            "--out needs a mesh, which a model in a file has not: name the scene, --scene FILE.py"
+        )
     model.fields.full.answer_mesh()  # refuses before the point is solved
     return model
 
 
-@click.command(epilog=examples("hhr solve my_scene.py --at load=3", "hhr solve out/my_scene/model.npz --at load=3"))
+@click.command(
+    epilog=examples(
+        "hhr solve my_scene.py --at load=3", "hhr solve out/my_scene/model.npz --at load=3"
+    )
+)
 @click.argument("what")
 @AT
-@click.option("--duration", type=float, help="for laws of bodies with rates: seconds of the one step from rest [1]")
-@click.option("--out", type=click.Path(path_type=Path), help="write fields there, for ParaView (.vtkhdf or .vtu)")
 @click.option(
-    "--scene", "meshed_by", help="with --out: the scene of a model in a file, for its mesh [that beside the model]"
+    "--duration",
+    type=float,
+    help="for laws of bodies with rates: seconds of the one step from rest [1]",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="write fields there, for ParaView (.vtkhdf or .vtu)",
+)
+@click.option(
+    "--scene",
+    "meshed_by",
+    help="with --out: the scene of a model in a file, for its mesh [that beside the model]",
 )
 @KNOWN
 @guarded
@@ -108,14 +145,16 @@ def solve(
 ) -> None:
     """Answer one parameter point, by a SCENE in full or by a reduced model from a file (.npz).
 
-    Where bodies have laws, so that answers depend on the path, the answer is that of one step from rest. Without --at a
-    scene is solved in the middle of its box.
+    Where bodies have laws, so that answers depend on the path, the answer is that of one step from
+    rest. Without --at a scene is solved in the middle of its box.
     """
     from hhr_dolfinx.command.loading import beside, checked_target, is_model, model_of, point_of
 
     in_file = is_model(what)
     if meshed_by is not None and (out is None or not in_file):
-        raise click.UsageError("--scene has the mesh for the --out of a model in a file: leave it out")
+        raise click.UsageError(
+            "--scene has the mesh for the --out of a model in a file: leave it out"
+        )
     checked_target(out, FIELDS)
     if out is not None:
         write = registry.tool("fields", "--out, a file of fields,")
@@ -135,7 +174,9 @@ def solve(
     rows |= largest_values(answer, model.dimension, scene, problem, model.pressures(answer))
     if model.fields.functionals is not None:
         outputs = answer.outputs()
-        rows |= {_with_unit(name, outputs.units[name]): value for name, value in outputs.values.items()}
+        rows |= {
+            _with_unit(name, outputs.units[name]): value for name, value in outputs.values.items()
+        }
     estimate = answer.estimate() if in_file else None
     if estimate is not None:
         rows |= estimate.shown()
@@ -146,8 +187,15 @@ def solve(
         for name, text in (("path", answer.note), (f"answers with {model.law.name}", unique)):
             if text:
                 click.echo(f"{name}: {text}")
-        if not in_file and "march" in registry.named("commands") and beside(what, "PATHS") is not None:
-            click.echo(f"this is one step from rest: hhr march {what} follows the steps of PATHS in this file")
+        if (
+            not in_file
+            and "march" in registry.named("commands")
+            and beside(what, "PATHS") is not None
+        ):
+            click.echo(
+                f"this is one step from rest: hhr march {what} follows the steps of PATHS in this "
+                "file"
+            )
     if out is not None:
         written, *_ = write(out, meshed, answer)
         limited = ", as far as the files beside the model have them: --scene FILE.py adds the rest"

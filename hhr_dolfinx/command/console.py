@@ -1,4 +1,6 @@
-"""Output of commands and studies: with bars on a terminal; in whole lines in a pipe or a log file."""
+"""Output of commands and studies: with bars on a terminal; in whole lines in a pipe or a log
+file.
+"""
 
 from __future__ import annotations
 
@@ -15,14 +17,17 @@ __all__ = ["Column", "Console", "Table", "make_console", "progress_on"]
 
 _NO_LIMIT = 10_000
 _ANY_HEIGHT = 25
-"""Columns and lines of a console without a window. rich assumes 80 columns unless both are given."""
+"""Columns and lines of a console without a window. rich assumes 80 columns unless both are
+given.
+"""
 
 
 def make_console(quiet: bool = False) -> Console:
     """A console on standard output, which breaks lines only at the edge of a window.
 
-    Lines of a log are kept whole, however long, for ``grep``. Colours are left to rich, which writes none outside a
-    terminal unless it is forced to (``FORCE_COLOR``). Brackets are printed, as names of folders have them.
+    Lines of a log are kept whole, however long, for ``grep``. Colours are left to rich, which
+    writes none outside a terminal unless it is forced to (``FORCE_COLOR``). Brackets are printed,
+    as names of folders have them.
     """
     console = Console(quiet=quiet, markup=False)
     if _is_watched(console):
@@ -31,7 +36,8 @@ def make_console(quiet: bool = False) -> Console:
 
 
 def progress_on(console: Console) -> Callable[[str], Callable[[Iterable], Iterator]]:
-    """Function from a label to a wrapper of iterations: a bar that vanishes, or one line outside a terminal.
+    """Function from a label to a wrapper of iterations: a bar that vanishes, or one line outside a
+    terminal.
 
     Bars move the cursor, and must not be written to a file, even if colours are forced.
     """

@@ -1,7 +1,7 @@
 """The commands of ``hhr``.
 
-Exit codes: 0 all is well; 1 something has no answer, or a check found mistakes; 2 wrong words; 3 a scene, a model or a
-file is refused; 130 interrupted.
+Exit codes: 0 all is well; 1 something has no answer, or a check found mistakes; 2 wrong words; 3 a
+scene, a model or a file is refused; 130 interrupted.
 """
 
 from __future__ import annotations
@@ -43,7 +43,10 @@ class Commands(click.Group):
             command = registry.load(place)
             if not isinstance(command, click.Command):
                 raise TypeError(f"it is a {type(command).__name__} and no command of click")
-        except (Exception, SystemExit) as error:  # third-party code may raise anything, and others must go on
+        except (
+            Exception,
+            SystemExit,
+        ) as error:  # third-party code may raise anything, and others must go on
             return _broken(cmd_name, place, error)
         return command
 
@@ -63,12 +66,16 @@ def _broken(name: str, place: str, error: BaseException) -> click.Command:
     def refuse(words: tuple[str, ...]) -> None:
         if isinstance(error, HHRError):
             raise error
-        raise NotOfferedError(f"hhr {name} cannot be loaded from {place}: {type(error).__name__}: {error}") from error
+        raise NotOfferedError(
+            f"hhr {name} cannot be loaded from {place}: {type(error).__name__}: {error}"
+        ) from error
 
     words = click.Argument(["words"], nargs=-1, type=click.UNPROCESSED)
     settings = {"ignore_unknown_options": True}
     short = "(cannot be loaded: call it for the reason)"
-    return click.Command(name, callback=refuse, params=[words], short_help=short, context_settings=settings)
+    return click.Command(
+        name, callback=refuse, params=[words], short_help=short, context_settings=settings
+    )
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
@@ -77,8 +84,8 @@ def _broken(name: str, place: str, error: BaseException) -> click.Command:
 def hhr(verbose: bool) -> None:
     """Contact problems for many parameters: reduced models that know their error.
 
-    A SCENE is a Python file in which `scene` is one, or a function that returns one (file.py), or something else in it
-    (file.py:name).
+    A SCENE is a Python file in which `scene` is one, or a function that returns one (file.py), or
+    something else in it (file.py:name).
     """
     logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, format="%(message)s")
 
@@ -87,7 +94,9 @@ def hhr(verbose: bool) -> None:
 @click.argument("kind", required=False)
 @guarded
 def list_(kind: str | None) -> None:
-    """Show what scenes may name: geometries, pairings, laws, loads, outputs, samplings, materials, other packages."""
+    """Show what scenes may name: geometries, pairings, laws, loads, outputs, samplings, materials,
+    other packages.
+    """
     from hhr_dolfinx.by_name import OWN, names
     from hhr_dolfinx.materials.elasticity import MATERIALS
 
@@ -98,7 +107,10 @@ def list_(kind: str | None) -> None:
         click.echo(f"{one}:")
         if one == "materials":
             for name, found in MATERIALS.items():
-                click.echo(f"  {name}: E = {found.young / 1e9:g} GPa, nu = {found.poisson:g} ({found.source})")
+                click.echo(
+                    f"  {name}: E = {found.young / 1e9:g} GPa, nu = {found.poisson:g} "
+                    f"({found.source})"
+                )
         else:
             for name, source in sorted(names(one).items()):
                 click.echo(f"  {name} ({source})")

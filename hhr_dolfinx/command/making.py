@@ -17,7 +17,11 @@ if TYPE_CHECKING:
 with extra("study", "the command hhr"):
     import click
 
-KINDS = {"hhr": "build", "condensed": "condense", **{name: name for name in registry.named("kinds")}}
+KINDS = {
+    "hhr": "build",
+    "condensed": "condense",
+    **{name: name for name in registry.named("kinds")},
+}
 """Kinds of models made by a training, and their functions."""
 TRAINING = (
     click.option("--grid", help="train on a regular grid: counts along the parameters, as 16,16"),
@@ -33,10 +37,21 @@ def with_training(command: Command) -> Command:
     return command
 
 
-@click.command(epilog=examples("hhr train my_scene.py --sobol 64", "mpirun -n 4 hhr train my_scene.py --greedy 0.01"))
+@click.command(
+    epilog=examples(
+        "hhr train my_scene.py --sobol 64", "mpirun -n 4 hhr train my_scene.py --greedy 0.01"
+    )
+)
 @SCENE
 @with_training
-@click.option("--model", "kind", type=click.Choice(list(KINDS)), default="hhr", show_default=True, help="what to build")
+@click.option(
+    "--model",
+    "kind",
+    type=click.Choice(list(KINDS)),
+    default="hhr",
+    show_default=True,
+    help="what to build",
+)
 @click.option(
     "--together/--side-by-side",
     default=None,
@@ -46,14 +61,20 @@ def with_training(command: Command) -> Command:
 @OUT
 @resumable
 def train(
-    scene: str, out: Path | None, kind: str, together: bool | None, part: tuple[int, int] | None, **how: Any
+    scene: str,
+    out: Path | None,
+    kind: str,
+    together: bool | None,
+    part: tuple[int, int] | None,
+    **how: Any,
 ) -> None:
     """Solve the scene for training parameters, build a model, check it, and save it.
 
-    hhr is the hyper-reduced model, hhr.npz; condensed keeps all contact conditions, condensed.npz; local is a set of
-    hyper-reduced models, each for a part of the box, local.npz. Answers are kept in the folder as they are found: a
-    command that was interrupted goes on. With --part 3/8 the third of eight parts is solved and kept, and nothing
-    built: a job of an array; the same command without it then builds.
+    hhr is the hyper-reduced model, hhr.npz; condensed keeps all contact conditions, condensed.npz;
+    local is a set of hyper-reduced models, each for a part of the box, local.npz. Answers are kept
+    in the folder as they are found: a command that was interrupted goes on. With --part 3/8 the
+    third of eight parts is solved and kept, and nothing built: a job of an array; the same command
+    without it then builds.
     """
     from mpi4py import MPI
 
@@ -81,16 +102,32 @@ def train(
         held_out = None if settings is None else settings.held_out
         sampling = training_of(how, settings)
         if part is not None:
-            _solve_part(console, made, sampling, part, folder / "snapshots", held_out=held_out, progress=progress)
+            _solve_part(
+                console,
+                made,
+                sampling,
+                part,
+                folder / "snapshots",
+                held_out=held_out,
+                progress=progress,
+            )
             return
         training = trained(
-            made, sampling, held_out=held_out, folder=folder / "snapshots", progress=progress, together=together
+            made,
+            sampling,
+            held_out=held_out,
+            folder=folder / "snapshots",
+            progress=progress,
+            together=together,
         )
         full = training.full_order
         if MPI.COMM_WORLD.rank and full.comm.size == 1:
             return
         for item in training.log.skipped:
-            if item["stage"] in ("snapshots", "problems side by side"):  # reused snapshots, shares of processes
+            if item["stage"] in (
+                "snapshots",
+                "problems side by side",
+            ):  # reused snapshots, shares of processes
                 console.print(item["why"], highlight=False)
         model = getattr(training, KINDS[kind])()
     target = folder / f"{kind}.npz"
@@ -100,19 +137,24 @@ def train(
         return
     save_model(target, model)
     problem = full.problem
-    console.print(f"{made.name}: {problem.free.size} dofs and {len(problem.gaps)} contacts -> {model!r}")
+    console.print(
+        f"{made.name}: {problem.free.size} dofs and {len(problem.gaps)} contacts -> {model!r}"
+    )
     console.print(f"errors of its answers: {model.known_error}", highlight=False, markup=False)
     console.print(f"model: {target}")
 
 
-def _solve_part(console: Any, scene: Scene, training: Any, part: tuple[int, int], folder: Path, **how: Any) -> None:
+def _solve_part(
+    console: Any, scene: Scene, training: Any, part: tuple[int, int], folder: Path, **how: Any
+) -> None:
     from hhr_dolfinx.study.training.train import train_part
 
     found = train_part(scene, training, *part, folder, **how)
     if first_rank():
         console.print(
-            f"part {part[0]} of {part[1]}: {found.training} training queries and {found.held_out} held out are in "
-            f"{folder}, {found.read} answers were there before. The same command without --part then builds a model",
+            f"part {part[0]} of {part[1]}: {found.training} training queries and {found.held_out} "
+            f"held out are in {folder}, {found.read} answers were there before. The same command "
+            "without --part then builds a model",
             highlight=False,
         )
 
@@ -140,10 +182,14 @@ def training_of(how: dict[str, Any], settings: Any) -> Any:
     from hhr_dolfinx.sampling import Sobol
 
     chosen = registry.loadable("trainings")
-    others = [name for name, way in chosen.items() if any(how[option] is not None for option in way.names)]
+    others = [
+        name for name, way in chosen.items() if any(how[option] is not None for option in way.names)
+    ]
     given = [name for name in ("grid", "sobol") if how[name] is not None] + others
     if len(given) > 1:
-        raise click.UsageError(f"give one of {', '.join(f'--{name}' for name in ('grid', 'sobol', *chosen))}")
+        raise click.UsageError(
+            f"give one of {', '.join(f'--{name}' for name in ('grid', 'sobol', *chosen))}"
+        )
     if given == ["grid"]:
         try:
             return [int(word) for word in how["grid"].split(",")]

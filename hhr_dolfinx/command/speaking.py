@@ -26,7 +26,9 @@ Command = Callable[..., Any]
 
 
 def guarded(command: Command, kept: str = "") -> Command:
-    """A command whose errors are sentences and exit codes; ``kept`` is added to the message if it is interrupted.
+    """A command whose errors are sentences and exit codes.
+
+    ``kept`` is added to the message if it is interrupted.
 
     A fault of this package, which has no such sentence, keeps its traceback.
     """
@@ -55,7 +57,10 @@ def guarded(command: Command, kept: str = "") -> Command:
 
 
 def _last_words(error: BaseException, kept: str) -> tuple[int, str]:
-    """Exit code and sentence of what ended a command; no sentence for a fault of this package and for exits."""
+    """Exit code and sentence of what ended a command.
+
+    No sentence for a fault of this package and for exits.
+    """
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED, "interrupted" + kept
     if isinstance(error, SystemExit):
@@ -73,7 +78,10 @@ def resumable(command: Command) -> Command:
 
 
 def _explained(error: Exception) -> str:
-    """Message of an error, with its position if it comes from a file of the user; empty for a fault of this package."""
+    """Message of an error, with its position if it comes from a file of the user.
+
+    Empty for a fault of this package.
+    """
     from hhr_dolfinx.by_name import place_of
 
     if isinstance(error, ModuleNotFoundError):

@@ -20,12 +20,18 @@ def examples(*lines: str) -> str:
 
 SCENE = click.argument("scene")
 OUT = click.option(
-    "--out", type=click.Path(path_type=Path), help="folder of the results [out/NAME, that of Scene(name=...)]"
+    "--out",
+    type=click.Path(path_type=Path),
+    help="folder of the results [out/NAME, that of Scene(name=...)]",
 )
-AT = click.option("--at", "words", multiple=True, help="values of parameters: name=value, or several with commas")
+AT = click.option(
+    "--at", "words", multiple=True, help="values of parameters: name=value, or several with commas"
+)
 
 KNOWN = click.option(
-    "--known", multiple=True, help="user-defined class of the model, law.py:Voce; once for each [none]"
+    "--known",
+    multiple=True,
+    help="user-defined class of the model, law.py:Voce; once for each [none]",
 )
 
 
@@ -37,7 +43,11 @@ class Part(click.ParamType):
     def convert(self, value: object, param: object, ctx: object) -> tuple[int, int]:
         """Both numbers."""
         words = str(value).split("/")
-        if len(words) != 2 or not all(word.isdecimal() for word in words) or not 1 <= int(words[0]) <= int(words[1]):
+        if (
+            len(words) != 2
+            or not all(word.isdecimal() for word in words)
+            or not 1 <= int(words[0]) <= int(words[1])
+        ):
             self.fail(f"{value!r} is no part: write 3/8, the third of eight", param, ctx)
         return int(words[0]), int(words[1])
 

@@ -1,14 +1,15 @@
 """Active set for unilateral contact, thesis Alg. 1.1, one function for full and reduced models.
 
-The rule of Alg. 1.1 switches every wrong status at once. It is fast, but it may cycle. When a set of statuses comes
-back, the least-index rule of Murty takes over, which switches only the first wrong status. For a P-matrix
-S = B K^-1 B^T (K positive definite and B of full rank) it ends in finitely many steps (K. G. Murty, "Note on a
-Bard-type scheme for solving the complementarity problem", Opsearch 11, 1974). If it comes back to a set of statuses
-too, S is no P-matrix, and the status reports this: an iterate is never returned as a solution.
+The rule of Alg. 1.1 switches every wrong status at once. It is fast, but it may cycle. When a set
+of statuses comes back, the least-index rule of Murty takes over, which switches only the first
+wrong status. For a P-matrix S = B K^-1 B^T (K positive definite and B of full rank) it ends in
+finitely many steps (K. G. Murty, "Note on a Bard-type scheme for solving the complementarity
+problem", Opsearch 11, 1974). If it comes back to a set of statuses too, S is no P-matrix, and the
+status reports this: an iterate is never returned as a solution.
 
-A set on the way may be singular although the problem has a solution, since S of a reduced model is neither symmetric
-nor definite by construction. Then the least-index rule starts from no contact, which is never singular, and passes over
-statuses that would make the set singular.
+A set on the way may be singular although the problem has a solution, since S of a reduced model is
+neither symmetric nor definite by construction. Then the least-index rule starts from no contact,
+which is never singular, and passes over statuses that would make the set singular.
 """
 
 from __future__ import annotations
@@ -23,38 +24,72 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from hhr_dolfinx.errors import SingularError
-from hhr_dolfinx.linear.dense import Factor, Factorise, LapackCholesky, LapackLU, dense_factors, solve_columns
+from hhr_dolfinx.linear.dense import (
+    Factor,
+    Factorise,
+    LapackCholesky,
+    LapackLU,
+    dense_factors,
+    solve_columns,
+)
 
 TOLERANCE = 1e-11
-"""Negative forces and slacks below this fraction of the largest of their pair are round-off (measured 1e-13)."""
+"""Negative forces and slacks below this fraction of the largest of their pair are round-off
+(measured 1e-13).
+"""
 
 ROUND_OFF = 1e-15
-"""Fraction of the largest force, or closed gap, of all pairs that reaches the other pairs as round-off."""
+"""Fraction of the largest force, or closed gap, of all pairs that reaches the other pairs as
+round-off.
+"""
 MAX_ITERATIONS = 1000
 Equalities = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 _Size = float | np.floating | np.ndarray
 _Entry = tuple[np.ndarray, Factor | None, np.ndarray]
-"""Active conditions (k,), the factors of their block (None if k = 0), columns of S as rows (k, m)."""
+"""Active conditions (k,), the factors of their block (None if k = 0), columns of S as rows (k,
+m).
+"""
 
 
 class Status(Enum):
     """Why the active set stopped, in a sentence for the user."""
 
     CONVERGED = "the statuses satisfy all contact conditions"
-    ITERATION_LIMIT = "the statuses still changed at the iteration limit: start from statuses nearer to the answer"
-    SINGULAR = "the contact conditions that touch are linearly dependent, thesis (1.67), so their forces are not unique"
-    NOT_FINITE = "the contact problem is not finite: check loads, gaps and materials for NaN and infinite numbers"
+    ITERATION_LIMIT = (
+        "the statuses still changed at the iteration limit: start from statuses nearer to the "
+        "answer"
+    )
+    SINGULAR = (
+        "the contact conditions that touch are linearly dependent, thesis (1.67), so their forces "
+        "are not unique"
+    )
+    NOT_FINITE = (
+        "the contact problem is not finite: check loads, gaps and materials for NaN and infinite "
+        "numbers"
+    )
     DIVERGED = "the step did not converge: march along a path, in smaller steps"
-    ADRIFT = "a body that nothing but contact holds moves off: contact only pushes, and loads pull it away"
-    UNDEFINED = "the problem cannot be made at this parameter: its shape or its stiffness is not one that can be solved"
-    UNSETTLED = "contacts keep changing their status: march in smaller increments, or there is no answer"
-    CYCLING = "the statuses repeat even one at a time, so the contact Schur complement is no P-matrix"
+    ADRIFT = (
+        "a body that nothing but contact holds moves off: contact only pushes, and loads pull it "
+        "away"
+    )
+    UNDEFINED = (
+        "the problem cannot be made at this parameter: its shape or its stiffness is not one that "
+        "can be solved"
+    )
+    UNSETTLED = (
+        "contacts keep changing their status: march in smaller increments, or there is no answer"
+    )
+    CYCLING = (
+        "the statuses repeat even one at a time, so the contact Schur complement is no P-matrix"
+    )
 
 
 class Statuses(NamedTuple):
-    """Outcome of the active set: forces, (m,), statuses, (m,) bool, equality problems solved, and why it stopped.
+    """Outcome of the active set: forces, (m,), statuses, (m,) bool, equality problems solved, and
+    why it stopped.
 
-    ``cycled``: the plain rule of Alg. 1.1 cycled, or met a singular set, and the terminating rule took over.
+    ``cycled``: the plain rule of Alg. 1.1 cycled, or met a singular set, and the terminating rule
+    took over.
     """
 
     forces: np.ndarray
@@ -65,7 +100,9 @@ class Statuses(NamedTuple):
 
 
 class Pairs:
-    """Conditions by their contact pair, (m,) numbers: a strong pair must not loosen the tolerance of a weak one."""
+    """Conditions by their contact pair, (m,) numbers: a strong pair must not loosen the tolerance
+    of a weak one.
+    """
 
     def __init__(self, numbers: np.ndarray):
         _, self._group = np.unique(numbers, return_inverse=True)
@@ -95,11 +132,12 @@ def active_set(
     """Iterate on the statuses until forces and slacks are all non-negative, thesis Alg. 1.1.
 
     Args:
-        equalities: maps the statuses (m,) bool and ``free_slack`` to ``(forces, slack)``, both (m,): the
-            solution with slack 0 where active and force 0 elsewhere. See :class:`SchurEqualities`.
+        equalities: maps the statuses (m,) bool and ``free_slack`` to ``(forces, slack)``, both
+            (m,): the solution with slack 0 where active and force 0 elsewhere. See
+            :class:`SchurEqualities`.
         free_slack: D - B K^-1 F, the slack without contact forces, (m,), m >= 1.
-        active: statuses to start from, (m,) bool; not modified. They are returned for a singular set, and for numbers
-            that are not finite.
+        active: statuses to start from, (m,) bool; not modified. They are returned for a singular
+            set, and for numbers that are not finite.
         max_iterations: bound on the equality problems solved.
         pairs: contact pair of each condition; None takes all for one pair.
     """
@@ -110,9 +148,12 @@ def active_set(
             forces, slack = equalities(active, free_slack)
         except SingularError:
             nothing = np.zeros(active.size, dtype=bool)
-            found = _one_at_a_time(equalities, free_slack, nothing, (iteration, max_iterations), pairs, singular=True)
+            found = _one_at_a_time(
+                equalities, free_slack, nothing, (iteration, max_iterations), pairs, singular=True
+            )
             break
-        # one factor of each product is 0, and 0 times infinity is NaN: unlike min this finds infinite values
+        # one factor of each product is 0, and 0 times infinity is NaN: unlike min this finds
+        # infinite values
         work = slack.dot(forces)
         if work == 0.0 and slack.min() >= 0 and forces.min() >= 0:
             return Statuses(forces, active, iteration, Status.CONVERGED, False)
@@ -127,7 +168,9 @@ def active_set(
             return Statuses(forces, active, iteration, Status.CONVERGED, False)
         key = active.tobytes()
         if key in seen:
-            found = _one_at_a_time(equalities, free_slack, active, (iteration, max_iterations), pairs, singular=False)
+            found = _one_at_a_time(
+                equalities, free_slack, active, (iteration, max_iterations), pairs, singular=False
+            )
             break
         seen.add(key)
         active = active ^ wrong
@@ -147,13 +190,16 @@ def _noise(forces: np.ndarray, free_slack: np.ndarray, pairs: Pairs | None) -> t
     sizes = abs(free_slack)
     if pairs is None:
         return TOLERANCE * forces.max(), TOLERANCE * sizes.max()
-    # an obstacle out of reach has a large slack, but no force that could bring round-off to other pairs
+    # an obstacle out of reach has a large slack, but no force that could bring round-off to other
+    # pairs
     closing = max(-free_slack.min(), 0.0)
     pulling = TOLERANCE * pairs.largest(forces) + ROUND_OFF * forces.max()
     return pulling, TOLERANCE * pairs.largest(sizes) + ROUND_OFF * closing
 
 
-def _wrong(forces: np.ndarray, slack: np.ndarray, free_slack: np.ndarray, pairs: Pairs | None) -> np.ndarray:
+def _wrong(
+    forces: np.ndarray, slack: np.ndarray, free_slack: np.ndarray, pairs: Pairs | None
+) -> np.ndarray:
     """Conditions that pull or penetrate by more than round-off, (m,) bool."""
     pulling, through = _noise(forces, free_slack, pairs)
     return (forces < -pulling) | (slack < -through)
@@ -168,7 +214,8 @@ def _one_at_a_time(
     *,
     singular: bool,
 ) -> Statuses:
-    """The least-index rule, which skips statuses that would make the set singular, from a regular set.
+    """The least-index rule, which skips statuses that would make the set singular, from a regular
+    set.
 
     ``iterations`` are those so far and their bound; ``singular``: a singular set was met before.
     """
@@ -183,10 +230,14 @@ def _one_at_a_time(
             # a second copy of a row would split its force arbitrarily; that row has no slack then
             touching = active | (slack <= _noise(forces, free_slack, pairs)[1])
             unique = not singular or _solved(equalities, touching, free_slack) is not None
-            return Statuses(forces, active, spent, Status.CONVERGED if unique else Status.SINGULAR, True)
+            return Statuses(
+                forces, active, spent, Status.CONVERGED if unique else Status.SINGULAR, True
+            )
         key = active.tobytes()
         if key in seen:
-            return Statuses(forces, active, spent, Status.SINGULAR if singular else Status.CYCLING, True)
+            return Statuses(
+                forces, active, spent, Status.SINGULAR if singular else Status.CYCLING, True
+            )
         seen.add(key)
         step = None
         for place in wrong.nonzero()[0][: limit - spent]:
@@ -201,10 +252,14 @@ def _one_at_a_time(
             return Statuses(forces, active, spent, Status.SINGULAR, True)
         active = trial
         forces, slack = step
-    return Statuses(forces, active, spent, Status.SINGULAR if singular else Status.ITERATION_LIMIT, True)
+    return Statuses(
+        forces, active, spent, Status.SINGULAR if singular else Status.ITERATION_LIMIT, True
+    )
 
 
-def _solved(equalities: Equalities, active: np.ndarray, free_slack: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+def _solved(
+    equalities: Equalities, active: np.ndarray, free_slack: np.ndarray
+) -> tuple[np.ndarray, np.ndarray] | None:
     """Forces and slack of a set of statuses; None if it is singular."""
     try:
         return equalities(active, free_slack)
@@ -215,16 +270,22 @@ def _solved(equalities: Equalities, active: np.ndarray, free_slack: np.ndarray) 
 class SchurEqualities:
     """Equality problems of the active set on S = B K^-1 B^T: slack = free_slack + S lambda.
 
-    ``columns`` maps indices (k,) to the columns of S that belong to them, as rows (k, m). A set of statuses costs one
-    dense LU of S[active, active]. The last factors of each size are kept, since neighbouring parameters often share
-    statuses: a new block replaces the oldest one of its size, and all take less than ``most_bytes``. Factors made by
-    :meth:`prepare` stay. Several threads may call an object; if no condition is active the slack is the given array.
+    ``columns`` maps indices (k,) to the columns of S that belong to them, as rows (k, m). A set of
+    statuses costs one dense LU of S[active, active]. The last factors of each size are kept, since
+    neighbouring parameters often share statuses: a new block replaces the oldest one of its size,
+    and all take less than ``most_bytes``. Factors made by :meth:`prepare` stay. Several threads may
+    call an object; if no condition is active the slack is the given array.
     """
 
     KEPT_PER_SIZE = 2
     most_bytes = 64 * 2**20
 
-    def __init__(self, columns: Callable[[np.ndarray], np.ndarray], size: int, factorise: Factorise = dense_factors):
+    def __init__(
+        self,
+        columns: Callable[[np.ndarray], np.ndarray],
+        size: int,
+        factorise: Factorise = dense_factors,
+    ):
         self._columns = columns
         self.size = size
         self._factorise = factorise
@@ -250,7 +311,10 @@ class SchurEqualities:
         return self._columns(np.arange(self.size)).T
 
     def __call__(self, active: np.ndarray, free_slack: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Forces and slack, (m,) each, for given statuses; SingularError if S[active, active] is singular."""
+        """Forces and slack, (m,) each, for given statuses.
+
+        SingularError if S[active, active] is singular.
+        """
         key = active.tobytes()
         # under the lock: another thread must not replace this block before it is used
         with self._lock:
@@ -278,7 +342,9 @@ class SchurEqualities:
         return forces, slack
 
     def prepare(self, statuses: np.ndarray, most_bytes: int) -> None:
-        """Factor the regular blocks of statuses that are expected, (n, m), as far as they fit into the given memory."""
+        """Factor the regular blocks of statuses that are expected, (n, m), as far as they fit into
+        the given memory.
+        """
         spent = 0
         for active in statuses:
             index = active.nonzero()[0]
@@ -330,16 +396,21 @@ def _bytes(entry: _Entry) -> int:
 
 
 ROUNDS = 6
-"""Rounds in which statuses change for many points at once; the remaining points are solved one by one."""
+"""Rounds in which statuses change for many points at once.
+
+The remaining points are solved one by one.
+"""
 
 
 def settled(
     schur: np.ndarray, free_slack: np.ndarray, active: np.ndarray, factorise: Factorise = LapackLU
 ) -> tuple[np.ndarray, np.ndarray, list[int]]:
-    """Run Alg. 1.1 for many free slacks, (n, m), from statuses that are changed in place; factors are shared.
+    """Run Alg. 1.1 for many free slacks, (n, m), from statuses that are changed in place.
 
-    Returns forces, (n, m), equality problems solved for each, (n,), and the points that have not converged: round-off
-    and singular sets are left to the search of a single point.
+    Factors are shared.
+
+    Returns forces, (n, m), equality problems solved for each, (n,), and the points that have not
+    converged: round-off and singular sets are left to the search of a single point.
     """
     forces = np.zeros_like(free_slack)
     iterations = np.zeros(len(active), dtype=int)
@@ -373,7 +444,10 @@ def settled(
 
 
 class KeptFactors:
-    """Factors of blocks of S, (m, m), by statuses; the most recently used are kept, up to ``most_bytes``."""
+    """Factors of blocks of S, (m, m), by statuses.
+
+    The most recently used are kept, up to ``most_bytes``.
+    """
 
     most_bytes = 64 * 2**20
 
@@ -384,7 +458,10 @@ class KeptFactors:
         self._factors: dict[bytes, Factor] = {}  # the least recently used first
 
     def of(self, index: np.ndarray, key: bytes) -> Factor:
-        """Factors of the block of some conditions, (k,), whose statuses have this key; SingularError if singular."""
+        """Factors of the block of some conditions, (k,), whose statuses have this key.
+
+        SingularError if singular.
+        """
         found = self._factors.pop(key, None)
         if found is None:
             found = self._factorise(self._schur[np.ix_(index, index)])

@@ -1,7 +1,7 @@
 """Kernel of K: motions of bodies that imposed displacements do not hold.
 
-A plug-in with the tool ``kernel``, a :class:`Kernels`, solves for the motions that contact resists. Without one, scenes
-with such bodies are refused.
+A plug-in with the tool ``kernel``, a :class:`Kernels`, solves for the motions that contact resists.
+Without one, scenes with such bodies are refused.
 """
 
 from __future__ import annotations
@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 
 
 class Kernel(Protocol):
-    """Motions of a problem on which K is singular (N dofs, r of them resisted by contact, l by nothing)."""
+    """Motions of a problem on which K is singular (N dofs, r of them resisted by contact, l by
+    nothing).
+    """
 
     described: str  # the bodies that contact holds, and how they can move
     contact_of_motions: np.ndarray  # B R, (m, r)
@@ -31,10 +33,16 @@ class Kernel(Protocol):
     law: ContactLaw  # of the problem's conditions, in the form that solves for motions
 
     def at(self, problem: Any) -> Kernel:
-        """Kernel of the problem on another shape of bodies that it does not move; NotOfferedError if it differs."""
+        """Kernel of the problem on another shape of bodies that it does not move.
+
+        NotOfferedError if it differs.
+        """
 
     def condensed(self, there: Any) -> CondensedKernel | None:
-        """The motions as unknowns of the contact problem at a point, a ``SystemAt``; None if contact resists none."""
+        """The motions as unknowns of the contact problem at a point, a ``SystemAt``.
+
+        None if contact resists none.
+        """
 
     def exact(self, problem: Any, responses: Any) -> Any:
         """``Elimination`` at a constant stiffness, by the ``Responses`` of the pinned bodies."""
@@ -52,7 +60,9 @@ class Kernel(Protocol):
         """Basis, (own, ell), of these motions, the first r, and of a given one."""
 
     def balanced(self, problem: Any, basis: np.ndarray, sets: Any, reduced: Any) -> Any:
-        """A ``ReducedProblem``: replace the equations tested with the first r modes by the balance of whole bodies."""
+        """A ``ReducedProblem``: replace the equations tested with the first r modes by the balance
+        of whole bodies.
+        """
 
 
 class CondensedKernel(Protocol):
@@ -66,27 +76,46 @@ class CondensedKernel(Protocol):
         """d(residual along the motions)/dμ at fixed forces and unknown, (r, P)."""
 
     def answer(
-        self, contact: Any, point: np.ndarray, start: np.ndarray, pairs: Pairs | None, fields: Any, gradient: bool
-    ) -> Any:  # fmt: skip
+        self,
+        contact: Any,
+        point: np.ndarray,
+        start: np.ndarray,
+        pairs: Pairs | None,
+        fields: Any,
+        gradient: bool,
+    ) -> Any:
         """Answer at a point, see :func:`~hhr_dolfinx.models.eliminations.elimination.answer_of`."""
 
 
 class LinearisedKernel(Protocol):
-    """Motions as unknowns of the linearised contact problems of one S (n unknowns, m conditions)."""
+    """Motions as unknowns of the linearised contact problems of one S (n unknowns, m
+    conditions).
+    """
 
     def solved(
-        self, contact: StepContact, free_slack: np.ndarray, residual: np.ndarray, unknown: np.ndarray,
-        active: np.ndarray, pairs: Pairs | None,
-    ) -> tuple[Statuses, np.ndarray]:  # fmt: skip
-        """Forces with their statuses, and the motion, (n,), under a free slack, (m,), and a residual, (n,)."""
+        self,
+        contact: StepContact,
+        free_slack: np.ndarray,
+        residual: np.ndarray,
+        unknown: np.ndarray,
+        active: np.ndarray,
+        pairs: Pairs | None,
+    ) -> tuple[Statuses, np.ndarray]:
+        """Forces with their statuses, and the motion, (n,), under a free slack, (m,), and a
+        residual, (n,).
+        """
 
     def changed(
         self, residual: np.ndarray, free_slack: np.ndarray, active: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Forces, (m,), and motion, (n,), of a small change at constant statuses."""
 
-    def undetermined(self, forces: np.ndarray, slack: np.ndarray, holding: np.ndarray | None) -> np.ndarray | None:
-        """Motions, (n, d), that forces on conditions, beside those that hold anyway, leave undetermined, or None."""
+    def undetermined(
+        self, forces: np.ndarray, slack: np.ndarray, holding: np.ndarray | None
+    ) -> np.ndarray | None:
+        """Motions, (n, d), that forces on conditions, beside those that hold anyway, leave
+        undetermined, or None.
+        """
 
 
 class Kernels(Protocol):
@@ -95,13 +124,16 @@ class Kernels(Protocol):
     def linearised(
         self, equalities: SchurEqualities, contact_of_motions: np.ndarray, modes: np.ndarray
     ) -> LinearisedKernel:
-        """Motions, (n, r), with their effect on the conditions, (m, r), beside equality problems on S."""
+        """Motions, (n, r), with their effect on the conditions, (m, r), beside equality problems on
+        S.
+        """
 
     def of(self, scene: Any, problem: Any, bodies: Sequence[Any]) -> Kernel:
         """Kernel of a problem with these free bodies.
 
         Raises:
-            NotSolvableError: for motions with loads that contact does not resist, and bodies that are not built in.
+            NotSolvableError: for motions with loads that contact does not resist, and bodies that
+                are not built in.
             SceneError: if the law of the contacts does not solve for motions.
         """
 

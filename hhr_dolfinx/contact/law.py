@@ -1,9 +1,10 @@
 """Laws of interfaces: which forces contact conditions may have, and what they remember.
 
-The core has one law, :class:`Unilateral`; a plug-in derives its own from :class:`ContactLaw`. A law that remembers is
-answered along paths, by increments; its internal variables are parts of the :class:`~hhr_dolfinx.memory.Memory` of an
-answer. What a law needs of histories, reductors and reports are facets of its plug-in, see
-:func:`hhr_dolfinx.registry.facet`; a facet that is missing refuses.
+The core has one law, :class:`Unilateral`; a plug-in derives its own from :class:`ContactLaw`. A law
+that remembers is answered along paths, by increments; its internal variables are parts of the
+:class:`~hhr_dolfinx.memory.Memory` of an answer. What a law needs of histories, reductors and
+reports are facets of its plug-in, see :func:`hhr_dolfinx.registry.facet`; a facet that is missing
+refuses.
 """
 
 from __future__ import annotations
@@ -28,11 +29,16 @@ if TYPE_CHECKING:
     from hhr_dolfinx.parameters import ParameterSpace
 
 LAW = MappingProxyType({"law": True})
-"""Metadata of a field of a pairing that a plug-in reads as a law; a scene is refused if no plug-in reads it."""
+"""Metadata of a field of a pairing that a plug-in reads as a law.
+
+a scene is refused if no plug-in reads it.
+"""
 
 
 class MeshArrays(NamedTuple):
-    """Coordinates of nodes, (nodes, dim), nodes of each cell, (cells, k), and degree of the displacement."""
+    """Coordinates of nodes, (nodes, dim), nodes of each cell, (cells, k), and degree of the
+    displacement.
+    """
 
     points: np.ndarray
     cells: np.ndarray
@@ -56,7 +62,9 @@ class PairLaw(ABC):
 
     @abstractmethod
     def check(self, scene: Any, what: str) -> None:
-        """Raise SceneError if a :class:`~hhr_dolfinx.scene.Scene` does not admit the law of ``what``, a contact."""
+        """Raise SceneError if a :class:`~hhr_dolfinx.scene.Scene` does not admit the law of
+        ``what``, a contact.
+        """
 
     @classmethod
     @abstractmethod
@@ -70,10 +78,12 @@ class PairLaw(ABC):
         lifts: csc_matrix,
         mesh: MeshArrays,
     ) -> tuple[ContactRows, np.ndarray, ContactLaw]:
-        """Append the rows of laws to the conditions of pressures: all rows, the pair of each, and the law on them.
+        """Append the rows of laws to the conditions of pressures: all rows, the pair of each, and
+        the law on them.
 
-        ``laws`` has those of pairs by their index in the scene, and ``pairs`` the pair of each condition, (n,). Dofs
-        are ``free`` if they are not imposed, (N,) bool; ``lifts`` are imposed displacements, (N, 1 + T).
+        ``laws`` has those of pairs by their index in the scene, and ``pairs`` the pair of each
+        condition, (n,). Dofs are ``free`` if they are not imposed, (N,) bool; ``lifts`` are imposed
+        displacements, (N, 1 + T).
         """
 
 
@@ -81,15 +91,28 @@ class StepContact(Protocol):
     """Solves the contact problems of the linearisations of one step, from its beginning."""
 
     def solved(
-        self, equalities: SchurEqualities, free_slack: np.ndarray, active: np.ndarray, pairs: Pairs | None
+        self,
+        equalities: SchurEqualities,
+        free_slack: np.ndarray,
+        active: np.ndarray,
+        pairs: Pairs | None,
     ) -> Statuses:
-        """Forces under a free slack, (m,), for the S of the given equality problems, from some statuses."""
+        """Forces under a free slack, (m,), for the S of the given equality problems, from some
+        statuses.
+        """
 
-    def changes(self, equalities: SchurEqualities, found: Statuses, slack: np.ndarray) -> np.ndarray:
-        """Derivatives of the last forces by those of the slack, (m, K); NotSolvableError or LinAlgError without any."""
+    def changes(
+        self, equalities: SchurEqualities, found: Statuses, slack: np.ndarray
+    ) -> np.ndarray:
+        """Derivatives of the last forces by those of the slack, (m, K).
+
+        NotSolvableError or LinAlgError without any.
+        """
 
     def memory(self, unknown: np.ndarray) -> Memory:
-        """Memory of the law after the step, by the last linearisation, at whose unknown it ends, (n,)."""
+        """Memory of the law after the step, by the last linearisation, at whose unknown it ends,
+        (n,).
+        """
 
 
 class ContactLaw:
@@ -98,14 +121,16 @@ class ContactLaw:
     The methods here are those of unilateral contact, and so is no attribute: a law remembers.
     """
 
-    plugin: ClassVar[str] = ""  # name of its plug-in, whose facets complete it; empty for unilateral contact
+    plugin: ClassVar[str] = (
+        ""  # name of its plug-in, whose facets complete it; empty for unilateral contact
+    )
     name: ClassVar[str] = "unilateral contact"  # description in messages
     remembers: ClassVar[bool] = True  # whether answers depend on the path that leads to them
-    # whether its increments solve for the motions of bodies that contact alone holds; scenes with such bodies are
-    # refused otherwise
+    # whether its increments solve for the motions of bodies that contact alone holds; scenes with
+    # such bodies are refused otherwise
     floats: ClassVar[bool] = False
-    # whether it holds where areas of its contacts depend on parameters, on bodies with such shapes; scenes with them
-    # are refused otherwise
+    # whether it holds where areas of its contacts depend on parameters, on bodies with such shapes;
+    # scenes with them are refused otherwise
     reshapes: ClassVar[bool] = False
 
     fixed: np.ndarray  # indices of the parameters that are constant while loads grow in proportion
@@ -124,7 +149,10 @@ class ContactLaw:
         return np.ones(count, dtype=bool)
 
     def kept_with(self, inside: np.ndarray, contact: object) -> np.ndarray:
-        """Conditions of a reduced domain, (N_lambda,) bool, with all rows that belong to them; ``contact`` is B."""
+        """Conditions of a reduced domain, (N_lambda,) bool, with all rows that belong to them.
+
+        ``contact`` is B.
+        """
         return inside
 
     def within(self, conditions: np.ndarray) -> ContactLaw:
@@ -133,21 +161,32 @@ class ContactLaw:
 
     @property
     def plugins(self) -> tuple[str, ...]:
-        """Names of the plug-ins of the law, or of several laws in a scene; none of unilateral contact."""
+        """Names of the plug-ins of the law, or of several laws in a scene.
+
+        None of unilateral contact.
+        """
         return (self.plugin,) if self.plugin else ()
 
     def of(self, plugin: str) -> ContactLaw | None:
-        """The law of a plug-in, by its name, also in a scene with others; None if no condition has it."""
+        """The law of a plug-in, by its name, also in a scene with others.
+
+        None if no condition has it.
+        """
         return self if self.plugin == plugin else None
 
     def among(self, conditions: np.ndarray) -> ContactLaw:
-        """The law on some conditions, (m,), with their numbers among all; one without numbers is the same."""
+        """The law on some conditions, (m,), with their numbers among all.
+
+        One without numbers is the same.
+        """
         return self
 
     def limited(
         self, forces: np.ndarray, changes: np.ndarray, fitted: np.ndarray, point: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Limit the ``fitted`` ones, (m,) bool, of forces, (m,), with derivatives, (m, P), at a point; and statuses."""
+        """Limit the ``fitted`` ones, (m,) bool, of forces, (m,), with derivatives, (m, P), at a
+        point; and statuses.
+        """
         return forces, changes, forces > 0
 
     def parts(self) -> list[Any]:
@@ -159,10 +198,15 @@ class ContactLaw:
         yield from ()
 
     def check_path(self, space: ParameterSpace, points: np.ndarray) -> None:
-        """Raise ParameterError for the points of a path, (n, P), along which the law has no meaning."""
+        """Raise ParameterError for the points of a path, (n, P), along which the law has no
+        meaning.
+        """
 
     def opened(self, memory: Mapping[str, Any]) -> float | np.ndarray:
-        """Part of the gaps that a memory adds, (m,), as a worn depth does, or 0; outputs of gaps are without it."""
+        """Part of the gaps that a memory adds, (m,), as a worn depth does, or 0.
+
+        Outputs of gaps are without it.
+        """
         return 0.0
 
     @property
@@ -186,7 +230,9 @@ class ContactLaw:
 
 @dataclass(frozen=True)
 class Unilateral(ContactLaw):
-    """Forces push, surfaces do not overlap, and at each condition the force or the slack is zero: thesis (1.21)."""
+    """Forces push, surfaces do not overlap, and at each condition the force or the slack is zero:
+    thesis (1.21).
+    """
 
     remembers: ClassVar[bool] = False
     fixed: ClassVar[np.ndarray] = np.zeros(0, dtype=np.int64)  # type: ignore[misc]
@@ -196,7 +242,9 @@ UNILATERAL = Unilateral()
 
 
 class _UnilateralStep:
-    def solved(self, equalities: Any, free_slack: np.ndarray, active: np.ndarray, pairs: Pairs | None) -> Statuses:
+    def solved(
+        self, equalities: Any, free_slack: np.ndarray, active: np.ndarray, pairs: Pairs | None
+    ) -> Statuses:
         return active_set(equalities, free_slack, active, pairs=pairs)
 
     def changes(self, equalities: Any, found: Statuses, slack: np.ndarray) -> np.ndarray:
@@ -210,41 +258,57 @@ UNILATERAL_STEP: StepContact = _UnilateralStep()
 
 
 def check_attached(given: PairLaw, law: ContactLaw) -> None:
-    """Raise SceneError for a law on the conditions that is not that of a user's law: it would be left out."""
+    """Raise SceneError for a law on the conditions that is not that of a user's law: it would be
+    left out.
+    """
     if isinstance(law, ContactLaw) and law.plugin == given.plugin:
         return
     raise SceneError(
-        f"attached() of {type(given).__name__} returned {law!r}, and a contact law of the plug-in '{given.plugin}', is "
-        f"needed: other models would leave out {given.words}. Return an object of a class derived from ContactLaw, "
-        f"with plugin = '{given.plugin}'"
+        f"attached() of {type(given).__name__} returned {law!r}, and a contact law of the plug-in "
+        f"'{given.plugin}', is needed: other models would leave out {given.words}. Return an "
+        f"object of a class derived from ContactLaw, with plugin = '{given.plugin}'"
     )
 
 
 def pair_law(pair: object, what: str) -> PairLaw | None:
     """Law of ``what``, a pairing, in addition to unilateral contact; None without one.
 
-    It is the value of ``law``, of fields with :data:`LAW`, of those that plug-ins read, or any :class:`PairLaw`.
+    It is the value of ``law``, of fields with :data:`LAW`, of those that plug-ins read, or any
+    :class:`PairLaw`.
 
     Raises:
-        SceneError: for an invalid law, two laws, a law that no installed plug-in reads, or that of a pairing inside.
+        SceneError: for an invalid law, two laws, a law that no installed plug-in reads, or that of
+            a pairing inside.
     """
     readers = registry.named("pair_laws")
     declared = fields(pair) if is_dataclass(pair) else ()
-    parts = dict(getattr(pair, "__dict__", {})) | {item.name: getattr(pair, item.name) for item in declared}
+    parts = dict(getattr(pair, "__dict__", {})) | {
+        item.name: getattr(pair, item.name) for item in declared
+    }
     own = {item.name for item in declared if item.metadata.get("law")}
     own |= {name for name, value in parts.items() if isinstance(value, PairLaw)} | {"law"}
-    given = {name: value for name in sorted(own | readers.keys()) if (value := getattr(pair, name, None)) is not None}
+    given = {
+        name: value
+        for name in sorted(own | readers.keys())
+        if (value := getattr(pair, name, None)) is not None
+    }
     for name, value in parts.items():
         for item in value if isinstance(value, tuple | list) else (value,):
-            if hasattr(item, "rows") and hasattr(item, "tags") and pair_law(item, f"{name} of {what}") is not None:
+            if (
+                hasattr(item, "rows")
+                and hasattr(item, "tags")
+                and pair_law(item, f"{name} of {what}") is not None
+            ):
                 raise SceneError(
-                    f"{what} has a law inside of its {name}, {item!r}, which nothing reads there: give the outer "
-                    "pairing a field law, and the law to that"
+                    f"{what} has a law inside of its {name}, {item!r}, which nothing reads there: "
+                    "give the outer pairing a field law, and the law to that"
                 )
     if not given:
         return None
     if len(given) > 1:
-        raise SceneError(f"{what} has several laws, {', '.join(given)}: that is not built in, give it one")
+        raise SceneError(
+            f"{what} has several laws, {', '.join(given)}: that is not built in, give it one"
+        )
     ((name, value),) = given.items()
     if not isinstance(value, PairLaw) and name in readers:
         value = registry.load(readers[name])(value, what)

@@ -1,11 +1,13 @@
-"""The algebraic contact problem (1.21): matrices, index sets and connectivity, no mesh and no physics.
+"""The algebraic contact problem (1.21): matrices, index sets and connectivity, no mesh and no
+physics.
 
-Modules that reduce and evaluate (basis, RID, reduced model, stability, reconstruction) see only this.
+Modules that reduce and evaluate (basis, RID, reduced model, stability, reconstruction) see only
+this.
 
-If only the moduli of whole bodies vary, K(mu) is block diagonal (:class:`ScaledBodies`): bodies interact only through
-contact, so that each connected component of K is a block K_c. If the parts of a block share one factor, K_c(mu) is
-s_c(mu) times K_c in the middle of the box, K^-1(mu) is K_c^-1 / s_c, and S(mu) the sum of S_c / s_c: nothing is
-factored again.
+If only the moduli of whole bodies vary, K(mu) is block diagonal (:class:`ScaledBodies`): bodies
+interact only through contact, so that each connected component of K is a block K_c. If the parts of
+a block share one factor, K_c(mu) is s_c(mu) times K_c in the middle of the box, K^-1(mu) is K_c^-1
+/ s_c, and S(mu) the sum of S_c / s_c: nothing is factored again.
 """
 
 from __future__ import annotations
@@ -39,33 +41,48 @@ if TYPE_CHECKING:
 def dependence(
     moduli: Sequence[Modulus], others: tuple[int, ...], names: tuple[str, ...]
 ) -> tuple[Scalar | None, np.ndarray]:
-    """Factor that all parts of a stiffness share, if it varies; indices of the parameters of the rest, and others."""
+    """Factor that all parts of a stiffness share, if it varies.
+
+    Indices of the parameters of the rest, and others.
+    """
     factor = None
-    rests = [scalar for modulus in moduli for scalar in (modulus.factor_scalar, modulus.rest_scalar)]
+    rests = [
+        scalar for modulus in moduli for scalar in (modulus.factor_scalar, modulus.rest_scalar)
+    ]
     if len({modulus.factor for modulus in moduli}) == 1:
         rests = [modulus.rest_scalar for modulus in moduli]
         factor = moduli[0].factor_scalar if moduli[0].factor_scalar.formula.variables else None
     named = {name for scalar in rests for name in scalar.formula.variables}
-    return factor, np.array(sorted({names.index(name) for name in named} | set(others)), dtype=np.int64)
+    return factor, np.array(
+        sorted({names.index(name) for name in named} | set(others)), dtype=np.int64
+    )
 
 
 def moduli_of(problem: ContactProblem, body: np.ndarray) -> list[Modulus]:
     """Moduli of the parts of K that have entries on some dofs, (n,)."""
     own = problem.spread.mine(body)
     pairs = zip(problem.moduli, problem.stiffness_terms, strict=False)
-    return [modulus for modulus, term in pairs if problem.spread.sum(float(term[own].count_nonzero()))]
+    return [
+        modulus for modulus, term in pairs if problem.spread.sum(float(term[own].count_nonzero()))
+    ]
 
 
 @dataclass(frozen=True)
 class ScaledBodies:
-    """Modulus of each connected component of K, in the order of ``problem.bodies``; None for a constant one."""
+    """Modulus of each connected component of K, in the order of ``problem.bodies``.
+
+    None for a constant one.
+    """
 
     problem: ContactProblem
     factors: tuple[Scalar | None, ...]
 
     @classmethod
     def of(cls, problem: ContactProblem) -> ScaledBodies | None:
-        """Factors of the components of a problem; None if K depends on parameters in another way, or not at all."""
+        """Factors of the components of a problem.
+
+        None if K depends on parameters in another way, or not at all.
+        """
         if not problem.moduli or problem.reshaped is not None:
             return None
         factors = []
@@ -96,7 +113,9 @@ ROUND_OFF_OF_MOTIONS = 1e-13
 
 
 def masked(matrix: csc_matrix, rows: np.ndarray) -> csc_matrix:
-    """A sparse matrix in which rows outside a mask are zero, in the format csc without stored zeros."""
+    """A sparse matrix in which rows outside a mask are zero, in the format csc without stored
+    zeros.
+    """
     kept = csc_matrix(diags(rows.astype(float)) @ matrix)
     kept.eliminate_zeros()
     kept.sort_indices()
@@ -104,56 +123,71 @@ def masked(matrix: csc_matrix, rows: np.ndarray) -> csc_matrix:
 
 
 def strained(stiffness: csr_matrix, lifts: csc_matrix) -> csc_matrix:
-    """Rows of K, or of a part of it, times lifts, (N, 1 + T), without the round-off of rigid motions."""
+    """Rows of K, or of a part of it, times lifts, (N, 1 + T), without the round-off of rigid
+    motions.
+    """
     forces = csr_matrix(stiffness @ lifts)
     sizes = csr_matrix(abs(stiffness) @ abs(lifts))
     return csc_matrix(forces.multiply(abs(forces) > ROUND_OFF_OF_MOTIONS * sizes))
 
 
 class Reshaping(Protocol):
-    """Deforms the mesh of a scene whose shapes depend on parameters, and assembles its problem again."""
+    """Deforms the mesh of a scene whose shapes depend on parameters, and assembles its problem
+    again.
+    """
 
     axes: tuple[int, ...]  # indices of the parameters of shapes
     described: str  # all formulas, for fingerprints
 
     def __call__(self, point: np.ndarray) -> ContactProblem:
-        """The problem at a point, (P,): other gaps, rows, areas, loads and K, and as many conditions."""
+        """The problem at a point, (P,): other gaps, rows, areas, loads and K, and as many
+        conditions.
+        """
 
     def at(self, point: np.ndarray) -> AbstractContextManager[None]:
-        """Context in which the mesh has the shape of a point; elsewhere it has that of the middle of the box."""
+        """Context in which the mesh has the shape of a point.
+
+        Elsewhere it has that of the middle of the box.
+        """
 
     def attached(self, problem: ContactProblem) -> ContactProblem:
         """The problem in the middle of the box with this in ``reshaped``."""
 
     def touching(self) -> ContactProblem:
-        """The problem in the middle of the box, whose B has entries wherever it has some at a shape of the box."""
+        """The problem in the middle of the box, whose B has entries wherever it has some at a shape
+        of the box.
+        """
 
 
 @dataclass(frozen=True)
 class ContactProblem:
     """Find U = U0 + L θ and Λ >= 0 with K U0 + B^T Λ = loads θ, B U0 <= gaps θ, thesis (1.21).
 
-    U0 is the homogeneous part of the displacement: it vanishes on imposed dofs, and dependent dofs follow the others
-    (:class:`~hhr_dolfinx.contact.prolongation.Prolongation`), which K, B and loads contain already. The amplitudes
-    θ(mu) carry all dependence on the parameters (N dofs, N_lambda conditions, 1 + T terms).
+    U0 is the homogeneous part of the displacement: it vanishes on imposed dofs, and dependent dofs
+    follow the others (:class:`~hhr_dolfinx.contact.prolongation.Prolongation`), which K, B and
+    loads contain already. The amplitudes θ(mu) carry all dependence on the parameters (N dofs,
+    N_lambda conditions, 1 + T terms).
 
-    The large matrices are distributed by rows: a rank has the rows of its dofs, one rank all of them. Everything else
-    is the same on all ranks; it is sparse, or as large as the contact surface.
+    The large matrices are distributed by rows: a rank has the rows of its dofs, one rank all of
+    them. Everything else is the same on all ranks; it is sparse, or as large as the contact
+    surface.
     """
 
-    # local rows of the parts of K, T^T K_q T, with those of imposed dofs, (own, N) each; empty if K is that of a
-    # user-defined system without parts
+    # local rows of the parts of K, T^T K_q T, with those of imposed dofs, (own, N) each; empty if K
+    # is that of a user-defined system without parts
     stiffness_terms: tuple[csr_matrix, ...]
-    node_mass: csr_matrix  # local rows of the Gram matrix of the L2 product of one component, (own nodes, nodes)
+    # local rows of the Gram matrix of the L2 product of one component, (own nodes, nodes)
+    node_mass: csr_matrix
     prolongation: Prolongation  # U = U0 + L θ by the free dofs
     forces: csc_matrix  # F on all dofs, sparse, (N, 1 + T)
-    # K_q L of each part of K on all dofs, before dependent ones are eliminated, sparse, (N, 1 + T) each; empty if K is
-    # that of a user-defined system without parts
+    # K_q L of each part of K on all dofs, before dependent ones are eliminated, sparse, (N, 1 + T)
+    # each; empty if K is that of a user-defined system without parts
     pulls: tuple[csc_matrix, ...]
     contact: csr_matrix  # B T with zero columns at imposed dofs, (N_lambda, N)
     gaps: np.ndarray  # D - B lift, (N_lambda, 1 + T)
     contact_slaves: np.ndarray  # node that carries each condition and its multiplier, (N_lambda,)
-    # number of the contact pair of each condition, in the order of the scene, the first of several, (N_lambda,)
+    # number of the contact pair of each condition, in the order of the scene, the first of several,
+    # (N_lambda,)
     contact_pairs: np.ndarray
     contact_points: np.ndarray  # position of each condition, (N_lambda, dim)
     contact_areas: np.ndarray  # tributary area of each condition, (N_lambda,)
@@ -162,16 +196,22 @@ class ContactProblem:
     amplitudes: Amplitudes  # θ as a function of the parameters
     parameters: ParameterSpace  # the box of the parameters
     first: int = 0  # number of the first dof whose row is local
-    # amplitude of each part of K; empty if K is their sum and does not depend on parameters. Attributes that depend on
-    # K without a given parameter refer to the middle of the box
+    # amplitude of each part of K; empty if K is their sum and does not depend on parameters.
+    # Attributes that depend on K without a given parameter refer to the middle of the box
     moduli: tuple[Modulus, ...] = ()
-    reshaped: Reshaping | None = None  # makes the problem on the mesh of a point; None if the mesh does not move
-    kernel: Kernel | None = None  # motions on which K is singular; None if imposed displacements hold all bodies
+    reshaped: Reshaping | None = (
+        None  # makes the problem on the mesh of a point; None if the mesh does not move
+    )
+    kernel: Kernel | None = (
+        None  # motions on which K is singular; None if imposed displacements hold all bodies
+    )
     # B with the columns of imposed dofs, (N_lambda, N), for forces on them; None if it is unknown
     whole_contact: csr_matrix | None = None
     law: ContactLaw = UNILATERAL  # law of the contact conditions, those of pressures first
     group: Group = ALONE  # processes that have some rows each
-    shares: Shares | None = None  # of contact pairs in conditions that several state; None without such conditions
+    shares: Shares | None = (
+        None  # of contact pairs in conditions that several state; None without such conditions
+    )
 
     @property
     def free(self) -> np.ndarray:
@@ -195,23 +235,32 @@ class ContactProblem:
 
     @cached_property
     def loads(self) -> csc_matrix:
-        """T^T (F - K L) on free dofs in the middle of the box, thesis (1.22), sparse, (N, 1 + T)."""
+        """T^T (F - K L) on free dofs in the middle of the box, thesis (1.22), sparse, (N, 1 +
+        T).
+        """
         return self.external - self._summed(self.lift_terms, self.weights(self.middle))
 
     @cached_property
     def pulled(self) -> csc_matrix:
-        """K L of all dofs in the middle of the box, before dependent ones are eliminated, sparse, (N, 1 + T)."""
+        """K L of all dofs in the middle of the box, before dependent ones are eliminated, sparse,
+        (N, 1 + T).
+        """
         return self._summed(self.pulls, self.weights(self.middle))
 
     def _summed(self, parts: Sequence[csc_matrix], weights: np.ndarray) -> csc_matrix:
-        """Sum of terms of parts of K, (N, 1 + T) each, by their weights, (Q,); all are 1 if K is constant."""
+        """Sum of terms of parts of K, (N, 1 + T) each, by their weights, (Q,).
+
+        All are 1 if K is constant.
+        """
         weights = weights if self.moduli else np.ones(len(parts))
         terms = (weight * part for weight, part in zip(weights, parts, strict=True))
         return csc_matrix(sum(terms, start=csc_matrix(self.forces.shape)))
 
     @property
     def held(self) -> np.ndarray:
-        """Dofs on which K is definite, (N,) bool: the free dofs without those that fix its kernel."""
+        """Dofs on which K is definite, (N,) bool: the free dofs without those that fix its
+        kernel.
+        """
         if self.kernel is None:
             return self.free
         mask = self.free.copy()
@@ -242,20 +291,24 @@ class ContactProblem:
         """Raise NotOfferedError if K is not a sum of known parts."""
         if not self.stiffness_terms:
             raise NotOfferedError(
-                f"{what} is not offered for a user-defined system without parts: it would leave out what the system "
-                "adds to K. Solve with the full model, or return weights and matrices from parts()"
+                f"{what} is not offered for a user-defined system without parts: it would leave "
+                "out what the system adds to K. Solve with the full model, or return weights and "
+                "matrices from parts()"
             )
 
     def require_no_memory(self, what: str) -> None:
         """Raise NotOfferedError for a law that remembers, in functions for pressures alone."""
         if self.law.remembers:
             raise NotOfferedError(
-                f"{what} is not built in where contacts have {self.law.name}: march along paths, or condense elastic "
-                "bodies, hhr.condense(scene)"
+                f"{what} is not built in where contacts have {self.law.name}: march along paths, "
+                "or condense elastic bodies, hhr.condense(scene)"
             )
 
     def shares_of(self, place: int) -> np.ndarray:
-        """Share of a contact pair, by its index in the scene, in each condition, (N_lambda,); zero without one."""
+        """Share of a contact pair, by its index in the scene, in each condition, (N_lambda,).
+
+        Zero without one.
+        """
         if self.shares is None:
             return (self.contact_pairs == place).astype(float)
         return self.shares.of(place, self.contact_pairs)
@@ -265,7 +318,10 @@ class ContactProblem:
         return np.flatnonzero((self.shares_of(place) > 0) & self.pressing)
 
     def at(self, mu: PointLike) -> ContactProblem:
-        """The problem with the constant stiffness of one parameter; the problem itself if nothing varies."""
+        """The problem with the constant stiffness of one parameter.
+
+        The problem itself if nothing varies.
+        """
         if not self.varies:
             return self
         point = self.parameters.point(mu)
@@ -283,7 +339,8 @@ class ContactProblem:
         return self.own_stiffness if same else self.combined(weights)
 
     def loads_at(self, point: np.ndarray, theta: Theta | np.ndarray) -> np.ndarray:
-        """T^T (F - K L) on free dofs at a point of a scene with a constant shape, with θ there: (N,).
+        """T^T (F - K L) on free dofs at a point of a scene with a constant shape, with θ there:
+        (N,).
 
         With slopes of θ in its place, (1 + T, k), those of the loads at constant stiffness: (N, k).
         """
@@ -328,7 +385,10 @@ class ContactProblem:
         return self.node_mass.shape[0] == len(self.points)
 
     def gathered(self, comm: Any) -> ContactProblem:
-        """The problem with all rows on every process; the problem itself if all rows are local. Collective."""
+        """The problem with all rows on every process; the problem itself if all rows are local.
+
+        Collective.
+        """
         group = group_of(comm)
         if all(group.gathered(self.whole)):
             return self
@@ -337,7 +397,8 @@ class ContactProblem:
         held = self.block_size * sum(mass.shape[0] for mass in masses)
         if held != self.free.size:
             raise SceneError(
-                f"the ranks hold {held} rows of a problem of {self.free.size} dofs: give the communicator of its model"
+                f"the ranks hold {held} rows of a problem of {self.free.size} dofs: give the "
+                "communicator of its model"
             )
         stiffness = tuple(csr_matrix(vstack(parts)) for parts in zip(*terms, strict=True))
         mass = csr_matrix(vstack(masses))
@@ -347,8 +408,9 @@ class ContactProblem:
         """Raise SceneError for a distributed problem in functions that need all rows."""
         if not self.whole:
             raise SceneError(
-                f"rows {self.rows.start} to {self.rows.stop - 1} of {self.free.size} are held here, and all are "
-                "needed: solve on one rank (MPI.COMM_SELF), or take full.gathered(), problem.gathered(comm)"
+                f"rows {self.rows.start} to {self.rows.stop - 1} of {self.free.size} are held "
+                "here, and all are needed: solve on one rank (MPI.COMM_SELF), or take "
+                "full.gathered(), problem.gathered(comm)"
             )
 
     @property
@@ -357,12 +419,17 @@ class ContactProblem:
         return self.free.size // self.points.shape[0]
 
     def theta(self, mu: PointLike) -> Theta:
-        """θ at a parameter given as a number, a sequence or a mapping; see :meth:`ParameterSpace.point`."""
+        """θ at a parameter given as a number, a sequence or a mapping.
+
+        See :meth:`ParameterSpace.point`.
+        """
         return self.amplitudes(self.parameters.point(mu))
 
     @property
     def mass(self) -> csr_matrix:
-        """Local rows of the Gram matrix of the L2 product, without coupling of components, (own, N)."""
+        """Local rows of the Gram matrix of the L2 product, without coupling of components, (own,
+        N).
+        """
         return csr_matrix(kron(self.node_mass, identity(self.block_size), format="csr"))
 
     @cached_property
@@ -387,7 +454,10 @@ class ContactProblem:
 
     @cached_property
     def on_rows(self) -> OnRows | None:
-        """T and T^T for products with tables of local rows, (own, k); None if no dof depends on others."""
+        """T and T^T for products with tables of local rows, (own, k).
+
+        None if no dof depends on others.
+        """
         return self.prolongation.on_rows(self.spread, self.group)
 
     def prolonged(self, fields: np.ndarray) -> np.ndarray:
@@ -395,7 +465,9 @@ class ContactProblem:
         return fields if self.on_rows is None else self.on_rows.prolong @ fields
 
     def contact_rows_times(self, table: np.ndarray) -> np.ndarray:
-        """B V, the product of B and a table V of local rows of fields, (N_lambda, k) on all ranks."""
+        """B V, the product of B and a table V of local rows of fields, (N_lambda, k) on all
+        ranks.
+        """
         return self.spread.sum(self.contact_of_rows @ table)
 
     @cached_property
@@ -425,10 +497,14 @@ class ContactProblem:
         counts, labels = zip(*self.group.gathered((count, label)), strict=True)
         # dofs, followed by the components of each process
         firsts = size + np.cumsum([0, *counts])
-        places = np.concatenate([item + first for item, first in zip(labels, firsts[:-1], strict=True)])
+        places = np.concatenate(
+            [item + first for item, first in zip(labels, firsts[:-1], strict=True)]
+        )
         every = int(firsts[-1])
         edges = np.ones(places.size), (np.tile(np.arange(size), len(counts)), places)
-        return connected_components(csr_matrix(edges, shape=(every, every)), directed=False)[1][:size]
+        return connected_components(csr_matrix(edges, shape=(every, every)), directed=False)[1][
+            :size
+        ]
 
     def doubled_energy(self, unknown: np.ndarray, theta: Theta) -> float:
         """U^T K U of U = U0 + L θ on one rank, with U0, (N,); K of all dofs acts on L."""
@@ -443,12 +519,21 @@ class ContactProblem:
 
     @cached_property
     def contact_norm(self) -> float:
-        """Largest Euclidean norm of a row of B: the scale for zero entries of B V with an orthonormal V."""
+        """Largest Euclidean norm of a row of B: the scale for zero entries of B V with an
+        orthonormal V.
+        """
         return float(np.sqrt(self.contact.multiply(self.contact).sum(axis=1).max()))
 
     def condition_number(self, smallest: float, largest: float) -> float:
-        """kappa of B V by its extreme singular values; infinite if rows are dependent to round-off, (1.67)."""
-        return largest / smallest if smallest > DEPENDENT * max(largest, self.contact_norm) else math.inf
+        """kappa of B V by its extreme singular values.
+
+        Infinite if rows are dependent to round-off, (1.67).
+        """
+        return (
+            largest / smallest
+            if smallest > DEPENDENT * max(largest, self.contact_norm)
+            else math.inf
+        )
 
 
 @dataclass(frozen=True)
@@ -456,9 +541,14 @@ class IndexSets:
     """Index sets of a RID, named as in the thesis."""
 
     cells: np.ndarray  # cells of Omega_A, (1.55)
-    # free dofs not connected to the rest of the domain, (1.35), except the nodes removed to close the RID
+    # free dofs not connected to the rest of the domain, (1.35), except the nodes removed to close
+    # the RID
     A: np.ndarray
-    A_lambda: np.ndarray  # contact conditions whose slave node lies inside and which act on A, (1.36), (5.6)
-    A_c: np.ndarray  # dofs of A connected to A_lambda through B, (1.58), (5.20): where contact forces act
+    A_lambda: (
+        np.ndarray
+    )  # contact conditions whose slave node lies inside and which act on A, (1.36), (5.6)
+    A_c: (
+        np.ndarray
+    )  # dofs of A connected to A_lambda through B, (1.58), (5.20): where contact forces act
     A_c_tilde: np.ndarray  # all dofs connected to A_lambda through B, (5.20): where gaps are read
     I: np.ndarray  # dofs of the interface, connected to A through K but not in A, (1.59)

@@ -1,4 +1,5 @@
-"""Displacements of all dofs by those of free ones, U = T V + L θ, and forces on all dofs by those that act on V.
+"""Displacements of all dofs by those of free ones, U = T V + L θ, and forces on all dofs by those
+that act on V.
 
 V is zero on imposed and on dependent dofs. Dependent dofs, those of multi-point constraints, are
 eliminated by T; forces on them act on V by T^T. Imposed dofs keep their rows in K and in forces, as
@@ -35,7 +36,9 @@ class Product(Protocol):
 
 
 class OnRows(NamedTuple):
-    """T and T^T for tables of which each process has local rows, (own, k), and T^T for sparse ones."""
+    """T and T^T for tables of which each process has local rows, (own, k), and T^T for sparse
+    ones.
+    """
 
     prolong: Product
     restrict: Product
@@ -49,12 +52,12 @@ class Prolongation:
     Attributes:
         free: dofs with an unknown, (N,) bool: neither imposed nor dependent on others.
         movable: dofs that are not imposed, (N,) bool: free and dependent ones.
-        lifts: L, sparse, (N, 1 + T): imposed displacements, nonzero on the imposed dofs alone (section
-            2.6) or, for bodies whose stiffness depends on parameters, on whole bodies if they are
-            rigid motions of these; dependent dofs follow.
+        lifts: L, sparse, (N, 1 + T): imposed displacements, nonzero on the imposed dofs alone
+            (section 2.6) or, for bodies whose stiffness depends on parameters, on whole bodies if
+            they are rigid motions of these; dependent dofs follow.
         map: T, (N, N), with zero columns at dependent dofs; None for the identity.
-        groups: nodes that act on each other through dependent dofs, (groups, nodes), non-zero where a
-            node is in a group; None without dependent dofs.
+        groups: nodes that act on each other through dependent dofs, (groups, nodes), non-zero where
+            a node is in a group; None without dependent dofs.
     """
 
     free: np.ndarray
@@ -80,7 +83,10 @@ class Prolongation:
         return csr_matrix(self.map.T)
 
     def lifted(self, lifts: csc_matrix) -> Prolongation:
-        """The same with lifts of imposed dofs and values of equations; dependent dofs follow the former."""
+        """The same with lifts of imposed dofs and values of equations.
+
+        Dependent dofs follow the former.
+        """
         if self.map is not None:
             others = csc_matrix(diags((~self.dependent).astype(float)) @ lifts)
             lifts = csc_matrix(lifts - others + self.map @ others)
@@ -114,7 +120,9 @@ class Prolongation:
         return graph if self.map is None else csr_matrix(graph + self.map)
 
     def broken(self, fields: np.ndarray) -> np.ndarray:
-        """Left sides less right sides of the equations of dependent dofs for fields, (N, k): (dependent, k)."""
+        """Left sides less right sides of the equations of dependent dofs for fields, (N, k):
+        (dependent, k).
+        """
         others = np.where(self.dependent[:, None], 0.0, fields)
         return (fields - self.prolong(others))[self.dependent]
 
@@ -130,8 +138,12 @@ class Prolongation:
 
         return OnRows(spread.matrix(self.map[rows]), spread.matrix(transposed), columns)
 
-    def stiffness(self, parts: Sequence[csr_matrix], rows: slice = ALL, group: Group = ALONE) -> tuple[csr_matrix, ...]:
-        """T^T K T, (N, N), or local rows of it, (own, N), by those of the parts of K; parts keep one pattern.
+    def stiffness(
+        self, parts: Sequence[csr_matrix], rows: slice = ALL, group: Group = ALONE
+    ) -> tuple[csr_matrix, ...]:
+        """T^T K T, (N, N), or local rows of it, (own, N), by those of the parts of K.
+
+        Parts keep one pattern.
 
         Products of scipy have no zeros. Collective.
         """
@@ -160,7 +172,9 @@ class Prolongation:
         return csr_matrix(self.map[:, rows].T)
 
     def _with_dependent(self, own: csr_matrix, rows: slice, group: Group) -> csr_matrix:
-        """Local rows of a matrix, (own, k), and those of the dependent dofs on all processes, (N, k)."""
+        """Local rows of a matrix, (own, k), and those of the dependent dofs on all processes, (N,
+        k).
+        """
         if group.size == 1:
             return own
         every = group.stacked(csr_matrix(diags(self.dependent[rows].astype(float)) @ own))

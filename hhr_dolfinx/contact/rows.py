@@ -15,19 +15,26 @@ from hhr_dolfinx.errors import SceneError
 class ContactRows:
     """Contact conditions ``B U <= D`` of thesis (1.27), without imposed displacements."""
 
-    # B, (N_lambda, N), nodal and unweighted, so that kappa(B) = 1 node to node. A row is n·u at the slave, less n·u
-    # where it touches; n points out of the slave's body, and the force on it is -n λ
+    # B, (N_lambda, N), nodal and unweighted, so that kappa(B) = 1 node to node. A row is n·u at the
+    # slave, less n·u where it touches; n points out of the slave's body, and the force on it is -n
+    # λ
     matrix: csr_matrix
     gap: np.ndarray  # initial gap, (N_lambda,), in the unit of length
-    slaves: np.ndarray  # node that carries each condition and its multiplier, (N_lambda,); DEIM and enrichment pick it
+    # node that carries each condition and its multiplier, (N_lambda,); DEIM and enrichment pick it
+    slaves: np.ndarray
     points: np.ndarray  # position of each condition, (N_lambda, dim), for pictures and messages
-    areas: np.ndarray  # tributary area of each condition, (N_lambda,), which turns forces into pressures
+    areas: (
+        np.ndarray
+    )  # tributary area of each condition, (N_lambda,), which turns forces into pressures
 
     def __post_init__(self):
         m = np.size(self.gap)
         sizes = {name: len(getattr(self, name)) for name in ("slaves", "points", "areas")}
         if not issparse(self.matrix) or self.matrix.shape[0] != m or set(sizes.values()) != {m}:
-            raise SceneError(f"contact rows need a sparse matrix with a row for each of {m} gaps, and as many {sizes}")
+            raise SceneError(
+                f"contact rows need a sparse matrix with a row for each of {m} gaps, and as many "
+                f"{sizes}"
+            )
         if not all(np.isfinite(item).all() for item in (self.matrix.data, self.gap, self.areas)):
             raise SceneError("contact rows are not finite: check normals and gaps of the pairing")
 
@@ -49,5 +56,7 @@ def normals_of(matrix: csr_matrix, slaves: np.ndarray, dimension: int) -> np.nda
 
 def joined(parts: Sequence[ContactRows]) -> ContactRows:
     """Rows of several pairs, one pair after another."""
-    matrix, *others = ([getattr(part, name) for part in parts] for name in ContactRows.__dataclass_fields__)
+    matrix, *others = (
+        [getattr(part, name) for part in parts] for name in ContactRows.__dataclass_fields__
+    )
     return ContactRows(csr_matrix(vstack(matrix)), *(np.concatenate(item) for item in others))

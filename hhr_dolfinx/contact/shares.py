@@ -1,4 +1,6 @@
-"""Conditions that several contacts state together, and the share of each contact in their areas and forces."""
+"""Conditions that several contacts state together, and the share of each contact in their areas and
+forces.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,9 @@ from scipy.sparse import csr_matrix, vstack
 
 @dataclass(frozen=True)
 class Shares:
-    """Shares of contacts in common conditions, (s,); all other conditions are those of one contact."""
+    """Shares of contacts in common conditions, (s,); all other conditions are those of one
+    contact.
+    """
 
     conditions: np.ndarray  # number of the condition, (s,)
     pairs: np.ndarray  # contact, by its index in the scene, (s,)
@@ -39,7 +43,9 @@ class Shares:
         return csr_matrix((entries.data * scale, (entries.row, entries.col)), shape=rows.shape)
 
     def extended(self, slaves: np.ndarray, pairs: np.ndarray, count: int) -> Shares:
-        """Shares in rows of a law too, which follow ``count`` conditions, by slaves and pairs of all, (m,)."""
+        """Shares in rows of a law too, which follow ``count`` conditions, by slaves and pairs of
+        all, (m,).
+        """
         own = np.array([slaves, pairs])
         known = own[:, self.conditions]
         entries, rows = np.nonzero((known[:, :, None] == own[:, None, count:]).all(axis=0))

@@ -1,6 +1,7 @@
 """Stiffness at one point of the parameters: an immutable object that solves with its matrix.
 
-Factors are leased from a :class:`FactorStore`, which keeps few of them and factors dropped ones again.
+Factors are leased from a :class:`FactorStore`, which keeps few of them and factors dropped ones
+again.
 """
 
 from __future__ import annotations
@@ -48,19 +49,25 @@ class Stiffness(ABC):
 
     @abstractmethod
     def held(self) -> AbstractContextManager[Any]:
-        """Keep the factors of this stiffness in the store meanwhile: saves time, and does not change results."""
+        """Keep the factors of this stiffness in the store meanwhile: saves time, and does not
+        change results.
+        """
 
     @cached_property
     def equalities(self) -> SchurEqualities:
         """Equality problems on S, whose dense factors are shared by all users of this stiffness."""
-        return SchurEqualities.symmetric(self.schur) if self.symmetric else SchurEqualities.of(self.schur)
+        return (
+            SchurEqualities.symmetric(self.schur)
+            if self.symmetric
+            else SchurEqualities.of(self.schur)
+        )
 
 
 class FactorStore:
     """Factors, by ``make``, of at most ``most`` matrices with one pattern.
 
-    A thread leases the factors of one matrix at a time, so that threads cannot deadlock. All ranks request factors in
-    the same order.
+    A thread leases the factors of one matrix at a time, so that threads cannot deadlock. All ranks
+    request factors in the same order.
     """
 
     def __init__(self, make: Callable[[csr_matrix], Factors], most: int = 1):
@@ -80,7 +87,9 @@ class FactorStore:
         return Lease(self, matrix)
 
     def solve(self, matrix: csr_matrix, rhs: np.ndarray) -> np.ndarray:
-        """K^-1 times a vector; for present factors a lease would take as long as the rest of a small query."""
+        """K^-1 times a vector; for present factors a lease would take as long as the rest of a
+        small query.
+        """
         if self._most == 1 and self._slots:
             slot = self._slots[0]
             with slot.lock:
@@ -110,7 +119,9 @@ class FactorStore:
 
 
 class Lease:
-    """Factors of one matrix in use; a generator would take two microseconds more, of the hundred of a query."""
+    """Factors of one matrix in use; a generator would take two microseconds more, of the hundred of
+    a query.
+    """
 
     __slots__ = ("_before", "_matrix", "_slot", "_store")
 
@@ -123,7 +134,9 @@ class Lease:
         self._before = before = getattr(leased, "lease", None)
         if before is not None:
             if before._matrix is not self._matrix:
-                raise RuntimeError("factors of two matrices are leased from one store: end the first lease before")
+                raise RuntimeError(
+                    "factors of two matrices are leased from one store: end the first lease before"
+                )
             self._slot = before._slot
             return self._slot
         self._slot = slot = self._store.slot(self._matrix)
@@ -144,10 +157,11 @@ class Lease:
 
 
 class SparseStiffness(Stiffness):
-    """Local rows of a sparse matrix, (n, N), which must not be modified, and the store that factors it.
+    """Local rows of a sparse matrix, (n, N), which must not be modified, and the store that factors
+    it.
 
-    ``components`` are the local dofs of each connected component, by which K is scaled; None if it never is. K^-1 B^T,
-    (n, m), and S, (m, m), may be known; ``keeps``: the former fits into memory.
+    ``components`` are the local dofs of each connected component, by which K is scaled; None if it
+    never is. K^-1 B^T, (n, m), and S, (m, m), may be known; ``keeps``: the former fits into memory.
     """
 
     def __init__(
@@ -230,12 +244,16 @@ class SparseStiffness(Stiffness):
                     made = self.parts.sum(axis=0)  # parts are needed later
                 else:
                     made = self._reduced([self.contact])[0]
-                with self._assigning:  # one array for all threads, which may make it by a lease and by a lock at once
+                with (
+                    self._assigning
+                ):  # one array for all threads, which may make it by a lease and by a lock at once
                     self._schur = made if self._schur is None else self._schur
         return self._schur
 
     def _making(self) -> AbstractContextManager[Any]:
-        """Context of one thread at a time, by its lease or else by a lock: with both, threads could deadlock."""
+        """Context of one thread at a time, by its lease or else by a lock: with both, threads could
+        deadlock.
+        """
         return self.held() if self._response is None else self._lock
 
     def lent(self, other: SparseStiffness) -> SparseStiffness:
@@ -251,12 +269,19 @@ class SparseStiffness(Stiffness):
             assert self._components is not None
             with self._making():
                 if self._parts is None:
-                    parts = [np.bincount(dofs, minlength=self.contact.shape[1]) > 0 for dofs in self._components]
-                    self._parts = np.stack(self._reduced([csr_matrix(self.contact.multiply(mask)) for mask in parts]))
+                    parts = [
+                        np.bincount(dofs, minlength=self.contact.shape[1]) > 0
+                        for dofs in self._components
+                    ]
+                    self._parts = np.stack(
+                        self._reduced([csr_matrix(self.contact.multiply(mask)) for mask in parts])
+                    )
         return self._parts
 
     def _reduced(self, rows: list[csr_matrix]) -> list[np.ndarray]:
-        """Products of some rows and K^-1 B^T, (m, m) each, by kept columns, or factors that eliminate contact last."""
+        """Products of some rows and K^-1 B^T, (m, m) each, by kept columns, or factors that
+        eliminate contact last.
+        """
         if self._response is None:
             with self._store.of(self.matrix) as factors:
                 known = [item for item in map(factors.between_last, rows) if item is not None]
@@ -286,7 +311,9 @@ class SparseStiffness(Stiffness):
 
 
 class ScaledStiffness(Stiffness):
-    """Stiffness with components scaled by s_c, (C,), in ``own`` of each local dof, (n,): S = sum of S_c / s_c."""
+    """Stiffness with components scaled by s_c, (C,), in ``own`` of each local dof, (n,): S = sum of
+    S_c / s_c.
+    """
 
     def __init__(self, base: SparseStiffness, scales: np.ndarray, own: np.ndarray):
         self.own = own

@@ -19,10 +19,13 @@ def answer_mesh_of(discretisation: Discretisation, problem: ContactProblem) -> A
     scene = discretisation.scene
     space = discretisation.space
     cells, kinds, _ = vtk_mesh(space)
-    # columns of the dofmap in the order of VTK, by the first cell of the rank; none of a rank without cells
+    # columns of the dofmap in the order of VTK, by the first cell of the rank; none of a rank
+    # without cells
     width = problem.cell_nodes.shape[1]
     order = [np.flatnonzero(space.dofmap.list[0] == node)[0] for node in cells[1 : 1 + width]]
-    known = next(item for item in discretisation.group.gathered((order, kinds[:1].tolist())) if item[1])
+    known = next(
+        item for item in discretisation.group.gathered((order, kinds[:1].tolist())) if item[1]
+    )
     return AnswerMesh(
         points=problem.points,
         cells=problem.cell_nodes[:, known[0]],

@@ -1,6 +1,7 @@
 """Checks of a mesh, its tags and its supports, before a scene is assembled on them.
 
-Every check is collective: all ranks get the same result, so that none waits for another that has failed.
+Every check is collective: all ranks get the same result, so that none waits for another that has
+failed.
 """
 
 from __future__ import annotations
@@ -25,13 +26,20 @@ from hhr_dolfinx.warn import warn
 CORNERS = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
 """Supported cells, with their number of corners."""
 FOLDED = 1e-6
-"""Part of the largest Jacobian of a cell up to which an opposite sign is round-off of coordinates."""
+"""Part of the largest Jacobian of a cell up to which an opposite sign is round-off of
+coordinates.
+"""
 NO_VOLUME = 1e-12
-"""Volume of a cell over the power of its length up to which it counts as zero: far below cells of aspect 1e4."""
+"""Volume of a cell over the power of its length up to which it counts as zero: far below cells of
+aspect 1e4.
+"""
 
 
 def build_geometry(scene: Scene, group: Group) -> Any:
-    """Mesh, cell tags, facet tags, their names and sets of nodes; raises SceneError unless they fit the scene."""
+    """Mesh, cell tags, facet tags, their names and sets of nodes.
+
+    Raises SceneError unless they fit the scene.
+    """
     result: Any = scene.geometry(group.comm)
     groups = getattr(result, "physical_groups", None)
     sets: Mapping[str, np.ndarray] = getattr(result, "nodes", {})
@@ -39,17 +47,21 @@ def build_geometry(scene: Scene, group: Group) -> Any:
         result = (result.mesh, result.cell_tags, result.facet_tags)
     if not isinstance(result, tuple | list) or len(result) != 3:
         raise SceneError(
-            f"the geometry of scene '{scene.name}' must return (mesh, cell_tags, facet_tags), not {result!r}"
+            f"the geometry of scene '{scene.name}' must return (mesh, cell_tags, facet_tags), not "
+            f"{result!r}"
         )
     mesh, *tags = result
     _check_mesh(scene, mesh, group)
     order_of(scene, mesh)
-    for kind, given, dim in zip(("cell", "facet"), tags, (mesh.topology.dim, mesh.topology.dim - 1), strict=True):
+    for kind, given, dim in zip(
+        ("cell", "facet"), tags, (mesh.topology.dim, mesh.topology.dim - 1), strict=True
+    ):
         if given is None or given.dim != dim:
             found = "None" if given is None else f"tags of dimension {given.dim}"
             raise SceneError(
-                f"the geometry of scene '{scene.name}' returned {found} for the {kind} tags: every body and every "
-                "surface with a load, a displacement or a contact needs one; in gmsh, a physical group"
+                f"the geometry of scene '{scene.name}' returned {found} for the {kind} tags: "
+                "every body and every surface with a load, a displacement or a contact needs one; "
+                "in gmsh, a physical group"
             )
     _check_cells(scene, mesh, group)
     if scene.hypothesis == "axisymmetric":
@@ -61,66 +73,82 @@ def build_geometry(scene: Scene, group: Group) -> Any:
 
 def warn_of_idle_parameters(scene: Scene, amplitudes: Amplitudes) -> None:
     """Warn of parameters on which no amplitude, body or law of a scene depends."""
-    laws = [laws_of_scenes(body.reader).parameters_of(body.law) for body in scene.bodies if body.reader]
+    laws = [
+        laws_of_scenes(body.reader).parameters_of(body.law) for body in scene.bodies if body.reader
+    ]
     used = scene.named.union(*laws)
     idle = tuple(name for name in amplitudes.idle(scene.parameters) if name not in used)
     if idle and scene.system is None:  # a user-defined system may use any
         warn(
-            f"parameters {idle} of scene '{scene.name}' have no effect: no displacement, load, opening, extent, body, "
-            "law or shape names them. Remove them from the ParameterSpace, or name them in the slopes of an Amplitude",
+            f"parameters {idle} of scene '{scene.name}' have no effect: no displacement, load, "
+            "opening, extent, body, law or shape names them. Remove them from the ParameterSpace, "
+            "or name them in the slopes of an Amplitude",
             SceneWarning,
         )
 
 
 def _check_mesh(scene, mesh, group):
-    """Raise SceneError for a mesh of another dimension, with other cells, or on another communicator."""
+    """Raise SceneError for a mesh of another dimension, with other cells, or on another
+    communicator.
+    """
     tdim = mesh.topology.dim
     gdim = mesh.geometry.dim
     kind = mesh.topology.cell_name()
     if mesh.comm.size != group.size:
         raise SceneError(
-            f"the mesh of scene '{scene.name}' is spread over {mesh.comm.size} ranks and was asked for on {group.size}"
-            ": its geometry must build it on the communicator it is given"
+            f"the mesh of scene '{scene.name}' is spread over {mesh.comm.size} ranks and was "
+            f"asked for on {group.size}: its geometry must build it on the communicator it is "
+            "given"
         )
     if tdim < gdim:
         local = np.ptp(mesh.geometry.x[:, 2]) if gdim == 3 and len(mesh.geometry.x) else 0.0
         planar = tdim == 2 and gdim == 3 and group.total(float(local)) == 0.0
         remedy = (
-            "all its points lie in one plane: build it with two coordinates, gmsh_to_mesh(model, comm, gdim=2)"
+            "all its points lie in one plane: build it with two coordinates, gmsh_to_mesh(model, "
+            "comm, gdim=2)"
             if planar
-            else "shells, membranes and bars are not supported: mesh the volume of the bodies, and save it; in "
-            "gmsh give the volumes a physical group"
+            else "shells, membranes and bars are not supported: mesh the volume of the bodies, and "
+            "save it; in gmsh give the volumes a physical group"
         )
         raise SceneError(
-            f"the mesh of scene '{scene.name}' has cells of dimension {tdim} in a space of dimension {gdim}: {remedy}"
+            f"the mesh of scene '{scene.name}' has cells of dimension {tdim} in a space of "
+            f"dimension {gdim}: {remedy}"
         )
     if kind not in CORNERS:
-        raise SceneError(f"cells of kind {kind} of scene '{scene.name}' are not supported, only {', '.join(CORNERS)}")
+        raise SceneError(
+            f"cells of kind {kind} of scene '{scene.name}' are not supported, only "
+            f"{', '.join(CORNERS)}"
+        )
     wanted = 3 if scene.hypothesis == "solid" else 2
     if gdim != wanted:
         others = "solid" if gdim == 3 else "plane_strain, plane_stress or axisymmetric"
         raise SceneError(
-            f"hypothesis '{scene.hypothesis}' of scene '{scene.name}' needs a mesh of dimension {wanted}, and this one "
-            f"has {gdim}: take {others}, or another mesh"
+            f"hypothesis '{scene.hypothesis}' of scene '{scene.name}' needs a mesh of dimension "
+            f"{wanted}, and this one has {gdim}: take {others}, or another mesh"
         )
 
 
 def _check_cells(scene, mesh, group):
     """Raise SceneError for cells that are folded or without volume, and for ranks without cells.
 
-    Such cells would not be noticed later: K uses the absolute value of Jacobians. A plug-in with the tool ``mending``,
-    a function of the geometry, has the advice for folded cells of second order.
+    Such cells would not be noticed later: K uses the absolute value of Jacobians. A plug-in with
+    the tool ``mending``, a function of the geometry, has the advice for folded cells of second
+    order.
     """
     dim = mesh.topology.dim
     count = CORNERS[mesh.topology.cell_name()]
     nodes = compat.geometry_dofmap(mesh)[: mesh.topology.index_map(dim).size_local]
     without = group.gathered(len(nodes)).count(0)
     if without:
-        raise SceneError(f"{without} of {group.size} ranks have no cell of the mesh: take fewer ranks, or a finer mesh")
+        raise SceneError(
+            f"{without} of {group.size} ranks have no cell of the mesh: take fewer ranks, or a "
+            "finer mesh"
+        )
     degree = compat.degree_of(mesh)
     if degree > 2:
         raise SceneError(
-            f"cells of order {degree} are not supported: make the mesh of order 2 or 1, in gmsh by setOrder(2)"
+            f"cells of order {degree} are not supported: make the mesh of order 2 or 1, in gmsh "
+            "by setOrder(2)"
         )
     corners = mesh.geometry.x[nodes][:, :, :dim]
     finite = np.isfinite(corners).all(axis=(1, 2))
@@ -129,7 +157,9 @@ def _check_cells(scene, mesh, group):
     corners = corners[:, :count]
     mean = jacobians.mean(axis=1)
     largest = np.abs(jacobians).max(axis=1)
-    empty = finite & ~(np.abs(mean) > NO_VOLUME * np.ptp(corners, axis=1).max(axis=1) ** corners.shape[2])
+    empty = finite & ~(
+        np.abs(mean) > NO_VOLUME * np.ptp(corners, axis=1).max(axis=1) ** corners.shape[2]
+    )
     folded = (jacobians * np.sign(mean)[:, None]).min(axis=1) < -FOLDED * largest
     mend = "mend the mesh there"
     advice = registry.offered("mending") if degree == 2 else None
@@ -142,26 +172,31 @@ def _check_cells(scene, mesh, group):
         _refuse(group, text, corners[bad].mean(axis=1), why=why, remedy=remedy)
     _refuse(
         group,
-        "{count} pairs of neighbouring cells lie on the same side of their common facet, e.g. at {place}: one of them "
-        "is turned inside out. Mend the mesh there",
+        "{count} pairs of neighbouring cells lie on the same side of their common facet, e.g. at "
+        "{place}: one of them is turned inside out. Mend the mesh there",
         _overlapping_neighbours(mesh),
     )
 
 
 def order_of(scene: Scene, mesh: dmesh.Mesh) -> int:
-    """Degree of the displacement, by the scene or else the mesh; SceneError for first order on a mesh of second."""
+    """Degree of the displacement, by the scene or else the mesh.
+
+    SceneError for first order on a mesh of second.
+    """
     geometry = compat.degree_of(mesh)
     order = geometry if scene.order is None else scene.order
     if order < geometry <= 2:
         raise SceneError(
-            f"the cells of scene '{scene.name}' are of second order, and order = {order}: leave it out, or mesh with "
-            "cells of first order, in gmsh setOrder(1)"
+            f"the cells of scene '{scene.name}' are of second order, and order = {order}: leave "
+            "it out, or mesh with cells of first order, in gmsh setOrder(1)"
         )
     return order
 
 
 def _overlapping_neighbours(mesh):
-    """Middles of the facets whose two cells lie on the same side, (found, dim): the only sign of folded simplices."""
+    """Middles of the facets whose two cells lie on the same side, (found, dim): the only sign of
+    folded simplices.
+    """
     dim = mesh.topology.dim
     mesh.topology.create_connectivity(dim - 1, dim)
     owned = mesh.topology.index_map(dim - 1).size_local
@@ -178,11 +213,16 @@ def _overlapping_neighbours(mesh):
     other = same[whole].any(axis=1)
     points = mesh.geometry.x[:, :dim]
     facet = points[nodes[:, 0][common].reshape(-1, count)]
-    far = [points[nodes[:, k][~mask].reshape(-1, nodes.shape[2] - count)] for k, mask in enumerate((common, other))]
+    far = [
+        points[nodes[:, k][~mask].reshape(-1, nodes.shape[2] - count)]
+        for k, mask in enumerate((common, other))
+    ]
     along = np.moveaxis(facet[:, 1:dim] - facet[:, :1], 1, 2)
     # the sign of a determinant is the side of the facet to which a direction points
     sides = [
-        np.linalg.det(np.concatenate([along, (points.mean(axis=1) - facet.mean(axis=1))[:, :, None]], axis=2))
+        np.linalg.det(
+            np.concatenate([along, (points.mean(axis=1) - facet.mean(axis=1))[:, :, None]], axis=2)
+        )
         for points in far
     ]
     scale = np.abs(sides).max(axis=0)
@@ -191,17 +231,24 @@ def _overlapping_neighbours(mesh):
 
 
 def corner_jacobians(corners: np.ndarray) -> np.ndarray:
-    """Determinant of the Jacobian at tensor-ordered corners of cells, (c, k, dim): (c, k), for simplices (c, 1)."""
+    """Determinant of the Jacobian at tensor-ordered corners of cells, (c, k, dim): (c, k), for
+    simplices (c, 1).
+    """
     dim = corners.shape[2]
     if corners.shape[1] == dim + 1:
         return np.linalg.det(corners[:, 1:] - corners[:, :1])[:, None]
     numbers = np.arange(2**dim)
-    edges = [corners[:, numbers | (1 << axis)] - corners[:, numbers & ~(1 << axis)] for axis in range(dim)]
+    edges = [
+        corners[:, numbers | (1 << axis)] - corners[:, numbers & ~(1 << axis)]
+        for axis in range(dim)
+    ]
     return np.linalg.det(np.stack(edges, axis=2))
 
 
 def jacobians_of(mesh: dmesh.Mesh, points: np.ndarray) -> np.ndarray:
-    """Determinant of the Jacobian at the nodes of cells, (c, k), from their coordinates, (c, k, dim)."""
+    """Determinant of the Jacobian at the nodes of cells, (c, k), from their coordinates, (c, k,
+    dim).
+    """
     if compat.degree_of(mesh) == 1:
         return corner_jacobians(points)
     kind = mesh.topology.cell_name()
@@ -216,16 +263,23 @@ def _check_radius(mesh, group):
     size = group.total(float(np.abs(radius).max(initial=0.0)))
     _refuse(
         group,
-        "{count} nodes of an axisymmetric mesh have r < 0, e.g. at {place}: the first coordinate is the radius and the "
-        "axis is r = 0; mesh one half of the section",
+        "{count} nodes of an axisymmetric mesh have r < 0, e.g. at {place}: the first coordinate "
+        "is the radius and the axis is r = 0; mesh one half of the section",
         mesh.geometry.x[:owned][radius < -1e-9 * size, :2],
     )
 
 
 def check_tags(
-    scene: Scene, mesh: dmesh.Mesh, tags: Any, names: TagNames, group: Group, sets: Container[object] = ()
+    scene: Scene,
+    mesh: dmesh.Mesh,
+    tags: Any,
+    names: TagNames,
+    group: Group,
+    sets: Container[object] = (),
 ) -> None:
-    """Raise SceneError for tags of the scene that the mesh lacks, and for cells that belong to no body."""
+    """Raise SceneError for tags of the scene that the mesh lacks, and for cells that belong to no
+    body.
+    """
     held = [item.tag for item in scene.displacements]
     used: list[Tag] = [tag for tag in held if isinstance(tag, int | str) and tag not in sets]
     for item in scene.contacts:
@@ -236,23 +290,27 @@ def check_tags(
     for tag in bodies:
         for number in names.cell(tag):
             if owner.setdefault(number, tag) != tag:
-                raise SceneError(f"bodies {owner[number]!r} and {tag!r} have cells in common: list one of them")
+                raise SceneError(
+                    f"bodies {owner[number]!r} and {tag!r} have cells in common: list one of them"
+                )
     others = check_present("cell", tags[0], bodies, names, group) - set(owner)
     if others:
         raise SceneError(
-            f"cells tagged {names.described('cell', others)} belong to no body of scene '{scene.name}': give "
-            "each a Body, or leave them out of the mesh"
+            f"cells tagged {names.described('cell', others)} belong to no body of scene "
+            f"'{scene.name}': give each a Body, or leave them out of the mesh"
         )
     count = mesh.topology.index_map(mesh.topology.dim).size_local
     untagged = group.total(count - int((tags[0].indices < count).sum()))
     if untagged:
         raise SceneError(
-            f"{untagged} cells have no tag: every cell must belong to a body of scene '{scene.name}'. Put them into a "
-            "physical group, and give this a Body"
+            f"{untagged} cells have no tag: every cell must belong to a body of scene "
+            f"'{scene.name}'. Put them into a physical group, and give this a Body"
         )
 
 
-def check_present(kind: str, tags: dmesh.MeshTags, wanted: Iterable[Tag], names: TagNames, group: Group) -> set[int]:
+def check_present(
+    kind: str, tags: dmesh.MeshTags, wanted: Iterable[Tag], names: TagNames, group: Group
+) -> set[int]:
     """All tags of a mesh; raises SceneError if a wanted one, by number or name, is missing."""
     there = set().union(*group.gathered(set(tags.values.tolist())))
     numbers = names.cell if kind == "cell" else names.facet
@@ -274,7 +332,9 @@ def tagged(tags: dmesh.MeshTags, numbers: Iterable[int]) -> np.ndarray:
 def check_outer(
     load: str, tag: Tag, mesh: dmesh.Mesh, facet_tags: dmesh.MeshTags, names: TagNames, group: Group
 ) -> None:
-    """Raise SceneError for loads on missing facets or on facets inside the mesh, where surface integrals are zero."""
+    """Raise SceneError for loads on missing facets or on facets inside the mesh, where surface
+    integrals are zero.
+    """
     check_present("facet", facet_tags, [tag], names, group)
     fdim = mesh.topology.dim - 1
     mesh.topology.create_connectivity(fdim, fdim + 1)
@@ -291,7 +351,10 @@ def check_outer(
 
 
 def _refuse(group, text, places, **words):
-    """Raise SceneError on all ranks if any has places, (found, dim); ``text`` uses ``{count}``, ``{place}``, words."""
+    """Raise SceneError on all ranks if any has places, (found, dim).
+
+    ``text`` uses ``{count}``, ``{place}``, words.
+    """
     found = [place for part in group.gathered(places.tolist()) for place in part]
     if found:
         raise SceneError(text.format(count=len(found), place=found[0], **words))
@@ -302,15 +365,15 @@ def conditions_with_unknowns(
 ) -> np.ndarray:
     """Contact rows with a free dof; the others do not constrain unknowns and are left out.
 
-    It warns if nodes whose dofs are all imposed penetrate, in the worst case over the parameter range. Gaps are
-    D - B lift by term, (rows, 1 + T).
+    It warns if nodes whose dofs are all imposed penetrate, in the worst case over the parameter
+    range. Gaps are D - B lift by term, (rows, 1 + T).
     """
     unknown = abs(rows.matrix) @ free.astype(float) > 0
     if not unknown.any():
         tags = [item.tags for item in scene.contacts]
         raise SceneError(
-            f"the contact pairs are empty: all of their nodes have imposed displacements. Leave out displacements of "
-            f"scene '{scene.name}' on nodes of the surfaces {tags}"
+            "the contact pairs are empty: all of their nodes have imposed displacements. Leave "
+            f"out displacements of scene '{scene.name}' on nodes of the surfaces {tags}"
         )
     imposed = np.flatnonzero(~unknown)
     least, points = amplitudes.least(gaps[imposed], scene.parameters)
@@ -319,9 +382,10 @@ def conditions_with_unknowns(
         worst = int(least.argmin())
         mu = dict(zip(scene.parameters.names, points[worst].tolist(), strict=True))
         warn(
-            f"at {int(deep.sum())} places of contacts of scene '{scene.name}' all nodes have imposed displacements and "
-            f"penetrate, most ({-least[worst]:.3g}) at {rounded(rows.points[imposed[worst]])} for {mu}: no force acts "
-            "there. Change these displacements, the gap or the box of the parameters",
+            f"at {int(deep.sum())} places of contacts of scene '{scene.name}' all nodes have "
+            f"imposed displacements and penetrate, most ({-least[worst]:.3g}) at "
+            f"{rounded(rows.points[imposed[worst]])} for {mu}: no force acts there. Change these "
+            "displacements, the gap or the box of the parameters",
             SceneWarning,
         )
     return np.flatnonzero(unknown)

@@ -20,7 +20,14 @@ from ufl.algorithms.check_arities import ArityMismatch
 from hhr_dolfinx import compat
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import contact, elasticity
-from hhr_dolfinx.full_order.checks import CORNERS, build_geometry, check_outer, check_present, order_of, tagged
+from hhr_dolfinx.full_order.checks import (
+    CORNERS,
+    build_geometry,
+    check_outer,
+    check_present,
+    order_of,
+    tagged,
+)
 from hhr_dolfinx.group import group_of
 from hhr_dolfinx.loads import Assembler, Terms
 from hhr_dolfinx.pairings.surface import Surface, make_surface
@@ -46,8 +53,11 @@ class DiscreteSpace(ABC):
         self.scene = scene
         self.group = group_of(comm)
         with self.group.together(f"the geometry of scene '{scene.name}'"):
-            # mesh of DOLFINx, its tags, names of bodies and surfaces in it, and sets of nodes by name
-            self.mesh, self._cell_tags, self._facet_tags, self.names, self._sets = build_geometry(scene, self.group)
+            # mesh of DOLFINx, its tags, names of bodies and surfaces in it, and sets of nodes by
+            # name
+            self.mesh, self._cell_tags, self._facet_tags, self.names, self._sets = build_geometry(
+                scene, self.group
+            )
         dim = self.mesh.geometry.dim
         self.order = order_of(scene, self.mesh)  # degree of its functions, 1 or 2
         # vector Lagrange space of that degree
@@ -93,12 +103,16 @@ class DiscreteSpace(ABC):
         """Measure of the cells of a body for its stiffness."""
 
     def constant(self, value: float | str) -> fem.Constant:
-        """A number or its string, in a form without compiled values: each new value would take seconds to compile."""
+        """A number or its string, in a form without compiled values: each new value would take
+        seconds to compile.
+        """
         return fem.Constant(self.mesh, float(value))
 
     @cached_property
     def _mass_form(self):
-        return compat.jitted(fem.form, elasticity.mass(self._trial, self._test, self.scene.hypothesis, self._dx))
+        return compat.jitted(
+            fem.form, elasticity.mass(self._trial, self._test, self.scene.hypothesis, self._dx)
+        )
 
     def own_rows(self, matrix: PETSc.Mat) -> csr_matrix:
         """Local rows of a matrix, (own dofs, N); the matrix is destroyed. Collective.
@@ -107,7 +121,9 @@ class DiscreteSpace(ABC):
         """
         indptr, indices, data = matrix.getValuesCSR()
         matrix.destroy()
-        return csr_matrix((data, indices, indptr), shape=(self.rows.stop - self.rows.start, self.size))
+        return csr_matrix(
+            (data, indices, indptr), shape=(self.rows.stop - self.rows.start, self.size)
+        )
 
     def cell_bodies(self) -> np.ndarray:
         """Body of each cell of this rank as its index in the scene, (cells,)."""
@@ -135,15 +151,18 @@ class DiscreteSpace(ABC):
         dim = self.mesh.geometry.dim
         if not 0 <= component < dim:
             raise SceneError(
-                f"component {component} of the displacement on tag {tag} does not exist: the mesh of scene "
-                f"'{self.scene.name}' has {dim} dimensions, take a component below that, counted from 0"
+                f"component {component} of the displacement on tag {tag} does not exist: the mesh "
+                f"of scene '{self.scene.name}' has {dim} dimensions, take a component below that, "
+                "counted from 0"
             )
         return dim * self.nodes(tag) + component
 
     def nodes(self, tag: Tag | Place, whole: bool = True) -> np.ndarray:
-        """Numbers of the nodes of tagged facets, of a set of the mesh or of a place, (k,), in their order.
+        """Numbers of the nodes of tagged facets, of a set of the mesh or of a place, (k,), in their
+        order.
 
-        Of a set that holds whole facets all of their nodes count if ``whole``, those in the middle of faces too.
+        Of a set that holds whole facets all of their nodes count if ``whole``, those in the middle
+        of faces too.
 
         Raises:
             SceneError: for a tag that the mesh lacks, or a place without nodes.
@@ -151,9 +170,16 @@ class DiscreteSpace(ABC):
         if not isinstance(tag, int | str):
             found = np.unique(tag.nodes(self._points()))
             if not found.size:
-                raise SceneError(f"{tag!r} of scene '{self.scene.name}' holds no node of its mesh: move or widen it")
+                raise SceneError(
+                    f"{tag!r} of scene '{self.scene.name}' holds no node of its mesh: move or "
+                    "widen it"
+                )
             return found
-        owned = self._nodes_of_set(self._sets[tag]) if tag in self._sets else np.zeros(0, dtype=np.int64)
+        owned = (
+            self._nodes_of_set(self._sets[tag])
+            if tag in self._sets
+            else np.zeros(0, dtype=np.int64)
+        )
         if tag not in self._sets or (whole and tag in self.names.facets):
             check_present("facet", self._facet_tags, [tag], self.names, self.group)
             facets = tagged(self._facet_tags, self.names.facet(tag))
@@ -162,8 +188,12 @@ class DiscreteSpace(ABC):
         return np.unique(self.group.joined(owned + self.space.dofmap.index_map.local_range[0]))
 
     def _nodes_of_set(self, numbers: np.ndarray) -> np.ndarray:
-        """Own nodes, (k,), for numbers of points of the file, on cells of first order with those between them."""
-        inside = np.isin(self.mesh.geometry.input_global_indices, numbers)[compat.geometry_dofmap(self.mesh)]
+        """Own nodes, (k,), for numbers of points of the file, on cells of first order with those
+        between them.
+        """
+        inside = np.isin(self.mesh.geometry.input_global_indices, numbers)[
+            compat.geometry_dofmap(self.mesh)
+        ]
         nodes = self.space.dofmap.list
         edges, _ = compat.topology(self.mesh.topology.cell_name())
         corners = CORNERS[self.mesh.topology.cell_name()]
@@ -179,11 +209,16 @@ class DiscreteSpace(ABC):
         arguments = form.arguments() if isinstance(form, ufl.Form) else ()
         try:
             # the check takes as long as assembling, and shapes assemble the same forms repeatedly
-            linear = arguments == (self._test,) and (form.signature() in self._linear or compute_form_data(form))
+            linear = arguments == (self._test,) and (
+                form.signature() in self._linear or compute_form_data(form)
+            )
         except ArityMismatch:
             linear = False
         if not linear:
-            raise SceneError(f"the form of {load!r} must be linear in v and integrated over ds or dx, and is {form!r}")
+            raise SceneError(
+                f"the form of {load!r} must be linear in v and integrated over ds or dx, and is "
+                f"{form!r}"
+            )
         self._linear.add(form.signature())
         return self._assemble_vector(form)
 
@@ -202,7 +237,9 @@ class DiscreteSpace(ABC):
         return replace(made, free=self.free_dofs.reshape(-1, dim)[made.nodes])
 
     def _facets(self, tag):
-        """Nodes of the tagged facets and the middle of the opposite nodes in their cells, gathered from all ranks."""
+        """Nodes of the tagged facets and the middle of the opposite nodes in their cells, gathered
+        from all ranks.
+        """
         topology = self.mesh.topology
         dofmap = self.space.dofmap
         tdim = topology.dim
@@ -211,7 +248,10 @@ class DiscreteSpace(ABC):
         topology.create_connectivity(tdim, tdim - 1)
         to_cell = topology.connectivity(tdim - 1, tdim)
         to_facets = topology.connectivity(tdim, tdim - 1)
-        corners = [dofmap.dof_layout.entity_closure_dofs(tdim - 1, k) for k in range(len(to_facets.links(0)))]
+        corners = [
+            dofmap.dof_layout.entity_closure_dofs(tdim - 1, k)
+            for k in range(len(to_facets.links(0)))
+        ]
         coordinates = self.space.tabulate_dof_coordinates()[:, :dim]
         vertices = CORNERS[topology.cell_name()]
         nodes = []

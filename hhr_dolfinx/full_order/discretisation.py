@@ -1,6 +1,7 @@
 """From a scene to matrices: DOLFINx assembles, PETSc holds, thesis (1.21)-(1.22).
 
-It makes a :class:`ContactProblem` whose large matrices are distributed: each process has the rows of its dofs.
+It makes a :class:`ContactProblem` whose large matrices are distributed: each process has the rows
+of its dofs.
 """
 
 from __future__ import annotations
@@ -41,7 +42,9 @@ if TYPE_CHECKING:
     from hhr_dolfinx.full_order.system import StatedSystem
 
 ONE_LINE = 0.7
-"""Cosine of two directions above which conditions of a node may be one: averaged normals differ by up to 40 degrees."""
+"""Cosine of two directions above which conditions of a node may be one: averaged normals differ by
+up to 40 degrees.
+"""
 
 
 class Discretisation(DiscreteSpace):
@@ -49,8 +52,8 @@ class Discretisation(DiscreteSpace):
 
     Raises:
         NotOfferedError: for shapes, if no installed plug-in deforms meshes.
-        SceneError: for a mesh that does not suit the scene, missing tags, surfaces that do not face each other, or
-            conflicting displacements.
+        SceneError: for a mesh that does not suit the scene, missing tags, surfaces that do not face
+            each other, or conflicting displacements.
     """
 
     def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
@@ -74,7 +77,9 @@ class Discretisation(DiscreteSpace):
         return self.shape.measure(self._dx(self.names.cell(tag)))
 
     def stiffness_terms(self) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
-        """Local rows of the parts of K, and their moduli; one part and no modulus if K is constant."""
+        """Local rows of the parts of K, and their moduli; one part and no modulus if K is
+        constant.
+        """
         return self.elasticity.stiffness_terms(self)
 
     @property
@@ -82,15 +87,22 @@ class Discretisation(DiscreteSpace):
         """Stiffness to ground of each dof, (N,), by loads that resist; None without."""
         return self.elasticity.springs(self)
 
-    def contact_problem(self, stiffness: tuple[csr_matrix, ...], moduli: tuple[Modulus, ...] = ()) -> ContactProblem:
-        """Assemble (1.21) with local rows of the parts of K, (own dofs, N); only large matrices are distributed."""
+    def contact_problem(
+        self, stiffness: tuple[csr_matrix, ...], moduli: tuple[Modulus, ...] = ()
+    ) -> ContactProblem:
+        """Assemble (1.21) with local rows of the parts of K, (own dofs, N).
+
+        Only large matrices are distributed.
+        """
         scene = self.scene
         imposed, free = self._displacements()
         eliminated = self._eliminated(free, imposed)
         imposed += eliminated.terms
         rows, pairs, opened = self._contacts()
         self.terms = Terms(scene.parameters, imposed=imposed, gaps=opened, loads=self.load_terms())
-        limits = tuple(limit for body in scene.bodies for limit in body.limits(scene.parameters.names))
+        limits = tuple(
+            limit for body in scene.bodies for limit in body.limits(scene.parameters.names)
+        )
         amplitudes = self.terms.amplitudes(limits)
         lifts = self.terms.columns("imposed", self.size)
         lifts = self.elasticity.lifted(self, lifts, free)
@@ -106,7 +118,9 @@ class Discretisation(DiscreteSpace):
             node_mass=self._node_mass(),
             prolongation=prolongation,
             forces=self.terms.columns("loads", self.size),
-            pulls=tuple(csc_matrix(self.group.stacked(pull(term, prolongation.lifts))) for term in stiffness),
+            pulls=tuple(
+                csc_matrix(self.group.stacked(pull(term, prolongation.lifts))) for term in stiffness
+            ),
             contact=_without_columns(prolongation.rows(rows.matrix), ~prolongation.free),
             gaps=np.asfortranarray(gaps),
             contact_slaves=rows.slaves,
@@ -132,7 +146,10 @@ class Discretisation(DiscreteSpace):
         eliminated: Eliminated,
         amplitudes: Amplitudes,
     ) -> tuple[ContactRows, np.ndarray, np.ndarray, ContactLaw, Shares | None]:
-        """Rows, pairs, gaps, law and shares of the conditions with unknowns; ``opened`` is the part of openings."""
+        """Rows, pairs, gaps, law and shares of the conditions with unknowns.
+
+        ``opened`` is the part of openings.
+        """
         scene = self.scene
         prolongation = eliminated.prolongation
         lifts = prolongation.lifts
@@ -146,9 +163,14 @@ class Discretisation(DiscreteSpace):
         shares = None
         common = _nodes_of_several(prolongation.rows(rows.matrix), pairs, rows.points.shape[1])
         if common.size:
-            what = f"scene '{scene.name}', whose contacts share the node at {rounded(self._points()[common[0]])},"
+            what = (
+                f"scene '{scene.name}', whose contacts share the node at "
+                f"{rounded(self._points()[common[0]])},"
+            )
             share = registry.tool("shared_nodes", what)
-            rows, pairs, opened, shares = share(self, (rows, pairs, opened), prolongation, amplitudes, common)
+            rows, pairs, opened, shares = share(
+                self, (rows, pairs, opened), prolongation, amplitudes, common
+            )
             if shares is not None:
                 gaps = _gaps(rows, opened, lifts)
         law: ContactLaw = UNILATERAL
@@ -159,11 +181,18 @@ class Discretisation(DiscreteSpace):
         return rows, pairs, gaps, law, shares
 
     def _eliminated(self, free: np.ndarray, imposed: list[Term]) -> Eliminated:
-        """Dependent dofs of the constraints; ``free`` ones are not imposed, (N,), and the lifts of others are."""
+        """Dependent dofs of the constraints.
+
+        ``free`` ones are not imposed, (N,), and the lifts of others are.
+        """
         if not self.scene.constraints:
             return Eliminated(Prolongation.of_free(free))
-        eliminate = registry.tool("constraints", f"scene '{self.scene.name}', which has constraints,")
-        eliminated: Eliminated = eliminate(self.scene, self.assembler, self._cell_nodes(), free, imposed)
+        eliminate = registry.tool(
+            "constraints", f"scene '{self.scene.name}', which has constraints,"
+        )
+        eliminated: Eliminated = eliminate(
+            self.scene, self.assembler, self._cell_nodes(), free, imposed
+        )
         return eliminated
 
     def _node_mass(self) -> csr_matrix:
@@ -174,49 +203,80 @@ class Discretisation(DiscreteSpace):
         return csr_matrix(self.own_rows(mass)[::dim][:, ::dim])
 
     def _with_laws(
-        self, laws: dict[int, PairLaw], rows: ContactRows, pairs: np.ndarray, prolongation: Prolongation
+        self,
+        laws: dict[int, PairLaw],
+        rows: ContactRows,
+        pairs: np.ndarray,
+        prolongation: Prolongation,
     ) -> tuple[ContactRows, np.ndarray, ContactLaw]:
-        """Append the rows of laws by pair to the conditions; return all rows, the pair of each, and the law on them."""
+        """Append the rows of laws by pair to the conditions.
+
+        Return all rows, the pair of each, and the law on them.
+        """
         scene = self.scene
         of_plugins: dict[str, dict[int, PairLaw]] = {}
         for place, own in laws.items():
             of_plugins.setdefault(own.plugin, {})[place] = own
         found = [self._attached(some, rows, pairs, prolongation) for some in of_plugins.values()]
-        join = registry.tool("laws", f"scene '{scene.name}', whose contacts have {laws[min(laws)].words},")
-        whole: tuple[ContactRows, np.ndarray, ContactLaw] = join(scene, list(of_plugins.values()), found, rows, pairs)
+        join = registry.tool(
+            "laws", f"scene '{scene.name}', whose contacts have {laws[min(laws)].words},"
+        )
+        whole: tuple[ContactRows, np.ndarray, ContactLaw] = join(
+            scene, list(of_plugins.values()), found, rows, pairs
+        )
         return whole
 
     def _attached(
-        self, laws: dict[int, PairLaw], rows: ContactRows, pairs: np.ndarray, prolongation: Prolongation
+        self,
+        laws: dict[int, PairLaw],
+        rows: ContactRows,
+        pairs: np.ndarray,
+        prolongation: Prolongation,
     ) -> tuple[ContactRows, np.ndarray, ContactLaw]:
         """The same for the laws of one plug-in."""
         scene = self.scene
         first, *others = laws.values()
         if any(
-            getattr(law.attached, "__func__", None) is not getattr(first.attached, "__func__", None) for law in others
+            getattr(law.attached, "__func__", None) is not getattr(first.attached, "__func__", None)
+            for law in others
         ):
             raise SceneError(
-                f"contacts of scene '{scene.name}' have laws of several classes, each with its attached(): that "
-                "is not built in. Give them a common one, which reads them all"
+                f"contacts of scene '{scene.name}' have laws of several classes, each with its "
+                "attached(): that is not built in. Give them a common one, which reads them all"
             )
         mesh = MeshArrays(self._points(), self._cell_nodes(), self.order)
-        found = first.attached(laws, scene, rows, pairs, prolongation.movable, prolongation.lifts, mesh)
+        found = first.attached(
+            laws, scene, rows, pairs, prolongation.movable, prolongation.lifts, mesh
+        )
         check_attached(first, found[2])
         if not np.array_equal(found[1][: pairs.size], pairs):
-            raise SceneError(f"attached() of {type(first).__name__} must append rows to the conditions, and keep these")
+            raise SceneError(
+                f"attached() of {type(first).__name__} must append rows to the conditions, and "
+                "keep these"
+            )
         return found
 
     def load_terms(self) -> list[Term]:
         """Terms of all loads on the current mesh."""
-        return [term for load in self.scene.loads for term in checked_terms(load, self.assembler(load))]
+        return [
+            term for load in self.scene.loads for term in checked_terms(load, self.assembler(load))
+        ]
 
-    def checked(self, problem: ContactProblem, stated: StatedSystem | None = None) -> ContactProblem:
-        """The problem with the kernel of K of a system; checks for errors that only the whole scene shows."""
+    def checked(
+        self, problem: ContactProblem, stated: StatedSystem | None = None
+    ) -> ContactProblem:
+        """The problem with the kernel of K of a system.
+
+        Checks for errors that only the whole scene shows.
+        """
         bodies = self.group.joined(self.cell_bodies())
         free = free_bodies(self.scene, problem, bodies, self.springs)
         free = (stated or self.shape).left_free(free, problem)
         if free:
-            what = f"{free[0].name} can move freely: it {free[0].described(free[0].left)}. To hold it by contact alone"
+            what = (
+                f"{free[0].name} can move freely: it {free[0].described(free[0].left)}. To hold "
+                "it by contact alone"
+            )
             kernels: Kernels = registry.tool("kernel", what)
             kernel = kernels.of(self.scene, problem, free)
             problem = replace(problem, kernel=kernel, law=kernel.law)
@@ -224,7 +284,9 @@ class Discretisation(DiscreteSpace):
         return self.shape.attached(problem)
 
     def stress(self, displacement: np.ndarray, point: np.ndarray) -> np.ndarray:
-        """Stress of a displacement, (N,), at a parameter, (P,), see :meth:`~ConstantElasticity.stress_in_cells`."""
+        """Stress of a displacement, (N,), at a parameter, (P,), see
+        :meth:`~ConstantElasticity.stress_in_cells`.
+        """
         with self.shape.at(point):
             return self.elasticity.stress_in_cells(self, displacement, point)
 
@@ -251,21 +313,26 @@ class Discretisation(DiscreteSpace):
         return terms, owner < 0
 
     def _imposed(self, number: int, dofs: np.ndarray) -> np.ndarray:
-        """Imposed values of a displacement, by its index in the scene, on dofs for the amplitude 1."""
+        """Imposed values of a displacement, by its index in the scene, on dofs for the amplitude
+        1.
+        """
         if number not in self._fields:
             return np.ones(dofs.size)
         return self._fields[number][dofs // self.mesh.geometry.dim]
 
     def _check_clash(self, number: int, other: int, dofs: np.ndarray) -> None:
-        """Raise SceneError if two displacements, by their indices in the scene, differ on dofs of both."""
+        """Raise SceneError if two displacements, by their indices in the scene, differ on dofs of
+        both.
+        """
         item, before = (self.scene.displacements[place] for place in (number, other))
         same = np.array_equal(self._imposed(number, dofs), self._imposed(other, dofs))
         if before.amplitude != item.amplitude or not same:
             node, component = divmod(int(dofs[0]), self.mesh.geometry.dim)
             raise SceneError(
-                f"displacements {other} on tag {before.tag} and {number} on tag {item.tag} impose different values on "
-                f"one node, of component {component} at {rounded(self._points()[node])}: leave one of them out, or "
-                "give surfaces that no node has in common"
+                f"displacements {other} on tag {before.tag} and {number} on tag {item.tag} impose "
+                f"different values on one node, of component {component} at "
+                f"{rounded(self._points()[node])}: leave one of them out, or give surfaces that "
+                "no node has in common"
             )
 
     def assembler(self, load: Any) -> Assembler:
@@ -293,7 +360,9 @@ class Discretisation(DiscreteSpace):
         return self._contacts()[:2]
 
     def _contacts(self) -> tuple[ContactRows, np.ndarray, list[Term]]:
-        """The same, and terms of openings and pairings, which add to gaps, with columns (N_lambda, k)."""
+        """The same, and terms of openings and pairings, which add to gaps, with columns (N_lambda,
+        k).
+        """
         parts = []
         opened: list[tuple[int, Term]] = []
         for place, item in enumerate(self.scene.contacts):
@@ -305,20 +374,29 @@ class Discretisation(DiscreteSpace):
                 raise SceneError(f"the rows of {item!r} must be ContactRows, and are {part!r}")
             if part.gap.size == 0 or part.matrix.shape[1] != self.size:
                 raise SceneError(
-                    f"{item} made {part.gap.size} conditions on {part.matrix.shape[1]} of {self.size} dofs"
+                    f"{item} made {part.gap.size} conditions on {part.matrix.shape[1]} of "
+                    f"{self.size} dofs"
                 )
             changes = item.gap_terms(surfaces, part) if hasattr(item, "gap_terms") else []
             self.shape.check_still(f"contact {place}", surfaces[0].nodes, changes)
             opened += [(place, term) for term in changes]
             if self.scene.overwritten(place):
                 if changes:
-                    raise SceneError(f"an opening overwrites the gaps of contact {place}, which moves by a formula")
+                    raise SceneError(
+                        f"an opening overwrites the gaps of contact {place}, which moves by a "
+                        "formula"
+                    )
                 part = replace(part, gap=np.zeros(part.gap.size))
             parts.append(part)
         pairs = np.repeat(np.arange(len(parts)), [part.gap.size for part in parts])
         every = csc_matrix(identity(pairs.size))
-        terms = [Term(item.amplitude, (pairs == item.contact)[:, None].astype(float)) for item in self.scene.openings]
-        terms += [replace(term, columns=every[:, pairs == place] @ term.columns) for place, term in opened]
+        terms = [
+            Term(item.amplitude, (pairs == item.contact)[:, None].astype(float))
+            for item in self.scene.openings
+        ]
+        terms += [
+            replace(term, columns=every[:, pairs == place] @ term.columns) for place, term in opened
+        ]
         return joined(parts), pairs, terms
 
 
@@ -330,7 +408,8 @@ def _gaps(rows: ContactRows, opened: np.ndarray, lifts: csc_matrix) -> np.ndarra
 
 
 def _nodes_of_several(acting: csr_matrix, pairs: np.ndarray, dimension: int) -> np.ndarray:
-    """Nodes on which conditions of several contacts act along one line, by the rows of B T, (m, N), and their contacts.
+    """Nodes on which conditions of several contacts act along one line, by the rows of B T, (m, N),
+    and their contacts.
 
     These conditions may say the same; those along other lines, as in a corner, do not.
     """

@@ -1,7 +1,8 @@
 """Stiffness and stress of elastic bodies with constant moduli, integrated in full.
 
-What bodies need beyond that a plug-in adds, its tool ``elasticity``: a class ``(scene, cell, order)`` like
-:class:`ConstantElasticity`, of a scene, the kind of its cells, and the order of its displacement.
+What bodies need beyond that a plug-in adds, its tool ``elasticity``: a class ``(scene, cell,
+order)`` like :class:`ConstantElasticity`, of a scene, the kind of its cells, and the order of its
+displacement.
 """
 
 from __future__ import annotations
@@ -32,15 +33,16 @@ if TYPE_CHECKING:
 NEARLY_INCOMPRESSIBLE = 0.45
 """Poisson's ratio above which an elastic body uses the mean dilatation.
 
-Volume is 2 nu / (1 - 2 nu) times as stiff as shape (lambda / mu): 9 at 0.45, 49 at 0.49, 5000 at 0.4999. On a thick
-tube of eight cells full integration is too stiff by 0.3 % at 0.36, the error of the mesh, and by 0.9 % at 0.45;
-beyond, the error has no bound, while that of the mean dilatation stays at 0.1 %. Ceramics and metals (nu up to 0.44)
-keep full integration.
+Volume is 2 nu / (1 - 2 nu) times as stiff as shape (lambda / mu): 9 at 0.45, 49 at 0.49, 5000 at
+0.4999. On a thick tube of eight cells full integration is too stiff by 0.3 % at 0.36, the error of
+the mesh, and by 0.9 % at 0.45; beyond, the error has no bound, while that of the mean dilatation
+stays at 0.1 %. Ceramics and metals (nu up to 0.44) keep full integration.
 """
 
 
 class ConstantElasticity:
-    """Bodies whose moduli are numbers, or whose stress is a function of the strain, of a scene, on cells of a kind.
+    """Bodies whose moduli are numbers, or whose stress is a function of the strain, of a scene, on
+    cells of a kind.
 
     Attributes:
         mean_dilatation: True for bodies that use the mean dilatation of their cells.
@@ -48,10 +50,16 @@ class ConstantElasticity:
 
     def __init__(self, scene: Scene, cell: str, order: int):
         self.mean_dilatation: tuple[bool, ...] = (False,) * len(scene.bodies)
-        self._form: fem.Form | None = None  # of bodies with full integration, after the first assembly
+        self._form: fem.Form | None = (
+            None  # of bodies with full integration, after the first assembly
+        )
 
-    def stiffness_terms(self, space: DiscreteSpace) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
-        """Local rows of the parts of K, and their moduli; one part and no modulus if K is constant."""
+    def stiffness_terms(
+        self, space: DiscreteSpace
+    ) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
+        """Local rows of the parts of K, and their moduli; one part and no modulus if K is
+        constant.
+        """
         return (space.own_rows(self.stiffness(space)),), ()
 
     def stiffness(self, space: DiscreteSpace) -> PETSc.Mat:
@@ -61,9 +69,14 @@ class ConstantElasticity:
         return matrix
 
     def form(self, space: DiscreteSpace) -> fem.Form:
-        """Form of the bodies with full integration; compiled only if used, and once for all shapes of the mesh."""
+        """Form of the bodies with full integration.
+
+        Compiled only if used, and once for all shapes of the mesh.
+        """
         if self._form is None:
-            self._form = compat.jitted(fem.form, sum(_form(space, body) for body in self.integrated(space.scene)))
+            self._form = compat.jitted(
+                fem.form, sum(_form(space, body) for body in self.integrated(space.scene))
+            )
         return self._form
 
     def integrated(self, scene: Scene) -> Sequence[Body]:
@@ -75,11 +88,17 @@ class ConstantElasticity:
         return None
 
     def lifted(self, space: DiscreteSpace, lifts: csc_matrix, free: np.ndarray) -> csc_matrix:
-        """Lifts, (N, 1 + T), by those that are nonzero on imposed dofs alone, which are not ``free``, (N,)."""
+        """Lifts, (N, 1 + T), by those that are nonzero on imposed dofs alone, which are not
+        ``free``, (N,).
+        """
         return lifts
 
-    def stress(self, space: DiscreteSpace, place: int, field: fem.Function, point: np.ndarray) -> Expr:
-        """Stress of a body, by its index, in UFL, at a point of the parameters, (P,); its constants are not compiled.
+    def stress(
+        self, space: DiscreteSpace, place: int, field: fem.Function, point: np.ndarray
+    ) -> Expr:
+        """Stress of a body, by its index, in UFL, at a point of the parameters, (P,).
+
+        Its constants are not compiled.
 
         ``field`` is the displacement.
         """
@@ -87,13 +106,19 @@ class ConstantElasticity:
         body = space.scene.bodies[place]
         if (stress_of := space.scene.own_stress(body)) is not None:
             return stress_of(elasticity.strain(field, hypothesis))
-        return elasticity.stress(field, space.constant(body.young), space.constant(body.poisson), hypothesis)
+        return elasticity.stress(
+            field, space.constant(body.young), space.constant(body.poisson), hypothesis
+        )
 
-    def stress_in_cells(self, space: DiscreteSpace, displacement: np.ndarray, point: np.ndarray) -> np.ndarray:
-        """Stress of a displacement, (N,), in the middle of each cell, Kelvin's notation, (cells, 4), in space 6.
+    def stress_in_cells(
+        self, space: DiscreteSpace, displacement: np.ndarray, point: np.ndarray
+    ) -> np.ndarray:
+        """Stress of a displacement, (N,), in the middle of each cell, Kelvin's notation, (cells,
+        4), in space 6.
 
-        Cells are in the order of ``ContactProblem.cell_nodes``. Bodies with a mean dilatation have its pressure, and
-        loads that are strains give no stress. Moduli are those of a point, (P,); the mesh has its current shape.
+        Cells are in the order of ``ContactProblem.cell_nodes``. Bodies with a mean dilatation have
+        its pressure, and loads that are strains give no stress. Moduli are those of a point, (P,);
+        the mesh has its current shape.
         """
         scene = space.scene
         mesh = space.mesh
@@ -103,7 +128,9 @@ class ConstantElasticity:
         stress = fem.Function(constants)
         for place, body in enumerate(scene.bodies):
             sigma = self.stress(space, place, field, point)
-            stress.interpolate(compat.jitted(fem.Expression, sigma, points), space.cells_of(body.tag))
+            stress.interpolate(
+                compat.jitted(fem.Expression, sigma, points), space.cells_of(body.tag)
+            )
         owned = mesh.topology.index_map(mesh.topology.dim).size_local
         values = stress.x.array.reshape(-1, 3, 3)[constants.dofmap.list[:owned].ravel()]
         return _kelvin(space.group.joined(values), mesh.geometry.dim)
@@ -111,8 +138,12 @@ class ConstantElasticity:
     def eigenstress(
         self, space: DiscreteSpace, tag: Tag, strain: Expr, vector: Vector
     ) -> list[tuple[Formula, np.ndarray]]:
-        """Nodal forces of an eigenstrain of the body with a tag, see :class:`~hhr_dolfinx.loads.Assembler`."""
-        made = _of_plugin(space.scene, f"the strain {strain} of body {tag}")(space.scene, *space.cells_and_order)
+        """Nodal forces of an eigenstrain of the body with a tag, see
+        :class:`~hhr_dolfinx.loads.Assembler`.
+        """
+        made = _of_plugin(space.scene, f"the strain {strain} of body {tag}")(
+            space.scene, *space.cells_and_order
+        )
         return made.eigenstress(space, tag, strain, vector)
 
 
@@ -134,7 +165,9 @@ def field_of(space: DiscreteSpace, displacement: np.ndarray) -> fem.Function:
 
 
 def _kelvin(tensors: np.ndarray, dim: int) -> np.ndarray:
-    """Symmetric tensors (n, 3, 3) as vectors with the same scalar product, (n, 4), in space (n, 6)."""
+    """Symmetric tensors (n, 3, 3) as vectors with the same scalar product, (n, 4), in space (n,
+    6).
+    """
     pairs = [(0, 1)] if dim == 2 else [(0, 1), (0, 2), (1, 2)]
     shear = [np.sqrt(2) * tensors[:, i, j] for i, j in pairs]
     return np.stack([*(tensors[:, k, k] for k in range(3)), *shear], axis=1)
@@ -148,8 +181,14 @@ def elasticity_of(space: DiscreteSpace) -> ConstantElasticity:
     """
     scene = space.scene
     more = [f"body {body.tag}" for body in scene.bodies if not _is_constant(body, scene)]
-    more += [repr(load) for load in scene.loads if hasattr(load, "stiffness") or hasattr(load, "eigenstrain_of")]
-    return (_of_plugin(scene, more[0]) if more else ConstantElasticity)(scene, *space.cells_and_order)
+    more += [
+        repr(load)
+        for load in scene.loads
+        if hasattr(load, "stiffness") or hasattr(load, "eigenstrain_of")
+    ]
+    return (_of_plugin(scene, more[0]) if more else ConstantElasticity)(
+        scene, *space.cells_and_order
+    )
 
 
 def _is_constant(body: Body, scene: Scene) -> bool:
@@ -162,6 +201,8 @@ def _is_constant(body: Body, scene: Scene) -> bool:
 
 
 def _of_plugin(scene: Scene, item: str) -> type[ConstantElasticity]:
-    what = f"the stiffness of scene '{scene.name}', in which {item} is more than constant elasticity,"
+    what = (
+        f"the stiffness of scene '{scene.name}', in which {item} is more than constant elasticity,"
+    )
     found: type[ConstantElasticity] = registry.tool("elasticity", what)
     return found

@@ -1,8 +1,9 @@
 """What a plug-in makes of the constraints of a scene: its tool ``constraints``.
 
-The tool is a function ``(scene, assembler, cell_nodes, free, imposed) -> Eliminated`` of a scene with constraints, the
-:class:`~hhr_dolfinx.loads.Assembler` of an item, the nodes of each cell, the dofs that are not imposed, (N,) bool, and
-the terms of those that are. It raises SceneError for constraints that contradict each other or imposed displacements.
+The tool is a function ``(scene, assembler, cell_nodes, free, imposed) -> Eliminated`` of a scene
+with constraints, the :class:`~hhr_dolfinx.loads.Assembler` of an item, the nodes of each cell, the
+dofs that are not imposed, (N,) bool, and the terms of those that are. It raises SceneError for
+constraints that contradict each other or imposed displacements.
 """
 
 from __future__ import annotations
@@ -32,9 +33,10 @@ class Eliminated:
     Attributes:
         prolongation: that of its constraints, without lifts.
         terms: lifts of the values of equations.
-        joined: function of a prolongation and :data:`Conditions`, with openings, that leaves out those at nodes which
-            constraints join to the other surface.
-        merged: function of a prolongation and :data:`Conditions` that leaves out conditions which others repeat for V.
+        joined: function of a prolongation and :data:`Conditions`, with openings, that leaves out
+            those at nodes which constraints join to the other surface.
+        merged: function of a prolongation and :data:`Conditions` that leaves out conditions which
+            others repeat for V.
     """
 
     prolongation: Prolongation

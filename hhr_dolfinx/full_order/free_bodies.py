@@ -27,7 +27,8 @@ class FreeBody:
     name: str  # of its bodies, for messages
     nodes: np.ndarray
     motions: np.ndarray  # all of its rigid motions, (k, nodes, dim), see :func:`rigid_motions`
-    left: np.ndarray  # motions that supports and constraints leave: orthonormal combinations of all of them, (l, k)
+    # motions that supports and constraints leave: orthonormal combinations of all of them, (l, k)
+    left: np.ndarray
 
     def columns(self, count: int) -> np.ndarray:
         """The remaining motions on all nodes, (nodes dim, l)."""
@@ -36,7 +37,9 @@ class FreeBody:
         return found.reshape(len(self.left), -1).T
 
     def described(self, ways: np.ndarray) -> str:
-        """Description of combinations of its motions, (n, k): along axes, along directions, or rotations."""
+        """Description of combinations of its motions, (n, k): along axes, along directions, or
+        rotations.
+        """
         shifts = self.motions.shape[2]
         if len(self.motions) == 1:
             return "moves along axis 1"
@@ -44,7 +47,9 @@ class FreeBody:
         parts = [f"moves along axis {axis}" for axis in along]
         if len(ways) > len(along):
             turning = np.linalg.norm(ways[:, shifts:]) > 1e-6 * np.linalg.norm(ways)
-            parts.append("turns" if turning else f"moves along {rounded(np.round(ways[0, :shifts], 3))}")
+            parts.append(
+                "turns" if turning else f"moves along {rounded(np.round(ways[0, :shifts], 3))}"
+            )
         return ", ".join(parts)
 
 
@@ -53,10 +58,11 @@ def free_bodies(
 ) -> list[FreeBody]:
     """Bodies with rigid motions that vanish on their imposed dofs and break no constraint.
 
-    Bodies that constraints join are found by the plug-in of constraints, its tool ``joined_bodies``: a function
-    ``(components, prolongation, points, imposed, hypothesis)`` of all components with all of their motions, and a mask
-    of imposed dofs, (nodes, dim), which returns the joined ones with the motions that are left. ``bodies`` is the index
-    in the scene of the body of each cell, (cells,), and ``springs`` the stiffness to ground of each dof, (N,).
+    Bodies that constraints join are found by the plug-in of constraints, its tool
+    ``joined_bodies``: a function ``(components, prolongation, points, imposed, hypothesis)`` of all
+    components with all of their motions, and a mask of imposed dofs, (nodes, dim), which returns
+    the joined ones with the motions that are left. ``bodies`` is the index in the scene of the body
+    of each cell, (cells,), and ``springs`` the stiffness to ground of each dof, (N,).
     """
     points = problem.points
     cell_nodes = problem.cell_nodes
@@ -69,32 +75,45 @@ def free_bodies(
         nodes = np.flatnonzero(part == number)
         motions = rigid_motions(points[nodes], scene.hypothesis)
         tags = sorted({str(scene.bodies[k].tag) for k in bodies[part[cell_nodes[:, 0]] == number]})
-        name = f"body {', '.join(tags)} of scene '{scene.name}', around {rounded(points[nodes].mean(axis=0))},"
+        name = (
+            f"body {', '.join(tags)} of scene '{scene.name}', around "
+            f"{rounded(points[nodes].mean(axis=0))},"
+        )
         components.append(FreeBody(name, nodes, motions, np.eye(len(motions))))
     if prolongation.map is None:
-        found = [replace(one, left=vanishing(one.motions[:, imposed[one.nodes]].T)) for one in components]
+        found = [
+            replace(one, left=vanishing(one.motions[:, imposed[one.nodes]].T)) for one in components
+        ]
     else:
         what = f"scene '{scene.name}', whose bodies constraints join,"
-        found = registry.tool("joined_bodies", what)(components, prolongation, points, imposed, scene.hypothesis)
+        found = registry.tool("joined_bodies", what)(
+            components, prolongation, points, imposed, scene.hypothesis
+        )
     return [one for one in found if len(one.left)]
 
 
 def vanishing(rows: np.ndarray) -> np.ndarray:
     """Orthonormal combinations, (l, k), of columns, (n, k) of size 1, on which rows vanish."""
     # rows of zeros give all of the k singular vectors, also for less than k rows
-    _, sizes, ways = np.linalg.svd(np.vstack([rows, np.zeros((rows.shape[1],) * 2)]), full_matrices=False)
+    _, sizes, ways = np.linalg.svd(
+        np.vstack([rows, np.zeros((rows.shape[1],) * 2)]), full_matrices=False
+    )
     return ways[sizes <= ALMOST_NONE * np.sqrt(max(len(rows), 1))]
 
 
 def components_of_nodes(count: int, cell_nodes: np.ndarray) -> np.ndarray:
     """Connected component of each of so many nodes, by cells, (cells, n): (nodes,)."""
     starts = np.repeat(cell_nodes[:, :1], cell_nodes.shape[1], axis=1)
-    graph = csr_matrix((np.ones(cell_nodes.size), (starts.ravel(), cell_nodes.ravel())), shape=(count, count))
+    graph = csr_matrix(
+        (np.ones(cell_nodes.size), (starts.ravel(), cell_nodes.ravel())), shape=(count, count)
+    )
     return connected_components(graph, directed=False)[1]
 
 
 def rigid_motions(points: np.ndarray, hypothesis: str) -> np.ndarray:
-    """Motions without strain: translations, then rotations scaled by the size of the body, (motions, nodes, dim)."""
+    """Motions without strain: translations, then rotations scaled by the size of the body,
+    (motions, nodes, dim).
+    """
     count, dim = points.shape
     if hypothesis == "axisymmetric":
         return np.broadcast_to(np.array([[[0.0, 1.0]]]), (1, count, 2))

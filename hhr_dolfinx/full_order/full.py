@@ -35,17 +35,20 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-FULL_ORDER_ADVICE = {Status.SINGULAR: "list each contact pair once, and let no two conditions hold the same dofs"}
+FULL_ORDER_ADVICE = {
+    Status.SINGULAR: "list each contact pair once, and let no two conditions hold the same dofs"
+}
 
 
 class FullOrderModel(FullModel):
     """The finite element model of a scene: K factored once, the contact on its Schur complement.
 
-    For elastic bodies a query costs one solve with K, the statuses on S = B K^-1 B^T, and u = K^-1 F - K^-1 B^T
-    lambda, on any number of ranks; the answer is the same on each. Paths of bodies with laws are solved by the plug-in
-    that reads the laws; ranks, on similar machines, then share only the factors. PETSc options take the prefix
-    ``hhr_<scene>_``. On one rank several threads may call the model; on several ranks they must not, since the order of
-    collective calls would differ. It has the attributes of :class:`~hhr_dolfinx.models.full.FullModel`, and
+    For elastic bodies a query costs one solve with K, the statuses on S = B K^-1 B^T, and u = K^-1
+    F - K^-1 B^T lambda, on any number of ranks; the answer is the same on each. Paths of bodies
+    with laws are solved by the plug-in that reads the laws; ranks, on similar machines, then share
+    only the factors. PETSc options take the prefix ``hhr_<scene>_``. On one rank several threads
+    may call the model; on several ranks they must not, since the order of collective calls would
+    differ. It has the attributes of :class:`~hhr_dolfinx.models.full.FullModel`, and
     ``discretisation``, mesh and forms.
 
     Args:
@@ -82,7 +85,9 @@ class FullOrderModel(FullModel):
             self.functionals = None
             if scene.outputs:
                 shape = self.discretisation.shape
-                self.functionals = shape.outputs(self.discretisation, self.problem, self.equilibrium)
+                self.functionals = shape.outputs(
+                    self.discretisation, self.problem, self.equilibrium
+                )
         guard = registry.offered("small_strains") or Guard
         self.strains = guard(self.problem, axisymmetric=scene.hypothesis == "axisymmetric")
 
@@ -91,19 +96,26 @@ class FullOrderModel(FullModel):
         return [f"scene '{getattr(self.scene, 'name', self.scene)}'", repr(self.scene)]
 
     def _factor(
-        self, discretisation: Discretisation, stiffness: tuple[csr_matrix, ...], moduli: tuple[Modulus, ...] = ()
+        self,
+        discretisation: Discretisation,
+        stiffness: tuple[csr_matrix, ...],
+        moduli: tuple[Modulus, ...] = (),
     ) -> None:
-        """Eliminate everything except the contact, with local rows of the parts of K, (own dofs, N) each.
+        """Eliminate everything except the contact, with local rows of the parts of K, (own dofs, N)
+        each.
 
         If K depends on parameters, factors of the middle of the box are kept.
 
-        Measured on one core: PETSc's own Cholesky with the ordering qmd solves plane problems fastest (1.1 ms against
-        2.3 ms by LU and 1.6 ms by MUMPS at 14,000 dofs), MUMPS those in space (8 ms against 13 ms at 22,000 dofs).
+        Measured on one core: PETSc's own Cholesky with the ordering qmd solves plane problems
+        fastest (1.1 ms against 2.3 ms by LU and 1.6 ms by MUMPS at 14,000 dofs), MUMPS those in
+        space (8 ms against 13 ms at 22,000 dofs).
         """
         self.discretisation = discretisation
         stated: StatedSystem = discretisation.shape
         if self.scene.system is not None:
-            given = registry.tool("systems", f"scene '{self.scene.name}', which has a system of its own,")
+            given = registry.tool(
+                "systems", f"scene '{self.scene.name}', which has a system of its own,"
+            )
             stated = given(self.scene, stiffness, discretisation.springs)
         problem = discretisation.checked(discretisation.contact_problem(stiffness, moduli), stated)
         self.problem = problem
@@ -113,9 +125,9 @@ class FullOrderModel(FullModel):
         self.keeps_columns = few or bool(self.scene.reader) or problem.kernel is not None
         self.stiffness: SparseStiffness
         self.system = stated.system(problem, lambda: self.stiffness, self._stiffness_of)
-        # a stiffness factored for each query: at 14,140 dofs and 162 conditions MUMPS takes 24 ms, nd 45, qmd 70, and a
-        # solution for each condition 138, 272, 308 ms, which Schur complements save; factors of bodies with laws
-        # are used for whole load paths
+        # a stiffness factored for each query: at 14,140 dofs and 162 conditions MUMPS takes 24 ms,
+        # nd 45, qmd 70, and a solution for each condition 138, 272, 308 ms, which Schur complements
+        # save; factors of bodies with laws are used for whole load paths
         anew = self.system.anew and not self.scene.reader
         # only S is needed if it is used once for each query, or if columns are not kept
         last = np.unique(problem.contact.indices) if anew or not self.keeps_columns else None
@@ -130,12 +142,18 @@ class FullOrderModel(FullModel):
         self.pairs = Pairs.of(problem.contact_pairs)
         self.advice = dict(FULL_ORDER_ADVICE)
         if problem.kernel is not None:
-            self.advice[Status.ADRIFT] = f"hold it by a displacement, or push it: {problem.kernel.described}"
+            self.advice[Status.ADRIFT] = (
+                f"hold it by a displacement, or push it: {problem.kernel.described}"
+            )
 
     def _middle(self, **known: Any) -> SparseStiffness:
         """K in the middle of the box; ``response`` and S may be given if they are known."""
         problem = self.problem
-        bodies = None if self.system.bodies is None else [problem.spread.mine(body) for body in problem.bodies]
+        bodies = (
+            None
+            if self.system.bodies is None
+            else [problem.spread.mine(body) for body in problem.bodies]
+        )
         how = {"components": bodies, "keeps": self.keeps_columns, "symmetric": False} | known
         return SparseStiffness(problem.own_stiffness, problem, self.store, **how)
 
@@ -163,12 +181,14 @@ class FullOrderModel(FullModel):
     def __reduce__(self) -> NoReturn:
         """Refuse to be pickled, with its answers: factors and mesh cannot be."""
         raise NotOfferedError(
-            f"the full model of scene '{self.scene.name}' belongs to this process: hand on what its answers say, "
-            "answer.displacement() and answer.forces(), and make a model from the scene where another is needed"
+            f"the full model of scene '{self.scene.name}' belongs to this process: hand on what "
+            "its answers say, answer.displacement() and answer.forces(), and make a model from "
+            "the scene where another is needed"
         )
 
     def gathered(self) -> FullOrderModel:
-        """The same model with all rows: each rank has the whole problem, and they share the factors. Collective.
+        """The same model with all rows: each rank has the whole problem, and they share the
+        factors. Collective.
 
         For reduction and checks that all ranks do in the same way, as for bodies with laws.
         """
@@ -179,9 +199,16 @@ class FullOrderModel(FullModel):
         return found
 
     def factors_of(
-        self, stiffness: csr_matrix, plane: str, last: np.ndarray | None = None, *, anew: bool = False
+        self,
+        stiffness: csr_matrix,
+        plane: str,
+        last: np.ndarray | None = None,
+        *,
+        anew: bool = False,
     ) -> FreeCholesky:
-        """Factors of local rows of a stiffness, with an ordering for problems in the plane; ``last``: see the classes.
+        """Factors of local rows of a stiffness, with an ordering for problems in the plane.
+
+        ``last``: see the classes.
 
         ``anew``: they are made for every parameter.
         """
@@ -189,24 +216,40 @@ class FullOrderModel(FullModel):
         ordering = ordering_of(problem.block_size, plane)
         low_rank = low_rank_of(problem.block_size, problem.free.size, anew=anew)
         if low_rank is not None:
-            _log.info("%d dofs in space: blocks of the factors are compressed to %g", problem.free.size, low_rank)
+            _log.info(
+                "%d dofs in space: blocks of the factors are compressed to %g",
+                problem.free.size,
+                low_rank,
+            )
         if problem.spread.all_here and self.group.size > 1:
-            return self.group.factors(stiffness, problem.held, self.scene.name, low_rank=low_rank, last=last)
+            return self.group.factors(
+                stiffness, problem.held, self.scene.name, low_rank=low_rank, last=last
+            )
         rows = stiffness, problem.held, problem.rows, self.scene.name, ordering, self.comm
         return FreeCholesky(*rows, low_rank=low_rank, last=last)
 
-    def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
-        """Answer a point; a full model has no nearest statuses: ``nearest`` starts from the sign of the free slack."""
+    def _answered(
+        self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool
+    ) -> Answer:
+        """Answer a point; a full model has no nearest statuses: ``nearest`` starts from the sign of
+        the free slack.
+        """
         start = None if isinstance(start, str) else start
         user_code = self.scene.system is not None
-        with self.group.together(f"solving scene '{self.scene.name}'") if user_code else nullcontext():
+        with (
+            self.group.together(f"solving scene '{self.scene.name}'")
+            if user_code
+            else nullcontext()
+        ):
             answer = self.system.answer(point, start, self.pairs, self, gradient)
         if answer.converged:  # strains of an iterate of a search without an end mean nothing
             self.strains.look(answer)
         return answer
 
     def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
-        """See :class:`AnsweringModel`; an unchanged stiffness is the same object at the next point."""
+        """See :class:`AnsweringModel`; an unchanged stiffness is the same object at the next
+        point.
+        """
 
         def made(point: np.ndarray) -> CondensedContact:
             at = self.system.at(point)
@@ -222,7 +265,9 @@ class FullOrderModel(FullModel):
         return answer.unknown + self.problem.lifts @ self.problem.amplitudes(answer.parameter)
 
     def stress(self, answer: Answer) -> np.ndarray:
-        """Stress in Kelvin's notation: in the middle of each cell, or where laws of bodies are evaluated."""
+        """Stress in Kelvin's notation: in the middle of each cell, or where laws of bodies are
+        evaluated.
+        """
         if self.equilibrium is not None:
             return self.equilibrium.stress(answer)
         return self.stress_of(self.displacement(answer), answer.parameter)
@@ -241,7 +286,8 @@ class FullOrderModel(FullModel):
         return {"scene": f"scene '{self.scene.name}'", **super().facts()}
 
     def stress_of(self, displacement: np.ndarray, mu: PointLike | None = None) -> np.ndarray:
-        """Elastic stress of a displacement (N,) in the middle of each cell, Kelvin's notation, (cells, components).
+        """Elastic stress of a displacement (N,) in the middle of each cell, Kelvin's notation,
+        (cells, components).
 
         Moduli are those of ``mu``; None means the middle of the box.
         """
@@ -257,8 +303,12 @@ class FullOrderModel(FullModel):
         assert self.functionals is not None
         return self.functionals.at(answer.parameter).measured(self.displacement(answer))
 
-    def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all forces and of these products: :class:`~models.displacement.LinearDisplacement`."""
+    def measured_changes(
+        self, answer: Answer, changes: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of all forces and of these products:
+        :class:`~models.displacement.LinearDisplacement`.
+        """
         assert self.functionals is not None
         forces, field = self.coordinate_changes(answer, changes)
         return forces, self.functionals.at(answer.parameter).measured(field)
@@ -267,7 +317,9 @@ class FullOrderModel(FullModel):
         """The displacement, on which rows of outputs act where shapes are parameters."""
         return self.displacement(answer)
 
-    def coordinate_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def coordinate_changes(
+        self, answer: Answer, changes: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of all forces and of the displacement."""
         assert answer.gradient is not None
         return answer.gradient.multipliers, answer.gradient.unknown + self.problem.lifts @ changes

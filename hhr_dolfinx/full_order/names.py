@@ -18,19 +18,25 @@ Sets = Mapping[Tag, tuple[int, ...]]
 class TagNames:
     """Numbers by name, of the cells and of the facets of one mesh.
 
-    A name may mean several numbers: if sets of a file overlap, each intersection has a separate number.
+    A name may mean several numbers: if sets of a file overlap, each intersection has a separate
+    number.
     """
 
     cells: Sets = field(default_factory=dict)
     facets: Sets = field(default_factory=dict)
-    summary: Summary = field(default_factory=Summary)  # contents of the file of the mesh; empty without a file
+    summary: Summary = field(
+        default_factory=Summary
+    )  # contents of the file of the mesh; empty without a file
 
     @classmethod
     def of(cls, groups: Any, dim: int, summary: Summary | None = None) -> TagNames:
-        """Names of physical groups, ``{name: (dimension, number or numbers)}`` or such pairs, of a mesh."""
+        """Names of physical groups, ``{name: (dimension, number or numbers)}`` or such pairs, of a
+        mesh.
+        """
         pairs = list(groups.items() if isinstance(groups, Mapping) else groups or ())
         cells, facets = (
-            {name: _numbers(group[1]) for name, group in pairs if int(group[0]) == wanted} for wanted in (dim, dim - 1)
+            {name: _numbers(group[1]) for name, group in pairs if int(group[0]) == wanted}
+            for wanted in (dim, dim - 1)
         )
         return cls(cells, facets, summary or Summary())
 
@@ -43,20 +49,33 @@ class TagNames:
         return self._found(tag, "surface", "surfaces", self.facets, "body", self.cells)
 
     def of_file(self, wanted: Iterable[Tag]) -> str:
-        """Lines below an error of missing tags: the reason, and the contents of the file; empty without a file."""
+        """Lines below an error of missing tags: the reason, and the contents of the file.
+
+        Empty without a file.
+        """
         summary = self.summary
-        known = [f"{tag!r} is in the file: {summary.reasons[tag]}" for tag in wanted if tag in summary.reasons]
-        return "".join(f"\n{line}" for line in (*known, summary.text() if summary.head else "") if line)
+        known = [
+            f"{tag!r} is in the file: {summary.reasons[tag]}"
+            for tag in wanted
+            if tag in summary.reasons
+        ]
+        return "".join(
+            f"\n{line}" for line in (*known, summary.text() if summary.head else "") if line
+        )
 
     def described(self, kind: str, numbers: Iterable[int]) -> str:
-        """Description of tags of a kind, ``cell`` or ``facet``: numbers, and names if they have any."""
+        """Description of tags of a kind, ``cell`` or ``facet``: numbers, and names if they have
+        any.
+        """
         names: dict[int, list[str]] = {}
         for name, own in (self.cells if kind == "cell" else self.facets).items():
             for number in own if isinstance(name, str) else ():
                 names.setdefault(number, []).append(f"'{name}'")
         return "[" + ", ".join(" ".join([str(n), *names.get(n, ())]) for n in sorted(numbers)) + "]"
 
-    def _found(self, tag: Tag, kind: str, plural: str, there: Sets, other: str, others: Sets) -> tuple[int, ...]:
+    def _found(
+        self, tag: Tag, kind: str, plural: str, there: Sets, other: str, others: Sets
+    ) -> tuple[int, ...]:
         """Numbers of a tag of a kind; errors mention tags of the other kind."""
         if tag in there:
             return there[tag]
@@ -65,8 +84,8 @@ class TagNames:
         names = sorted(name for name in there if isinstance(name, str))
         if not names:
             raise SceneError(
-                f"no {kind} of the mesh has a name, and '{tag}' is asked for: name the physical groups of the mesh, or "
-                f"give their numbers{self.of_file([tag])}"
+                f"no {kind} of the mesh has a name, and '{tag}' is asked for: name the physical "
+                f"groups of the mesh, or give their numbers{self.of_file([tag])}"
             )
         near = difflib.get_close_matches(tag.lower(), [name.lower() for name in names], n=1)
         hint = "Name one of these, or give the mesh a group of this name."
@@ -75,7 +94,8 @@ class TagNames:
         elif near:
             hint = f"Is '{next(name for name in names if name.lower() == near[0])}' meant?"
         raise SceneError(
-            f"no {kind} of the mesh is called '{tag}': its {plural} are {', '.join(names)}. {hint}{self.of_file([tag])}"
+            f"no {kind} of the mesh is called '{tag}': its {plural} are {', '.join(names)}. "
+            f"{hint}{self.of_file([tag])}"
         )
 
 

@@ -21,8 +21,14 @@ if TYPE_CHECKING:
 def functionals_of(
     discretisation: DiscreteSpace, problem: ContactProblem, equilibrium: FullEquilibrium | None
 ) -> AllOutputs:
-    """All outputs of a scene, on all ranks; collective. SceneError for an output that the model does not support."""
-    probes = [probe_of(output, discretisation, problem, equilibrium) for output in discretisation.scene.outputs]
+    """All outputs of a scene, on all ranks; collective.
+
+    SceneError for an output that the model does not support.
+    """
+    probes = [
+        probe_of(output, discretisation, problem, equilibrium)
+        for output in discretisation.scene.outputs
+    ]
     return prepared_outputs(probes)
 
 
@@ -44,7 +50,10 @@ def probe_of(
     laws: LawsAtPlaces | None,
     base: ContactProblem | None = None,
 ) -> ModelProbe:
-    """Interface for one output: the equilibrium of laws, or bodies with laws; ``base`` is ``problem`` unless given."""
+    """Interface for one output: the equilibrium of laws, or bodies with laws.
+
+    ``base`` is ``problem`` unless given.
+    """
     return ModelProbe(
         scene=discretisation.scene,
         problem=problem,
@@ -62,6 +71,9 @@ def cells_of_body(discretisation: DiscreteSpace, tag: Tag) -> np.ndarray:
     scene = discretisation.scene
     tags = [body.tag for body in scene.bodies]
     if tag not in tags:
-        raise SceneError(f"the cell tag {tag} is none of the bodies {tags} of scene '{scene.name}': name one of them")
+        raise SceneError(
+            f"the cell tag {tag} is none of the bodies {tags} of scene '{scene.name}': name one "
+            "of them"
+        )
     discretisation.check_cells(tag)
     return discretisation.group.joined(discretisation.cell_bodies()) == tags.index(tag)

@@ -39,7 +39,9 @@ class StillMesh:
         return dx
 
     def check_still(self, what: str, nodes: np.ndarray, terms: Sequence[Term]) -> None:
-        """Raise NotOfferedError for terms of gaps that know places of nodes, (n,), if a shape moves these."""
+        """Raise NotOfferedError for terms of gaps that know places of nodes, (n,), if a shape moves
+        these.
+        """
 
     def attached(self, problem: ContactProblem) -> ContactProblem:
         """The problem, which knows that its mesh moves."""
@@ -53,11 +55,15 @@ class StillMesh:
         """The system of a problem."""
         return system_of(problem, middle, made)
 
-    def read(self, system: System, problem: ContactProblem) -> tuple[ContactProblem, SparseStiffness]:
+    def read(
+        self, system: System, problem: ContactProblem
+    ) -> tuple[ContactProblem, SparseStiffness]:
         """The problem as it is, and K in the middle."""
         return problem, system.middle()
 
-    def outputs(self, space: DiscreteSpace, problem: ContactProblem, equilibrium: FullEquilibrium | None) -> AllOutputs:
+    def outputs(
+        self, space: DiscreteSpace, problem: ContactProblem, equilibrium: FullEquilibrium | None
+    ) -> AllOutputs:
         """All outputs of a scene, on all ranks. Collective."""
         from hhr_dolfinx.full_order.outputs import functionals_of
 

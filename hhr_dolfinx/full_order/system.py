@@ -1,7 +1,7 @@
 """System of equations of a scene: K, loads, gaps and contact rows at any point of its parameters.
 
-Subclasses differ in how they obtain K: constant; a multiple of K of each body; a sum of parts that is factored. The
-plug-in of shapes and user-defined classes, ``Scene(system=...)``, add others.
+Subclasses differ in how they obtain K: constant; a multiple of K of each body; a sum of parts that
+is factored. The plug-in of shapes and user-defined classes, ``Scene(system=...)``, add others.
 """
 
 from __future__ import annotations
@@ -57,12 +57,16 @@ class SystemAt:
             response = self._response
         kernel = None if problem.kernel is None else problem.kernel.condensed(self)
         changes = self._at_fixed_forces
-        return CondensedContact(stiffness.schur, self.gaps - closed, free, response, changes, True, kernel, stiffness)
+        return CondensedContact(
+            stiffness.schur, self.gaps - closed, free, response, changes, True, kernel, stiffness
+        )
 
     def _response(self, forces: np.ndarray) -> np.ndarray:
         return self.problem.spread.whole(self.stiffness.response_to_forces(forces))
 
-    def _at_fixed_forces(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _at_fixed_forces(
+        self, forces: np.ndarray, unknown: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """K U' = -R', with the residual R = K U + B^T lambda - F; and the change of the slack."""
         left, slack = self.system.explicit(self.point, forces, unknown)
         with self.stiffness.held():
@@ -74,7 +78,8 @@ class System(ABC):
     """Makes the equations of any point."""
 
     anew: bool = True  # K of another point is factored
-    # moduli of whole bodies, if nothing else of K varies: factors of the middle of the box are used at all points
+    # moduli of whole bodies, if nothing else of K varies: factors of the middle of the box are used
+    # at all points
     bodies: ScaledBodies | None = None
 
     def __init__(
@@ -85,11 +90,14 @@ class System(ABC):
     ):
         self.problem = problem  # of all points
         self.middle = middle  # returns K in the middle of the box
-        # makes K of local rows of a matrix with the same pattern, (n, N), and a problem with rows of B
+        # makes K of local rows of a matrix with the same pattern, (n, N), and a problem with rows
+        # of B
         self.made = made
 
     def at(self, point: np.ndarray) -> SystemAt:
-        """Equations at a point, (P,); NotSolvableError if K is singular there, or an elastic constant inadmissible."""
+        """Equations at a point, (P,); NotSolvableError if K is singular there, or an elastic
+        constant inadmissible.
+        """
         theta = self.problem.amplitudes(point)  # first, since it refuses inadmissible constants
         problem, stiffness, loads = self.equations(point, theta)
         return SystemAt(self, point, problem, stiffness, loads, problem.gaps @ theta)
@@ -99,40 +107,65 @@ class System(ABC):
         return self.at(point).stiffness
 
     def answer(
-        self, point: np.ndarray, start: np.ndarray | None, pairs: Pairs | None, fields: ModelFields, gradient: bool
+        self,
+        point: np.ndarray,
+        start: np.ndarray | None,
+        pairs: Pairs | None,
+        fields: ModelFields,
+        gradient: bool,
     ) -> Answer:
-        """Solve at a point, (P,), from statuses, (m,), or with None from those of the free slack."""
+        """Solve at a point, (P,), from statuses, (m,), or with None from those of the free
+        slack.
+        """
         at = self.at(point)
         with at.stiffness.held() if self.anew else nullcontext():
             return answer_of(at.contact(), point, start, pairs, fields, gradient=gradient)
 
     @abstractmethod
-    def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
-        """The problem with rows and gaps, K, and local loads, (n,), at a point, (P,): all differences of systems."""
+    def equations(
+        self, point: np.ndarray, theta: Theta
+    ) -> tuple[ContactProblem, Stiffness, np.ndarray]:
+        """The problem with rows and gaps, K, and local loads, (n,), at a point, (P,): all
+        differences of systems.
+        """
 
     def parts(self) -> Parts | None:
-        """Weights and local rows of matrices whose sum is K, (own, N) each; without weights one constant matrix.
+        """Weights and local rows of matrices whose sum is K, (own, N) each.
 
-        None if K is not such a sum. Reductors read a system through its parts, and refuse one without.
+        Without weights one constant matrix.
+
+        None if K is not such a sum. Reductors read a system through its parts, and refuse one
+        without.
         """
         return None
 
-    def explicit(self, point: np.ndarray, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of the residual, (n, P), and of the slack, (m, P), at constant unknowns and forces."""
+    def explicit(
+        self, point: np.ndarray, forces: np.ndarray, unknown: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of the residual, (n, P), and of the slack, (m, P), at constant unknowns and
+        forces.
+        """
         problem = self.problem
         acting, slopes = problem.amplitudes.slopes_at(point)
         every = np.zeros((problem.loads.shape[1], slopes.shape[1]))
         every[acting] = slopes
         left = -problem.spread.of(problem.loads_at(point, every))
         theta = problem.amplitudes(point)
-        parts = zip(problem.moduli, problem.stiffness_terms, problem.lift_terms, strict=True) if problem.moduli else ()
+        parts = (
+            zip(problem.moduli, problem.stiffness_terms, problem.lift_terms, strict=True)
+            if problem.moduli
+            else ()
+        )
         for modulus, part, lift in parts:
             left += np.outer(part @ unknown + lift[problem.rows] @ theta, modulus.derivative(point))
         return left, problem.gaps[:, acting] @ slopes
 
 
 class _OfParts(System):
-    """A system whose K is the sum of the parts of its problem; the last K is kept, as often only loads change."""
+    """A system whose K is the sum of the parts of its problem.
+
+    The last K is kept, as often only loads change.
+    """
 
     _last: tuple[np.ndarray, Any] | None = None
 
@@ -153,14 +186,23 @@ class ConstantSystem(_OfParts):
 
     anew = False
 
-    def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
+    def equations(
+        self, point: np.ndarray, theta: Theta
+    ) -> tuple[ContactProblem, Stiffness, np.ndarray]:
         """See :class:`System`."""
         return self.problem, self.middle(), self._own_loads @ theta
 
     def answer(
-        self, point: np.ndarray, start: np.ndarray | None, pairs: Pairs | None, fields: ModelFields, gradient: bool
+        self,
+        point: np.ndarray,
+        start: np.ndarray | None,
+        pairs: Pairs | None,
+        fields: ModelFields,
+        gradient: bool,
     ) -> Answer:
-        """See :class:`System`; written out where possible: values of a point would take long beside a small query."""
+        """See :class:`System`; written out where possible: values of a point would take long beside
+        a small query.
+        """
         problem = self.problem
         if gradient or problem.kernel is not None or not problem.spread.all_here:
             return super().answer(point, start, pairs, fields, gradient)
@@ -168,7 +210,9 @@ class ConstantSystem(_OfParts):
         stiffness = self.middle()
         free = stiffness.solve(self._own_loads @ theta)
         slack = problem.gaps @ theta - problem.contact_of_rows @ free
-        found = active_set(stiffness.equalities, slack, slack < 0 if start is None else start, pairs=pairs)
+        found = active_set(
+            stiffness.equalities, slack, slack < 0 if start is None else start, pairs=pairs
+        )
         return found_as(found, point, free - stiffness.response_to_forces(found.forces), fields)
 
     @cached_property
@@ -185,33 +229,42 @@ class ScaledSystem(_OfParts):
         super().__init__(*given)
         self.bodies: ScaledBodies = bodies
 
-    def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
+    def equations(
+        self, point: np.ndarray, theta: Theta
+    ) -> tuple[ContactProblem, Stiffness, np.ndarray]:
         """See :class:`System`."""
         problem = self.problem
         return problem, self.stiffness(point), problem.spread.of(problem.loads_at(point, theta))
 
     def stiffness(self, point: np.ndarray) -> Stiffness:
         """K at a point, (P,)."""
-        found: Stiffness = self._kept(self.bodies.at(point), lambda scales: self.middle().scaled(scales))
+        found: Stiffness = self._kept(
+            self.bodies.at(point), lambda scales: self.middle().scaled(scales)
+        )
         return found
 
 
 class SummedSystem(_OfParts):
     """A weighted sum of parts, which is factored."""
 
-    def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
+    def equations(
+        self, point: np.ndarray, theta: Theta
+    ) -> tuple[ContactProblem, Stiffness, np.ndarray]:
         """See :class:`System`."""
         problem = self.problem
         weights = problem.weights(point)
-        stiffness = self._kept(weights, lambda weights: self.made(problem.stiffness_of(weights), problem))
+        stiffness = self._kept(
+            weights, lambda weights: self.made(problem.stiffness_of(weights), problem)
+        )
         return problem, stiffness, problem.spread.of(problem.loads_at(point, theta))
 
 
 class StatedSystem(Protocol):
-    """System of a scene; a user-defined one the tool ``systems`` makes of the scene, parts of K, and springs.
+    """System of a scene; a user-defined one the tool ``systems`` makes of the scene, parts of K,
+    and springs.
 
-    The parts of K of its bodies are local rows of all dofs without springs, (own, N) each; springs are the stiffness to
-    ground of each dof, (N,), or None.
+    The parts of K of its bodies are local rows of all dofs without springs, (own, N) each; springs
+    are the stiffness to ground of each dof, (N,), or None.
     """
 
     def left_free(self, bodies: list[FreeBody], problem: ContactProblem) -> list[FreeBody]:
@@ -220,13 +273,21 @@ class StatedSystem(Protocol):
     def system(self, problem: ContactProblem, middle: Middle, made: Made) -> System:
         """The system of a problem, with its constraints and springs."""
 
-    def read(self, system: System, problem: ContactProblem) -> tuple[ContactProblem, SparseStiffness]:
-        """The problem with the parts of the system, which are compared with its equations, and K in the middle."""
+    def read(
+        self, system: System, problem: ContactProblem
+    ) -> tuple[ContactProblem, SparseStiffness]:
+        """The problem with the parts of the system, which are compared with its equations, and K in
+        the middle.
+        """
 
 
 def system_of(problem: ContactProblem, *makers: Any) -> System:
-    """The system of a problem, by ``middle`` and ``made``: which data of it depend on parameters."""
+    """The system of a problem, by ``middle`` and ``made``: which data of it depend on
+    parameters.
+    """
     if not problem.moduli:
         return ConstantSystem(problem, *makers)
     bodies = ScaledBodies.of(problem)
-    return SummedSystem(problem, *makers) if bodies is None else ScaledSystem(bodies, problem, *makers)
+    return (
+        SummedSystem(problem, *makers) if bodies is None else ScaledSystem(bodies, problem, *makers)
+    )

@@ -22,13 +22,20 @@ class BodiesWithLaws(LawsAtPlaces, Protocol):
 
     discretisation: Discretisation  # mesh and forms; each process has the whole mesh
     stiffness: tuple[csr_matrix, ...]  # parts of the elastic stiffness, (N, N) each
-    moduli: tuple[Modulus, ...]  # their amplitudes; empty if elasticity is constant, with a single part
+    moduli: tuple[
+        Modulus, ...
+    ]  # their amplitudes; empty if elasticity is constant, with a single part
 
     def equilibrium(self, full: FullModel) -> FullEquilibrium:
         """Equilibrium of a full model, which has factored the elastic stiffness."""
 
 
 def with_laws(scene: Scene) -> BodiesWithLaws:
-    """Bodies of a scene that has a ``reader``; NotOfferedError if this plug-in solves nothing in full order."""
-    made: BodiesWithLaws = registry.facet(scene.reader, "full_order", f"the full model of scene '{scene.name}'")(scene)
+    """Bodies of a scene that has a ``reader``.
+
+    NotOfferedError if this plug-in solves nothing in full order.
+    """
+    made: BodiesWithLaws = registry.facet(
+        scene.reader, "full_order", f"the full model of scene '{scene.name}'"
+    )(scene)
     return made

@@ -1,1 +1,3 @@
-"""Linear systems: dense blocks by PETSc or LAPACK, sparse stiffness by PETSc, and acceleration of iterations."""
+"""Linear systems: dense blocks by PETSc or LAPACK, sparse stiffness by PETSc, and acceleration of
+iterations.
+"""

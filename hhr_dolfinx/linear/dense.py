@@ -1,7 +1,7 @@
 """Small dense systems, factored once and solved often, by objects that several threads may use.
 
-A PETSc KSP (``preonly`` with LU) takes options on the command line with the prefix ``hhr_dense_``; LAPACK itself is the
-reference in tests and the fallback without PETSc.
+A PETSc KSP (``preonly`` with LU) takes options on the command line with the prefix ``hhr_dense_``;
+LAPACK itself is the reference in tests and the fallback without PETSc.
 """
 
 from __future__ import annotations
@@ -23,7 +23,10 @@ if TYPE_CHECKING:
 
 @lru_cache(maxsize=1)
 def petsc() -> Any:
-    """The module PETSc, loaded at first use; None on a machine without it, which can only evaluate models."""
+    """The module PETSc, loaded at first use.
+
+    None on a machine without it, which can only evaluate models.
+    """
     try:
         from petsc4py import PETSc
     except ImportError:
@@ -42,7 +45,10 @@ class Factor(Protocol):
         """Solve for one right-hand side, (n,); the result is a new array."""
 
     def refactor(self, matrix: np.ndarray) -> None:
-        """Factor another matrix of the same size; SingularError, or NotSolvableError if it is not finite."""
+        """Factor another matrix of the same size.
+
+        SingularError, or NotSolvableError if it is not finite.
+        """
 
 
 Factorise = Callable[[np.ndarray], Factor]
@@ -60,23 +66,33 @@ _OBJECTS = 22_000
 
 
 def factorised(ksp: PETSc.KSP) -> bool:
-    """Factor the matrix of a direct solver; False if it is singular, NotSolvableError without the package for it."""
+    """Factor the matrix of a direct solver.
+
+    False if it is singular, NotSolvableError without the package for it.
+    """
     try:
         ksp.setUp()
     except petsc().Error as error:
         if error.ierr == _MISSING_PACKAGE:
-            raise NotSolvableError(f"this PETSc lacks the package that should factor a matrix: {error}") from error
+            raise NotSolvableError(
+                f"this PETSc lacks the package that should factor a matrix: {error}"
+            ) from error
         return False
     return ksp.getPC().getFailedReason() == 0
 
 
 class PetscLU:
-    """LU factors by LAPACK inside a PETSc KSP; HHRError if petsc4py is not installed, else see :class:`Factor`."""
+    """LU factors by LAPACK inside a PETSc KSP.
+
+    HHRError if petsc4py is not installed, else see :class:`Factor`.
+    """
 
     def __init__(self, matrix: np.ndarray):
         PETSc = petsc()
         if PETSc is None:
-            raise HHRError("petsc4py is not installed: give LapackLU, or no factorisation at all, for LAPACK")
+            raise HHRError(
+                "petsc4py is not installed: give LapackLU, or no factorisation at all, for LAPACK"
+            )
         n = matrix.shape[0]
         self._values = np.zeros((n, n), order="F")
         self._mat = PETSc.Mat().createDense((n, n), array=self._values, comm=PETSc.COMM_SELF)
@@ -90,7 +106,8 @@ class PetscLU:
         self._rhs = np.zeros(n)
         self._solution = np.zeros(n)
         self._b, self._x = (
-            PETSc.Vec().createWithArray(array, comm=PETSc.COMM_SELF) for array in (self._rhs, self._solution)
+            PETSc.Vec().createWithArray(array, comm=PETSc.COMM_SELF)
+            for array in (self._rhs, self._solution)
         )
         # the matrix and its factors, the two vectors
         self.nbytes = 2 * self._values.nbytes + 2 * self._rhs.nbytes + _OBJECTS
@@ -144,7 +161,10 @@ class LapackLU:
 
 
 class LapackCholesky:
-    """Cholesky factors by LAPACK of a symmetric block, half the work of LU; LU if it is not definite."""
+    """Cholesky factors by LAPACK of a symmetric block, half the work of LU.
+
+    LU if it is not definite.
+    """
 
     def __init__(self, matrix: np.ndarray):
         self.refactor(matrix)
@@ -179,7 +199,9 @@ def solve_columns(factor: Factor, rhs: np.ndarray) -> np.ndarray:
 
 def _check_finite(matrix: np.ndarray) -> None:
     if not np.isfinite(matrix).all():
-        raise NotSolvableError(f"a dense block of size {matrix.shape[0]} is not finite: check materials and loads")
+        raise NotSolvableError(
+            f"a dense block of size {matrix.shape[0]} is not finite: check materials and loads"
+        )
 
 
 def _singular(n: int) -> SingularError:
@@ -209,7 +231,9 @@ class GrowingColumns:
 
 
 def lay_out(owner: object) -> None:
-    """Copy arrays of a dataclass that are in neither C nor Fortran order to C order; for ``__post_init__``.
+    """Copy arrays of a dataclass that are in neither C nor Fortran order to C order.
+
+    For ``__post_init__``.
 
     Files and copies preserve these orders: in others, sums would differ in the last digits.
     """

@@ -1,4 +1,6 @@
-"""Cholesky factors of a symmetric matrix by PETSc, and K^-1 between the rows that are eliminated last."""
+"""Cholesky factors of a symmetric matrix by PETSc, and K^-1 between the rows that are eliminated
+last.
+"""
 
 from __future__ import annotations
 
@@ -18,15 +20,18 @@ if TYPE_CHECKING:
 
 ROOMS = (100, 400, 1600)
 NO_ROOM = (-8, -9, -14, -15)
-"""Increases of MUMPS' workspace, ICNTL(14), in per cent, and its error codes for too little workspace: seen on three
-ranks with few dofs."""
+"""Increases of MUMPS' workspace, ICNTL(14), in per cent, and its error codes for too little
+workspace: seen on three ranks with few dofs.
+"""
 BLOCK_NUMBERS = 2_000_000
 """Numbers in one block of a product, 16 MB."""
 _WRONG_ARGUMENT = 62  # PETSC_ERR_ARG_WRONG
 
 
 class Pattern(NamedTuple):
-    """Rows and columns of selected entries of a matrix, CSR, and their indices in the data of this matrix."""
+    """Rows and columns of selected entries of a matrix, CSR, and their indices in the data of this
+    matrix.
+    """
 
     rows: np.ndarray
     columns: np.ndarray
@@ -34,18 +39,24 @@ class Pattern(NamedTuple):
 
 
 class Factors:
-    """Factors of a matrix whose rows are distributed over the ranks of a communicator, made by :meth:`factor`.
+    """Factors of a matrix whose rows are distributed over the ranks of a communicator, made by
+    :meth:`factor`.
 
     Args:
-        pattern: local rows, (own, n); with MUMPS on one rank only the upper triangle, which is all that it reads.
+        pattern: local rows, (own, n); with MUMPS on one rank only the upper triangle, which is all
+            that it reads.
         values: data to which the indices of the pattern refer.
         prefix: prefix of PETSc options.
-        ordering: ordering of PETSc's Cholesky; ``mumps`` selects MUMPS, which several ranks always need.
+        ordering: ordering of PETSc's Cholesky; ``mumps`` selects MUMPS, which several ranks always
+            need.
         comm: communicator of the ranks.
-        low_rank: tolerance of MUMPS' compression of factors; None for whole factors, and in other solvers.
-        last: rows that are eliminated last, increasing; on one rank only. None if the solver cannot do so.
-        inverted: invert the Schur complement of these rows after factoring, as solutions of all rows need it. Without,
-            solutions are those of the other rows alone, see MUMPS' users' guide on ICNTL(26).
+        low_rank: tolerance of MUMPS' compression of factors; None for whole factors, and in other
+            solvers.
+        last: rows that are eliminated last, increasing; on one rank only. None if the solver cannot
+            do so.
+        inverted: invert the Schur complement of these rows after factoring, as solutions of all
+            rows need it. Without, solutions are those of the other rows alone, see MUMPS' users'
+            guide on ICNTL(26).
     """
 
     def __init__(
@@ -63,7 +74,8 @@ class Factors:
         pc = self._ksp.getPC()
         pc.setType(PETSc.PC.Type.CHOLESKY)
         if by_mumps:
-            # no pivots: three quarters of the time and less memory in space, measured once at 62,138 dofs
+            # no pivots: three quarters of the time and less memory in space, measured once at
+            # 62,138 dofs
             self._matrix.setOption(PETSc.Mat.Option.SPD, True)
             pc.setFactorSolverType("mumps")
         else:
@@ -75,12 +87,18 @@ class Factors:
         self._rhs, self._x = self._matrix.createVecs()
 
     def factor(self) -> bool:
-        """Factor the matrix, with more workspace if MUMPS had too little; False for a singular matrix."""
+        """Factor the matrix, with more workspace if MUMPS had too little.
+
+        False for a singular matrix.
+        """
         pc = self._ksp.getPC()
         for room in ROOMS:
             if factorised(self._ksp):
                 return self._closed()
-            if pc.getFactorSolverType() != "mumps" or pc.getFactorMatrix().getMumpsInfog(1) not in NO_ROOM:
+            if (
+                pc.getFactorSolverType() != "mumps"
+                or pc.getFactorMatrix().getMumpsInfog(1) not in NO_ROOM
+            ):
                 return False
             pc.reset()  # otherwise PETSc would reuse the factors
             self._ksp.setOperators(self._matrix)
@@ -88,7 +106,10 @@ class Factors:
         return factorised(self._ksp) and self._closed()
 
     def _closed(self) -> bool:
-        """Invert the Schur complement, or set up solutions without it; False if it is not positive definite."""
+        """Invert the Schur complement, or set up solutions without it.
+
+        False if it is not positive definite.
+        """
         if self.last is None:
             return True
         factor = self._ksp.getPC().getFactorMatrix()
@@ -98,7 +119,9 @@ class Factors:
         return True
 
     def _prepare(self, room: int | None = None) -> None:
-        """Set MUMPS' compression, its workspace, and the rows to eliminate last, after PETSc's options are read."""
+        """Set MUMPS' compression, its workspace, and the rows to eliminate last, after PETSc's
+        options are read.
+        """
         pc = self._ksp.getPC()
         usual = self.low_rank is None and room is None and self.last is None
         if usual or pc.getFactorSolverType() != "mumps":
@@ -116,14 +139,20 @@ class Factors:
             self.last = None
 
     def replace(self, values: np.ndarray, pattern: Callable[[], Pattern]) -> None:
-        """Set the values that are factored next; ``pattern`` returns the pattern, which is the same."""
+        """Set the values that are factored next.
+
+        ``pattern`` returns the pattern, which is the same.
+        """
         rows, columns, places = pattern()
         self._matrix.setValuesCSR(rows, columns, values[places])
         self._matrix.assemble()
         self._ksp.setOperators(self._matrix)
 
     def between_last(self, rows: csr_matrix) -> np.ndarray:
-        """Product rows K^-1 rows^T, (m, m), of rows, (m, n), on the ``last`` rows; needs ``inverted``."""
+        """Product rows K^-1 rows^T, (m, m), of rows, (m, n), on the ``last`` rows.
+
+        Needs ``inverted``.
+        """
         assert self._inverted
         used = np.unique(rows.indices)
         own = csr_matrix(rows[:, used])
@@ -134,7 +163,9 @@ class Factors:
         return found
 
     def left(self) -> AbstractContextManager[np.ndarray]:
-        """Schur complement on the ``last`` rows, (n, n): its upper triangle, or its inverse if it is ``inverted``."""
+        """Schur complement on the ``last`` rows, (n, n): its upper triangle, or its inverse if it
+        is ``inverted``.
+        """
         assert self.last is not None
         return schur.left_of(self._ksp.getPC().getFactorMatrix(), self.last.size)
 
@@ -151,7 +182,9 @@ class Factors:
         return self._x.array_r
 
     def solve_block(self, columns: csc_matrix | np.ndarray, solutions: np.ndarray) -> None:
-        """Write solutions for some columns, (own, k), sparse or dense, into an array in Fortran order. Collective."""
+        """Write solutions for some columns, (own, k), sparse or dense, into an array in Fortran
+        order. Collective.
+        """
         with self._dense(solutions) as found:
             if not isinstance(columns, np.ndarray) and self._takes_sparse:
                 with self._sparse(columns) as given:
@@ -162,16 +195,21 @@ class Factors:
                     self._ksp.matSolve(given, found)
 
     def multiply(self, block: np.ndarray, image: np.ndarray) -> None:
-        """Write the matrix times some columns, (own, k), into an array; both are in Fortran order. Collective."""
+        """Write the matrix times some columns, (own, k), into an array; both are in Fortran order.
+
+        Collective.
+        """
         with self._dense(block) as given, self._dense(image) as found:
             self._matrix.matMult(given, found)
 
     @property
     def _takes_sparse(self) -> bool:
-        """The solver takes sparse right-hand sides, which halve the time: 1.1 ms for a condition at 18,400 dofs.
+        """The solver takes sparse right-hand sides, which halve the time: 1.1 ms for a condition at
+        18,400 dofs.
 
-        With rows that are eliminated last, MUMPS skips these too if no right-hand side reaches them, and PETSc then
-        uses their previous values: seen with MUMPS 5.8.2 and last rows that nothing couples with others.
+        With rows that are eliminated last, MUMPS skips these too if no right-hand side reaches
+        them, and PETSc then uses their previous values: seen with MUMPS 5.8.2 and last rows that
+        nothing couples with others.
         """
         if self.last is not None:
             return False
@@ -180,7 +218,9 @@ class Factors:
 
     @contextmanager
     def _sparse(self, columns: csc_matrix) -> Iterator[PETSc.Mat]:
-        """Sparse right-hand sides in the form that MUMPS takes: an implicit transpose with all entries on rank 0."""
+        """Sparse right-hand sides in the form that MUMPS takes: an implicit transpose with all
+        entries on rank 0.
+        """
         comm = self._matrix.comm.tompi4py()
         size = self._matrix.getSize()[0]
         count = columns.shape[1]
@@ -202,7 +242,9 @@ class Factors:
 
     @contextmanager
     def _dense(self, array: np.ndarray) -> Iterator[PETSc.Mat]:
-        """PETSc matrix of the local rows of some columns, (own, k), in Fortran order, without a copy."""
+        """PETSc matrix of the local rows of some columns, (own, k), in Fortran order, without a
+        copy.
+        """
         sizes = (self._matrix.getSizes()[0], (PETSc.DECIDE, array.shape[1]))
         matrix = PETSc.Mat().createDense(sizes, array=array, comm=self._matrix.comm)
         matrix.assemble()
@@ -211,7 +253,9 @@ class Factors:
 
 
 def gives_back(factor: PETSc.Mat) -> bool:
-    """Make MUMPS free its workspace, ICNTL(49), to save memory; False if PETSc is older than 3.23."""
+    """Make MUMPS free its workspace, ICNTL(49), to save memory; False if PETSc is older than
+    3.23.
+    """
     try:
         factor.setMumpsIcntl(49, 1)
     except PETSc.Error as error:
@@ -227,13 +271,19 @@ def _matrix(pattern: Pattern, values: np.ndarray, half: bool, comm: Comm) -> PET
     sizes = (own, comm.allreduce(own))
     how = {"csr": (pattern.rows, pattern.columns, values[pattern.places]), "comm": comm}
     made = PETSc.Mat()
-    matrix = made.createSBAIJ((sizes, sizes), 1, **how) if half else made.createAIJ((sizes, sizes), **how)
+    matrix = (
+        made.createSBAIJ((sizes, sizes), 1, **how)
+        if half
+        else made.createAIJ((sizes, sizes), **how)
+    )
     matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
     return matrix
 
 
 def add_between(rows: csr_matrix, inverse: np.ndarray, found: np.ndarray) -> None:
-    """Add rows K^-1 rows^T, with rows, (m, n), to an array, (m, m), in blocks: the product needs as much memory."""
+    """Add rows K^-1 rows^T, with rows, (m, n), to an array, (m, m), in blocks: the product needs as
+    much memory.
+    """
     used = np.flatnonzero(np.diff(rows.indptr))
     own = csr_matrix(rows[used])
     height = max(BLOCK_NUMBERS // max(inverse.shape[0], 1), 1)

@@ -1,4 +1,7 @@
-"""Operations on tables with a row for each dof, (N, k); a plug-in has them for rows that several processes share."""
+"""Operations on tables with a row for each dof, (N, k).
+
+a plug-in has them for rows that several processes share.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +26,9 @@ class Rows:
         self.count = count
 
     def sum(self, part: T) -> T:
-        """Sum over the processes of a number or an array of real numbers, of the same shape on each."""
+        """Sum over the processes of a number or an array of real numbers, of the same shape on
+        each.
+        """
         return part
 
     def of(self, table: T) -> T:
@@ -43,7 +48,10 @@ class Rows:
         return table
 
     def largest(self, values: np.ndarray) -> tuple[int, float]:
-        """Index of the largest of some values, one for each row, and this value; the first of equal values."""
+        """Index of the largest of some values, one for each row, and this value.
+
+        The first of equal values.
+        """
         place = int(values.argmax()) if values.size else 0
         return place, float(values[place])
 
@@ -73,11 +81,15 @@ class Rows:
         return matrix
 
     def modes(self, problem: Any, basis: np.ndarray, sets: Any) -> Any:
-        """Modes of which processes share the rows, as test and trial functions, see ``reduction.projection``."""
+        """Modes of which processes share the rows, as test and trial functions, see
+        ``reduction.projection``.
+        """
         raise NotImplementedError  # all rows are here
 
 
 def rows_of(own: slice, count: int, group: Group) -> Rows:
-    """Rows of a group of processes, each of which has a range of them after those of the ones before it."""
+    """Rows of a group of processes, each of which has a range of them after those of the ones
+    before it.
+    """
     found: Rows = Rows(own, count) if group.size == 1 else group.rows(own, count)
     return found

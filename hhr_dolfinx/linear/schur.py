@@ -1,8 +1,9 @@
 """Schur complements of MUMPS on the rows that are eliminated last.
 
-The inverse of a Schur complement is K^-1 between these rows (MUMPS users' guide, section on the Schur complement).
-petsc4py does not wrap the functions of PETSc for it: they are called in the C library that petsc4py has loaded. Without
-them callers compute K^-1 by solutions. All of this is for factors on one rank.
+The inverse of a Schur complement is K^-1 between these rows (MUMPS users' guide, section on the
+Schur complement). petsc4py does not wrap the functions of PETSc for it: they are called in the C
+library that petsc4py has loaded. Without them callers compute K^-1 by solutions. All of this is for
+factors on one rank.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ import numpy as np
 from petsc4py import PETSc
 
 _FUNCTIONS = (
-    "MatFactorSetSchurIS MatFactorInvertSchurComplement MatFactorGetSchurComplement MatFactorRestoreSchurComplement "
-    "MatDenseGetArrayRead MatDenseRestoreArrayRead"
+    "MatFactorSetSchurIS MatFactorInvertSchurComplement MatFactorGetSchurComplement "
+    "MatFactorRestoreSchurComplement MatDenseGetArrayRead MatDenseRestoreArrayRead"
 ).split()
 
 
@@ -34,16 +35,25 @@ def _library() -> ctypes.CDLL | None:
 
 
 def eliminate_last(factor: PETSc.Mat, places: np.ndarray) -> bool:
-    """Make MUMPS eliminate some rows, (n,), last when it factors a matrix; False if that is impossible."""
+    """Make MUMPS eliminate some rows, (n,), last when it factors a matrix.
+
+    False if that is impossible.
+    """
     library = _library()
     if library is None:
         return False
     chosen = PETSc.IS().createGeneral(places.astype(PETSc.IntType), comm=factor.comm)
-    return library.MatFactorSetSchurIS(ctypes.c_void_p(factor.handle), ctypes.c_void_p(chosen.handle)) == 0
+    return (
+        library.MatFactorSetSchurIS(ctypes.c_void_p(factor.handle), ctypes.c_void_p(chosen.handle))
+        == 0
+    )
 
 
 def invert_last(factor: PETSc.Mat) -> bool:
-    """Invert the Schur complement on the rows that were eliminated last; False if it is not positive definite."""
+    """Invert the Schur complement on the rows that were eliminated last.
+
+    False if it is not positive definite.
+    """
     library = _library()
     assert library is not None
     return library.MatFactorInvertSchurComplement(ctypes.c_void_p(factor.handle)) == 0
@@ -51,7 +61,8 @@ def invert_last(factor: PETSc.Mat) -> bool:
 
 @contextmanager
 def left_of(factor: PETSc.Mat, count: int) -> Iterator[np.ndarray]:
-    """Schur complement on the rows that were eliminated last, (count, count), or its inverse: PETSc's read-only array.
+    """Schur complement on the rows that were eliminated last, (count, count), or its inverse:
+    PETSc's read-only array.
 
     Of the former only the upper triangle is valid. MemoryError if PETSc does not return the array.
     """
@@ -64,7 +75,9 @@ def left_of(factor: PETSc.Mat, count: int) -> Iterator[np.ndarray]:
     failed = library.MatFactorGetSchurComplement(handle, ctypes.byref(matrix), ctypes.byref(status))
     failed = failed or library.MatDenseGetArrayRead(matrix, ctypes.byref(values))
     if failed:
-        raise MemoryError("PETSc does not hand out what is left of a matrix between the dofs of contact")
+        raise MemoryError(
+            "PETSc does not hand out what is left of a matrix between the dofs of contact"
+        )
     try:
         yield np.ctypeslib.as_array(values, shape=(count, count))
     finally:

@@ -20,46 +20,62 @@ if TYPE_CHECKING:
 
 
 BLOCK = 128
-"""Right-hand sides solved at once: the factors are read once for all of them, and they take little memory."""
+"""Right-hand sides solved at once: the factors are read once for all of them, and they take little
+memory.
+"""
 BLOCK_NUMBERS = 16e6
 REFINED_NUMBERS = 8e6
-"""Largest count of numbers in a block of solutions, 128 MB, and in a block that is refined, which takes several arrays
-of its size."""
+"""Largest count of numbers in a block of solutions, 128 MB, and in a block that is refined, which
+takes several arrays of its size.
+"""
 MOST_LAST = 7000
-"""Largest count of dofs that are eliminated last: K^-1 between them takes 0.4 GB, and three times as much while it is
-made. With a million dofs, 7,786 of them last, a condensed model took about half of the time and over 1 GB more."""
+"""Largest count of dofs that are eliminated last: K^-1 between them takes 0.4 GB, and three times
+as much while it is made. With a million dofs, 7,786 of them last, a condensed model took about half
+of the time and over 1 GB more.
+"""
 LOST = 1e-3
 SURE = 1e-6
 TRIES = 4
-"""Part of a known solution from which on its loss shows a singular K, part up to which it shows a regular one, and
-vectors that are tried between them."""
+"""Part of a known solution from which on its loss shows a singular K, part up to which it shows a
+regular one, and vectors that are tried between them.
+"""
 LOW_RANK = ((150_000, 1e-10), (600_000, 1e-8))
 ANEW = 60_000
 REFINED = 5
 PRECISE = 1e-13
 HALF = 0.5
 STALLED = 1e-9
-"""Compression of factors by MUMPS in space, and iterative refinement of solutions by compressed factors.
+"""Compression of factors by MUMPS in space, and iterative refinement of solutions by compressed
+factors.
 
-``LOW_RANK``: dofs from which on MUMPS compresses blocks, each with its tolerance. ``ANEW``: dofs from which on it
-compresses factors that are made for every parameter. Refinement takes at most ``REFINED`` steps, down to the relative
-residual ``PRECISE``, or until a step leaves more than ``HALF`` of the residual, as round-off does from 2e-13 on with
-285,186 dofs. A residual above ``STALLED`` is a failure: round-off of stiff bodies next to soft ones is far below.
+``LOW_RANK``: dofs from which on MUMPS compresses blocks, each with its tolerance. ``ANEW``: dofs
+from which on it compresses factors that are made for every parameter. Refinement takes at most
+``REFINED`` steps, down to the relative residual ``PRECISE``, or until a step leaves more than
+``HALF`` of the residual, as round-off does from 2e-13 on with 285,186 dofs. A residual above
+``STALLED`` is a failure: round-off of stiff bodies next to soft ones is far below.
 
-Measured once on hexahedra. With 42,618 dofs forces differed by 8e-10 from those of whole factors, and by 3e-7 with
-tolerance 1e-8; with 1,004,496 dofs tolerance 1e-10 took 19 GB. With 92,514 and 198,681 dofs whole factors took 10.8 and
-58 s, compressed ones 8.1 and 26 s, a solution 0.3 and 0.8 s: models with many factors gain by compression early."""
+Measured once on hexahedra. With 42,618 dofs forces differed by 8e-10 from those of whole factors,
+and by 3e-7 with tolerance 1e-8; with 1,004,496 dofs tolerance 1e-10 took 19 GB. With 92,514 and
+198,681 dofs whole factors took 10.8 and 58 s, compressed ones 8.1 and 26 s, a solution 0.3 and 0.8
+s: models with many factors gain by compression early.
+"""
 
 
 def ordering_of(block_size: int, plane: str) -> str:
-    """Ordering for :class:`FreeCholesky`: MUMPS in space, else the given one; ``nd`` replaces a missing MUMPS."""
+    """Ordering for :class:`FreeCholesky`: MUMPS in space, else the given one.
+
+    ``nd`` replaces a missing MUMPS.
+    """
     if not PETSc.Sys.hasExternalPackage("mumps"):
         return "nd" if plane == "mumps" else plane
     return "mumps" if block_size == 3 else plane
 
 
 def low_rank_of(block_size: int, dofs: int, *, anew: bool = False) -> float | None:
-    """Tolerance of MUMPS' compression, or None for whole factors; ``anew``: factors are made for every parameter."""
+    """Tolerance of MUMPS' compression, or None for whole factors.
+
+    ``anew``: factors are made for every parameter.
+    """
     if ordering_of(block_size, "mumps") != "mumps" or block_size != 3:
         return None
     (first, usual), *_ = LOW_RANK
@@ -68,35 +84,47 @@ def low_rank_of(block_size: int, dofs: int, *, anew: bool = False) -> float | No
 
 
 def singular_stiffness(scene: str) -> str:
-    """Message for a singular stiffness; ``full_order.free_bodies`` has excluded bodies with rigid motions."""
+    """Message for a singular stiffness.
+
+    ``full_order.free_bodies`` has excluded bodies with rigid motions.
+    """
     return (
-        f"the stiffness of scene '{scene}' is singular to round-off, though every body is held as a whole: look for "
-        "parts that are connected only at single nodes or edges, E many powers of ten apart, nu next to 0.5, "
-        "needle-like cells"
+        f"the stiffness of scene '{scene}' is singular to round-off, though every body is held as "
+        "a whole: look for parts that are connected only at single nodes or edges, E many powers "
+        "of ten apart, nu next to 0.5, needle-like cells"
     )
 
 
 class FreeCholesky:
     """Factors of a stiffness on its free dofs, on any number of ranks, each with its rows.
 
-    :meth:`refactor` replaces the factors for other values. If other users may do so meanwhile, hold the reentrant
-    ``lock`` and call :meth:`refactor` before a solution. A singular K raises NotSolvableError.
+    :meth:`refactor` replaces the factors for other values. If other users may do so meanwhile, hold
+    the reentrant ``lock`` and call :meth:`refactor` before a solution. A singular K raises
+    NotSolvableError.
 
     Args:
         stiffness: local rows of K, CSR, (own dofs, N).
         free: dofs that are not imposed, (N,) bool.
         rows: range of the dofs that this rank owns.
         scene: name of the scene, for messages and the prefix of PETSc options, ``hhr_<scene>_``.
-        ordering, comm, low_rank: see :class:`Factors`. Solutions by compressed factors are refined, those of blocks of
-            columns only on request.
-        last: dofs between which K^-1 is needed, increasing, (n,), on several ranks by a plug-in; as an attribute None
-            if that takes solutions.
+        ordering, comm, low_rank: see :class:`Factors`. Solutions by compressed factors are refined,
+            those of blocks of columns only on request.
+        last: dofs between which K^-1 is needed, increasing, (n,), on several ranks by a plug-in; as
+            an attribute None if that takes solutions.
     """
 
     def __init__(
-        self, stiffness: csr_matrix, free: np.ndarray, rows: slice, scene: str, ordering: str, comm: Comm,
-        *, low_rank: float | None = None, last: np.ndarray | None = None,
-    ):  # fmt: skip
+        self,
+        stiffness: csr_matrix,
+        free: np.ndarray,
+        rows: slice,
+        scene: str,
+        ordering: str,
+        comm: Comm,
+        *,
+        low_rank: float | None = None,
+        last: np.ndarray | None = None,
+    ):
         self._free = np.flatnonzero(free[rows])
         self._own = rows.stop - rows.start
         self._first = rows.start
@@ -107,7 +135,10 @@ class FreeCholesky:
         self._pattern: Pattern | None = None
         self.low_rank = low_rank
         self.last = None if last is None or last.size > MOST_LAST else last[free[last]]
-        if self.last is not None and self.last.size in (0, self._columns.size):  # no row is last, or every row
+        if self.last is not None and self.last.size in (
+            0,
+            self._columns.size,
+        ):  # no row is last, or every row
             self.last = None
         self.lock = RLock()
         self._factors: Factors | None = self._made(stiffness)
@@ -117,13 +148,22 @@ class FreeCholesky:
         self._factored: csr_matrix | None = stiffness
 
     def _made(self, stiffness: csr_matrix) -> Factors:
-        """Factors of the pattern of a matrix; substructures if several ranks need K^-1 between last dofs."""
+        """Factors of the pattern of a matrix.
+
+        Substructures if several ranks need K^-1 between last dofs.
+        """
         prefix = f"hhr_{self._scene}_"
         pattern = self._pattern_of(stiffness)
         substructures = registry.offered("substructures") if self._comm.size > 1 else None
-        if substructures is not None and self.last is not None and PETSc.Sys.hasExternalPackage("mumps"):
+        if (
+            substructures is not None
+            and self.last is not None
+            and PETSc.Sys.hasExternalPackage("mumps")
+        ):
             here = np.flatnonzero(np.isin(self._first + self._free, self.last))
-            shared = substructures(pattern, stiffness.data, prefix, self._comm, here, low_rank=self.low_rank)
+            shared = substructures(
+                pattern, stiffness.data, prefix, self._comm, here, low_rank=self.low_rank
+            )
             if shared.possible:
                 return shared
         last = None if self.last is None else np.searchsorted(self._columns, self.last)
@@ -133,7 +173,9 @@ class FreeCholesky:
         return whole
 
     def between_last(self, rows: csr_matrix) -> np.ndarray | None:
-        """Product rows K^-1 rows^T, (m, m), of rows, (m, own dofs); None if they reach beyond ``last``. Collective."""
+        """Product rows K^-1 rows^T, (m, m), of rows, (m, own dofs); None if they reach beyond
+        ``last``. Collective.
+        """
         comm = self._comm
         alone = comm.size == 1  # S is large, and messages are copies
         whole = rows if alone else csr_matrix(hstack(comm.allgather(rows)))
@@ -144,7 +186,10 @@ class FreeCholesky:
             return self._there().between_last(csr_matrix(whole[:, self.last]))
 
     def _pattern_of(self, stiffness: csr_matrix) -> Pattern:
-        """Pattern of the entries between free dofs of a matrix; only the upper triangle for MUMPS on one rank."""
+        """Pattern of the entries between free dofs of a matrix.
+
+        Only the upper triangle for MUMPS on one rank.
+        """
         marks = np.arange(stiffness.nnz, dtype=stiffness.indices.dtype)
         inside = csr_matrix((marks, stiffness.indices, stiffness.indptr), shape=stiffness.shape)
         inside = inside[self._free][:, self._columns]
@@ -178,19 +223,22 @@ class FreeCholesky:
             if not (self._factors.factor() and self._regular(stiffness)):
                 self.release()  # after a failure it may refuse regular matrices too
                 raise NotSolvableError(
-                    f"the stiffness of the full model of scene '{self._scene}' is singular at this parameter or state: "
-                    "a body has lost what holds it, as where the parameter of a foundation is zero (narrow the box); "
-                    "or the load is beyond a limit load (take smaller steps), or the slope of a law is wrong"
+                    f"the stiffness of the full model of scene '{self._scene}' is singular at "
+                    "this parameter or state: a body has lost what holds it, as where the "
+                    "parameter of a foundation is zero (narrow the box); or the load is beyond a "
+                    "limit load (take smaller steps), or the slope of a law is wrong"
                 )
             self._factored = stiffness
 
     def _regular(self, stiffness: csr_matrix) -> bool:
-        """False for a K that is singular to round-off, which its factors show on some machines alone. Collective.
+        """False for a K that is singular to round-off, which its factors show on some machines
+        alone. Collective.
 
-        Its last pivots are round-off of either sign, and only a negative one, or zero, ends a factorisation. Solving
-        for a known vector loses about cond(K) times 1e-16 of it: up to 1e-5 was seen with bodies a million times as
-        stiff as others. With free rigid motions it loses a part of the order of 1, of one vector in a hundred by chance
-        less than LOST: of several vectors one shows it.
+        Its last pivots are round-off of either sign, and only a negative one, or zero, ends a
+        factorisation. Solving for a known vector loses about cond(K) times 1e-16 of it: up to 1e-5
+        was seen with bodies a million times as stiff as others. With free rigid motions it loses a
+        part of the order of 1, of one vector in a hundred by chance less than LOST: of several
+        vectors one shows it.
         """
         vectors = np.random.default_rng(0)
         known = np.zeros(stiffness.shape[1])
@@ -206,20 +254,25 @@ class FreeCholesky:
     def _there(self) -> Factors:
         if self._factors is None:
             raise NotSolvableError(
-                f"the factors of scene '{self._scene}' were let go, or refused a stiffness: refactor() one, as "
-                "solve() of a full model does"
+                f"the factors of scene '{self._scene}' were let go, or refused a stiffness: "
+                "refactor() one, as solve() of a full model does"
             )
         return self._factors
 
     def release(self) -> None:
-        """Free the memory until the next :meth:`refactor`, which must precede further solutions. Collective."""
+        """Free the memory until the next :meth:`refactor`, which must precede further solutions.
+
+        Collective.
+        """
         with self.lock:
             if self._factors is not None:
                 self._factors.destroy()
             self._factors = self._factored = self._pattern = None
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
-        """Solution on local dofs, zero on imposed ones, for local rows of a right-hand side, (own dofs,)."""
+        """Solution on local dofs, zero on imposed ones, for local rows of a right-hand side, (own
+        dofs,).
+        """
         if self.low_rank is not None:
             return self.solve_columns(csc_matrix(rhs[:, None]))[:, 0]
         solution = np.zeros(self._own)
@@ -228,7 +281,10 @@ class FreeCholesky:
         return solution
 
     def _refine(self, factors: Factors, columns: csc_matrix, solutions: np.ndarray) -> None:
-        """Refine solutions by compressed factors in place; NotSolvableError if the residual stays above STALLED."""
+        """Refine solutions by compressed factors in place.
+
+        NotSolvableError if the residual stays above STALLED.
+        """
         sizes = _norms(columns.multiply(columns).sum(axis=0), self._comm)
         image, change = (np.empty(solutions.shape, order="F") for _ in range(2))
         before = np.full(sizes.shape, np.inf)
@@ -244,12 +300,15 @@ class FreeCholesky:
             solutions += change
         if not (lengths <= STALLED * sizes).all():
             raise NotSolvableError(
-                f"solutions by compressed factors of scene '{self._scene}' stay {(lengths / sizes).max():.1e} off: "
-                f"leave out less than {self.low_rank:g} by the PETSc option -hhr_{self._scene}_mat_mumps_cntl_7"
+                f"solutions by compressed factors of scene '{self._scene}' stay "
+                f"{(lengths / sizes).max():.1e} off: leave out less than {self.low_rank:g} by the "
+                f"PETSc option -hhr_{self._scene}_mat_mumps_cntl_7"
             )
 
     def solve_columns(self, columns: spmatrix) -> np.ndarray:
-        """Solutions for columns of a sparse matrix of local rows, zero on imposed dofs, (own dofs, m). Collective."""
+        """Solutions for columns of a sparse matrix of local rows, zero on imposed dofs, (own dofs,
+        m). Collective.
+        """
         found = np.zeros((self._own, columns.shape[1]), order="F")
         for part, solutions in self.solved_blocks(columns, refined=True):
             found[:, part] = solutions
@@ -258,7 +317,8 @@ class FreeCholesky:
     def solved_blocks(
         self, columns: spmatrix, dofs: np.ndarray | None = None, *, refined: bool = False
     ) -> Iterator[tuple[slice, np.ndarray]]:
-        """Slices of columns, and their solutions at all local dofs or some, (own dofs or ``dofs``, k). Collective.
+        """Slices of columns, and their solutions at all local dofs or some, (own dofs or ``dofs``,
+        k). Collective.
 
         ``refined``: refine solutions by compressed factors.
         """

@@ -33,23 +33,32 @@ Path = list[tuple[float, np.ndarray]]
 
 
 Start = str | np.ndarray | Sequence[bool] | None
-"""Start of a search: ``nearest``, one bool for each condition of the model, or None for the signs of the free slack."""
+"""Start of a search: ``nearest``, one bool for each condition of the model, or None for the signs
+of the free slack.
+"""
 CheckedStart = str | np.ndarray | None
 """The same with statuses as an array of bool, one for each condition."""
 
 
 class Meshed(Protocol):
-    """Full model as answers use it, or the mesh that lies beside a model file: pressures and pictures need it."""
+    """Full model as answers use it, or the mesh that lies beside a model file: pressures and
+    pictures need it.
+    """
 
     def areas(self, mu: PointLike) -> np.ndarray:
         """Tributary areas of the contact conditions at a parameter, (N_lambda,)."""
 
     def answer_mesh(self) -> AnswerMesh:
-        """Mesh and contact surface for figures and files; collective over the ranks of a full model."""
+        """Mesh and contact surface for figures and files.
+
+        Collective over the ranks of a full model.
+        """
 
 
 class Completion(Protocol):
-    """Completes the fields of bodies with laws, from the places where a model evaluates the laws to the whole mesh."""
+    """Completes the fields of bodies with laws, from the places where a model evaluates the laws to
+    the whole mesh.
+    """
 
     kind: ClassVar[str]  # kind of its estimates, see Estimate
     known_error: ClassVar[str]  # the same in one line
@@ -83,24 +92,37 @@ class InterfaceCompletion(Protocol):
     def forces(self, inside: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Forces on all conditions from those of the RID, (m,), at a point, (N_lambda,)."""
 
-    def completed(self, inside: np.ndarray, active: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def completed(
+        self, inside: np.ndarray, active: np.ndarray, point: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """These forces, and statuses of all conditions from those of the RID, (m,) bool."""
 
-    def force_changes(self, inside: np.ndarray, changes: np.ndarray, point: np.ndarray) -> np.ndarray:
+    def force_changes(
+        self, inside: np.ndarray, changes: np.ndarray, point: np.ndarray
+    ) -> np.ndarray:
         """Derivatives of :meth:`forces`, (N_lambda, P), from those of the RID, (m, P)."""
 
-    def indicated(self, inside: np.ndarray, slack: np.ndarray, scale: np.ndarray, memory: Memory) -> float:
-        """Estimated relative error of forces, from those in the RID, (m,), slacks of all, (N_lambda,), and the memory.
+    def indicated(
+        self, inside: np.ndarray, slack: np.ndarray, scale: np.ndarray, memory: Memory
+    ) -> float:
+        """Estimated relative error of forces, from those in the RID, (m,), slacks of all,
+        (N_lambda,), and the memory.
 
         ``scale`` is the length by which the gap of each is measured, (N_lambda,).
         """
 
     def differences(self, problem: ContactProblem) -> str:
-        """Difference of the problem of a full model to the one of the training, in words; empty if there is none."""
+        """Difference of the problem of a full model to the one of the training, in words.
+
+        Empty if there is none.
+        """
 
 
 class ModelFields:
-    """Completes answers: fields on the whole mesh from the unknown of a model; parts that a model lacks are None."""
+    """Completes answers: fields on the whole mesh from the unknown of a model.
+
+    Parts that a model lacks are None.
+    """
 
     bound: Any = None  # bounds the error of an answer
     output_bound: Any = None  # estimates the errors of outputs
@@ -114,12 +136,18 @@ class ModelFields:
 
     @property
     def full(self) -> Meshed | None:
-        """The full model, which has the mesh, or the file of the mesh beside that of the model; None of a copy."""
+        """The full model, which has the mesh, or the file of the mesh beside that of the model.
+
+        None of a copy.
+        """
         return None
 
     @property
     def estimated(self) -> str:
-        """Kind of the estimates, see :class:`~hhr_dolfinx.models.estimates.Estimate`; empty where there are none."""
+        """Kind of the estimates, see :class:`~hhr_dolfinx.models.estimates.Estimate`.
+
+        Empty where there are none.
+        """
         from hhr_dolfinx.models.estimates import FORCES
 
         if self.bound is not None:
@@ -145,7 +173,10 @@ class ModelFields:
         return None
 
     def estimates(self, many: Any) -> Estimates | None:
-        """Error estimates of :class:`~models.many.ManyAnswers`; None if they are computed one by one."""
+        """Error estimates of :class:`~models.many.ManyAnswers`.
+
+        None if they are computed one by one.
+        """
         return None
 
 
@@ -162,23 +193,31 @@ class Answer(NamedTuple):
 
     Attributes:
         parameter: mu, (P,).
-        unknown: unknown of the model: U0 (N,) of a full model, gamma (ell,) of a reduced one; NaN without a solution.
-        multipliers: forces on the conditions of the model (of the RID in a reduced model); NaN without a solution.
+        unknown: unknown of the model: U0 (N,) of a full model, gamma (ell,) of a reduced one; NaN
+            without a solution.
+        multipliers: forces on the conditions of the model (of the RID in a reduced model); NaN
+            without a solution.
         active: status of each of these conditions.
         iterations: equality problems solved, or iterations of a step with all its attempts.
         status: why the search stopped.
-        cycled: the plain rule of Alg. 1.1 cycled, or met a singular set, and the terminating rule took over.
+        cycled: the plain rule of Alg. 1.1 cycled, or met a singular set, and the terminating rule
+            took over.
         fields: what completes the answer.
         time: in seconds; NaN of an answer that belongs to no history.
-        gradient: derivatives of the unknown and the multipliers along the parameters, if they were requested.
-        time_error: estimated error of the time steps up to here: of stress or displacement, whichever is larger, over
-            its largest norm so far; of contact forces in elastic histories with friction. NaN without an estimate, see
-            :class:`MarchSettings`; 0 in elastic histories without friction.
+        gradient: derivatives of the unknown and the multipliers along the parameters, if they were
+            requested.
+        time_error: estimated error of the time steps up to here: of stress or displacement,
+            whichever is larger, over its largest norm so far; of contact forces in elastic
+            histories with friction. NaN without an estimate, see :class:`MarchSettings`; 0 in
+            elastic histories without friction.
         ends: times between the parts in which the step was solved, if there were several.
-        memory: what laws carry to the next step, by names that are attributes of the answer too: ``answer.slip``.
-        undetermined: orthonormal rigid motions, as changes of the unknown, (n, d), that neither loads nor contact
-            determine; the answer has the least motion along them. None if there are none.
-        note: path that the answer belongs to, and how far it has converged, if it depends on a path that was chosen.
+        memory: what laws carry to the next step, by names that are attributes of the answer too:
+            ``answer.slip``.
+        undetermined: orthonormal rigid motions, as changes of the unknown, (n, d), that neither
+            loads nor contact determine; the answer has the least motion along them. None if there
+            are none.
+        note: path that the answer belongs to, and how far it has converged, if it depends on a path
+            that was chosen.
     """
 
     parameter: np.ndarray
@@ -198,13 +237,18 @@ class Answer(NamedTuple):
     note: str = ""
 
     def __getattr__(self, name: str) -> Any:
-        """Part of the memory, None if another law has one of this name; or a method that a plug-in adds."""
+        """Part of the memory, None if another law has one of this name.
+
+        Or a method that a plug-in adds.
+        """
         if name in self.memory:
             return self.memory[name]
         if (place := registry.asked_of_answers().get(name)) is not None:
             return partial(registry.loaded(place), self)
         if name.startswith("_") or name not in registry.memories():
-            raise AttributeError(f"an answer has no {name!r}; it remembers {', '.join(self.memory) or 'nothing'}")
+            raise AttributeError(
+                f"an answer has no {name!r}; it remembers {', '.join(self.memory) or 'nothing'}"
+            )
         return None
 
     def remembering(self, **parts: Any) -> Answer:
@@ -216,7 +260,10 @@ class Answer(NamedTuple):
         found = {"parameter": f"at {point_of(self.parameter)}"}
         if not math.isnan(self.time):
             found["time"] = f"t = {self.time:.6g} s"
-        found["status"] = f"{self.status.name.lower().replace('_', ' ')} after {counted(self.iterations, 'iteration')}"
+        found["status"] = (
+            f"{self.status.name.lower().replace('_', ' ')} after "
+            f"{counted(self.iterations, 'iteration')}"
+        )
         if self.note:
             found["path"] = f"of {self.note}"
         touching = int(np.count_nonzero(self.active))
@@ -248,25 +295,29 @@ class Answer(NamedTuple):
         return self.fields.forces(self)
 
     def pressure(self, full: Meshed | None = None) -> np.ndarray:
-        """Contact pressure at each condition of the whole surface: nodal forces over tributary areas, (N_lambda,).
+        """Contact pressure at each condition of the whole surface: nodal forces over tributary
+        areas, (N_lambda,).
 
         Other conditions than those of pressures have tractions. Conditions without an area are NaN.
 
         Args:
-            full: the full model, whose mesh has the areas; not needed in the process that built the model, nor by a
-                model from a file if the commands left the mesh beside it, ``scenery.npz``.
+            full: the full model, whose mesh has the areas; not needed in the process that built the
+                model, nor by a model from a file if the commands left the mesh beside it,
+                ``scenery.npz``.
 
         Raises:
-            NotOfferedError: by a copy, or a model from a file without mesh, without ``full``; or if no condition has
-                an area.
+            NotOfferedError: by a copy, or a model from a file without mesh, without ``full``; or if
+                no condition has an area.
         """
-        areas = self._meshed(full, "pressures need the areas of the contact conditions").areas(self.parameter)
+        areas = self._meshed(full, "pressures need the areas of the contact conditions").areas(
+            self.parameter
+        )
         forces = self.forces()
         if forces.shape != areas.shape or not (areas > 0).any():
             raise NotOfferedError(
-                "the forces of this answer are no forces of contact conditions with areas: it is of another scene, or "
-                "of bodies that slide past their mesh. Pressures of the slave nodes are answer.slip.pressure / "
-                "model.law.area there"
+                "the forces of this answer are no forces of contact conditions with areas: it is "
+                "of another scene, or of bodies that slide past their mesh. Pressures of the "
+                "slave nodes are answer.slip.pressure / model.law.area there"
             )
         return np.divide(forces, areas, out=np.full(len(areas), np.nan), where=areas > 0)
 
@@ -278,8 +329,8 @@ class Answer(NamedTuple):
             full: see :meth:`pressure`.
 
         Raises:
-            NotOfferedError: by a copy, or a model from a file without mesh, without ``full``; or without a plug-in
-                that draws.
+            NotOfferedError: by a copy, or a model from a file without mesh, without ``full``; or
+                without a plug-in that draws.
             MissingPackageError: without matplotlib.
         """
         draw = registry.tool("drawing", "a figure of an answer")
@@ -289,13 +340,15 @@ class Answer(NamedTuple):
         found = self.fields.full if full is None else full
         if found is None:
             raise NotOfferedError(
-                f"a model that was copied or read from a file has no mesh, and {why}: give the full model, "
-                "full=hhr.FullOrderModel(scene)"
+                f"a model that was copied or read from a file has no mesh, and {why}: give the "
+                "full model, full=hhr.FullOrderModel(scene)"
             )
         return found
 
     def stress(self) -> np.ndarray:
-        """Stress on the whole mesh, Kelvin's notation: at cell midpoints, or where laws of bodies are evaluated."""
+        """Stress on the whole mesh, Kelvin's notation: at cell midpoints, or where laws of bodies
+        are evaluated.
+        """
         return self.fields.stress(self)
 
     def estimate(self) -> Estimate | None:
@@ -307,7 +360,9 @@ class Answer(NamedTuple):
         if found is None or self.undetermined is None:
             return found
         open_ = kernels().undetermined_outputs(self)
-        return found._replace(outputs={name: error for name, error in found.outputs.items() if name not in open_})
+        return found._replace(
+            outputs={name: error for name, error in found.outputs.items() if name not in open_}
+        )
 
     def outputs(self) -> Outputs:
         """Outputs of the scene by name, with derivatives if the answer has a gradient.
@@ -349,12 +404,16 @@ class History(Shown):
             "time": f"t = {self.start:.6g} to {end:.6g} s",
             "iterations": counted(sum(self.iterations), "iteration"),
             # without an estimate the answers do not say whether the steps are short enough
-            "time error": f"time error {estimates.max():.2g}" if estimates.size else "time error not estimated",
+            "time error": f"time error {estimates.max():.2g}"
+            if estimates.size
+            else "time error not estimated",
         }
 
     @property
     def time_error(self) -> np.ndarray:
-        """Estimated error of the time steps up to the end of each, see :attr:`Answer.time_error`, (steps,)."""
+        """Estimated error of the time steps up to the end of each, see :attr:`Answer.time_error`,
+        (steps,).
+        """
         return np.array([answer.time_error for answer in self.answers])
 
     @property
@@ -365,11 +424,17 @@ class History(Shown):
     @property
     def path(self) -> Path:
         """Times and parameters of the path as it was given, the start first."""
-        return [(self.start, self.parameter), *((answer.time, answer.parameter) for answer in self.answers)]
+        return [
+            (self.start, self.parameter),
+            *((answer.time, answer.parameter) for answer in self.answers),
+        ]
 
     @property
     def solved_path(self) -> Path:
-        """The path with all parts of its steps; another model that marches along it has the same time errors."""
+        """The path with all parts of its steps.
+
+        Another model that marches along it has the same time errors.
+        """
         found = self.path[:1]
         for answer in self.answers:
             time, point = found[-1]
@@ -383,16 +448,24 @@ class History(Shown):
         kept = set(times)
         places = [place for place, answer in enumerate(self.answers) if answer.time in kept]
         answers = [self.answers[place] for place in places]
-        return replace(self, answers=answers, signs=[self.signs[place] for place in places if self.signs])
+        return replace(
+            self, answers=answers, signs=[self.signs[place] for place in places if self.signs]
+        )
 
     @property
     def iterations(self) -> list[int]:
-        """Iterations of each step, summed over its parts; a failed attempt counts as the most allowed."""
+        """Iterations of each step, summed over its parts.
+
+        a failed attempt counts as the most allowed.
+        """
         return [answer.iterations for answer in self.answers]
 
 
 class SeveralAnswers(Shown):
-    """Answers to several parameters, in their order; ``answers[k]`` is one of them, like any :class:`Answer`."""
+    """Answers to several parameters, in their order.
+
+    ``answers[k]`` is one of them, like any :class:`Answer`.
+    """
 
     points: np.ndarray  # parameters, (n, P)
     status: list[Status]  # why each search stopped
@@ -447,7 +520,9 @@ class SeveralAnswers(Shown):
 
 @dataclass(frozen=True, repr=False)
 class ListedAnswers(SeveralAnswers):
-    """Answers found one by one, each with all its parts: memory of laws, fields of a local model."""
+    """Answers found one by one, each with all its parts: memory of laws, fields of a local
+    model.
+    """
 
     answers: tuple[Answer, ...]  # one or more
 
@@ -471,7 +546,9 @@ class ListedAnswers(SeveralAnswers):
 
 
 class Model(Protocol):
-    """Interface of all models (full, reduced, condensed, baseline) that studies, checks and users rely on."""
+    """Interface of all models (full, reduced, condensed, baseline) that studies, checks and users
+    rely on.
+    """
 
     def solve(
         self,
@@ -486,12 +563,14 @@ class Model(Protocol):
 
         Args:
             mu: number, sequence or mapping by name.
-            start: statuses to start from, one bool for each condition of the model; ``nearest`` for those of the
-                nearest training parameter, None for those of the free slack.
+            start: statuses to start from, one bool for each condition of the model; ``nearest`` for
+                those of the nearest training parameter, None for those of the free slack.
             raise_on_failure: raise instead of returning an answer with NaN and a status.
-            outside: policy for a parameter of the box outside the training range: ``warn``, ``refuse`` or ``ignore``;
-                ``usual`` warns, except in models that fall back on the full one, for which no point is outside.
-            gradient: compute the derivatives along the parameters, see :class:`~models.gradient.Gradient`.
+            outside: policy for a parameter of the box outside the training range: ``warn``,
+                ``refuse`` or ``ignore``; ``usual`` warns, except in models that fall back on the
+                full one, for which no point is outside.
+            gradient: compute the derivatives along the parameters, see
+                :class:`~models.gradient.Gradient`.
 
         Raises:
             ParameterError: if ``mu`` is not finite or outside the box, or ``start`` is invalid.
@@ -500,14 +579,16 @@ class Model(Protocol):
             NotSolvableError: if contact rows are dependent.
 
         Warns:
-            OutsideTrainingWarning: if it is outside the training range and ``outside`` does not say otherwise.
+            OutsideTrainingWarning: if it is outside the training range and ``outside`` does not say
+            otherwise.
         """
 
     def march(self, path: Any, settings: Any = ...) -> History:
         """Answer a load path from its state at rest.
 
         Args:
-            path: times in seconds and parameters, the first ones at rest; parameters are linear between them.
+            path: times in seconds and parameters, the first ones at rest; parameters are linear
+                between them.
             settings: a :class:`~hhr_dolfinx.models.histories.equilibrium.MarchSettings`.
 
         Raises:
@@ -516,22 +597,33 @@ class Model(Protocol):
         """
 
 
-def one_by_one(model: Any, table: PointsLike, raise_on_failure: bool, outside: str) -> ListedAnswers:
+def one_by_one(
+    model: Any, table: PointsLike, raise_on_failure: bool, outside: str
+) -> ListedAnswers:
     """Answers of a model that has no faster way, point by point."""
     points = model.parameters.points(table)
     return ListedAnswers(
-        tuple(model.solve(point, raise_on_failure=raise_on_failure, outside=outside) for point in points)
+        tuple(
+            model.solve(point, raise_on_failure=raise_on_failure, outside=outside)
+            for point in points
+        )
     )
 
 
-def outcome(answer: Answer, raise_on_failure: bool, advice: Mapping[Status, str] = MappingProxyType({})) -> Answer:
-    """The answer if it converged; otherwise the answer with NaN, so that no iterate passes for a solution."""
+def outcome(
+    answer: Answer, raise_on_failure: bool, advice: Mapping[Status, str] = MappingProxyType({})
+) -> Answer:
+    """The answer if it converged; otherwise the answer with NaN, so that no iterate passes for a
+    solution.
+    """
     if answer.status is Status.CONVERGED:
         return answer
     if raise_on_failure:
         unsolvable = answer.status in (Status.SINGULAR, Status.NOT_FINITE, Status.ADRIFT)
         kind = NotSolvableError if unsolvable else ConvergenceError
-        why = ": ".join([answer.status.value, *([advice[answer.status]] if answer.status in advice else [])])
+        why = ": ".join(
+            [answer.status.value, *([advice[answer.status]] if answer.status in advice else [])]
+        )
         place = np.ravel(answer.parameter).tolist()
         raise kind(f"no solution at {place} after {answer.iterations} iterations: {why}")
     nothing = np.full_like(answer.unknown, np.nan), np.full_like(answer.multipliers, np.nan)
@@ -539,14 +631,32 @@ def outcome(answer: Answer, raise_on_failure: bool, advice: Mapping[Status, str]
 
 
 def unanswered(
-    parameter: np.ndarray, sizes: tuple[int, int], fields: ModelFields, status: Status = Status.UNDEFINED
+    parameter: np.ndarray,
+    sizes: tuple[int, int],
+    fields: ModelFields,
+    status: Status = Status.UNDEFINED,
 ) -> Answer:
     """An answer of NaN, for a model with these numbers of unknowns and conditions."""
     unknowns, conditions = sizes
-    nothing = np.full(unknowns, np.nan), np.full(conditions, np.nan), np.zeros(conditions, dtype=bool)
+    nothing = (
+        np.full(unknowns, np.nan),
+        np.full(conditions, np.nan),
+        np.zeros(conditions, dtype=bool),
+    )
     return Answer(parameter, *nothing, 0, status, False, fields)
 
 
-def found_as(found: Statuses, parameter: np.ndarray, unknown: np.ndarray, fields: ModelFields) -> Answer:
+def found_as(
+    found: Statuses, parameter: np.ndarray, unknown: np.ndarray, fields: ModelFields
+) -> Answer:
     """Answer from the result of the active set and the unknown under its forces."""
-    return Answer(parameter, unknown, found.forces, found.active, found.iterations, found.status, found.cycled, fields)
+    return Answer(
+        parameter,
+        unknown,
+        found.forces,
+        found.active,
+        found.iterations,
+        found.status,
+        found.cycled,
+        fields,
+    )

@@ -1,4 +1,6 @@
-"""Mesh and contact surface of a scene as plain arrays, for figures and files of the fields of answers."""
+"""Mesh and contact surface of a scene as plain arrays, for figures and files of the fields of
+answers.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,8 @@ class AnswerMesh:
         parameters: their names.
         length: unit of lengths, or "".
         stress: unit of stresses, or "".
-        von_mises: von Mises' stress of each cell, (c,), of a displacement, (N,), at a point, (P,); None if unknown.
+        von_mises: von Mises' stress of each cell, (c,), of a displacement, (N,), at a point, (P,);
+            None if unknown.
     """
 
     points: np.ndarray
@@ -48,8 +51,8 @@ class AnswerMesh:
         """A displacement, (N,), node by node, (n, dim); NotOfferedError for one of another mesh."""
         if displacement.size != self.points.size:
             raise NotOfferedError(
-                f"the displacement has {displacement.size} dofs and the mesh of '{self.name}' {self.points.size}: they "
-                "are of two scenes or meshes"
+                f"the displacement has {displacement.size} dofs and the mesh of '{self.name}' "
+                f"{self.points.size}: they are of two scenes or meshes"
             )
         return displacement.reshape(self.points.shape)
 

@@ -27,10 +27,11 @@ ROUND_OFF = 1e-10
 class ForceScale:
     """Scales of contact forces (m conditions)."""
 
-    # tributary area of each condition, which turns a nodal force into a pressure, (m,); a condition without an area has
-    # zero pressure; for answers on different shapes (n, m)
+    # tributary area of each condition, which turns a nodal force into a pressure, (m,); a condition
+    # without an area has zero pressure; for answers on different shapes (n, m)
     areas: np.ndarray
-    least: np.ndarray  # S norm, Euclidean norm and peak pressure that relative errors use at least to divide by, (3,)
+    # S norm, Euclidean norm and peak pressure that relative errors use at least to divide by, (3,)
+    least: np.ndarray
 
     @cached_property
     def per_area(self) -> np.ndarray:
@@ -43,10 +44,11 @@ class ForceScale:
 
 
 def estimates_of(kind: str, errors: np.ndarray, least: np.ndarray) -> Estimates:
-    """Estimates of n answers; a relative error is infinite if the exact answer may be zero and the error is not.
+    """Estimates of n answers; a relative error is infinite if the exact answer may be zero and the
+    error is not.
 
-    Errors, and denominators of relative ones, are those of displacement and forces in energy, of forces in the
-    Euclidean norm, and of pressures, (4, n) each.
+    Errors, and denominators of relative ones, are those of displacement and forces in energy, of
+    forces in the Euclidean norm, and of pressures, (4, n) each.
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = np.where(errors == 0, 0.0, errors / np.maximum(least, 0.0))
@@ -75,19 +77,26 @@ class BoundThere(Protocol):
         """Slack of the fields in equilibrium with forces, (n, m)."""
 
     def completed(self, own: np.ndarray, outside: Any) -> np.ndarray:
-        """Forces on all conditions, (n, m), from those inside, (n, k), by the result of :meth:`Bound.prepared`.
+        """Forces on all conditions, (n, m), from those inside, (n, k), by the result of
+        :meth:`Bound.prepared`.
 
         The other forces close their gaps.
         """
 
-    def force_changes(self, forces: np.ndarray, outside: Any, gradient: Gradient, changes: np.ndarray) -> np.ndarray:
+    def force_changes(
+        self, forces: np.ndarray, outside: Any, gradient: Gradient, changes: np.ndarray
+    ) -> np.ndarray:
         """Derivatives of completed forces, (m,), of one answer, (m, P), at constant statuses.
 
         ``gradient`` has those of the forces inside, ``changes`` are those of θ, (1 + T, P).
         """
 
-    def of(self, unknown: np.ndarray, forces: np.ndarray, slack: Callable[[], np.ndarray]) -> Estimates:
-        """Errors of fields of γ, (n, ell), with slack (n, m), and of the returned forces, (n, m)."""
+    def of(
+        self, unknown: np.ndarray, forces: np.ndarray, slack: Callable[[], np.ndarray]
+    ) -> Estimates:
+        """Errors of fields of γ, (n, ell), with slack (n, m), and of the returned forces, (n,
+        m).
+        """
 
 
 class Bound(Protocol):
@@ -107,17 +116,25 @@ class Bound(Protocol):
 
     @property
     def free_slack(self) -> np.ndarray:
-        """Slack without contact forces, as terms of θ, (m, 1 + T); in the middle of the box if S varies, (m,)."""
+        """Slack without contact forces, as terms of θ, (m, 1 + T).
+
+        In the middle of the box if S varies, (m,).
+        """
 
     def prepared(self, inside: np.ndarray) -> Any:
         """Data that complete forces from those of the conditions ``inside``."""
 
     def at(self, points: np.ndarray, theta: Thetas) -> BoundThere:
-        """Bound at the parameters of some answers, (n, P), with θ, (n, 1 + T), sparse or not; or one Theta for one."""
+        """Bound at the parameters of some answers, (n, P), with θ, (n, 1 + T), sparse or not.
+
+        Or one Theta for one.
+        """
 
 
 class Response(Protocol):
-    """The displacement as a function of loads and all contact forces, for a bound that knows the exact ones."""
+    """The displacement as a function of loads and all contact forces, for a bound that knows the
+    exact ones.
+    """
 
     @property
     def loaded(self) -> np.ndarray:
@@ -135,12 +152,20 @@ class ResponseWithin(Protocol):
     """Coordinates of forces in the columns of a displacement, (c,)."""
 
     def coordinates(self, answer: Answer, there: Any, forces: np.ndarray) -> np.ndarray:
-        """Coordinates, (c,), of an answer with forces on all conditions, (m,), and the bound at its point."""
+        """Coordinates, (c,), of an answer with forces on all conditions, (m,), and the bound at its
+        point.
+        """
 
     def changes(
-        self, there: Any, forces: np.ndarray, of_forces: Callable[[], np.ndarray], of_theta: np.ndarray
+        self,
+        there: Any,
+        forces: np.ndarray,
+        of_forces: Callable[[], np.ndarray],
+        of_theta: np.ndarray,
     ) -> np.ndarray:
-        """Derivatives of the coordinates, (c, P), from those of θ, (1 + T, P), and, on request, of forces, (m, P)."""
+        """Derivatives of the coordinates, (c, P), from those of θ, (1 + T, P), and, on request, of
+        forces, (m, P).
+        """
 
 
 class OutputBound(Protocol):
@@ -155,8 +180,12 @@ class OutputBound(Protocol):
     def fits(self, functionals: Functionals) -> bool:
         """True if these can be estimates of some outputs."""
 
-    def errors(self, fields: Any, answer: Answer, forces: np.ndarray, exact: np.ndarray) -> dict[str, float]:
-        """Errors of outputs by name, of an answer with these forces, (m,), and the exact ones, (m,)."""
+    def errors(
+        self, fields: Any, answer: Answer, forces: np.ndarray, exact: np.ndarray
+    ) -> dict[str, float]:
+        """Errors of outputs by name, of an answer with these forces, (m,), and the exact ones,
+        (m,).
+        """
 
 
 class Bounding(NamedTuple):

@@ -1,7 +1,7 @@
 """Models that keep the contact conditions alone: the primal unknown is eliminated.
 
-The reduced model, the exact condensation of a full model and the interpolated one have this form. They differ in the
-elimination, see :mod:`hhr_dolfinx.models.eliminations.elimination`.
+The reduced model, the exact condensation of a full model and the interpolated one have this form.
+They differ in the elimination, see :mod:`hhr_dolfinx.models.eliminations.elimination`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,12 @@ from hhr_dolfinx.contact.active_set import Pairs, Status
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw
 from hhr_dolfinx.declared import Integers
 from hhr_dolfinx.models.answer import Answer, CheckedStart, ModelFields, SeveralAnswers, outcome
-from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination, answer_of, differentiated
+from hhr_dolfinx.models.eliminations.elimination import (
+    CondensedContact,
+    Elimination,
+    answer_of,
+    differentiated,
+)
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.parameters import ParameterSpace, PointsLike
@@ -25,14 +30,16 @@ from hhr_dolfinx.trained import USUAL, TrainedRange
 
 MOST_ROWS = 16_000
 NUMBERS = 8_000_000
-"""Most rows of a table that are answered at once, and most numbers of their answers, 64 MB. 200,000 rows of the pellet
-took 26 s by 1000 and 11 s by 16,000, measured once."""
+"""Most rows of a table that are answered at once, and most numbers of their answers, 64 MB. 200,000
+rows of the pellet took 26 s by 1000 and 11 s by 16,000, measured once.
+"""
 
 
 class CondensedModel(KeptModel):
     """Model whose primal unknown is eliminated, once or for each parameter.
 
-    Threads may share a model. Copies and pickles of it, for a pool of workers, give the same answers.
+    Threads may share a model. Copies and pickles of it, for a pool of workers, give the same
+    answers.
 
     Args:
         eliminated: makes the contact problem of a point.
@@ -68,24 +75,36 @@ class CondensedModel(KeptModel):
         self._m = known.active.shape[1]
         self._regions = None if law.remembers else eliminated.table_of(known)
 
-    def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
-        """From the critical region of the nearest statuses if it holds there; else by the active set."""
+    def _answered(
+        self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool
+    ) -> Answer:
+        """From the critical region of the nearest statuses if it holds there.
+
+        Else by the active set.
+        """
         if isinstance(start, str):
             known = None if self._regions is None else self._regions(point, self.fields)
             if known is not None:
                 return differentiated(self.eliminated(point), known) if gradient else known
             start = self.known.start(point)
-        return answer_of(self.eliminated(point), point, start, self._pairs, self.fields, gradient=gradient)
+        return answer_of(
+            self.eliminated(point), point, start, self._pairs, self.fields, gradient=gradient
+        )
 
     def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
         """See :class:`AnsweringModel`."""
         return self.eliminated.along_path()
 
-    def solve_many(self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
-        """Answer many parameters, (n, P), as :meth:`solve` does, to round-off; faster per point the more there are.
+    def solve_many(
+        self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL
+    ) -> SeveralAnswers:
+        """Answer many parameters, (n, P), as :meth:`solve` does, to round-off.
+
+        Faster per point the more there are.
 
         Args:
-            raise_on_failure: raise at the first point without a solution, or go on with NaN and a status.
+            raise_on_failure: raise at the first point without a solution, or go on with NaN and a
+                status.
             outside: see :meth:`Model.solve`.
         """
         if self.by_paths:
@@ -98,7 +117,9 @@ class CondensedModel(KeptModel):
                 self._limit.check(point, outside)
         return self.eliminated.answers(self, checked, raise_on_failure)
 
-    def from_contact(self, contact: CondensedContact, point: np.ndarray, raise_on_failure: bool) -> Answer:
+    def from_contact(
+        self, contact: CondensedContact, point: np.ndarray, raise_on_failure: bool
+    ) -> Answer:
         """Answer to a point from its contact problem; starts from the nearest training statuses."""
         answer = answer_of(contact, point, self.known.start(point), self._pairs, self.fields)
         return outcome(answer, raise_on_failure, self.advice)
@@ -122,5 +143,7 @@ class CondensedModel(KeptModel):
 
     @property
     def tabulated(self) -> bool:
-        """True if critical regions are tabulated: amplitudes are affine, and the tables not too large."""
+        """True if critical regions are tabulated: amplitudes are affine, and the tables not too
+        large.
+        """
         return self._regions is not None

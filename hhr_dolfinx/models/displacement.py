@@ -1,7 +1,7 @@
 """Displacements that are linear in few coordinates, u = C x + X θ, in any kind of model.
 
-A model provides C and X, its coordinates x at an answer, and the derivatives of forces and coordinates along the
-parameters. Outputs and their derivatives follow from these in one place.
+A model provides C and X, its coordinates x at an answer, and the derivatives of forces and
+coordinates along the parameters. Outputs and their derivatives follow from these in one place.
 """
 
 from __future__ import annotations
@@ -46,7 +46,9 @@ class LinearDisplacement(ABC):
         """Derivatives of x, (c, P)."""
 
     def _all_force_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
-        """Derivatives of all contact forces, (N_lambda, P), for derivatives of θ, ``changes``, (1 + T, P)."""
+        """Derivatives of all contact forces, (N_lambda, P), for derivatives of θ, ``changes``, (1 +
+        T, P).
+        """
         assert answer.gradient is not None
         return answer.gradient.multipliers
 
@@ -73,28 +75,42 @@ class LinearDisplacement(ABC):
         per_coordinate, per_term = self._measures
         return per_coordinate @ self._coordinates(answer) + per_term @ theta
 
-    def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def measured_changes(
+        self, answer: Answer, changes: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of all contact forces, (N_lambda, P), and of these products, (K, P).
 
-        ``changes`` are those of the amplitudes, (1 + T, P); the answer has a gradient. If no output depends on forces,
-        their derivatives are left out.
+        ``changes`` are those of the amplitudes, (1 + T, P); the answer has a gradient. If no output
+        depends on forces, their derivatives are left out.
         """
         per_coordinate, per_term = self._measures
-        forces = self._all_force_changes(answer, changes) if self.functionals.uses_forces else np.zeros((0, 0))
+        forces = (
+            self._all_force_changes(answer, changes)
+            if self.functionals.uses_forces
+            else np.zeros((0, 0))
+        )
         if not per_coordinate.shape[0]:
             return forces, np.zeros((0, answer.parameter.size))
-        return forces, per_coordinate @ self._coordinate_changes(answer, changes) + per_term @ changes
+        return forces, per_coordinate @ self._coordinate_changes(
+            answer, changes
+        ) + per_term @ changes
 
     def coordinates(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
-        """x and amplitudes of imposed displacements, on which rows of outputs act where shapes are parameters."""
+        """x and amplitudes of imposed displacements, on which rows of outputs act where shapes are
+        parameters.
+        """
         return np.concatenate([self._coordinates(answer), theta[self.functionals.lifted]])
 
-    def coordinate_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def coordinate_changes(
+        self, answer: Answer, changes: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of all forces and of these coordinates."""
         forces = self._all_force_changes(answer, changes)
         if not any(item.count for item in self.functionals.items):
             return forces, np.zeros((0, answer.parameter.size))
-        return forces, np.vstack([self._coordinate_changes(answer, changes), changes[self.functionals.lifted]])
+        return forces, np.vstack(
+            [self._coordinate_changes(answer, changes), changes[self.functionals.lifted]]
+        )
 
 
 def dense(matrix: csr_matrix | np.ndarray) -> np.ndarray:

@@ -7,11 +7,13 @@ Norms, with σ = λ / area the nodal pressure, zero of a condition without an ar
     forces            (λ^T λ)^1/2, Euclidean, of nodal forces
     pressure          max σ_i, the largest
 
-A relative error of forces and pressures is the error over the exact norm, or over a thousandth of the largest one in
-training if the exact norm is smaller: if contact is nearly lost a relative error is meaningless.
+A relative error of forces and pressures is the error over the exact norm, or over a thousandth of
+the largest one in training if the exact norm is smaller: if contact is nearly lost a relative error
+is meaningless.
 
-``known_error`` describes the errors that a model estimates in one line, ``relative_error`` returns a selected one.
-Both depend only on the fields of answers, so that they apply to all kinds of models.
+``known_error`` describes the errors that a model estimates in one line, ``relative_error`` returns
+a selected one. Both depend only on the fields of answers, so that they apply to all kinds of
+models.
 """
 
 from __future__ import annotations
@@ -31,7 +33,8 @@ from hhr_dolfinx.warn import warn
 NO_OUTPUTS: Mapping[str, float] = {}
 """Outputs of a model without outputs, or without estimates of them."""
 NUMBERS = tuple(
-    "primal dual primal_relative dual_relative forces_euclid pressure forces_euclid_relative pressure_relative".split()
+    "primal dual primal_relative dual_relative "
+    "forces_euclid pressure forces_euclid_relative pressure_relative".split()
 )
 """Attributes of an estimate that do not belong to outputs."""
 SHOWN = {
@@ -51,21 +54,23 @@ class Estimate(NamedTuple):
     """Estimate of the error of an answer.
 
     Attributes:
-        kind: ``bound``, which no error exceeds: the error itself, up to round-off, for a constant stiffness;
-            ``estimate``, a bound except for an interpolation without a proof; ``indicator``, which
-            follows the error; :data:`STRESS`, which follows that of the stress alone, relative to the stress of the
-            same step; or :data:`FORCES`, the same for the Euclidean norm of forces.
+        kind: ``bound``, which no error exceeds: the error itself, up to round-off, for a constant
+            stiffness; ``estimate``, a bound except for an interpolation without a proof;
+            ``indicator``, which follows the error; :data:`STRESS`, which follows that of the stress
+            alone, relative to the stress of the same step; or :data:`FORCES`, the same for the
+            Euclidean norm of forces.
         primal: of the displacement in energy, (v^T K v)^1/2.
-        dual: of the contact forces in the S norm, (λ^T S λ)^1/2: the energy of the displacement of the forces alone.
-            Indicators have no units: this and all other absolute errors are then infinite.
-        primal_relative, dual_relative: over the smallest possible norm of the exact answer; infinite if a
-            bound is larger than the answer itself.
-        outputs: errors of the outputs of the scene, by name; outputs without an estimate are left out, see
-            :class:`~hhr_dolfinx.models.bound.OutputBound`.
+        dual: of the contact forces in the S norm, (λ^T S λ)^1/2: the energy of the displacement of
+            the forces alone. Indicators have no units: this and all other absolute errors are then
+            infinite.
+        primal_relative, dual_relative: over the smallest possible norm of the exact answer;
+            infinite if a bound is larger than the answer itself.
+        outputs: errors of the outputs of the scene, by name; outputs without an estimate are left
+            out, see :class:`~hhr_dolfinx.models.bound.OutputBound`.
         forces_euclid: of the nodal contact forces in the Euclidean norm.
         pressure: the largest error of a nodal pressure.
-        forces_euclid_relative, pressure_relative: over the Euclidean norm of the exact forces, and over the exact peak
-            pressure.
+        forces_euclid_relative, pressure_relative: over the Euclidean norm of the exact forces, and
+            over the exact peak pressure.
     """
 
     kind: str
@@ -87,7 +92,9 @@ class Estimate(NamedTuple):
             ParameterError: for a value that is no relative error: not a number, NaN, or negative.
         """
         if not (isinstance(value, Real) and value >= 0):
-            raise ParameterError(f"an indicator says {value!r}: it must be a relative error, a number from 0 on")
+            raise ParameterError(
+                f"an indicator says {value!r}: it must be a relative error, a number from 0 on"
+            )
         value = float(value)
         if kind == FORCES:
             return cls(kind, math.inf, math.inf, math.inf, math.inf, forces_euclid_relative=value)
@@ -99,7 +106,9 @@ class Estimate(NamedTuple):
     def exact(cls, functionals: Any) -> Estimate:
         """Estimate of an answer without an error, with the outputs of a scene, or None."""
         items = () if functionals is None else functionals.items
-        return cls("bound", 0.0, 0.0, 0.0, 0.0, {item.name: 0.0 for item in items}, 0.0, 0.0, 0.0, 0.0)
+        return cls(
+            "bound", 0.0, 0.0, 0.0, 0.0, {item.name: 0.0 for item in items}, 0.0, 0.0, 0.0, 0.0
+        )
 
     def shown(self, outputs: Mapping[str, str] = MappingProxyType({})) -> dict[str, float]:
         """Row of a table, by the heads of :func:`columns`; NaN for outputs without a bound."""
@@ -115,9 +124,11 @@ class Estimates:
 
     Attributes:
         kind: see there.
-        primal, dual, primal_relative, dual_relative, forces_euclid, pressure, forces_euclid_relative,
+        primal, dual, primal_relative, dual_relative, forces_euclid, pressure,
+        forces_euclid_relative,
             pressure_relative: see there, (n,) each; NaN without an answer.
-        outputs_of: returns the bounds of the outputs of one answer, by its number; called when they are read.
+        outputs_of: returns the bounds of the outputs of one answer, by its number; called when they
+            are read.
     """
 
     kind: str
@@ -129,11 +140,17 @@ class Estimates:
     pressure: np.ndarray
     forces_euclid_relative: np.ndarray
     pressure_relative: np.ndarray
-    outputs_of: Callable[[int], Mapping[str, float]] = field(default=lambda _: NO_OUTPUTS, compare=False)
+    outputs_of: Callable[[int], Mapping[str, float]] = field(
+        default=lambda _: NO_OUTPUTS, compare=False
+    )
 
     @classmethod
     def by_blocks(
-        cls, kind: str, solved: np.ndarray, together: int, bounded: Callable[[np.ndarray], Estimates]
+        cls,
+        kind: str,
+        solved: np.ndarray,
+        together: int,
+        bounded: Callable[[np.ndarray], Estimates],
     ) -> Estimates:
         """Estimates of the converged answers, (n,) bool, in blocks of rows; NaN for the others."""
         rows = np.flatnonzero(solved)
@@ -146,7 +163,11 @@ class Estimates:
     def __reduce__(self) -> tuple:
         """Copy and pickle with the bounds of all outputs."""
         bounds = [dict(self.outputs_of(k)) for k in range(len(self))]
-        return Estimates, (self.kind, *(getattr(self, name) for name in NUMBERS), bounds.__getitem__)
+        return Estimates, (
+            self.kind,
+            *(getattr(self, name) for name in NUMBERS),
+            bounds.__getitem__,
+        )
 
     def __getitem__(self, k: int) -> Estimate:
         numbers = {name: float(getattr(self, name)[k]) for name in NUMBERS}
@@ -163,21 +184,34 @@ class Estimates:
         return replace(cls._filled(kinds, len(found), rows), outputs_of=bounds.__getitem__)
 
     @classmethod
-    def joined(cls, parts: Sequence[tuple[np.ndarray, Estimates | None]], count: int) -> Estimates | None:
-        """Join estimates of parts of ``count`` answers, each with the indices of its answers; None without any."""
+    def joined(
+        cls, parts: Sequence[tuple[np.ndarray, Estimates | None]], count: int
+    ) -> Estimates | None:
+        """Join estimates of parts of ``count`` answers, each with the indices of its answers.
+
+        None without any.
+        """
         known = [(rows, part) for rows, part in parts if part is not None]
         if not known:
             return None
-        places = {row: (part, k) for rows, part in known for k, row in enumerate(np.arange(count)[rows].tolist())}
+        places = {
+            row: (part, k)
+            for rows, part in known
+            for k, row in enumerate(np.arange(count)[rows].tolist())
+        }
 
         def outputs_of(row: int) -> Mapping[str, float]:
             part, k = places.get(row, (None, 0))
             return NO_OUTPUTS if part is None else part.outputs_of(k)
 
-        return replace(cls._filled({part.kind for _, part in known}, count, known), outputs_of=outputs_of)
+        return replace(
+            cls._filled({part.kind for _, part in known}, count, known), outputs_of=outputs_of
+        )
 
     @classmethod
-    def _filled(cls, kinds: set[str], count: int, parts: Sequence[tuple[np.ndarray, Any]]) -> Estimates:
+    def _filled(
+        cls, kinds: set[str], count: int, parts: Sequence[tuple[np.ndarray, Any]]
+    ) -> Estimates:
         """Estimates with attributes at some indices, NaN elsewhere."""
         numbers = np.full((len(NUMBERS), count), np.nan)
         for rows, part in parts:
@@ -220,18 +254,25 @@ ASKED = ("forces", "pressure", "displacement")
 
 
 def known_error(fields: Any) -> str:
-    """Description of the errors that are estimated for answers with some fields, or the reason why there are none."""
+    """Description of the errors that are estimated for answers with some fields, or the reason why
+    there are none.
+    """
     kind = fields.estimated
     if fields.bound is not None:
         known, others = _outputs(fields)
         outputs = f"; outputs {', '.join(known)}" if known else ""
-        return f"{HOW[kind]}: {NORMS}{outputs}" + (f". No bound of {', '.join(others)}" if others else "")
+        return f"{HOW[kind]}: {NORMS}{outputs}" + (
+            f". No bound of {', '.join(others)}" if others else ""
+        )
     if fields.indicator is not None:
         return "indicator of the recipe: follows errors as far as it is made to, without a proof"
     if fields.flow is not None:
         return str(fields.flow.known_error)
     if kind == FORCES:
-        return "indicator of the forces: the part of those on the RID that no training explains; without a proof"
+        return (
+            "indicator of the forces: the part of those on the RID that no training explains; "
+            "without a proof"
+        )
     if fields.exact:
         return f"exact: {fields.unbounded}"
     return f"none: {fields.unbounded or 'answers of this kind estimate no errors'}"
@@ -250,14 +291,16 @@ def warn_unbounded(fields: Any) -> None:
     why = fields.unbounded
     if why and why != NOT_ASKED and fields.bound is None:
         warn(
-            f"nothing is known of the errors of these answers: {why}. They were compared with answers held "
-            "out, and may be far off between them: hold out more, or ask the full model where it counts",
+            f"nothing is known of the errors of these answers: {why}. They were compared with "
+            "answers held out, and may be far off between them: hold out more, or ask the full "
+            "model where it counts",
             NoBoundWarning,
         )
 
 
 def check_asked(fields: Any, of: Any) -> None:
-    """Check an error by its name: None, one of :data:`ASKED`, or the name of an output with a bound.
+    """Check an error by its name: None, one of :data:`ASKED`, or the name of an output with a
+    bound.
 
     Raises:
         ParameterError: for another name, or an output without a bound, with the reason.
@@ -269,18 +312,24 @@ def check_asked(fields: Any, of: Any) -> None:
     if of in others and of not in ASKED:
         why = "it reads more of the displacement than there is room for"
         if fields.output_bound is None:
-            why = "outputs have one only where the stiffness does not depend on parameters and all bodies are held"
+            why = (
+                "outputs have one only where the stiffness does not depend on parameters and all "
+                "bodies are held"
+            )
         raise ParameterError(
-            f"there is no estimate of the error of output {of!r}: {why}. Take {', '.join([*ASKED, *known])}"
+            f"there is no estimate of the error of output {of!r}: {why}. Take "
+            f"{', '.join([*ASKED, *known])}"
         )
 
 
 def check_of_forces(of: object) -> None:
-    """Raise ParameterError for an error that the indicator of forces of a hyper-reduced model does not cover."""
+    """Raise ParameterError for an error that the indicator of forces of a hyper-reduced model does
+    not cover.
+    """
     if of != "forces":
         raise ParameterError(
-            f"of = {of!r}: the hyper-reduced model has an indicator of its forces, by the law of its contacts, and "
-            "nothing else is known of its errors: ask for of='forces'"
+            f"of = {of!r}: the hyper-reduced model has an indicator of its forces, by the law of "
+            "its contacts, and nothing else is known of its errors: ask for of='forces'"
         )
 
 
@@ -288,8 +337,9 @@ def check_word(outputs: Sequence[str], of: object) -> None:
     """Raise ParameterError unless it is None, one of :data:`ASKED`, or the name of an output."""
     if of is not None and not (isinstance(of, str) and of in (*ASKED, *outputs)):
         raise ParameterError(
-            f"of = {of!r} is no error that is known here: give {', '.join(repr(word) for word in (*ASKED, *outputs))}, "
-            "or None for displacement and forces in energy"
+            f"of = {of!r} is no error that is known here: give "
+            f"{', '.join(repr(word) for word in (*ASKED, *outputs))}, or None for displacement "
+            "and forces in energy"
         )
 
 
@@ -299,7 +349,8 @@ def relative_error(answer: Any, estimate: Estimate, of: str | None) -> float:
     Args:
         answer: its value is the denominator for an output.
         estimate: of its error.
-        of: see :func:`check_asked`; None selects the larger one of displacement and forces, both in energy.
+        of: see :func:`check_asked`; None selects the larger one of displacement and forces, both in
+            energy.
     """
     if of is None:
         # with a NaN no comparison is true
@@ -312,12 +363,17 @@ def relative_error(answer: Any, estimate: Estimate, of: str | None) -> float:
         return 0.0
     if answer.fields.output_bound is None:
         return math.inf
-    size = max(abs(answer.outputs()[of]) - error, answer.fields.output_bound.least_of(answer.fields.functionals, of))
+    size = max(
+        abs(answer.outputs()[of]) - error,
+        answer.fields.output_bound.least_of(answer.fields.functionals, of),
+    )
     return error / size if size > 0 else math.inf
 
 
 def relative_errors(many: Any, of: str | None, known: Estimates | None = None) -> np.ndarray | None:
-    """The selected error of many answers, (n,), NaN for those without an estimate; None if no answer has one.
+    """The selected error of many answers, (n,), NaN for those without an estimate.
+
+    None if no answer has one.
 
     Args:
         many: see :class:`~hhr_dolfinx.models.answer.SeveralAnswers`.
@@ -326,8 +382,17 @@ def relative_errors(many: Any, of: str | None, known: Estimates | None = None) -
     """
     if of is not None and of not in SHOWN:
         singles = [(answer, answer.estimate()) for answer in many]
-        return np.array([math.nan if one is None else relative_error(answer, one, of) for answer, one in singles])
+        return np.array(
+            [
+                math.nan if one is None else relative_error(answer, one, of)
+                for answer, one in singles
+            ]
+        )
     found = many.estimates() if known is None else known
     if found is None:
         return None
-    return np.maximum(found.primal_relative, found.dual_relative) if of is None else getattr(found, SHOWN[of])
+    return (
+        np.maximum(found.primal_relative, found.dual_relative)
+        if of is None
+        else getattr(found, SHOWN[of])
+    )

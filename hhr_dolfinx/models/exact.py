@@ -1,4 +1,6 @@
-"""Fields of exact condensation: under given contact forces the displacement is a linear map of forces and loads."""
+"""Fields of exact condensation: under given contact forces the displacement is a linear map of
+forces and loads.
+"""
 
 from __future__ import annotations
 
@@ -44,7 +46,10 @@ class _Exact(Rebuilt, LinearDisplacement, ElasticFields):
         """K^-1 (loads - B^T λ), (N,)."""
 
     def displacement(self, answer: Answer) -> np.ndarray:
-        """K^-1 (loads - B^T λ) and the lift, (N,); NotOfferedError by a copy or a file without columns of K^-1 B^T."""
+        """K^-1 (loads - B^T λ) and the lift, (N,).
+
+        NotOfferedError by a copy or a file without columns of K^-1 B^T.
+        """
         theta = self.amplitudes(answer.parameter)
         return self._unknown(answer, theta) + self.lifts @ theta
 
@@ -59,16 +64,22 @@ class _Exact(Rebuilt, LinearDisplacement, ElasticFields):
 
 @dataclass(frozen=True)
 class ExactFields(_Exact):
-    """Fields of exact condensation with K^-1 B^T, see :class:`hhr_dolfinx.models.answer.ModelFields`."""
+    """Fields of exact condensation with K^-1 B^T, see
+    :class:`hhr_dolfinx.models.answer.ModelFields`.
+    """
 
     amplitudes: Amplitudes  # θ as a function of the parameters
     lifts: Annotated[csc_matrix, "N", "terms"]  # imposed displacements, sparse, (N, 1 + T)
     per_force: Annotated[Floats, "N", "m"]  # K^-1 B^T, (N, N_lambda)
     per_term: Annotated[Floats, "N", "terms"]  # K^-1 loads, (N, 1 + T)
     dimension: int  # components of the displacement at a node
-    floats: bool = False  # whether bodies have rigid motions, which only the unknown of an answer has
+    floats: bool = (
+        False  # whether bodies have rigid motions, which only the unknown of an answer has
+    )
     # stress of a displacement; None of a copy or from a file, since a mesh belongs to one process
-    stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
+    stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(
+        default=None, metadata=OF_THE_MESH
+    )
     functionals: Functionals | None = None  # outputs of the scene; None if it has none
     full: Meshed | None = field(default=None, metadata=OF_THE_MESH)  # see ModelFields
 
@@ -83,7 +94,11 @@ class ExactFields(_Exact):
 
     def _unknown(self, answer: Answer, theta: Theta) -> np.ndarray:
         """From the answer if that has fields."""
-        return answer.unknown if answer.unknown.size else self.per_term @ theta - self.per_force @ answer.multipliers
+        return (
+            answer.unknown
+            if answer.unknown.size
+            else self.per_term @ theta - self.per_force @ answer.multipliers
+        )
 
     def _per_coordinate(self, rows: csr_matrix) -> csr_matrix | np.ndarray:
         return rows if self.floats else rows @ self.per_force
@@ -98,7 +113,8 @@ class ExactFields(_Exact):
 
 @dataclass(frozen=True)
 class SolvedFields(_Exact):
-    """Fields of exact condensation whose K^-1 B^T exceeds the memory: a displacement takes one full solve.
+    """Fields of exact condensation whose K^-1 B^T exceeds the memory: a displacement takes one full
+    solve.
 
     Parts without a comment are those of :class:`ExactFields`.
     """
@@ -107,12 +123,14 @@ class SolvedFields(_Exact):
     lifts: Annotated[csc_matrix, "N", "terms"]
     per_term: Annotated[Floats, "N", "terms"]
     dimension: int
-    # rows of the outputs times -K^-1 B^T, (K, N_lambda). It has no rows if outputs have too many, as a largest stress
-    # has; outputs then evaluate displacements, one more solve each
+    # rows of the outputs times -K^-1 B^T, (K, N_lambda). It has no rows if outputs have too many,
+    # as a largest stress has; outputs then evaluate displacements, one more solve each
     measured_per_force: Annotated[Floats, "rows of outputs", "m"]
     # K^-1 B^T times forces; None of a copy or from a file, since factors belong to one process
     pushed: Callable[[np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
-    stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
+    stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(
+        default=None, metadata=OF_THE_MESH
+    )
     functionals: Functionals | None = None
     full: Meshed | None = field(default=None, metadata=OF_THE_MESH)
 
@@ -133,8 +151,9 @@ class SolvedFields(_Exact):
     def _push(self) -> Callable[[np.ndarray], np.ndarray]:
         if self.pushed is None:
             raise NotOfferedError(
-                "a model that was copied or read from a file has no factors, and where the columns of K^-1 B^T have no "
-                "room a displacement needs them: ask the model where it was made, or the full one, full.solve(mu)"
+                "a model that was copied or read from a file has no factors, and where the "
+                "columns of K^-1 B^T have no room a displacement needs them: ask the model where "
+                "it was made, or the full one, full.solve(mu)"
             )
         return self.pushed
 

@@ -1,7 +1,7 @@
 """The full-order model as modules see it that check, store and reduce its answers.
 
-They read arrays of the contact problem and solve with its factors, and never see the mesh. The model itself is
-:class:`hhr_dolfinx.full_order.full.FullOrderModel`.
+They read arrays of the contact problem and solve with its factors, and never see the mesh. The
+model itself is :class:`hhr_dolfinx.full_order.full.FullOrderModel`.
 
 Sizes: N dofs, n of them on this rank; N_lambda contact conditions; 1 + T terms of θ; P parameters.
 """
@@ -47,7 +47,9 @@ KEPT_BYTES = 1e9
 class Equations(Protocol):
     """Dependence of the equations on parameters."""
 
-    bodies: ScaledBodies | None  # moduli of whole bodies, if nothing else of K varies; None otherwise
+    bodies: (
+        ScaledBodies | None
+    )  # moduli of whole bodies, if nothing else of K varies; None otherwise
 
     def stiffness(self, point: np.ndarray) -> Stiffness:
         """K at a point, (P,)."""
@@ -56,7 +58,8 @@ class Equations(Protocol):
 class Guard:
     """Check that strains in answers of a full model are small, which does nothing here.
 
-    A plug-in derives one, its tool ``small_strains``, made with the problem and whether strains have a hoop component.
+    A plug-in derives one, its tool ``small_strains``, made with the problem and whether strains
+    have a hoop component.
     """
 
     def __init__(self, problem: ContactProblem, *, axisymmetric: bool):
@@ -73,23 +76,32 @@ class Guard:
         """Check sets of answers, :class:`~hhr_dolfinx.snapshots.records.SnapshotSet` or None."""
 
     def corners(self, full: FullModel, model: Checked) -> Checked:
-        """Check a model in corners of its parameter range; the model, with a limit if it is off there."""
+        """Check a model in corners of its parameter range.
+
+        The model, with a limit if it is off there.
+        """
         return model
 
 
 class FullModel(AnsweringModel, ElasticFields):
-    """The full-order model: solves points and paths, completes its own answers, and lends its factors."""
+    """The full-order model: solves points and paths, completes its own answers, and lends its
+    factors.
+    """
 
     scene: Any  # messages need its name
     group: Group  # processes that have the model together
-    problem: ContactProblem  # the algebraic contact problem; on several ranks each has the rows of its dofs
+    # the algebraic contact problem; on several ranks each has the rows of its dofs
+    problem: ContactProblem
     system: Equations  # the equations at any point
     stiffness: SparseStiffness  # K, if it is constant; otherwise K in the middle of the box
     store: FactorStore  # factors of K, leased by K of this and other points
-    # whether K^-1 B^T has room in memory; else S is made at its first use, and a displacement takes one more solution
+    # whether K^-1 B^T has room in memory; else S is made at its first use, and a displacement takes
+    # one more solution
     keeps_columns: bool
     functionals: AllOutputs | None  # outputs of the scene; None if it has none
-    equilibrium: FullEquilibrium | None = None  # equilibrium of bodies with laws; None if all bodies are elastic
+    equilibrium: FullEquilibrium | None = (
+        None  # equilibrium of bodies with laws; None if all bodies are elastic
+    )
     strains: Guard  # check that strains in its answers are small
     pairs: Pairs | None  # conditions by contact pair
 
@@ -131,11 +143,17 @@ class FullModel(AnsweringModel, ElasticFields):
         return self.stiffness.columns(self.problem.loads[self.problem.rows])
 
     def pushed_everywhere(self, forces: np.ndarray) -> np.ndarray:
-        """K^-1 B^T times forces, (N_lambda,) or (N_lambda, k), on all dofs, (N,) or (N, k). Collective."""
+        """K^-1 B^T times forces, (N_lambda,) or (N_lambda, k), on all dofs, (N,) or (N, k).
+
+        Collective.
+        """
         return self.spread.whole(self.stiffness.response_to_forces(forces))
 
     def pressed(self, rows: csr_matrix) -> np.ndarray:
-        """Some rows, (k, N), times K^-1 B^T, (k, N_lambda); as K is symmetric, B times K^-1 rows^T. Collective."""
+        """Some rows, (k, N), times K^-1 B^T, (k, N_lambda); as K is symmetric, B times K^-1 rows^T.
+
+        Collective.
+        """
         if not rows.shape[0]:
             return np.zeros((0, self.conditions))
         own = csr_matrix(rows)[:, self.problem.rows]
@@ -147,10 +165,14 @@ class FullModel(AnsweringModel, ElasticFields):
     def per_force(self) -> np.ndarray:
         """K^-1 B^T, (n, N_lambda), of a constant K or that of the middle of the box.
 
-        If it is not kept it is computed, and kept afterwards: it may be larger than everything else.
+        If it is not kept it is computed, and kept afterwards: it may be larger than everything
+        else.
         """
         if not self.stiffness.has_response:
-            _log.warning("K^-1 B^T is solved for and kept: %.1f GB", 8e-9 * self.problem.free.size * self.conditions)
+            _log.warning(
+                "K^-1 B^T is solved for and kept: %.1f GB",
+                8e-9 * self.problem.free.size * self.conditions,
+            )
         return self.stiffness.response
 
     def solve_many(self, points: PointsLike, **how: Any) -> SeveralAnswers:
@@ -168,7 +190,8 @@ class FullModel(AnsweringModel, ElasticFields):
     ) -> History:
         """Answer a path from rest, see :meth:`Model.march`.
 
-        ``known`` are answers to its first steps, solved before; ``keep`` is called with each new one.
+        ``known`` are answers to its first steps, solved before; ``keep`` is called with each new
+        one.
         """
         checked: Path = []
 
@@ -183,7 +206,9 @@ class FullModel(AnsweringModel, ElasticFields):
             steps()
 
         def keep_small(answer: Answer) -> None:
-            if self.equilibrium is None:  # steps of bodies with laws are looked at as they are solved
+            if (
+                self.equilibrium is None
+            ):  # steps of bodies with laws are looked at as they are solved
                 self.strains.look(answer)
             keep(answer)
 
@@ -195,33 +220,52 @@ class FullModel(AnsweringModel, ElasticFields):
         return self.group.size > 1
 
     def agree(self, call: str, points: Callable[[], np.ndarray], **how: Any) -> None:
-        """Raise RankError on all ranks if they call it differently: at points, (n, P), or at times too, (n, 1 + P)."""
+        """Raise RankError on all ranks if they call it differently: at points, (n, P), or at times
+        too, (n, 1 + P).
+        """
         if self.group.size == 1:
             return
 
         def asked() -> list[str | np.ndarray]:
             table = points()
-            last = self.parameters.described(table[-1][-len(self.parameters.names) :]) if len(table) else "no point"
-            words = f"{call} at {last}" if len(table) < 2 else f"{call} at {len(table)} points, the last {last}"
-            values = (item if isinstance(item, np.ndarray) else f"{name}={item!r}" for name, item in how.items())
+            last = (
+                self.parameters.described(table[-1][-len(self.parameters.names) :])
+                if len(table)
+                else "no point"
+            )
+            words = (
+                f"{call} at {last}"
+                if len(table) < 2
+                else f"{call} at {len(table)} points, the last {last}"
+            )
+            values = (
+                item if isinstance(item, np.ndarray) else f"{name}={item!r}"
+                for name, item in how.items()
+            )
             return [words, table, *values]
 
         self.group.agreed(f"the full model of scene '{self.scene.name}'", asked)
 
     @abstractmethod
     def gathered(self) -> FullModel:
-        """The same model with all rows on each rank, where the ranks share the factors. Collective."""
+        """The same model with all rows on each rank, where the ranks share the factors.
+        Collective.
+        """
 
     @abstractmethod
     def stress_of(self, displacement: np.ndarray, mu: PointLike | None = None) -> np.ndarray:
-        """Elastic stress of a displacement, (N,), at cell midpoints in Kelvin's notation, (cells, components)."""
+        """Elastic stress of a displacement, (N,), at cell midpoints in Kelvin's notation, (cells,
+        components).
+        """
 
     @abstractmethod
     def answer_mesh(self) -> AnswerMesh:
         """See :class:`~hhr_dolfinx.models.answer.Meshed`. Collective."""
 
     def areas(self, mu: PointLike) -> np.ndarray:
-        """Tributary areas of the contact conditions at a parameter, on which shapes may depend, (N_lambda,)."""
+        """Tributary areas of the contact conditions at a parameter, on which shapes may depend,
+        (N_lambda,).
+        """
         shaped = self.problem.reshaped
         return (self.problem if shaped is None else shaped(self.parameters.point(mu))).contact_areas
 
@@ -231,11 +275,21 @@ class FullModel(AnsweringModel, ElasticFields):
 
     @abstractmethod
     def factors_of(
-        self, stiffness: csr_matrix, plane: str, last: np.ndarray | None = None, *, anew: bool = False
+        self,
+        stiffness: csr_matrix,
+        plane: str,
+        last: np.ndarray | None = None,
+        *,
+        anew: bool = False,
     ) -> FreeCholesky:
         """Factors of own rows of a stiffness, (n, N), with an ordering for plane problems."""
 
 
 def plain_outputs(full: FullModel) -> Functionals | None:
-    """Outputs of a scene as plain data; None without any, and if shapes are parameters, which change them."""
-    return None if full.problem.reshaped is not None else cast("Functionals | None", full.functionals)
+    """Outputs of a scene as plain data.
+
+    None without any, and if shapes are parameters, which change them.
+    """
+    return (
+        None if full.problem.reshaped is not None else cast("Functionals | None", full.functionals)
+    )

@@ -1,7 +1,8 @@
 """Derivatives of an answer along the parameters, on its active set.
 
-An answer has a kink where a condition is neither open nor closed by more than round-off. The derivative is then that of
-the side on which the statuses stay as they are, and the gradient is marked as one-sided.
+An answer has a kink where a condition is neither open nor closed by more than round-off. The
+derivative is then that of the side on which the statuses stay as they are, and the gradient is
+marked as one-sided.
 """
 
 from __future__ import annotations
@@ -11,7 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 GRAZING = 1e-7
-"""Part of the largest force, or slack, below which a condition counts as about to change its status."""
+"""Part of the largest force, or slack, below which a condition counts as about to change its
+status.
+"""
 
 
 class Gradient(NamedTuple):
@@ -22,8 +25,10 @@ class Gradient(NamedTuple):
         multipliers: of the forces on its conditions, (m, P).
         grazing: conditions about to change their status, whose derivative is one-sided, (m,) bool.
         slack: of the slack, (m, P).
-        kinks: number of material points at a kink of their law, and of such points and conditions in earlier steps.
-        note: path along which the derivatives are taken, and how far they have converged, if they depend on one.
+        kinks: number of material points at a kink of their law, and of such points and conditions
+            in earlier steps.
+        note: path along which the derivatives are taken, and how far they have converged, if they
+            depend on one.
     """
 
     unknown: np.ndarray

@@ -1,4 +1,6 @@
-"""Many parameters at once: points of equal statuses share factors, and are solved by products of matrices."""
+"""Many parameters at once: points of equal statuses share factors, and are solved by products of
+matrices.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.one_thread import one_thread
 
 BLOCK = 1024
-"""Points whose unknown is computed at once, so that temporary arrays stay small compared with the answers."""
+"""Points whose unknown is computed at once, so that temporary arrays stay small compared with the
+answers.
+"""
 FEWEST = 4096
 APART = 16
 """One of so many points is solved first, for the others to start from."""
@@ -29,7 +33,9 @@ class ManyAnswers(SeveralAnswers):
 
     points: np.ndarray  # parameters, (n, P)
     unknown: np.ndarray  # unknown of the model, (n, k); NaN without a solution
-    multipliers: np.ndarray  # forces on the contact conditions of the model, (n, m); NaN without a solution
+    multipliers: (
+        np.ndarray
+    )  # forces on the contact conditions of the model, (n, m); NaN without a solution
     active: np.ndarray  # their statuses, (n, m) bool
     status: list[Status]  # why each search stopped
     iterations: np.ndarray  # equality problems solved for each, (n,)
@@ -70,17 +76,28 @@ class PartedAnswers(SeveralAnswers):
     model: np.ndarray  # number of the model that answered each, (n,) int
     status: list[Status]  # why each search stopped
     iterations: np.ndarray  # equality problems solved for each, (n,)
-    parts: tuple[tuple[np.ndarray, SeveralAnswers], ...]  # rows and answers of each model that is used
+    parts: tuple[
+        tuple[np.ndarray, SeveralAnswers], ...
+    ]  # rows and answers of each model that is used
 
     @classmethod
     def of(cls, parts: list[tuple[np.ndarray, SeveralAnswers]], model: np.ndarray) -> PartedAnswers:
-        """Combine the answers of each model to its rows, one or more, and the numbers of the models by row."""
+        """Combine the answers of each model to its rows, one or more, and the numbers of the models
+        by row.
+        """
         places = [rows for rows, _ in parts]
         points, iterations = (
-            _at_places(places, [getattr(many, name) for _, many in parts]) for name in ("points", "iterations")
+            _at_places(places, [getattr(many, name) for _, many in parts])
+            for name in ("points", "iterations")
         )
-        status = {row: found for rows, many in parts for row, found in zip(rows.tolist(), many.status, strict=True)}
-        return cls(points, model, [status[row] for row in range(len(model))], iterations, tuple(parts))
+        status = {
+            row: found
+            for rows, many in parts
+            for row, found in zip(rows.tolist(), many.status, strict=True)
+        }
+        return cls(
+            points, model, [status[row] for row in range(len(model))], iterations, tuple(parts)
+        )
 
     def __getitem__(self, k: int) -> Answer:
         k = range(len(self))[k]
@@ -112,7 +129,8 @@ def _at_places(places: list[np.ndarray], values: list[np.ndarray]) -> np.ndarray
     return np.concatenate(values)[np.argsort(np.concatenate(places))]
 
 
-# blocks of a hundred conditions: two threads beside another process took 20 times as long, measured once
+# blocks of a hundred conditions: two threads beside another process took 20 times as long, measured
+# once
 @one_thread
 def answers_by_statuses(
     model: Any,
@@ -124,8 +142,8 @@ def answers_by_statuses(
 ) -> ManyAnswers:
     """Answers of a condensed model of constant stiffness to checked points, (n, P).
 
-    ``response`` is the free slack followed by the free unknown, (m + n, 1 + T). The model solves the points whose batch
-    does not converge.
+    ``response`` is the free slack followed by the free unknown, (m + n, 1 + T). The model solves
+    the points whose batch does not converge.
     """
     schur = responses.schur
     per_force = responses.primal_per_force
@@ -142,7 +160,9 @@ def answers_by_statuses(
         unknown[block] = theta[block] @ response[m:].T
         unknown[block] -= forces[block] @ per_force.T
     for k in left:
-        answer = model.solve(points[k], start=active[k].copy(), raise_on_failure=raise_on_failure, outside="ignore")
+        answer = model.solve(
+            points[k], start=active[k].copy(), raise_on_failure=raise_on_failure, outside="ignore"
+        )
         unknown[k] = answer.unknown
         forces[k] = answer.multipliers
         active[k] = answer.active
@@ -151,11 +171,13 @@ def answers_by_statuses(
     return ManyAnswers(points, unknown, forces, active, status, iterations, model.fields)
 
 
-def _starts(known: KnownStatuses, schur: np.ndarray, points: np.ndarray, free_slack: np.ndarray) -> np.ndarray:
+def _starts(
+    known: KnownStatuses, schur: np.ndarray, points: np.ndarray, free_slack: np.ndarray
+) -> np.ndarray:
     """Statuses to start from, (n, m) bool; a copy, which the caller may change.
 
-    Of many points one of every so many is solved first. The others start from the nearest of these, which mostly has
-    the same statuses.
+    Of many points one of every so many is solved first. The others start from the nearest of these,
+    which mostly has the same statuses.
     """
     if len(points) < FEWEST:
         return known.starts(points)

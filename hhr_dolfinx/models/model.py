@@ -1,7 +1,8 @@
-"""Common base of all models: checks points, starts and training range, and raises or warns on failures.
+"""Common base of all models: checks points, starts and training range, and raises or warns on
+failures.
 
-Each kind of model implements ``_answered`` for a checked point. Models of bodies with laws have an ``equilibrium``,
-which answers paths.
+Each kind of model implements ``_answered`` for a checked point. Models of bodies with laws have an
+``equilibrium``, which answers paths.
 """
 
 from __future__ import annotations
@@ -35,7 +36,12 @@ from hhr_dolfinx.models.answer import (
     outcome,
     unanswered,
 )
-from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, Equilibrium, Histories, MarchSettings
+from hhr_dolfinx.models.histories.equilibrium import (
+    DEFAULT_MARCH,
+    Equilibrium,
+    Histories,
+    MarchSettings,
+)
 from hhr_dolfinx.models.histories.path import checked_path
 from hhr_dolfinx.models.histories.steps import steps_of
 from hhr_dolfinx.models.shown import MOST, Shown, counted
@@ -59,7 +65,8 @@ def checked_start(start: Start, conditions: int) -> CheckedStart:
     """Check the start of a search: ``nearest``, None, or statuses.
 
     Raises:
-        ParameterError: for another word, or statuses that are not bool or not one for each condition.
+        ParameterError: for another word, or statuses that are not bool or not one for each
+            condition.
     """
     if start is None or (isinstance(start, str) and start == NEAREST):
         return start
@@ -70,7 +77,8 @@ def checked_start(start: Start, conditions: int) -> CheckedStart:
     if statuses.dtype != bool or statuses.shape != (conditions,):
         given = repr(start) if statuses.ndim == 0 else f"{statuses.dtype} of shape {statuses.shape}"
         raise ParameterError(
-            f"start = {given} is unknown: 'nearest', None for a cold start, or statuses ({conditions},) bool"
+            f"start = {given} is unknown: 'nearest', None for a cold start, or statuses "
+            f"({conditions},) bool"
         )
     return statuses
 
@@ -83,14 +91,16 @@ def warn_undetermined(parameters: ParameterSpace, answer: Answer) -> None:
     """Warn of rigid motions of an answer that contact does not determine."""
     warn(
         f"neither loads nor contact determine how far {kernels().undetermined_motions(answer)} at "
-        f"{parameters.described(answer.parameter)}: the answer is that of least motion, and nothing bounds outputs "
-        "that read it. For one answer hold the body by a displacement, or load it",
+        f"{parameters.described(answer.parameter)}: the answer is that of least motion, and "
+        "nothing bounds outputs that read it. For one answer hold the body by a displacement, or "
+        "load it",
         UndeterminedWarning,
     )
 
 
 class AnsweringModel(Shown):
-    """Base of all kinds of models; each implements its solution, and may override methods by faster ones.
+    """Base of all kinds of models; each implements its solution, and may override methods by faster
+    ones.
 
     Attributes:
         parameters: the box of the parameters.
@@ -110,20 +120,28 @@ class AnsweringModel(Shown):
     advice: Mapping[Status, str] = MappingProxyType({})
     reduction: Any = None
     usual_outside: ClassVar[str] = "warn"
-    instead: ClassVar[str] = "it needs the mesh and its factors. Keep a reduced or a condensed model, training.build()"
+    instead: ClassVar[str] = (
+        "it needs the mesh and its factors. Keep a reduced or a condensed model, training.build()"
+    )
 
     def facts(self) -> dict[str, str]:
         """See :class:`~hhr_dolfinx.models.shown.Shown`."""
         names = self.parameters.names
         own = self.own_conditions
         every = self.conditions
-        kept = counted(every, "contact condition") if own == every else f"{own} of {every} contact conditions"
+        kept = (
+            counted(every, "contact condition")
+            if own == every
+            else f"{own} of {every} contact conditions"
+        )
         unknowns = self.sizes[0]
         return {
             "parameters": f"{counted(len(names), 'parameter')} ({', '.join(names[:MOST])})",
             **({"unknowns": counted(unknowns, "unknown")} if unknowns else {}),
             "contact": kept,
-            "errors": "exact" if self.fields.exact else f"errors: {self.fields.estimated or 'unknown'}",
+            "errors": "exact"
+            if self.fields.exact
+            else f"errors: {self.fields.estimated or 'unknown'}",
         }
 
     @property
@@ -133,11 +151,16 @@ class AnsweringModel(Shown):
 
     @property
     def estimating(self) -> AnsweringModel:
-        """Model whose error estimates its answers carry; itself, but for models that combine others."""
+        """Model whose error estimates its answers carry.
+
+        itself, but for models that combine others.
+        """
         return self
 
     def columns(self, many: Iterable[Answer]) -> dict[str, np.ndarray]:
-        """Further columns of a table of n of its answers by head, (n,) each; the same heads of none. Usually none."""
+        """Further columns of a table of n of its answers by head, (n,) each; the same heads of
+        none. Usually none.
+        """
         return {}
 
     def summed_up(self, sums: Mapping[str, float]) -> str:
@@ -161,7 +184,9 @@ class AnsweringModel(Shown):
 
     @property
     def rows_at_once(self) -> int:
-        """Rows of a table to answer at once: more are not faster, and are lost if a run is killed."""
+        """Rows of a table to answer at once: more are not faster, and are lost if a run is
+        killed.
+        """
         return ROWS
 
     @property
@@ -171,12 +196,16 @@ class AnsweringModel(Shown):
 
     @property
     def histories(self) -> Histories:
-        """What answers its paths: the equilibrium of bodies with laws, or the law of its contact conditions."""
+        """What answers its paths: the equilibrium of bodies with laws, or the law of its contact
+        conditions.
+        """
         return self.equilibrium or steps_of(self.law)
 
     @property
     def known_error(self) -> str:
-        """One line on the errors that the answers of this model have, or the reason why they have none."""
+        """One line on the errors that the answers of this model have, or the reason why they have
+        none.
+        """
         from hhr_dolfinx.models.estimates import known_error
 
         known = known_error(self.fields)
@@ -194,12 +223,17 @@ class AnsweringModel(Shown):
     ) -> Answer:
         """Answer one parameter, see :meth:`~hhr_dolfinx.models.answer.Model.solve`.
 
-        Models of bodies with laws make one step from rest; ``start`` is checked, but not used. ``step`` are further
-        arguments of this step, see :meth:`Equilibrium.one_step`. With friction ``converged=True`` refines the path.
+        Models of bodies with laws make one step from rest; ``start`` is checked, but not used.
+        ``step`` are further arguments of this step, see :meth:`Equilibrium.one_step`. With friction
+        ``converged=True`` refines the path.
         """
         if mu is NOTHING or (step and not step.keys().isdisjoint(self.parameters.names)):
-            given = ", ".join(f"{name!r}: {step.get(name, '...')}" for name in self.parameters.names)
-            raise ParameterError(f"parameters are one argument, a mapping by their names: solve({{{given}}})")
+            given = ", ".join(
+                f"{name!r}: {step.get(name, '...')}" for name in self.parameters.names
+            )
+            raise ParameterError(
+                f"parameters are one argument, a mapping by their names: solve({{{given}}})"
+            )
         if self.shared:
             how = {"start": start, "outside": outside, "gradient": gradient, **step}
             self.agree("solve", lambda: self.parameters.point(mu)[None], **how)
@@ -238,17 +272,26 @@ class AnsweringModel(Shown):
         """Warn of, or refuse, a point, (P,), outside the training range; here the whole box."""
 
     def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
-        """Elimination along one path: the contact problem of each point, (P,), without its primal unknown."""
-        raise NotOfferedError(f"{type(self).__name__} knows no contact problem of a point for itself")
+        """Elimination along one path: the contact problem of each point, (P,), without its primal
+        unknown.
+        """
+        raise NotOfferedError(
+            f"{type(self).__name__} knows no contact problem of a point for itself"
+        )
 
     def pressures(self, answer: Answer) -> np.ndarray:
-        """Forces of an answer along the contact normals, (c,); their sum is the total contact force."""
+        """Forces of an answer along the contact normals, (c,).
+
+        Their sum is the total contact force.
+        """
         forces = answer.forces()
         law: ContactLaw = self.law if self.fields.interface is None else self.fields.interface.whole
         return forces[law.pressing(len(forces))]
 
     def follow(self, path: Path, settings: MarchSettings, **how: Any) -> History:
-        """History along a checked path; ``how``: see :class:`~hhr_dolfinx.models.histories.equilibrium.Histories`."""
+        """History along a checked path; ``how``: see
+        :class:`~hhr_dolfinx.models.histories.equilibrium.Histories`.
+        """
         return self.histories.march(self, path, settings, **how)
 
     def answering(self, history: History) -> AnsweringModel:
@@ -264,10 +307,11 @@ class AnsweringModel(Shown):
         return steps_of(self.law).increments(self, settings)
 
     def coupling(self, mu: PointLike) -> float:
-        """Strength of the coupling of contact conditions by their law: below one, each increment has one answer.
+        """Strength of the coupling of contact conditions by their law: below one, each increment
+        has one answer.
 
-        From one on there may be several, and the search finds one of them. Zero for unilateral contact. NaN if
-        unknown, as for bodies with rigid motions or laws, or an unsymmetric S.
+        From one on there may be several, and the search finds one of them. Zero for unilateral
+        contact. NaN if unknown, as for bodies with rigid motions or laws, or an unsymmetric S.
         """
         return steps_of(self.law).coupling(self, self.parameters.point(mu))
 
@@ -275,7 +319,8 @@ class AnsweringModel(Shown):
         """Uniqueness of increments at a parameter, by :meth:`coupling`.
 
         Returns:
-            ``one answer``, which is proved; ``several answers possible``, of which one is found, and the estimate
+            ``one answer``, which is proved; ``several answers possible``, of which one is found,
+            and the estimate
                 refers to it; or ``unknown`` if the coupling is unknown.
         """
         coupling = self.coupling(mu)
@@ -283,7 +328,9 @@ class AnsweringModel(Shown):
             return "unknown"
         return "one answer" if coupling < 1 else "several answers possible"
 
-    def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
+    def _answered(
+        self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool
+    ) -> Answer:
         """Answer to a checked point, (P,), converged or not."""
         raise NotImplementedError
 
@@ -301,12 +348,20 @@ class AnsweringModel(Shown):
     def _checked_start(self, start: Start) -> CheckedStart:
         return checked_start(start, self.own_conditions)
 
-    def solve_many(self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
-        """Answer many parameters, (n, P), one by one; models of bodies with laws make one step from rest for each."""
+    def solve_many(
+        self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL
+    ) -> SeveralAnswers:
+        """Answer many parameters, (n, P), one by one.
+
+        Models of bodies with laws make one step from rest for each.
+        """
         return one_by_one(self, points, raise_on_failure, self._checked_outside(outside))
 
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
-        """Answer a path, from rest if bodies have laws; see :meth:`~hhr_dolfinx.models.answer.Model.march`."""
+        """Answer a path, from rest if bodies have laws.
+
+        See :meth:`~hhr_dolfinx.models.answer.Model.march`.
+        """
         checked = checked_path(self.parameters, path)
         return self.follow(checked, settings)
 
@@ -325,9 +380,12 @@ class KeptModel(AnsweringModel):
     # arguments that a file keeps, attributes of the same names, see :mod:`hhr_dolfinx.plain`
     kept: ClassVar[tuple[str, ...]]
     has_own_sizes: ClassVar[bool] = True
-    handed_on: ClassVar[tuple[str, ...]] = ()  # further arguments that copies and changed models have
+    handed_on: ClassVar[
+        tuple[str, ...]
+    ] = ()  # further arguments that copies and changed models have
     trained: Trained | None = None  # training range; None if it is unknown
-    # record of the construction; None of a copy or from a file, and for models without approximation
+    # record of the construction; None of a copy or from a file, and for models without
+    # approximation
     offline: Any = None
 
     def check_range(self, point: np.ndarray, outside: str) -> None:
@@ -339,7 +397,11 @@ class KeptModel(AnsweringModel):
     def _limit(self) -> TrainedRange | None:
         """The training range; None if it is the whole box."""
         trained = self.trained
-        return trained if isinstance(trained, TrainedRange) and not trained.covers(self.parameters) else None
+        return (
+            trained
+            if isinstance(trained, TrainedRange) and not trained.covers(self.parameters)
+            else None
+        )
 
     def _arguments(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in (*self.kept, *self.handed_on)}
@@ -379,7 +441,10 @@ class KeptModel(AnsweringModel):
         yield from self.fields.amplitudes.faults_for(self.parameters, sizes["terms"])
         # 1 for matrices without a mesh, whose dofs are no nodes
         if self.fields.dimension not in (1, 2, 3) or sizes.get("N", 0) % self.fields.dimension:
-            yield f"{sizes.get('N')} dofs are no nodes of dimension {self.fields.dimension}, which must be 1, 2 or 3"
+            yield (
+                f"{sizes.get('N')} dofs are no nodes of dimension {self.fields.dimension}, which "
+                "must be 1, 2 or 3"
+            )
         if empty := [name for name in ("N_lambda", "m", "ell") if sizes.get(name, 1) == 0]:
             yield f"sizes {empty} are zero"
         if isinstance(self.law, ContactLaw):
@@ -387,7 +452,10 @@ class KeptModel(AnsweringModel):
         else:
             yield f"its law is a {type(self.law).__name__}, and no law of contact conditions"
         if self.trained is not None and self.trained.names != tuple(self.parameters.names):
-            yield f"it was trained on {self.trained.names}, and its parameters are {self.parameters.names}"
+            yield (
+                f"it was trained on {self.trained.names}, and its parameters are "
+                f"{self.parameters.names}"
+            )
         if self.fields.functionals is not None:
             places = 0 if self.fields.flow is None else self.fields.flow.places
             self.fields.functionals.check(self.parameters, self.conditions, places)

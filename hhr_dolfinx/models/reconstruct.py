@@ -16,7 +16,15 @@ from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import ConvergenceError
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer, Completion, InterfaceCompletion, Meshed, ModelFields
-from hhr_dolfinx.models.bound import Bound, BoundThere, OutputBound, Response, ResponseWithin, Thetas, driven
+from hhr_dolfinx.models.bound import (
+    Bound,
+    BoundThere,
+    OutputBound,
+    Response,
+    ResponseWithin,
+    Thetas,
+    driven,
+)
 from hhr_dolfinx.models.displacement import LinearDisplacement, dense
 from hhr_dolfinx.models.estimates import FORCES, NO_OUTPUTS, Estimate, Estimates
 from hhr_dolfinx.plain import CODE, OF_THE_MESH, Rebuilt
@@ -27,7 +35,9 @@ if TYPE_CHECKING:
 
 
 class _Fit(NamedTuple):
-    """A non-negative fit: weights of the training forces, the matrix and target fitted, and the open gaps in it."""
+    """A non-negative fit: weights of the training forces, the matrix and target fitted, and the
+    open gaps in it.
+    """
 
     weights: np.ndarray
     matrix: np.ndarray
@@ -49,20 +59,25 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
     contact_basis: Annotated[Floats, "N_lambda", "columns"]  # B times these columns, (N_lambda, c)
     gaps: Annotated[Floats, "N_lambda", "terms"]  # D as terms of θ, (N_lambda, 1 + T)
     A_lambda: Annotated[Integers, "m", "< N_lambda"]  # contact conditions of the RID
-    # columns of S_lambda whose cone contains all of them, (N_lambda, S'); None if S of the bound completes forces
+    # columns of S_lambda whose cone contains all of them, (N_lambda, S'); None if S of the bound
+    # completes forces
     force_snapshots: Annotated[Floats, "N_lambda", "snapshots"] | None
-    # length scale of the gap of each condition, so that (1.70) does not depend on units, (N_lambda,)
+    # length scale of the gap of each condition, so that (1.70) does not depend on units,
+    # (N_lambda,)
     gap_scale: Annotated[Floats, "N_lambda"]
     dimension: int  # components of the displacement at a node
     flow: Completion | None = None
     # stress of a displacement of elastic bodies; None for a model from a file, which has no mesh
-    stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
+    stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(
+        default=None, metadata=OF_THE_MESH
+    )
     indicator: Callable[[Answer], float] | None = field(default=None, metadata=CODE)
     bound: Bound | None = None
     functionals: Functionals | None = None
     output_bound: OutputBound | None = None
     unbounded: str = ""
-    # coordinates of forces on the whole surface if S and the response to loads are known; None if they are gamma
+    # coordinates of forces on the whole surface if S and the response to loads are known; None if
+    # they are gamma
     response: Response | None = None
     interface: InterfaceCompletion | None = None
     full: Meshed | None = field(default=None, metadata=OF_THE_MESH)
@@ -80,7 +95,9 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         if self.interface is not None and not np.array_equal(self.interface.within, self.A_lambda):
             yield "its law of interfaces is that of another RID"
         if self.output_bound is not None and (
-            self.bound is None or self.functionals is None or not self.output_bound.fits(self.functionals)
+            self.bound is None
+            or self.functionals is None
+            or not self.output_bound.fits(self.functionals)
         ):
             yield "its estimates of outputs are not those of its outputs"
 
@@ -90,7 +107,9 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return len(self.gaps)
 
     def _surface(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """``gaps`` and ``contact_basis`` at a point, (P,): the same where no parameter changes the shape."""
+        """``gaps`` and ``contact_basis`` at a point, (P,): the same where no parameter changes the
+        shape.
+        """
         return self.gaps, self.contact_basis
 
     def _slack(self, theta: Thetas, unknown: np.ndarray) -> np.ndarray:
@@ -98,7 +117,9 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return driven(self.gaps, theta) - unknown @ self.contact_basis.T
 
     def _coordinates(self, answer: Answer) -> np.ndarray:
-        """Coordinates of the columns of the displacement, (c,): gamma, or a function of all forces."""
+        """Coordinates of the columns of the displacement, (c,): gamma, or a function of all
+        forces.
+        """
         if self.response is None or not answer.converged:
             return answer.unknown if self.response is None else np.full(self.basis.shape[1], np.nan)
         there = self._bound_at(answer)
@@ -113,13 +134,17 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
 
     @cached_property
     def _lifted(self) -> tuple[np.ndarray, np.ndarray]:
-        """Numbers of the terms with a lift, and their columns, dense, since sparse ones take 5 us."""
+        """Numbers of the terms with a lift, and their columns, dense, since sparse ones take 5
+        us.
+        """
         lifted = np.flatnonzero(np.diff(self.lifts.tocsc().indptr))
         return lifted, self.lifts[:, lifted].toarray(order="F")
 
     @cached_property
     def _parts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Conditions outside the RID, and the snapshots split into the fitted and the penalised part."""
+        """Conditions outside the RID, and the snapshots split into the fitted and the penalised
+        part.
+        """
         assert self.force_snapshots is not None
         outside = np.setdiff1d(np.arange(len(self.gaps)), self.A_lambda)
         return outside, self.force_snapshots[self.A_lambda], self.force_snapshots[outside]
@@ -131,10 +156,14 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return self.bound.prepared(self.A_lambda)
 
     def displacement(self, answer: Answer) -> np.ndarray:
-        """Displacement V gamma + lift, thesis (1.69), or a function of loads and forces, see ``response``, (N,)."""
+        """Displacement V gamma + lift, thesis (1.69), or a function of loads and forces, see
+        ``response``, (N,).
+        """
         field = self.basis @ self._coordinates(answer)
         if self.response is not None:
-            field += self.response.loaded @ (self.response.loading @ self.amplitudes(answer.parameter))
+            field += self.response.loaded @ (
+                self.response.loading @ self.amplitudes(answer.parameter)
+            )
         lifted, columns = self._lifted
         if lifted.size:
             field += columns @ self.amplitudes.dense(answer.parameter)[lifted]
@@ -143,10 +172,10 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
     def forces(self, answer: Answer) -> np.ndarray:
         """Contact forces on all conditions, (N_lambda,): those of the model inside the RID.
 
-        If S is known the forces outside close the remaining gaps, a small contact problem. Otherwise (1.70)-(1.71) is
-        used: non-negative combinations of training forces are fitted to the forces inside the RID, and penalised
-        outside where the reconstructed gap is open; inside, forces at open gaps are 0 already. A law of
-        interfaces may have its own way.
+        If S is known the forces outside close the remaining gaps, a small contact problem.
+        Otherwise (1.70)-(1.71) is used: non-negative combinations of training forces are fitted to
+        the forces inside the RID, and penalised outside where the reconstructed gap is open;
+        inside, forces at open gaps are 0 already. A law of interfaces may have its own way.
         """
         if not answer.converged:
             return np.full(len(self.gaps), np.nan)
@@ -165,7 +194,9 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
 
     def _fitted(self, answer: Answer) -> _Fit:
         """The fit of (1.70)."""
-        from scipy.optimize import nnls  # imported here: loading a model is faster without, and few answers need it
+        from scipy.optimize import (
+            nnls,
+        )  # imported here: loading a model is faster without, and few answers need it
 
         outside, fitted, penalised = self._parts
         theta = self.amplitudes(answer.parameter)
@@ -176,24 +207,34 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         target = np.concatenate([answer.multipliers, np.zeros(open_gap.size)])
         try:
             weights, _ = nnls(matrix, target, maxiter=30 * matrix.shape[1])
-        except (RuntimeError, ValueError) as error:  # scipy's iteration limit, numbers that overflow
-            raise ConvergenceError(f"the forces outside the RID could not be fitted: {error}") from error
+        except (
+            RuntimeError,
+            ValueError,
+        ) as error:  # scipy's iteration limit, numbers that overflow
+            raise ConvergenceError(
+                f"the forces outside the RID could not be fitted: {error}"
+            ) from error
         return _Fit(weights, matrix, target, open_gap)
 
     def _all_force_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
-        """Derivatives of all forces, (N_lambda, P), with a constant set of combined training forces.
+        """Derivatives of all forces, (N_lambda, P), with a constant set of combined training
+        forces.
 
-        The weights solve a least-squares problem whose matrix M changes with the open gaps: M^T M w' = M'^T (t - M w)
-        + M^T (t' - M' w).
+        The weights solve a least-squares problem whose matrix M changes with the open gaps: M^T M
+        w' = M'^T (t - M w) + M^T (t' - M' w).
         """
         gradient = answer.gradient
         assert gradient is not None
         if self.interface is not None:
-            return self.interface.force_changes(answer.multipliers, gradient.multipliers, answer.parameter)
+            return self.interface.force_changes(
+                answer.multipliers, gradient.multipliers, answer.parameter
+            )
         if self.force_snapshots is None:
             there = self._bound_at(answer)
             own = answer.multipliers[None]
-            return there.force_changes(there.completed(own, self._outside)[0], self._outside, gradient, changes)
+            return there.force_changes(
+                there.completed(own, self._outside)[0], self._outside, gradient, changes
+            )
         outside, _, penalised = self._parts
         fit = self._fitted(answer)
         used = np.flatnonzero(fit.weights)
@@ -204,7 +245,9 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         left = fit.target[m:] - fit.open_gap * combined
         orthogonal, triangle = np.linalg.qr(fit.matrix[:, used])
         right = np.vstack([gradient.multipliers, -opening * combined[:, None]])
-        turned = solve_triangular(triangle, penalised[:, used].T @ (opening * left[:, None]), trans="T")
+        turned = solve_triangular(
+            triangle, penalised[:, used].T @ (opening * left[:, None]), trans="T"
+        )
         weights = solve_triangular(triangle, orthogonal.T @ right + turned)
         forces = self.force_snapshots[:, used] @ weights
         forces[self.A_lambda] = gradient.multipliers
@@ -221,7 +264,11 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
 
     def _terms(self, rows: csr_matrix) -> np.ndarray:
         per_term = dense(rows @ self.lifts)
-        return per_term if self.response is None else per_term + (rows @ self.response.loaded) @ self.response.loading
+        return (
+            per_term
+            if self.response is None
+            else per_term + (rows @ self.response.loaded) @ self.response.loading
+        )
 
     def _coordinate_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
         assert answer.gradient is not None
@@ -233,11 +280,16 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         )
 
     def stress(self, answer: Answer) -> np.ndarray:
-        """Stress in Kelvin's notation, in cell middles, or at all places where laws of bodies are evaluated."""
+        """Stress in Kelvin's notation, in cell middles, or at all places where laws of bodies are
+        evaluated.
+        """
         return super().stress(answer) if self.flow is None else self.flow.stress_of(answer)
 
     def estimate(self, answer: Answer) -> Estimate | None:
-        """By the bound; without one the estimate of an indicator: of the recipe, or of laws; None without either."""
+        """By the bound; without one the estimate of an indicator: of the recipe, or of laws.
+
+        None without either.
+        """
         if not answer.converged:
             return None
         if self.bound is None:
@@ -255,12 +307,18 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         exact = there.exact(forces)
         if not exact.found[0]:
             return found
-        return found._replace(outputs=self.output_bound.errors(self, answer, forces[0], exact.forces[0]))
+        return found._replace(
+            outputs=self.output_bound.errors(self, answer, forces[0], exact.forces[0])
+        )
 
     def indicating(self, answer: Answer) -> tuple[np.ndarray, np.ndarray, np.ndarray, Memory]:
-        """Forces in the RID, slack of all conditions, scale of gaps, memory: input of an indicator of forces."""
+        """Forces in the RID, slack of all conditions, scale of gaps, memory: input of an indicator
+        of forces.
+        """
         gaps, contact_basis = self._surface(answer.parameter)
-        slack = driven(gaps, self.amplitudes(answer.parameter)) - answer.unknown[None] @ contact_basis.T
+        slack = (
+            driven(gaps, self.amplitudes(answer.parameter)) - answer.unknown[None] @ contact_basis.T
+        )
         return answer.multipliers, slack[0], self.gap_scale, answer.memory
 
     def estimates(self, many: ManyAnswers) -> Estimates | None:
@@ -287,7 +345,9 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return replace(found, outputs_of=outputs_of)
 
     def _indicated(self, answer: Answer) -> Estimate | None:
-        """Estimate of an indicator: a user-defined one, that of a law of interfaces, or of laws of bodies."""
+        """Estimate of an indicator: a user-defined one, that of a law of interfaces, or of laws of
+        bodies.
+        """
         if self.indicator is not None:
             return Estimate.indicated(self.indicator(answer))
         if self.interface is not None and self.flow is None:

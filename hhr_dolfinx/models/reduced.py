@@ -1,7 +1,8 @@
-"""The hybrid hyper-reduced (HHR) model (1.61), (5.23): small arrays, of elastic bodies and bodies with laws.
+"""The hybrid hyper-reduced (HHR) model (1.61), (5.23): small arrays, of elastic bodies and bodies
+with laws.
 
-It needs neither DOLFINx nor gmsh nor PETSc: a model read from a file runs on any machine with NumPy and SciPy, and
-what the plug-in of its laws needs.
+It needs neither DOLFINx nor gmsh nor PETSc: a model read from a file runs on any machine with NumPy
+and SciPy, and what the plug-in of its laws needs.
 """
 
 from __future__ import annotations
@@ -33,7 +34,9 @@ ADVICE: Mapping[Status, str] = MappingProxyType(
     {
         Status.SINGULAR: "add modes or use fewer contact points in the RID",
         Status.ADRIFT: "solve in full to see which body that is, and hold or push it",
-        Status.CYCLING: "the reduced model is not trustworthy here, add RID layers or change the basis",
+        Status.CYCLING: (
+            "the reduced model is not trustworthy here, add RID layers or change the basis"
+        ),
     }
 )
 
@@ -46,7 +49,11 @@ class ReducedLaws(Protocol):
         """Numbers of the cells where laws are evaluated."""
 
     def equilibrium(
-        self, problem: ReducedProblem, parameters: ParameterSpace, fields: Reconstruction, trained: Trained | None
+        self,
+        problem: ReducedProblem,
+        parameters: ParameterSpace,
+        fields: Reconstruction,
+        trained: Trained | None,
     ) -> Equilibrium:
         """Equilibrium of gamma: answers paths."""
 
@@ -57,8 +64,8 @@ class ReducedLaws(Protocol):
 class ReducedModel(KeptModel):
     """HHR model: answers a parameter or a path by the projected equations on the RID.
 
-    In elastic models gamma is eliminated, (5.23), and an answer costs one small contact problem. Models of bodies with
-    laws evaluate these on the RID.
+    In elastic models gamma is eliminated, (5.23), and an answer costs one small contact problem.
+    Models of bodies with laws evaluate these on the RID.
 
     Args:
         problem: the projected arrays.
@@ -69,10 +76,12 @@ class ReducedModel(KeptModel):
         flow: laws of bodies on the RID; None in elastic models.
         offline: record of the construction, a ``Record``; None for a model from a file.
         factorise: factors K~ and the active blocks.
-        compliances: elimination of gamma that is quicker than factors of K~ at each point; None factors K~.
+        compliances: elimination of gamma that is quicker than factors of K~ at each point; None
+            factors K~.
 
     Attributes:
-        eliminated: the model without gamma, which solves elastic problems; None for bodies with laws.
+        eliminated: the model without gamma, which solves elastic problems; None for bodies with
+            laws.
 
     Raises:
         SingularError: if K~ is singular.
@@ -113,7 +122,9 @@ class ReducedModel(KeptModel):
             else:
                 self.equilibrium = flow.equilibrium(problem, parameters, fields, trained)
         except SingularError as error:
-            raise SingularError(f"K~ cannot be eliminated, {error}: add RID layers or use fewer modes") from error
+            raise SingularError(
+                f"K~ cannot be eliminated, {error}: add RID layers or use fewer modes"
+            ) from error
 
     @property
     def own_conditions(self) -> int:
@@ -133,41 +144,70 @@ class ReducedModel(KeptModel):
         if not isinstance(self.compliances, Elimination | None):
             yield f"compliances is a {type(self.compliances).__name__}, and must be an Elimination"
         if conditions != self.fields.A_lambda.size or conditions > ell:
-            yield f"{conditions} contact conditions on {ell} modes are dependent, or not those of the RID"
+            yield (
+                f"{conditions} contact conditions on {ell} modes are dependent, or not those of "
+                "the RID"
+            )
         if self.flow is not None:
             yield from self.flow.faults_of(self)
 
     @classmethod
     def from_file(cls, **parts: Any) -> Self:
-        """Rebuild from a file, with LAPACK's factors, so that answers are the same on all machines."""
+        """Rebuild from a file, with LAPACK's factors, so that answers are the same on all
+        machines.
+        """
         return cls(**parts, factorise=LapackLU)
 
-    def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
+    def _answered(
+        self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool
+    ) -> Answer:
         assert self.eliminated is not None
         return self.eliminated._answered(point, start, outside, gradient)
 
-    def solve_many(self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
-        """Answer many parameters, (n, P), see :meth:`CondensedModel.solve_many`; one by one with laws."""
+    def solve_many(
+        self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL
+    ) -> SeveralAnswers:
+        """Answer many parameters, (n, P), see :meth:`CondensedModel.solve_many`.
+
+        One by one with laws.
+        """
         if self.eliminated is None or self.by_paths:
             return super().solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
-        return self.eliminated.solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
+        return self.eliminated.solve_many(
+            points, raise_on_failure=raise_on_failure, outside=outside
+        )
 
     def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
         """See :class:`AnsweringModel`; the conditions of the RID, without gamma."""
         return super().contacts() if self.eliminated is None else self.eliminated.contacts()
 
     def _without_gamma(self) -> CondensedModel:
-        """The model with gamma eliminated: once, or for each parameter if the stiffness depends on it."""
+        """The model with gamma eliminated: once, or for each parameter if the stiffness depends on
+        it.
+        """
         if self.known is None:
-            raise ReductionError("a model of elastic bodies starts from known statuses: give them as known")
-        eliminated = self.compliances or _elimination(self.problem, self.fields.amplitudes, self.factorise)
+            raise ReductionError(
+                "a model of elastic bodies starts from known statuses: give them as known"
+            )
+        eliminated = self.compliances or _elimination(
+            self.problem, self.fields.amplitudes, self.factorise
+        )
         trained = self.trained if isinstance(self.trained, TrainedRange) else None
         return CondensedModel(
-            self.parameters, eliminated, self.known, self.fields, self.problem.pairs, trained, ADVICE, self.law
+            self.parameters,
+            eliminated,
+            self.known,
+            self.fields,
+            self.problem.pairs,
+            trained,
+            ADVICE,
+            self.law,
         )
 
 
-def _elimination(problem: ReducedProblem, amplitudes: Amplitudes, factorise: Factorise) -> Elimination:
+def _elimination(
+    problem: ReducedProblem, amplitudes: Amplitudes, factorise: Factorise
+) -> Elimination:
     """Elimination of gamma: constant, of a sum of parts, or with the kernel of K."""
     if problem.motions:
         return kernels().elimination(problem, amplitudes)
@@ -176,5 +216,7 @@ def _elimination(problem: ReducedProblem, amplitudes: Amplitudes, factorise: Fac
 
         return BlockElimination(problem, amplitudes)
     contact = problem.contact_test, problem.contact_trial
-    responses = Responses.eliminate(factorise(problem.stiffness), problem.loads, problem.gaps, *contact)
+    responses = Responses.eliminate(
+        factorise(problem.stiffness), problem.loads, problem.gaps, *contact
+    )
     return ConstantElimination(responses, amplitudes, factorise)

@@ -13,11 +13,15 @@ MOST = 8
 
 
 def point_of(values: Sequence[float] | np.ndarray, names: Sequence[str] = ()) -> str:
-    """A point of the box, with the names of parameters if they are known: ``push=3e+07, pull=1e+07``."""
+    """A point of the box, with the names of parameters if they are known: ``push=3e+07,
+    pull=1e+07``.
+    """
     numbers = [f"{float(value):.6g}" for value in list(values)[:MOST]]
     left = ["..."] if len(values) > MOST else []
     if len(names) == len(values):
-        return ", ".join([*(f"{name}={number}" for name, number in zip(names, numbers, strict=False)), *left])
+        return ", ".join(
+            [*(f"{name}={number}" for name, number in zip(names, numbers, strict=False)), *left]
+        )
     return f"({', '.join([*numbers, *left])})"
 
 
@@ -33,12 +37,17 @@ def line(title: str, facts: Mapping[str, str]) -> str:
 
 def table(title: str, facts: Mapping[str, str]) -> str:
     """HTML table for notebooks."""
-    rows = "".join(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in facts.items())
+    rows = "".join(
+        f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in facts.items()
+    )
     return f"<table><caption>{escape(title)}</caption>{rows}</table>"
 
 
 class Shown:
-    """A value that prints as one line, and as a table in a notebook; nothing is computed for either."""
+    """A value that prints as one line, and as a table in a notebook.
+
+    Nothing is computed for either.
+    """
 
     @abstractmethod
     def facts(self) -> dict[str, str]:

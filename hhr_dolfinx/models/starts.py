@@ -1,4 +1,6 @@
-"""Starts of the active set: statuses of a training parameter, extrapolated along its derivatives."""
+"""Starts of the active set: statuses of a training parameter, extrapolated along its
+derivatives.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,12 @@ class KnownStatuses(Rebuilt):
         found = [answer for answer in answers if answer.converged]
         if not found:
             return None
-        return cls(*(np.array([getattr(answer, name) for answer in found]) for name in ("parameter", "active")))
+        return cls(
+            *(
+                np.array([getattr(answer, name) for answer in found])
+                for name in ("parameter", "active")
+            )
+        )
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Fault: no status to start from."""
@@ -44,7 +51,8 @@ class KnownStatuses(Rebuilt):
 
     @cached_property
     def distances(self) -> tuple[np.ndarray, np.ndarray]:
-        """Offsets and directions of |x - p|^2 / 2, without the part that is equal for all candidates x.
+        """Offsets and directions of |x - p|^2 / 2, without the part that is equal for all
+        candidates x.
 
         The parameters, whose units differ, are scaled by their widths.
         """
@@ -62,7 +70,10 @@ class KnownStatuses(Rebuilt):
         return self.active[self.nearest(point)]
 
     def starts(self, points: np.ndarray) -> np.ndarray:
-        """Statuses to start from at many points, (n, P): (n, m) bool; a copy, which the caller may change."""
+        """Statuses to start from at many points, (n, P): (n, m) bool.
+
+        a copy, which the caller may change.
+        """
         offsets, directions = self.distances
         return self.active[(offsets - points @ directions.T).argmin(axis=1)]
 
@@ -71,18 +82,23 @@ class KnownStatuses(Rebuilt):
 class LinearStarts(KnownStatuses):
     """Statuses at training parameters, with the distance of each condition from a change.
 
-    With many parameters the nearest training point is far; extrapolated along its derivatives, its statuses still hold.
+    With many parameters the nearest training point is far; extrapolated along its derivatives, its
+    statuses still hold.
     """
 
-    margins: Annotated[Floats, "statuses", "m"]  # force of closed conditions, and minus the slack of open ones, (S, m)
-    slopes: Annotated[Floats, "statuses", "m", "P"]  # their derivatives along the parameters, (S, m, P)
+    margins: Annotated[
+        Floats, "statuses", "m"
+    ]  # force of closed conditions, and minus the slack of open ones, (S, m)
+    slopes: Annotated[
+        Floats, "statuses", "m", "P"
+    ]  # their derivatives along the parameters, (S, m, P)
 
     @cached_property
     def distances(self) -> tuple[np.ndarray, np.ndarray]:
         """See :class:`KnownStatuses`; each parameter is scaled by its effect on the margins.
 
-        On the pellet with six parameters and 1000 points this takes 1.8 iterations of the active set. Scaling by the
-        widths takes 3.0, and starts without derivatives 5.
+        On the pellet with six parameters and 1000 points this takes 1.8 iterations of the active
+        set. Scaling by the widths takes 3.0, and starts without derivatives 5.
         """
         sizes = np.sqrt(np.mean(self.margins**2, axis=0))
         sizes[sizes == 0] = 1.0
@@ -95,7 +111,10 @@ class LinearStarts(KnownStatuses):
         return self.margins[near] + self.slopes[near] @ (point - self.points[near]) > 0
 
     def starts(self, points: np.ndarray) -> np.ndarray:
-        """Statuses to start from at many points, (n, P): (n, m) bool; a copy, which the caller may change."""
+        """Statuses to start from at many points, (n, P): (n, m) bool.
+
+        a copy, which the caller may change.
+        """
         offsets, directions = self.distances
         active = np.empty((len(points), self.margins.shape[1]), dtype=bool)
         for first in range(0, len(points), BLOCK):

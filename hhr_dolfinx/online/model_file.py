@@ -1,7 +1,9 @@
-"""Reduced and condensed models on disk: plain arrays and numbers with a version and a checksum, nothing to execute.
+"""Reduced and condensed models on disk: plain arrays and numbers with a version and a checksum,
+nothing to execute.
 
-One format holds all kinds of models: a tree of values in the header, and arrays by their paths in this tree, see
-:mod:`hhr_dolfinx.plain`. The declarations of the fields of a class are the checks of a file.
+One format holds all kinds of models: a tree of values in the header, and arrays by their paths in
+this tree, see :mod:`hhr_dolfinx.plain`. The declarations of the fields of a class are the checks of
+a file.
 """
 
 from __future__ import annotations
@@ -57,13 +59,22 @@ MODULES = {
     "parameters": "ParameterSpace",
     "trained": "TrainedRange",
 }
-"""Classes of the core that a file may contain, by their modules; a module is imported when a file needs it."""
-PLACES = {name: f"hhr_dolfinx.{module}:{name}" for module, names in MODULES.items() for name in names.split()}
+"""Classes of the core that a file may contain, by their modules.
+
+a module is imported when a file needs it.
+"""
+PLACES = {
+    name: f"hhr_dolfinx.{module}:{name}"
+    for module, names in MODULES.items()
+    for name in names.split()
+}
 """Their places by name."""
 
 
 class Kinds(dict[str, type]):
-    """Classes that a file may contain, loaded when they are needed: of the core, of plug-ins, and user-defined ones."""
+    """Classes that a file may contain, loaded when they are needed: of the core, of plug-ins, and
+    user-defined ones.
+    """
 
     def __init__(self, known: Iterable[type] = ()):
         super().__init__()
@@ -82,17 +93,19 @@ class Kinds(dict[str, type]):
 
 
 def save_model(path: str | Path, model: KeptModel) -> None:
-    """Write a model, the result of build, condense or a training of local models, as one ``.npz`` file.
+    """Write a model, the result of build, condense or a training of local models, as one ``.npz``
+    file.
 
-    An existing file is replaced only by a complete one. The file omits the parts that need the mesh or are code: the
-    stress of elastic bodies, an indicator, the record of how the model was made. User-defined laws and amplitudes must
-    be frozen dataclasses of numbers, see :mod:`hhr_dolfinx.plain`.
+    An existing file is replaced only by a complete one. The file omits the parts that need the mesh
+    or are code: the stress of elastic bodies, an indicator, the record of how the model was made.
+    User-defined laws and amplitudes must be frozen dataclasses of numbers, see
+    :mod:`hhr_dolfinx.plain`.
 
     Raises:
         NotOfferedError: for a model that needs a mesh, or an object that is no model.
         FileError: if the file cannot be written.
-        ModelFileError: if the model could not be read back: non-finite numbers, inconsistent shapes, or laws that are
-            not data.
+        ModelFileError: if the model could not be read back: non-finite numbers, inconsistent
+            shapes, or laws that are not data.
 
     Warns:
         ModelFileWarning: if the model has an indicator.
@@ -113,21 +126,30 @@ def save_model(path: str | Path, model: KeptModel) -> None:
 
 
 def load_model(path: str | Path, known: Iterable[type] = ()) -> Any:
-    """Read a model written by :func:`save_model`. Needs, and loads, neither DOLFINx nor PETSc nor MPI.
+    """Read a model written by :func:`save_model`.
+
+    Needs, and loads, neither DOLFINx nor PETSc nor MPI.
 
     Args:
         path: the file.
-        known: user-defined classes of laws, amplitudes and outputs that the file may contain; no others are looked up.
+        known: user-defined classes of laws, amplitudes and outputs that the file may contain; no
+            others are looked up.
 
     Raises:
-        ModelFileError: if the file is missing, no model, of another version, or damaged, or holds an unknown class.
-        MissingPackageError: if a package that its classes need is missing, such as the compiler of their loops.
+        ModelFileError: if the file is missing, no model, of another version, or damaged, or holds
+            an unknown class.
+        MissingPackageError: if a package that its classes need is missing, such as the compiler of
+            their loops.
     """
     if isinstance(known, type | str) or not isinstance(known, Iterable):
-        raise ModelFileError(f"known = {known!r} must be a list of classes, load_model(path, known=[MyLaw])")
+        raise ModelFileError(
+            f"known = {known!r} must be a list of classes, load_model(path, known=[MyLaw])"
+        )
     kinds = Kinds(known)
     if Path(path).suffix == ".py":
-        raise ModelFileError(f"{path} is a program, as scenes are, and no model: make one, hhr reduce {path}")
+        raise ModelFileError(
+            f"{path} is a program, as scenes are, and no model: make one, hhr reduce {path}"
+        )
     if Path(path).is_dir():
         raise ModelFileError(f"{path} is a folder, and a model is a file{_meant(Path(path))}")
     try:
@@ -136,13 +158,17 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> Any:
         raise ModelFileError(f"there is no model file {path}{_meant(Path(path).parent)}") from None
     except FileContentError as error:
         if Path(path).suffix in TABLES:
-            raise ModelFileError(f"{path} is a table and no model: the model comes first, MODEL TABLE") from error
+            raise ModelFileError(
+                f"{path} is a table and no model: the model comes first, MODEL TABLE"
+            ) from error
         raise ModelFileError(f"{error}: build the model again") from error
     try:
         if header.keys() != {"format", "version", "model"}:
             raise FileContentError(f"its header has the keys {sorted(header)}")
         beside = registry.offered("mesh_beside")
-        of_the_mesh = {} if beside is None else {"full": beside(Path(path).absolute(), lambda: model)}
+        of_the_mesh = (
+            {} if beside is None else {"full": beside(Path(path).absolute(), lambda: model)}
+        )
         model: KeptModel = restored(header["model"], arrays, kinds, of_the_mesh)
         if not isinstance(model, KeptModel):
             raise FileContentError(f"a {type(model).__name__} is no model")
@@ -152,20 +178,30 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> Any:
     except MissingPackageError:
         raise
     except (HHRError, MemoryError) as error:
-        raise ModelFileError(f"{path} is damaged or no model file ({error}): build the model again") from error
+        raise ModelFileError(
+            f"{path} is damaged or no model file ({error}): build the model again"
+        ) from error
     return model
 
 
 def _meant(folder: Path) -> str:
     try:
-        near = sorted(path for pattern in ("*.npz", "*/*.npz") for path in folder.glob(pattern) if path.stem in NAMES)
+        near = sorted(
+            path
+            for pattern in ("*.npz", "*/*.npz")
+            for path in folder.glob(pattern)
+            if path.stem in NAMES
+        )
     except OSError:
         return ""
     return f": did you mean {' or '.join(map(str, near[:4]))}?" if near else ""
 
 
 def check_answers(model: KeptModel) -> None:
-    """Raise FileContentError for a model that fails in the middle of its box; histories may have no answer there."""
+    """Raise FileContentError for a model that fails in the middle of its box.
+
+    Histories may have no answer there.
+    """
     with ignored(Warning), np.errstate(all="ignore"):
         for member in model.members:
             try:
@@ -174,7 +210,9 @@ def check_answers(model: KeptModel) -> None:
                 raise
             except Exception as error:  # user-defined classes may raise anything
                 why = f"{type(error).__name__}: {error}"
-                raise FileContentError(f"its parts do not go together, or a class of a plug-in fails: {why}") from error
+                raise FileContentError(
+                    f"its parts do not go together, or a class of a plug-in fails: {why}"
+                ) from error
 
 
 def _try(model: KeptModel, point: np.ndarray) -> None:

@@ -33,8 +33,10 @@ class NodeToNode(KnownArguments):
         first: facet tag of the surface whose outer normal is n.
         second: facet tag of the facing surface.
         normal: unit vector n, from the first to the second surface.
-        friction: coefficient of Coulomb's law, a number or a formula, or its law; None without. A plug-in reads it.
-        law: any law of a plug-in in addition to unilateral contact, such as ``Coulomb(0.3)``; None without.
+        friction: coefficient of Coulomb's law, a number or a formula, or its law; None without. A
+            plug-in reads it.
+        law: any law of a plug-in in addition to unilateral contact, such as ``Coulomb(0.3)``; None
+            without.
     """
 
     first: Tag
@@ -49,7 +51,9 @@ class NodeToNode(KnownArguments):
         return (self.first, self.second)
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """One row for each pair of nodes, one with a side that looks along n, the other with one against n."""
+        """One row for each pair of nodes, one with a side that looks along n, the other with one
+        against n.
+        """
         first, second = surfaces
         normal = unit(self.normal, first.points.shape[1])
         check_facing(first, normal, along=True)
@@ -59,15 +63,21 @@ class NodeToNode(KnownArguments):
         there, _ = along_normal(second, -normal)
         there = there[_partners(first, second, here, there, normal)]
         nodes = np.column_stack([first.nodes[here], second.nodes[there]])
-        matrix = nodal_rows(nodes, np.tile(normal, (len(nodes), 1)), np.tile([1.0, -1.0], (len(nodes), 1)), dofs)
+        matrix = nodal_rows(
+            nodes, np.tile(normal, (len(nodes), 1)), np.tile([1.0, -1.0], (len(nodes), 1)), dofs
+        )
         gap = (second.points[there] - first.points[here]) @ normal
         rows = ContactRows(matrix, gap, nodes[:, 0], first.points[here], areas[here])
         warn_of_overlap(first, rows)
         return first.averaged(rows)
 
 
-def _partners(first: Surface, second: Surface, own: np.ndarray, others: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Index, among ``others`` of the second surface, of the node that each of ``own`` of the first one faces."""
+def _partners(
+    first: Surface, second: Surface, own: np.ndarray, others: np.ndarray, normal: np.ndarray
+) -> np.ndarray:
+    """Index, among ``others`` of the second surface, of the node that each of ``own`` of the first
+    one faces.
+    """
     along = np.eye(normal.size) - np.outer(normal, normal)
     here = first.points[own] @ along
     there = second.points[others] @ along
@@ -81,9 +91,10 @@ def _partners(first: Surface, second: Surface, own: np.ndarray, others: np.ndarr
         # if two nodes face the same one, none is without a partner
         place = (lost if len(lost) else first.points[own])[0].tolist()
         raise SceneError(
-            f"surfaces {first.tag} ({len(here)} nodes that look along the normal) and {second.tag} ({len(there)} that "
-            f"look against it) do not face each other node to node along {rounded(normal)}: {len(lost)} nodes have no "
-            f"partner, e.g. at {place}. Mesh both surfaces alike or use a pairing for non-matching meshes, "
-            "NodeToSurface or Mortar"
+            f"surfaces {first.tag} ({len(here)} nodes that look along the normal) and "
+            f"{second.tag} ({len(there)} that look against it) do not face each other node to "
+            f"node along {rounded(normal)}: {len(lost)} nodes have no partner, e.g. at {place}. "
+            "Mesh both surfaces alike or use a pairing for non-matching meshes, NodeToSurface or "
+            "Mortar"
         )
     return partner

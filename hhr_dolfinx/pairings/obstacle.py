@@ -26,14 +26,18 @@ from hhr_dolfinx.parameters import Tag, is_number
 
 @dataclass(frozen=True)
 class Obstacle(KnownArguments):
-    """Contact with a rigid plane ``normal·x = offset``, thesis (1.26): ``u·n <= offset / |normal| - x·n``.
+    """Contact with a rigid plane ``normal·x = offset``, thesis (1.26): ``u·n <= offset / |normal| -
+    x·n``.
 
     Attributes:
         surface: facet tag of the surface of the body.
         normal: vector from the body towards the obstacle, of any length; n is its direction.
-        offset: normal·x of the points x of the plane: its position along n if the normal has the length 1.
-        friction: coefficient of Coulomb's law, a number or a formula, or its law; None without. A plug-in reads it.
-        law: any law of a plug-in in addition to unilateral contact, such as ``Coulomb(0.3)``; None without.
+        offset: normal·x of the points x of the plane: its position along n if the normal has the
+            length 1.
+        friction: coefficient of Coulomb's law, a number or a formula, or its law; None without. A
+            plug-in reads it.
+        law: any law of a plug-in in addition to unilateral contact, such as ``Coulomb(0.3)``; None
+            without.
     """
 
     surface: Tag
@@ -45,8 +49,8 @@ class Obstacle(KnownArguments):
     def __post_init__(self) -> None:
         if not is_number(self.offset):
             raise SceneError(
-                f"the offset {self.offset!r} of the obstacle at surface {self.surface} must be a finite number: "
-                "where its position depends on parameters, add an Opening"
+                f"the offset {self.offset!r} of the obstacle at surface {self.surface} must be a "
+                "finite number: where its position depends on parameters, add an Opening"
             )
 
     @property
@@ -55,7 +59,9 @@ class Obstacle(KnownArguments):
         return (self.surface,)
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """One row u·n <= offset / |normal| - x·n for each node with a side that looks at the plane."""
+        """One row u·n <= offset / |normal| - x·n for each node with a side that looks at the
+        plane.
+        """
         (surface,) = surfaces
         normal = unit(self.normal, surface.points.shape[1])
         offset = self.offset / float(np.linalg.norm(self.normal))
@@ -64,7 +70,9 @@ class Obstacle(KnownArguments):
         order = facing[tangential_order(surface.points[facing], normal)]
         nodes = surface.nodes[order]
         points = surface.points[order]
-        matrix = nodal_rows(nodes[:, None], np.tile(normal, (nodes.size, 1)), np.ones((nodes.size, 1)), dofs)
+        matrix = nodal_rows(
+            nodes[:, None], np.tile(normal, (nodes.size, 1)), np.ones((nodes.size, 1)), dofs
+        )
         rows = ContactRows(matrix, offset - points @ normal, nodes, points, areas[order])
         warn_of_overlap(surface, rows)
         return surface.averaged(rows)

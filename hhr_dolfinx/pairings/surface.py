@@ -22,27 +22,37 @@ CREASE = np.cos(np.deg2rad(40.0))
 """Facets that meet at more than 40 degrees form an edge; normals are not averaged across it."""
 
 GRAZING = 1e-3
-"""Cosine to a normal given by the user below which a side does not look along it: a half-disc may be tagged up to where
-the normal is tangential."""
+"""Cosine to a normal given by the user below which a side does not look along it: a half-disc may
+be tagged up to where the normal is tangential.
+"""
 
 
 class QuadraticFacets(Protocol):
-    """Facets of second order of a surface whose facets are the flat parts of these; a plug-in makes them."""
+    """Facets of second order of a surface whose facets are the flat parts of these.
+
+    a plug-in makes them.
+    """
 
     nodes: np.ndarray  # nodes of each facet, counted within the surface, (F, K)
     corners: np.ndarray  # corners of each facet, (F, k)
 
     def functions(self, flat: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Facets, (q,), and their shape functions, (q, K), at points of flat parts, (q,), by those of these, (q, k)."""
+        """Facets, (q,), and their shape functions, (q, K), at points of flat parts, (q,), by those
+        of these, (q, k).
+        """
 
     def averaged(self, surface: Surface, rows: ContactRows) -> ContactRows:
         """Conditions of single nodes of the surface, averaged."""
 
     def shared(self, surface: Surface, normals: np.ndarray, nodes: np.ndarray) -> csr_matrix:
-        """Matrix that shares the functions of nodes with imposed displacements among their neighbours, (n, n)."""
+        """Matrix that shares the functions of nodes with imposed displacements among their
+        neighbours, (n, n).
+        """
 
     def sag_shares(self, outward: np.ndarray) -> np.ndarray:
-        """Deviation of flat parts with normals (f, dim) over that of flat facets with these, (f,)."""
+        """Deviation of flat parts with normals (f, dim) over that of flat facets with these,
+        (f,).
+        """
 
     def warn_of_straight_sides(self, surfaces: Sequence[Surface]) -> None:
         """Warn of a curved surface with straight sides."""
@@ -57,15 +67,21 @@ class Surface:
     points: Annotated[Floats, "surface nodes", "dimension"]  # coordinates of the nodes, (n, dim)
     # nodes of each facet, counted within the surface, (f, k); quadrilaterals in tensor order
     facets: Annotated[Integers, "facets", "corners", "< surface nodes"]
-    # outward, sizes: unit outer normal of each facet, (f, dim), and its length or area without weight, (f,)
+    # outward, sizes: unit outer normal of each facet, (f, dim), and its length or area without
+    # weight, (f,)
     outward: Annotated[Floats, "facets", "dimension"]
     sizes: Annotated[Floats, "facets"]
-    weights: Annotated[Floats, "surface nodes"]  # weight of the surface measure at each node, 1 or 2 pi r, (n,)
+    weights: Annotated[
+        Floats, "surface nodes"
+    ]  # weight of the surface measure at each node, 1 or 2 pi r, (n,)
     areas: Annotated[Floats, "surface nodes"]  # tributary area of each node, (n,)
-    depths: Annotated[Floats, "facets"]  # depth of the cell behind each facet, (f,): no body is thinner
+    depths: Annotated[
+        Floats, "facets"
+    ]  # depth of the cell behind each facet, (f,): no body is thinner
     # facets of second order, of which ``facets`` are the flat parts; None for cells of first order
     quadratic: QuadraticFacets | None = None
-    # components of the displacement of the nodes that are not imposed, (n, dim) bool; None if all are free
+    # components of the displacement of the nodes that are not imposed, (n, dim) bool; None if all
+    # are free
     free: Annotated[Booleans, "surface nodes", "dimension"] | None = None
 
     @property
@@ -75,7 +91,9 @@ class Surface:
 
     @cached_property
     def corner_normals(self) -> np.ndarray:
-        """Unit outer normals at the corners of each facet, (f, k, dim), averaged up to edges of the surface."""
+        """Unit outer normals at the corners of each facet, (f, k, dim), averaged up to edges of the
+        surface.
+        """
         count, k = self.facets.shape
         pairs = np.repeat(np.arange(count), k), self.facets.ravel()
         at_node = csr_matrix((np.ones(count * k), pairs), shape=(count, len(self.nodes))).tocsc()
@@ -91,11 +109,13 @@ class Surface:
         return normals
 
     def bulges(self, facets: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Height of the smooth surface above points of flat facets, (m,), by their shape functions, (m, k).
+        """Height of the smooth surface above points of flat facets, (m,), by their shape functions,
+        (m, k).
 
-        The smooth surface has the averaged normals at the corners. With corners x and normals n it lies
-        (sum w n·x - (sum w n)·(sum w x)) / 2 above the point sum w x, exactly so if its curvature is constant. In the
-        middle of an edge of length h whose normals differ by an angle, this is h times the angle over 8.
+        The smooth surface has the averaged normals at the corners. With corners x and normals n it
+        lies (sum w n·x - (sum w n)·(sum w x)) / 2 above the point sum w x, exactly so if its
+        curvature is constant. In the middle of an edge of length h whose normals differ by an
+        angle, this is h times the angle over 8.
         """
         corners = self.corners
         normals = self.corner_normals
@@ -108,8 +128,14 @@ class Surface:
         return found * self.sag_shares()[facets]
 
     def sag_shares(self) -> np.ndarray:
-        """Deviation of facets from the smooth surface over that of flat facets with their normals, (f,)."""
-        return np.ones(len(self.facets)) if self.quadratic is None else self.quadratic.sag_shares(self.outward)
+        """Deviation of facets from the smooth surface over that of flat facets with their normals,
+        (f,).
+        """
+        return (
+            np.ones(len(self.facets))
+            if self.quadratic is None
+            else self.quadratic.sag_shares(self.outward)
+        )
 
     def averaged(self, rows: ContactRows) -> ContactRows:
         """Conditions of single nodes of this slave surface, averaged on facets of second order."""
@@ -140,10 +166,12 @@ class SlaveAndMaster(KnownArguments):
 
 
 def looking(surface: Surface, normals: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes with a side that looks along a normal, (n,) bool, and the tributary area of that side, (n,).
+    """Nodes with a side that looks along a normal, (n,) bool, and the tributary area of that side,
+    (n,).
 
-    Sides are groups of facets at a node that meet smoothly: at an edge of a body the mean normal looks along none.
-    Unit normals are (n, dim), or one for all, (dim,). The cosine of such a side is above ``least``.
+    Sides are groups of facets at a node that meet smoothly: at an edge of a body the mean normal
+    looks along none. Unit normals are (n, dim), or one for all, (dim,). The cosine of such a side
+    is above ``least``.
     """
     k = surface.facets.shape[1]
     along = np.broadcast_to(normals, surface.points.shape)[surface.facets]
@@ -159,7 +187,10 @@ def looking(surface: Surface, normals: np.ndarray, least: float) -> tuple[np.nda
 
 
 def along_normal(surface: Surface, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes with a side that looks along a normal, (m,), and areas of all, (n,); all nodes of a parallel surface."""
+    """Nodes with a side that looks along a normal, (m,), and areas of all, (n,).
+
+    All nodes of a parallel surface.
+    """
     looks, areas = looking(surface, normal, GRAZING)
     if not looks.any():
         return np.arange(len(surface.nodes)), surface.areas
@@ -167,7 +198,10 @@ def along_normal(surface: Surface, normal: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def touches_of(at_node: csc_matrix, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs (position in ``nodes``, facet) for all facets at each node; ``at_node`` is facets by nodes, CSC."""
+    """Pairs (position in ``nodes``, facet) for all facets at each node.
+
+    ``at_node`` is facets by nodes, CSC.
+    """
     starts = at_node.indptr[nodes]
     stops = at_node.indptr[nodes + 1]
     counts = stops - starts
@@ -184,10 +218,11 @@ def make_surface(
     weights: np.ndarray,
     areas: np.ndarray,
 ) -> Surface:
-    """Make a surface from the nodes of its facets, (f, k) or (f, K), with points, weights and areas of all nodes.
+    """Make a surface from the nodes of its facets, (f, k) or (f, K), with points, weights and areas
+    of all nodes.
 
-    ``inner_points`` are the middles of the far sides of the cells behind the facets, (f, dim), from which outer sides
-    and depths follow.
+    ``inner_points`` are the middles of the far sides of the cells behind the facets, (f, dim), from
+    which outer sides and depths follow.
     """
     if len(facet_nodes) == 0:
         raise SceneError(f"contact surface {tag} has no facets: the contact pair is empty")
@@ -197,20 +232,25 @@ def make_surface(
     corners = points[facet_nodes]
     vectors = area_vectors(corners)
     sizes = np.linalg.norm(vectors, axis=1)
-    # degenerate facets, and those of the size of round-off in the coordinates; NaN counts as no area
+    # degenerate facets, and those of the size of round-off in the coordinates; NaN counts as no
+    # area
     spans = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1)
     power = corners.shape[2] - 1
     flat = ~(sizes > np.maximum(1e-10 * spans**power, (1e-12 * np.nanmax(spans)) ** power))
     if flat.any():
         raise SceneError(
-            f"{int(flat.sum())} facets of contact surface {tag} have no area, e.g. at {rounded(middles[flat][0])}: "
-            "mend the mesh there"
+            f"{int(flat.sum())} facets of contact surface {tag} have no area, e.g. at "
+            f"{rounded(middles[flat][0])}: mend the mesh there"
         )
     # areas are integrated over outer facets only; of a warped facet ``sizes`` is a little too small
-    if areas[np.unique(facet_nodes)].sum() < 0.999 * (sizes * weights[facet_nodes].mean(axis=1)).sum():
+    if (
+        areas[np.unique(facet_nodes)].sum()
+        < 0.999 * (sizes * weights[facet_nodes].mean(axis=1)).sum()
+    ):
         raise SceneError(
-            f"contact surface {tag} has facets inside the mesh, around {rounded(middles.mean(axis=0))}: tag outer "
-            "sides only, and give bodies in contact nodes of their own"
+            f"contact surface {tag} has facets inside the mesh, around "
+            f"{rounded(middles.mean(axis=0))}: tag outer sides only, and give bodies in contact "
+            "nodes of their own"
         )
     outward = vectors / sizes[:, None]
     heights = np.einsum("ij,ij->i", outward, middles - inner_points)
@@ -226,18 +266,26 @@ def make_surface(
 def _parted(
     tag: Tag, facet_nodes: np.ndarray, inner_points: np.ndarray, points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, QuadraticFacets | None]:
-    """Flat facets and a point behind each, in an order independent of ranks; facets of second order that they form."""
+    """Flat facets and a point behind each, in an order independent of ranks.
+
+    Facets of second order that they form.
+    """
     middles = points[facet_nodes].mean(axis=1)
     order = np.lexsort(np.round(middles / (np.ptp(middles, axis=0).max() or 1.0), 9).T[::-1])
     facet_nodes = facet_nodes[order]
     inner_points = inner_points[order]
     if facet_nodes.shape[1] <= 2 * (points.shape[1] - 1):
         return facet_nodes, inner_points, None
-    return registry.tool("second_order", f"surface {tag} of cells of second order")(facet_nodes, inner_points)
+    return registry.tool("second_order", f"surface {tag} of cells of second order")(
+        facet_nodes, inner_points
+    )
 
 
 def area_vectors(corners: np.ndarray) -> np.ndarray:
-    """Normal of each facet times its area, of either sign; for a warped quadrilateral the normal of its diagonals."""
+    """Normal of each facet times its area, of either sign.
+
+    For a warped quadrilateral the normal of its diagonals.
+    """
     if corners.shape[1] == 2:
         along = corners[:, 1] - corners[:, 0]
         return np.column_stack([along[:, 1], -along[:, 0]])
@@ -247,29 +295,39 @@ def area_vectors(corners: np.ndarray) -> np.ndarray:
 
 
 def unit(normal: Sequence[float], dim: int) -> np.ndarray:
-    """A normal given by the user as a unit vector; SceneError for a wrong length, zero, or non-finite values."""
+    """A normal given by the user as a unit vector.
+
+    SceneError for a wrong length, zero, or non-finite values.
+    """
     try:
         vector = np.asarray(normal, dtype=float)
     except (TypeError, ValueError):
         vector = np.zeros(0)
     length = np.linalg.norm(vector)
     if vector.shape != (dim,) or not np.isfinite(length) or length == 0:
-        raise SceneError(f"contact normal {normal!r} must have {dim} numbers, which are not all zero")
+        raise SceneError(
+            f"contact normal {normal!r} must have {dim} numbers, which are not all zero"
+        )
     return vector / length
 
 
-def check_facing(surface: Surface, normal: np.ndarray, along: bool, *, upright: bool = False) -> None:
-    """Raise SceneError if no part of a surface looks along the contact normal, or against it without ``along``.
+def check_facing(
+    surface: Surface, normal: np.ndarray, along: bool, *, upright: bool = False
+) -> None:
+    """Raise SceneError if no part of a surface looks along the contact normal, or against it
+    without ``along``.
 
-    A surface parallel to the normal, as the side of a block on an obstacle, passes only if ``upright`` is set.
+    A surface parallel to the normal, as the side of a block on an obstacle, passes only if
+    ``upright`` is set.
     """
     towards = surface.outward @ (normal if along else -normal)
     if towards.max() <= GRAZING and (towards.min() < -1e-9 or not upright):
         middle = surface.points.mean(axis=0).tolist()
         raise SceneError(
-            f"surface {surface.tag} around {middle} should look {'along' if along else 'against'} the contact normal "
-            f"{rounded(normal)} and none of its {towards.size} facets does: the surfaces do not face each other. "
-            "Swap the surfaces or the sign of the normal, which points away from the first surface"
+            f"surface {surface.tag} around {middle} should look {'along' if along else 'against'} "
+            f"the contact normal {rounded(normal)} and none of its {towards.size} facets does: "
+            "the surfaces do not face each other. Swap the surfaces or the sign of the normal, "
+            "which points away from the first surface"
         )
 
 
@@ -281,15 +339,18 @@ def mean_normal(surface: Surface) -> np.ndarray:
 
 
 def warn_of_overlap(surface: Surface, rows: ContactRows) -> None:
-    """Warn if conditions of a slave surface overlap by more than a cell: more often a mistake than a press fit."""
+    """Warn if conditions of a slave surface overlap by more than a cell: more often a mistake than
+    a press fit.
+    """
     sizes = np.zeros(surface.nodes.max() + 1)
     sizes[surface.nodes] = surface.cell_sizes()
     deep = rows.gap < -sizes[rows.slaves]
     if deep.any():
         worst = int(rows.gap.argmin())
         warn(
-            f"the initial overlap at surface {surface.tag} exceeds a cell at {int(deep.sum())} places, most "
-            f"({-rows.gap[worst]:.3g}) at {rounded(rows.points[worst])}: check the positions and the normal"
+            f"the initial overlap at surface {surface.tag} exceeds a cell at {int(deep.sum())} "
+            f"places, most ({-rows.gap[worst]:.3g}) at {rounded(rows.points[worst])}: check the "
+            "positions and the normal"
         )
 
 
@@ -305,8 +366,12 @@ def tangential_order(points: np.ndarray, normal: np.ndarray) -> np.ndarray:
     return np.lexsort(np.round(tangential / size, 9).T[::-1])
 
 
-def nodal_rows(nodes: np.ndarray, normals: np.ndarray, weights: np.ndarray, dofs: int) -> csr_matrix:
-    """Rows sum_k weights_k n·u(nodes_k), (m, N), for nodes and weights, (m, k), and the normal of each, (m, dim)."""
+def nodal_rows(
+    nodes: np.ndarray, normals: np.ndarray, weights: np.ndarray, dofs: int
+) -> csr_matrix:
+    """Rows sum_k weights_k n·u(nodes_k), (m, N), for nodes and weights, (m, k), and the normal of
+    each, (m, dim).
+    """
     m, dim = normals.shape
     columns = nodes[:, :, None] * dim + np.arange(dim)
     values = weights[:, :, None] * normals[:, None, :]
@@ -325,7 +390,9 @@ def normalised(vectors: np.ndarray) -> np.ndarray:
 
 
 def shape_functions(local: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Shape functions, (m, k), and slopes, (m, k, 2), of the unit triangle (k = 3) or tensor-ordered square, (m, 2)."""
+    """Shape functions, (m, k), and slopes, (m, k, 2), of the unit triangle (k = 3) or
+    tensor-ordered square, (m, 2).
+    """
     x, y = local.T
     one = np.ones_like(x)
     if k == 3:

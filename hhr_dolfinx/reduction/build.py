@@ -57,7 +57,9 @@ class Offline:
     basis: np.ndarray  # before enrichment, (own, ell)
     nodes: np.ndarray  # from which the RID is made
     completion: Completion  # of answers
-    computed: dict[str, Any] = field(default_factory=dict)  # what stages compute once for all attempts, by name
+    computed: dict[str, Any] = field(
+        default_factory=dict
+    )  # what stages compute once for all attempts, by name
 
     @property
     def full(self) -> FullModel:
@@ -117,20 +119,23 @@ def build(
 ) -> Any:
     """Build an HHR model that passes the trust check, thesis sections 1.4.2-1.4.6 and 6.2.3.
 
-    A :class:`~hhr_dolfinx.reduction.reductor.Reductor` instead of a recipe makes a model of another kind, as
-    :class:`~hhr_dolfinx.reduction.exact.ExactCondensation` does.
+    A :class:`~hhr_dolfinx.reduction.reductor.Reductor` instead of a recipe makes a model of another
+    kind, as :class:`~hhr_dolfinx.reduction.exact.ExactCondensation` does.
 
-    A model that fails is built again with one more layer of cells, up to ``recipe.domain.most_layers``. For bodies with
-    laws a RID that is too small for its modes makes the projected consistent tangent indefinite: steps then fail, or
-    converge to a wrong path with very small residuals, and the elastic operator shows no sign of it.
+    A model that fails is built again with one more layer of cells, up to
+    ``recipe.domain.most_layers``. For bodies with laws a RID that is too small for its modes makes
+    the projected consistent tangent indefinite: steps then fail, or converge to a wrong path with
+    very small residuals, and the elastic operator shows no sign of it.
 
     Args:
-        full: the full model, of which only arrays are used. A distributed model is reduced on all ranks, each with its
-            local rows; if that is not supported all ranks get all rows, which the log records.
+        full: the full model, of which only arrays are used. A distributed model is reduced on all
+            ranks, each with its local rows; if that is not supported all ranks get all rows, which
+            the log records.
         snapshots: training answers at single parameters, or load paths.
-        recipe: a recipe or a reductor; None means the default, :class:`Recipe` or that of the laws of bodies.
-        held_out: validation answers for the trust check; without them training answers are compared, and a
-            warning is given.
+        recipe: a recipe or a reductor; None means the default, :class:`Recipe` or that of the laws
+            of bodies.
+        held_out: validation answers for the trust check; without them training answers are
+            compared, and a warning is given.
         announce: called with each stage that begins; an exception from it stops the build.
 
     Raises:
@@ -139,8 +144,9 @@ def build(
         UnstableModelError: if the trust check still refuses the model at ``most_layers``.
 
     Warns:
-        StabilityWarning: if a check is close to its limit, or no training answer has contact or shows laws of bodies.
-        UncheckedWarning: if the model was not compared with validation answers.
+        StabilityWarning: if a check is close to its limit, or no training answer has contact or
+        shows laws of bodies. UncheckedWarning: if the model was not compared with validation
+        answers.
     """
     if not isinstance(full, FullModel):
         raise ReductionError(f"{full!r} is no full model: give FullOrderModel(scene)")
@@ -150,7 +156,9 @@ def build(
     elif (reductor := as_reductor(recipe)) is not None:
         return made(reductor, task)
     recipes = task.kind.recipes() if recipe is None else (recipe,)
-    for outcome in outcomes(recipes, lambda item: made(HyperReduction(item), task), (NotSolvableError,)):
+    for outcome in outcomes(
+        recipes, lambda item: made(HyperReduction(item), task), (NotSolvableError,)
+    ):
         if outcome.error is None:
             break
         task.log.say(f"the recipe {outcome.candidate} is refused: {outcome.error}")
@@ -160,8 +168,12 @@ def build(
     return outcome.made
 
 
-def not_by_rows(kind: OfPoints, snapshots: SnapshotSet | None = None, recipe: Recipe | None = None) -> str:
-    """Reason why a distributed problem is not reduced by rows, with snapshots or a recipe; empty if it is.
+def not_by_rows(
+    kind: OfPoints, snapshots: SnapshotSet | None = None, recipe: Recipe | None = None
+) -> str:
+    """Reason why a distributed problem is not reduced by rows, with snapshots or a recipe.
+
+    Empty if it is.
 
     Decomposition, projection, enrichment and bounds use only sums over the ranks.
     """
@@ -177,14 +189,19 @@ def not_by_rows(kind: OfPoints, snapshots: SnapshotSet | None = None, recipe: Re
 def check_recipe(recipe: object) -> None:
     """Raise ReductionError for an invalid recipe."""
     if isinstance(recipe, type):
-        raise ReductionError(f"{recipe.__name__} is a class, give a value of it: {recipe.__name__}(...)")
+        raise ReductionError(
+            f"{recipe.__name__} is a class, give a value of it: {recipe.__name__}(...)"
+        )
     if not isinstance(recipe, Recipe):
         raise ReductionError(f"{recipe!r} is no recipe: give a Recipe")
 
 
 @dataclass(frozen=True)
 class HyperReduction(Reductor[Offline]):
-    """Hyper-reduction by a recipe. A model that is refused is built again with one more layer of cells."""
+    """Hyper-reduction by a recipe.
+
+    A model that is refused is built again with one more layer of cells.
+    """
 
     recipe: Any = None  # None takes the default of the scene, in a search
     method: ClassVar[str] = "hhr"
@@ -222,7 +239,9 @@ class HyperReduction(Reductor[Offline]):
         else:
             task.kind.warn_of_training(snapshots, task.held_out)
             if task.held_out is None:
-                log.skip("held_out", "nothing was kept out of training: training answers were compared")
+                log.skip(
+                    "held_out", "nothing was kept out of training: training answers were compared"
+                )
         with log.stage("basis", task.announce):
             basis = basis_of(recipe.basis, problem, snapshots)
         with log.stage("rid", task.announce):
@@ -257,22 +276,34 @@ STAGES = (
     Stage(f"{_HERE}:enrich_basis", f"{_HERE}:choose_domain"),
     Stage(f"{_HERE}:project_problem", f"{_HERE}:enrich_basis"),
     Stage(f"{_HERE}:assess_projection", f"{_HERE}:project_problem"),
-    Stage(f"{_HERE}:check_constants", f"{_HERE}:assess_projection", lambda full, recipe: recipe.trust is not None),
+    Stage(
+        f"{_HERE}:check_constants",
+        f"{_HERE}:assess_projection",
+        lambda full, recipe: recipe.trust is not None,
+    ),
     Stage(f"{_HERE}:reconstruct", f"{_HERE}:assess_projection"),
     Stage(f"{_HERE}:assemble", f"{_HERE}:reconstruct"),
-    Stage(f"{_HERE}:start_along", f"{_HERE}:assemble",
-          lambda full, recipe: not full.problem.varies and not full.by_paths),
-)  # fmt: skip
+    Stage(
+        f"{_HERE}:start_along",
+        f"{_HERE}:assemble",
+        lambda full, recipe: not full.problem.varies and not full.by_paths,
+    ),
+)
 """Stages of an attempt; a plug-in adds its own in its manifest."""
 
 
 def stages_of(full: FullModel, recipe: Recipe) -> list[str]:
-    """Places of the stages of an attempt, in their order; of those after the same stage the ones of plug-ins first.
+    """Places of the stages of an attempt, in their order.
+
+    Of those after the same stage the ones of plug-ins first.
 
     Raises:
         ReductionError: for a stage that comes after one that is not there.
     """
-    every = (*(stage for plugin in registry.installed().values() for stage in plugin.stages), *STAGES)
+    every = (
+        *(stage for plugin in registry.installed().values() for stage in plugin.stages),
+        *STAGES,
+    )
     wanted = [stage for stage in every if registry.wants(stage, full, recipe)]
 
     def from_here(place: str) -> Iterator[str]:
@@ -283,7 +314,9 @@ def stages_of(full: FullModel, recipe: Recipe) -> list[str]:
 
     found = list(from_here(""))
     if lost := [stage for stage in wanted if stage.place not in found]:
-        raise ReductionError(f"the stage {lost[0].place} comes after {lost[0].after}, which is no stage here")
+        raise ReductionError(
+            f"the stage {lost[0].place} comes after {lost[0].after}, which is no stage here"
+        )
     return found
 
 
@@ -304,7 +337,9 @@ def enrich_basis(draft: Draft) -> None:
         step = shared.recipe.enrichment
         problem = shared.full.problem
         rows = _distinct(problem, draft.sets)
-        draft.enrichment = enrich(problem, shared.basis, rows, np.inf if step is None else step.kappa_max)
+        draft.enrichment = enrich(
+            problem, shared.basis, rows, np.inf if step is None else step.kappa_max
+        )
         if step is None:
             shared.log.skip("enrichment", "not requested")
         else:
@@ -359,14 +394,18 @@ def reconstruct(draft: Draft) -> None:
 
 
 def assemble(draft: Draft) -> None:
-    """The model, with the range and the statuses of the training, as far as they are known before its check."""
+    """The model, with the range and the statuses of the training, as far as they are known before
+    its check.
+    """
     shared = draft.shared
     kind = shared.task.kind
     known = kind.starts(shared.snapshots, draft.sets.A_lambda)
     with shared.log.stage("online_arrays", shared.task.announce):
         trained = kind.range_of(shared.snapshots)
         space = shared.full.parameters
-        draft.model = ReducedModel(draft.reduced, space, draft.fields, trained, known=known, **draft.parts)
+        draft.model = ReducedModel(
+            draft.reduced, space, draft.fields, trained, known=known, **draft.parts
+        )
 
 
 def start_along(draft: Draft) -> None:
@@ -377,15 +416,22 @@ def start_along(draft: Draft) -> None:
         from hhr_dolfinx.reduction.starts import linear_starts
 
         with draft.shared.log.stage("online_arrays", draft.shared.task.announce):
-            known = linear_starts(inner.eliminated, inner.known.points, inner.pairs, inner.known.active)
+            known = linear_starts(
+                inner.eliminated, inner.known.points, inner.pairs, inner.known.active
+            )
             draft.model = model.changed(known=known)
 
 
-def independent(problem: ContactProblem, sets: IndexSets, reduced: ReducedProblem) -> tuple[IndexSets, ReducedProblem]:
+def independent(
+    problem: ContactProblem, sets: IndexSets, reduced: ReducedProblem
+) -> tuple[IndexSets, ReducedProblem]:
     """A RID and its projection without conditions that others repeat."""
     kept = problem.distinct[sets.A_lambda]
     if not kept.all():
-        per_row = {name: getattr(reduced, name)[kept] for name in ("contact_test", "contact_trial", "gaps", "pairs")}
+        per_row = {
+            name: getattr(reduced, name)[kept]
+            for name in ("contact_test", "contact_trial", "gaps", "pairs")
+        }
         reduced = replace(reduced, **per_row)
     return _distinct(problem, sets), reduced
 

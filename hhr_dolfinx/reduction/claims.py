@@ -1,4 +1,6 @@
-"""Claims of models, compared where they are made: exactness and bounds are no properties of a class."""
+"""Claims of models, compared where they are made: exactness and bounds are no properties of a
+class.
+"""
 
 from __future__ import annotations
 
@@ -17,9 +19,13 @@ from hhr_dolfinx.reduction.kinds import ROUND_OFF, OfPoints
 from hhr_dolfinx.snapshots.records import SnapshotSet
 
 LIGHT = 1e-2
-"""Part of the largest answer in a norm below which relative bounds, which use a floor, are not compared."""
+"""Part of the largest answer in a norm below which relative bounds, which use a floor, are not
+compared.
+"""
 BOUND = "bound"
-"""Kind of the estimates that no error may exceed, see :class:`~hhr_dolfinx.models.estimates.Estimate`."""
+"""Kind of the estimates that no error may exceed, see
+:class:`~hhr_dolfinx.models.estimates.Estimate`.
+"""
 ANSWERED = list[tuple[Answer, Answer | None, str]]
 """Answers of the full model, those of a model or None if it has none, and where."""
 
@@ -27,8 +33,9 @@ ANSWERED = list[tuple[Answer, Answer | None, str]]
 def check_claim(name: str, kind: OfPoints, model: Any, known: SnapshotSet) -> None:
     """Compare a model that calls itself exact, or says bounds, with some answers of the full one.
 
-    Displacements and loads of the contact forces, B^T λ, are compared with a claim of exactness: forces of equivalent
-    conditions, and displacements of bodies with rigid motions, may have several values.
+    Displacements and loads of the contact forces, B^T λ, are compared with a claim of exactness:
+    forces of equivalent conditions, and displacements of bodies with rigid motions, may have
+    several values.
 
     Raises:
         ClaimError: if they differ by more than round-off, or an error exceeds its bound.
@@ -49,18 +56,26 @@ def _check_exact(name: str, full: FullModel, limit: float, pairs: ANSWERED) -> N
         if answer is not None:
             off = _part(np.linalg.norm(problem.contact.T @ answer.forces() - loads[number]), loads)
             if not problem.held_by_contact:
-                off = max(off, _part(mass_norm(problem, answer.displacement() - exact.displacement()), sizes))
+                off = max(
+                    off,
+                    _part(mass_norm(problem, answer.displacement() - exact.displacement()), sizes),
+                )
         if not off <= limit:
             raise ClaimError(
-                f"{name}: its model calls itself exact and is off by {off:.3g} at {label}: claim less, or refuse "
-                "the scene"
+                f"{name}: its model calls itself exact and is off by {off:.3g} at {label}: claim "
+                "less, or refuse the scene"
             )
 
 
 def _check_bounds(name: str, full: FullModel, pairs: ANSWERED) -> None:
-    """Compare errors with their bounds; round-off is that of the largest of the answers in each norm."""
+    """Compare errors with their bounds.
+
+    round-off is that of the largest of the answers in each norm.
+    """
     errors = [
-        (_errors(full, exact, answer), answer.estimate(), label) for exact, answer, label in pairs if answer is not None
+        (_errors(full, exact, answer), answer.estimate(), label)
+        for exact, answer, label in pairs
+        if answer is not None
     ]
     largest: dict[str, float] = {}
     for row, _, _ in errors:
@@ -70,7 +85,11 @@ def _check_bounds(name: str, full: FullModel, pairs: ANSWERED) -> None:
         if estimate is None or estimate.kind != BOUND:
             continue
         for what, (error, size) in row.items():
-            bound = estimate.outputs.get(what, np.inf) if what not in BOUNDED else getattr(estimate, BOUNDED[what])
+            bound = (
+                estimate.outputs.get(what, np.inf)
+                if what not in BOUNDED
+                else getattr(estimate, BOUNDED[what])
+            )
             compared = [(what, error, bound, largest[what])]
             if what in BOUNDED and size > LIGHT * largest[what]:
                 relative = getattr(estimate, f"{BOUNDED[what]}_relative")
@@ -78,38 +97,63 @@ def _check_bounds(name: str, full: FullModel, pairs: ANSWERED) -> None:
             for said, off, most, scale in compared:
                 if not off <= (1 + ROUND_OFF) * most + ROUND_OFF * scale:
                     raise ClaimError(
-                        f"{name}: its model says a bound of {most:.3g} of the {said}, and the error is {off:.3g} at "
-                        f"{label}: say 'estimate' or 'indicator' as the kind of the estimate, or bound more"
+                        f"{name}: its model says a bound of {most:.3g} of the {said}, and the "
+                        f"error is {off:.3g} at {label}: say 'estimate' or 'indicator' as the "
+                        "kind of the estimate, or bound more"
                     )
 
 
-BOUNDED = {"displacement in energy": "primal", "contact forces": "forces_euclid", "pressure": "pressure"}
-"""Attributes of estimates, by their names in messages; ``_relative`` stands behind those of relative ones."""
+BOUNDED = {
+    "displacement in energy": "primal",
+    "contact forces": "forces_euclid",
+    "pressure": "pressure",
+}
+"""Attributes of estimates, by their names in messages.
+
+``_relative`` stands behind those of relative ones.
+"""
 
 
 def _errors(full: FullModel, exact: Answer, answer: Answer) -> dict[str, tuple[float, float]]:
-    """Errors of an answer and sizes of the exact one, by the names of :data:`BOUNDED`, and of outputs."""
+    """Errors of an answer and sizes of the exact one, by the names of :data:`BOUNDED`, and of
+    outputs.
+    """
     problem = full.problem.at(exact.parameter)
     rows = problem.spread
     found: dict[str, tuple[float, float]] = {}
     with suppress(NotOfferedError):  # a model of forces alone
         fields = [answer.displacement() - exact.displacement(), exact.displacement()]
-        stiffness = problem.own_stiffness if problem.stiffness_terms else _user_defined(full, exact.parameter)
+        stiffness = (
+            problem.own_stiffness
+            if problem.stiffness_terms
+            else _user_defined(full, exact.parameter)
+        )
         energies = [rows.sum(rows.of(field) @ (stiffness @ field)) for field in fields]
         error, size = np.sqrt(np.maximum(energies, 0.0))
         found["displacement in energy"] = error, size
     off = answer.forces() - exact.forces()
-    # forces of equivalent conditions have several values; sizes of all answers are the scale of round-off
-    if np.linalg.norm(problem.contact.T @ off) <= ROUND_OFF * np.linalg.norm(problem.contact.T @ exact.forces()):
+    # forces of equivalent conditions have several values; sizes of all answers are the scale of
+    # round-off
+    if np.linalg.norm(problem.contact.T @ off) <= ROUND_OFF * np.linalg.norm(
+        problem.contact.T @ exact.forces()
+    ):
         off = np.zeros_like(off)
     found["contact forces"] = float(np.linalg.norm(off)), float(np.linalg.norm(exact.forces()))
-    per_area = np.divide(1.0, problem.contact_areas, out=np.zeros(len(off)), where=problem.contact_areas > 0)
-    found["pressure"] = float(np.abs(off * per_area).max()), float(np.abs(exact.forces() * per_area).max())
+    per_area = np.divide(
+        1.0, problem.contact_areas, out=np.zeros(len(off)), where=problem.contact_areas > 0
+    )
+    found["pressure"] = (
+        float(np.abs(off * per_area).max()),
+        float(np.abs(exact.forces() * per_area).max()),
+    )
     if full.functionals is not None:
         with suppress(NotOfferedError):
             values = exact.outputs().values
             said = answer.outputs().values
-            found |= {key: (abs(said[key] - values[key]), abs(values[key])) for key in said.keys() & values.keys()}
+            found |= {
+                key: (abs(said[key] - values[key]), abs(values[key]))
+                for key in said.keys() & values.keys()
+            }
     return found
 
 

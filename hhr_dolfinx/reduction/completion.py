@@ -1,4 +1,6 @@
-"""Reconstruction of whole fields from reduced answers, thesis section 1.4.6, and the bounds of their errors."""
+"""Reconstruction of whole fields from reduced answers, thesis section 1.4.6, and the bounds of
+their errors.
+"""
 
 from __future__ import annotations
 
@@ -21,8 +23,9 @@ from hhr_dolfinx.reduction.reductor import Task
 from hhr_dolfinx.snapshots.records import SnapshotSet
 
 IN_THE_CONE = 1e-3
-"""Relative distance from the cone of the other snapshots below which a force snapshot is left out: the fraction of the
-largest force below which a relative force error is meaningless."""
+"""Relative distance from the cone of the other snapshots below which a force snapshot is left out:
+the fraction of the largest force below which a relative force error is meaningless.
+"""
 
 
 @dataclass(frozen=True)
@@ -35,10 +38,13 @@ class Completion:
     @classmethod
     def of(cls, problem: ContactProblem, snapshots: SnapshotSet) -> Completion:
         """Data from training answers."""
-        # the scale of the gaps of a pair is the largest gap or relative motion of its bodies, not the largest slack: if
-        # contact never opens in training the slack is round-off, and relative to it all gaps would count as open
+        # the scale of the gaps of a pair is the largest gap or relative motion of its bodies, not
+        # the largest slack: if contact never opens in training the slack is round-off, and relative
+        # to it all gaps would count as open
         gaps = problem.amplitudes.sum_columns(problem.gaps, snapshots.points)
-        sizes = np.maximum(np.abs(gaps), np.abs(problem.contact_rows_times(snapshots.displacements))).max(axis=1)
+        sizes = np.maximum(
+            np.abs(gaps), np.abs(problem.contact_rows_times(snapshots.displacements))
+        ).max(axis=1)
         scale = np.ones(sizes.size)
         for pair in np.unique(problem.contact_pairs):
             inside = problem.contact_pairs == pair
@@ -71,11 +77,13 @@ class Completion:
 
 
 def spanning_rays(columns: np.ndarray, tolerance: float) -> np.ndarray:
-    """Select non-negative columns, (m, S), whose non-negative combinations contain all of them, (m, S').
+    """Select non-negative columns, (m, S), whose non-negative combinations contain all of them, (m,
+    S').
 
-    Linear independence is not enough for (1.70): a snapshot that is a difference of others lies outside their cone.
-    The most independent columns come first; half of the columns outside their cone are added at a time. A distance from
-    the cone up to ``tolerance``, relative to the norm of a column, counts as inside.
+    Linear independence is not enough for (1.70): a snapshot that is a difference of others lies
+    outside their cone. The most independent columns come first; half of the columns outside their
+    cone are added at a time. A distance from the cone up to ``tolerance``, relative to the norm of
+    a column, counts as inside.
     """
     lengths = np.linalg.norm(columns, axis=0)
     left = np.flatnonzero(lengths > 0)
@@ -97,16 +105,22 @@ def spanning_rays(columns: np.ndarray, tolerance: float) -> np.ndarray:
 
 
 def _distance(cone: np.ndarray, ray: np.ndarray) -> float:
-    """Distance of a ray from a cone; infinite if the search does not converge: the ray is then added to the cone."""
+    """Distance of a ray from a cone; infinite if the search does not converge: the ray is then
+    added to the cone.
+    """
     try:
-        # scipy's limit of three rounds for each ray is too small for hundreds of nearly parallel rays
+        # scipy's limit of three rounds for each ray is too small for hundreds of nearly parallel
+        # rays
         return float(nnls(cone, ray, maxiter=30 * cone.shape[1])[1])
     except RuntimeError:
         return math.inf
 
 
 def bound_of(task: Task, recipe: Recipe, basis: np.ndarray) -> Bounding:
-    """Bounds for a recipe, with a basis, (own, ell); None if not requested or not proved, with a log entry."""
+    """Bounds for a recipe, with a basis, (own, ell).
+
+    None if not requested or not proved, with a log entry.
+    """
     if not recipe.bound or recipe.indicator is not None:
         return Bounding(None, basis, unbounded=NOT_ASKED)
     if why := task.kind.unbounded:
@@ -115,10 +129,14 @@ def bound_of(task: Task, recipe: Recipe, basis: np.ndarray) -> Bounding:
     assert task.snapshots is not None  # checked
     try:
         with log.stage("bound", announce):
-            for given in [given for plugin in registry.installed().values() for given in plugin.bounds]:
+            for given in [
+                given for plugin in registry.installed().values() for given in plugin.bounds
+            ]:
                 if registry.wants(given, full):
                     prove = registry.load(given.place)
-                    made: Bounding = prove(full, basis, task.snapshots.forces, cone=recipe.cone, announce=announce)
+                    made: Bounding = prove(
+                        full, basis, task.snapshots.forces, cone=recipe.cone, announce=announce
+                    )
                     return made
             raise BoundError("no installed plug-in knows the errors of its answers")
     except BoundError as error:

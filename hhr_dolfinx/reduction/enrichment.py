@@ -1,12 +1,14 @@
-"""Enrichment of the primal basis by finite element functions of the contact nodes, thesis section 3.4.1, Alg. 3.1.
+"""Enrichment of the primal basis by finite element functions of the contact nodes, thesis section
+3.4.1, Alg. 3.1.
 
-A candidate is the normal displacement of the slave node of one contact condition of the RID: its partner
-on the other body would change B~ by the same column. If two conditions share a slave node and a direction, as a
-pair and a stop on one surface do, the partner distinguishes them. Basis and candidates are orthonormalised first,
-since kappa(B~) depends on the length of the columns while the reduced model depends on their span only.
+A candidate is the normal displacement of the slave node of one contact condition of the RID: its
+partner on the other body would change B~ by the same column. If two conditions share a slave node
+and a direction, as a pair and a stop on one surface do, the partner distinguishes them. Basis and
+candidates are orthonormalised first, since kappa(B~) depends on the length of the columns while the
+reduced model depends on their span only.
 
-If B~1 != B~2 (section 5.2.5) both must have full rank, (5.24)-(5.25), and kappa(B~1), the one in the error bound
-of the forces, is lowered.
+If B~1 != B~2 (section 5.2.5) both must have full rank, (5.24)-(5.25), and kappa(B~1), the one in
+the error bound of the forces, is lowered.
 """
 
 from __future__ import annotations
@@ -27,11 +29,14 @@ from hhr_dolfinx.pairings.surface import normalised
 from hhr_dolfinx.timing import StageLog
 
 DISTINCT = 1e-8
-"""Length of the part of a unit function outside a span below which it counts as inside: the root of round-off."""
+"""Length of the part of a unit function outside a span below which it counts as inside: the root of
+round-off.
+"""
 
 MOSTLY = math.sqrt(0.5)
-"""Remaining length of a unit function above which round-off is small enough (Daniel, Gragg, Kaufman and Stewart,
-Mathematics of Computation 30, 1976)."""
+"""Remaining length of a unit function above which round-off is small enough (Daniel, Gragg, Kaufman
+and Stewart, Mathematics of Computation 30, 1976).
+"""
 
 ORTHONORMAL = 1e-8
 """Round-off allowed in products of orthogonal modes, and in modes on imposed dofs."""
@@ -43,30 +48,46 @@ class Enrichment:
 
     basis: np.ndarray  # V bar of (3.2), orthonormal columns, (own, ell_bar)
     added: np.ndarray  # conditions whose slave node was added, in order, L_c of Alg. 3.1
-    kappas: list[float]  # kappa(B~1) before the first and after each addition; infinite while rows are dependent
-    stalled: bool  # candidates were left, but none lowered kappa any more, before ``kappa_max`` was reached
-    left_out: np.ndarray  # conditions whose function lies in the span of the basis already, as of a second stop
+    kappas: list[
+        float
+    ]  # kappa(B~1) before the first and after each addition; infinite while rows are dependent
+    # candidates were left, but none lowered kappa any more, before ``kappa_max`` was reached
+    stalled: bool
+    left_out: (
+        np.ndarray
+    )  # conditions whose function lies in the span of the basis already, as of a second stop
 
 
-def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_max: float) -> Enrichment:
-    """Add finite element functions until kappa(B~1) <= ``kappa_max``, greedily, Alg. 3.1 and section 5.2.5.
+def enrich(
+    problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_max: float
+) -> Enrichment:
+    """Add finite element functions until kappa(B~1) <= ``kappa_max``, greedily, Alg. 3.1 and
+    section 5.2.5.
 
     While rows are dependent no column lowers kappa; then the candidate that lies farthest from the
-    range of B~ is added, which raises the rank. The singular values of a candidate come from a rank-one
-    update of B~ B~^T, without forming its basis. That update has the length of a candidate outside the basis only to
-    the root of round-off. So the chosen one is orthogonalised exactly, and left out if nothing remains of it.
+    range of B~ is added, which raises the rank. The singular values of a candidate come from a
+    rank-one update of B~ B~^T, without forming its basis. That update has the length of a candidate
+    outside the basis only to the root of round-off. So the chosen one is orthogonalised exactly,
+    and left out if nothing remains of it.
 
     Raises:
         ReductionError: if the basis moves imposed dofs, breaks constraints, or is not orthonormal.
     """
-    support, candidates = _prolonged(problem, sets.A_c, _candidates(problem, sets))  # they vanish outside
+    support, candidates = _prolonged(
+        problem, sets.A_c, _candidates(problem, sets)
+    )  # they vanish outside
     read = np.union1d(sets.A_c_tilde, support)
     every = problem.contact[sets.A_lambda]
     images = every[:, support] @ candidates
-    columns = GrowingColumns(np.zeros((len(basis), 0)))  # after those of the basis, which is not copied
+    columns = GrowingColumns(
+        np.zeros((len(basis), 0))
+    )  # after those of the basis, which is not copied
     rows = problem.spread
     # B~1 and B~2; a candidate has the same image in both
-    tables = [_Table.of(problem, every[:, part], basis, part, images) for part in (sets.A_c, sets.A_c_tilde)]
+    tables = [
+        _Table.of(problem, every[:, part], basis, part, images)
+        for part in (sets.A_c, sets.A_c_tilde)
+    ]
     squares = np.sum(candidates**2, axis=0)
     weights = rows.at(basis, support).T @ candidates
     left = np.flatnonzero(squares > 0)
@@ -106,38 +127,52 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
     return Enrichment(basis, conditions[0], kappas, stalled, conditions[1])
 
 
-def check_basis(problem: ContactProblem, basis: np.ndarray, whose: str = "the enriched basis") -> None:
-    """Raise ReductionError for a basis that moves imposed dofs, breaks constraints, or is not orthonormal.
+def check_basis(
+    problem: ContactProblem, basis: np.ndarray, whose: str = "the enriched basis"
+) -> None:
+    """Raise ReductionError for a basis that moves imposed dofs, breaks constraints, or is not
+    orthonormal.
 
-    Each process has local rows of it, (own, ell). With dofs that follow others V must be T V: the equations, the
-    residual of laws and the displacement of an answer read different dofs of it.
+    Each process has local rows of it, (own, ell). With dofs that follow others V must be T V: the
+    equations, the residual of laws and the displacement of an answer read different dofs of it.
     """
     rows = problem.spread
-    imposed = rows.largest(np.abs(basis).max(axis=1, initial=0.0) * ~rows.of(problem.prolongation.movable))[1]
+    imposed = rows.largest(
+        np.abs(basis).max(axis=1, initial=0.0) * ~rows.of(problem.prolongation.movable)
+    )[1]
     if imposed > ORTHONORMAL:
         raise ReductionError(
-            f"{whose} moves imposed dofs by {imposed:.1e} > {ORTHONORMAL:g}: make its modes of snapshots.displacements"
+            f"{whose} moves imposed dofs by {imposed:.1e} > {ORTHONORMAL:g}: make its modes of "
+            "snapshots.displacements"
         )
     broken = rows.largest(np.abs(basis - problem.prolonged(basis)).max(axis=1, initial=0.0))[1]
     if broken > ORTHONORMAL:
         raise ReductionError(
-            f"{whose} breaks constraints by {broken:.1e} > {ORTHONORMAL:g}: make its modes of snapshots.displacements"
+            f"{whose} breaks constraints by {broken:.1e} > {ORTHONORMAL:g}: make its modes of "
+            "snapshots.displacements"
         )
     skew = float(np.abs(rows.sum(basis.T @ basis) - np.eye(basis.shape[1])).max())
     if skew > ORTHONORMAL:
         raise ReductionError(
-            f"{whose} is not orthonormal, by {skew:.1e} > {ORTHONORMAL:g}: return np.linalg.qr(modes)[0]"
+            f"{whose} is not orthonormal, by {skew:.1e} > {ORTHONORMAL:g}: return "
+            "np.linalg.qr(modes)[0]"
         )
 
 
 def _outside(
     parts: tuple[np.ndarray, np.ndarray], column: np.ndarray, along: np.ndarray, rows: Rows
 ) -> np.ndarray | None:
-    """Unit function orthogonal to a basis, in two blocks, (own, ell) each, that adds a column to its span, (own,).
+    """Unit function orthogonal to a basis, in two blocks, (own, ell) each, that adds a column to
+    its span, (own,).
 
-    None if that lies inside. The column has unit length and is changed; ``along`` are its products with the basis.
+    None if that lies inside. The column has unit length and is changed; ``along`` are its products
+    with the basis.
     """
-    for _ in range(2):  # twice is enough: the first pass leaves round-off of the original length, not of the remainder
+    for _ in range(
+        2
+        # twice is enough: the first pass leaves round-off of the original length, not of the
+        # remainder
+    ):
         for part, own in zip(parts, np.split(along, [parts[0].shape[1]]), strict=True):
             column -= part @ own
         length = math.sqrt(rows.sum(column @ column))
@@ -157,7 +192,10 @@ def record_enrichment(enrichment: Enrichment, kappa_max: float, log: StageLog) -
         named = ", ".join(str(number) for number in enrichment.left_out[:5]) + ", ..." * (count > 5)
         log.skip(
             "enrichment_twins",
-            f"the functions of {count} contact conditions ({named}) lie in the span of the basis already",
+            (
+                f"the functions of {count} contact conditions ({named}) lie in the span of the "
+                "basis already"
+            ),
         )
     if kappa > kappa_max:
         why = "no function lowers it further" if enrichment.stalled else "no function is left"
@@ -166,8 +204,12 @@ def record_enrichment(enrichment: Enrichment, kappa_max: float, log: StageLog) -
         log.skip("enrichment", f"kappa(B~) = {kappa:.2f} <= {kappa_max:g} and (1.67) holds")
 
 
-def _prolonged(problem: ContactProblem, dofs: np.ndarray, functions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Dofs of functions with the dofs that follow them, (s,), and unit functions there, (s, c), from (card dofs, c)."""
+def _prolonged(
+    problem: ContactProblem, dofs: np.ndarray, functions: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Dofs of functions with the dofs that follow them, (s,), and unit functions there, (s, c),
+    from (card dofs, c).
+    """
     coupling = problem.prolongation.map
     if coupling is None:
         return dofs, functions
@@ -177,9 +219,11 @@ def _prolonged(problem: ContactProblem, dofs: np.ndarray, functions: np.ndarray)
 
 
 def _candidates(problem, sets):
-    """Unit normal displacement of the slave node of each condition, or of its partners if that is imposed or used.
+    """Unit normal displacement of the slave node of each condition, or of its partners if that is
+    imposed or used.
 
-    It is used if another condition moves the same node in the same direction: the one without partners keeps it.
+    It is used if another condition moves the same node in the same direction: the one without
+    partners keeps it.
 
     Columns over A_c, (card A_c, N_lambda_C); zero where neither can move inside A.
     """
@@ -204,11 +248,18 @@ class _Table:
     rows: csr_matrix  # B on some dofs, (m, k)
     part: np.ndarray  # these dofs, (k,)
     values: np.ndarray  # B~, (m, ell)
-    outside: np.ndarray  # images of candidates along directions that complete the range of B~, (missing, c)
+    outside: (
+        np.ndarray
+    )  # images of candidates along directions that complete the range of B~, (missing, c)
 
     @classmethod
     def of(
-        cls, problem: ContactProblem, rows: csr_matrix, basis: np.ndarray, part: np.ndarray, images: np.ndarray
+        cls,
+        problem: ContactProblem,
+        rows: csr_matrix,
+        basis: np.ndarray,
+        part: np.ndarray,
+        images: np.ndarray,
     ) -> _Table:
         """Table from local rows of a basis, (own, ell), and images of candidates, (m, c)."""
         values = rows @ problem.spread.at(basis, part)
@@ -216,10 +267,11 @@ class _Table:
         return replace(table, outside=table.missing.T @ images)
 
     def grown(self, column: np.ndarray, chosen: int) -> _Table:
-        """Table with one more column of the basis, its values on these dofs, (k,), from a candidate.
+        """Table with one more column of the basis, its values on these dofs, (k,), from a
+        candidate.
 
-        While the rank is too small, one direction is removed from the outside part, as in a QR decomposition with
-        pivots. No singular values are needed before rows are independent.
+        While the rank is too small, one direction is removed from the outside part, as in a QR
+        decomposition with pivots. No singular values are needed before rows are independent.
         """
         outside = self.outside
         direction = outside[:, chosen]
@@ -229,7 +281,9 @@ class _Table:
             normal = direction / size
             normal[0] += math.copysign(1.0, normal[0])
             outside = (outside - np.outer(normal, (2 / (normal @ normal)) * (normal @ outside)))[1:]
-        return replace(self, values=np.column_stack([self.values, self.rows @ column]), outside=outside)
+        return replace(
+            self, values=np.column_stack([self.values, self.rows @ column]), outside=outside
+        )
 
     @cached_property
     def spectrum(self) -> tuple[np.ndarray, np.ndarray]:
@@ -237,16 +291,19 @@ class _Table:
         full = self.values.shape[0] > self.values.shape[1]
         try:
             return linalg.svd(self.values, full_matrices=full)[:2]
-        except linalg.LinAlgError:  # divide and conquer, the fast way, fails so for a few matrices of full precision
+        except (
+            linalg.LinAlgError
+        ):  # divide and conquer, the fast way, fails so for a few matrices of full precision
             return linalg.svd(self.values, full_matrices=full, lapack_driver="gesvd")[:2]
 
     @property
     def missing(self) -> np.ndarray:
         """Directions that complete the range of B~, by the numerical rank, (m, missing).
 
-        A direction counts from the root of round-off on. Below, squares of singular values, by which candidates are
-        compared, are round-off, and so may the direction itself be: the least important mode of a POD has that of
-        answers over its singular value, up to 1e-9 with the usual tolerance.
+        A direction counts from the root of round-off on. Below, squares of singular values, by
+        which candidates are compared, are round-off, and so may the direction itself be: the least
+        important mode of a POD has that of answers over its singular value, up to 1e-9 with the
+        usual tolerance.
         """
         directions, values = self.spectrum
         least = DISTINCT * max(values[0], self.problem.contact_norm)
@@ -267,10 +324,18 @@ def _kappa(tables: list[_Table]) -> float:
     return found[0] if all(map(math.isfinite, found)) else math.inf
 
 
-def _best(tables: list[_Table], images: np.ndarray, weights: np.ndarray, lengths: np.ndarray, left: np.ndarray) -> int:
-    """Index of the best of the candidates ``left``: it raises a rank that is missing, or lowers kappa(B~1) most.
+def _best(
+    tables: list[_Table],
+    images: np.ndarray,
+    weights: np.ndarray,
+    lengths: np.ndarray,
+    left: np.ndarray,
+) -> int:
+    """Index of the best of the candidates ``left``: it raises a rank that is missing, or lowers
+    kappa(B~1) most.
 
-    They have images, (m, c), products with the basis, (ell, c), and lengths outside the basis, (c,).
+    They have images, (m, c), products with the basis, (ell, c), and lengths outside the basis,
+    (c,).
     """
     for table in tables:
         if len(table.outside):
@@ -289,8 +354,9 @@ def _best(tables: list[_Table], images: np.ndarray, weights: np.ndarray, lengths
 def _extremes_after_update(squares, weights):
     """Smallest and largest eigenvalue of diag(squares) + z z^T for each column z^2 of ``weights``.
 
-    They are roots of the secular equation 1 + sum_i z_i^2 / (d_i - x) = 0: the smallest lies between the two
-    smallest d_i, the largest between the largest d_i and d_i + |z|^2. Bisection for all columns at once.
+    They are roots of the secular equation 1 + sum_i z_i^2 / (d_i - x) = 0: the smallest lies
+    between the two smallest d_i, the largest between the largest d_i and d_i + |z|^2. Bisection for
+    all columns at once.
     """
 
     def root(low, high):

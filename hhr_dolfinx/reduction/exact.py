@@ -1,4 +1,6 @@
-"""Exact condensation on the contact conditions: the rival without reduction error while the stiffness is constant."""
+"""Exact condensation on the contact conditions: the rival without reduction error while the
+stiffness is constant.
+"""
 
 from __future__ import annotations
 
@@ -50,35 +52,45 @@ class ExactCondensation(Reductor[Task]):
         return None, None
 
 
-def exact_condensation(full: FullModel, known: KnownStatuses, *, field: bool = True) -> CondensedModel:
+def exact_condensation(
+    full: FullModel, known: KnownStatuses, *, field: bool = True
+) -> CondensedModel:
     """Eliminate everything but the contact forces exactly; for constant stiffness only.
 
-    The answer is that of the full model, to round-off. Where the full model has no room for the columns of K^-1 B^T, or
-    several ranks have parts of them, neither has this one: a displacement takes one more solution, for which all ranks
-    ask together.
+    The answer is that of the full model, to round-off. Where the full model has no room for the
+    columns of K^-1 B^T, or several ranks have parts of them, neither has this one: a displacement
+    takes one more solution, for which all ranks ask together.
 
     Args:
         full: the full model; on one rank where contact alone holds bodies.
         known: statuses of the training points, (S, N_lambda).
-        field: compute the displacement with each answer; without it only when it is asked for, and a query costs less.
+        field: compute the displacement with each answer; without it only when it is asked for, and
+            a query costs less.
     """
     problem = full.problem
     rows = problem.spread
     floats = problem.held_by_contact
     problem.require_parts("condensation")
     if floats and not rows.all_here:
-        raise SceneError("contact alone holds bodies: give a full model on MPI.COMM_SELF, whose motions one rank knows")
+        raise SceneError(
+            "contact alone holds bodies: give a full model on MPI.COMM_SELF, whose motions one "
+            "rank knows"
+        )
     kind_of(full).require_linear("no condensation is exact")
     if problem.varies:
         raise SceneError(
-            f"the stiffness of scene '{full.scene.name}' depends on parameters, and no condensation is exact then: "
-            "interpolate it, training.condense()"
+            f"the stiffness of scene '{full.scene.name}' depends on parameters, and no "
+            "condensation is exact then: interpolate it, training.condense()"
         )
     conditions = len(problem.gaps)
-    if not isinstance(known, KnownStatuses) or known.active.shape[1:] != (conditions,) or not known.active.size:
+    if (
+        not isinstance(known, KnownStatuses)
+        or known.active.shape[1:] != (conditions,)
+        or not known.active.size
+    ):
         raise SceneError(
-            f"known, a {type(known).__name__}, must hold statuses of the {conditions} conditions of this scene at one "
-            "point or more: snapshots.known_statuses()"
+            f"known, a {type(known).__name__}, must hold statuses of the {conditions} conditions "
+            "of this scene at one point or more: snapshots.known_statuses()"
         )
     free = rows.whole(full.per_load)
     # only with the field is it known how far bodies moved that contact holds
@@ -99,7 +111,9 @@ def exact_condensation(full: FullModel, known: KnownStatuses, *, field: bool = T
         eliminated = problem.kernel.exact(problem, responses)
     else:
         eliminated = ConstantElimination(responses, problem.amplitudes)
-    return CondensedModel(problem.parameters, eliminated, known, fields, problem.contact_pairs, law=problem.law)
+    return CondensedModel(
+        problem.parameters, eliminated, known, fields, problem.contact_pairs, law=problem.law
+    )
 
 
 def _solved_fields(full: FullModel, free: np.ndarray) -> SolvedFields:

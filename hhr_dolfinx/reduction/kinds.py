@@ -1,8 +1,8 @@
 """Kinds of answers: what training, reduction and comparison need of the laws of a scene.
 
-Answers of elastic bodies in unilateral contact belong to points, each by itself: :class:`OfPoints`. Kinds of other laws
-derive from it, and plug-ins have them: the facet ``reduction`` for laws of bodies, the tool ``reduction`` for laws of
-contacts, both functions of the full model.
+Answers of elastic bodies in unilateral contact belong to points, each by itself: :class:`OfPoints`.
+Kinds of other laws derive from it, and plug-ins have them: the facet ``reduction`` for laws of
+bodies, the tool ``reduction`` for laws of contacts, both functions of the full model.
 """
 
 from __future__ import annotations
@@ -41,15 +41,22 @@ if TYPE_CHECKING:
 MOST_TRAINING_COMPARED = 50
 """Approximate number of training solutions that are compared if none were held out."""
 MOST_SURE = 4
-"""Answers by which a claim is compared at most: a model that claims too much is off nearly everywhere."""
+"""Answers by which a claim is compared at most: a model that claims too much is off nearly
+everywhere.
+"""
 ROUND_OFF = 1e-6
-"""Relative error up to which a model may call itself exact; those of the package are off by 1e-12."""
+"""Relative error up to which a model may call itself exact; those of the package are off by
+1e-12.
+"""
 Answered = Iterator[tuple[Answer, Answer | None, str]]
 """Answers of the full model, those of a model or None if it has none, and where."""
 
 
 class OfPoints:
-    """Answers that belong to points, of elastic bodies in unilateral contact; base of all other kinds."""
+    """Answers that belong to points, of elastic bodies in unilateral contact.
+
+    Base of all other kinds.
+    """
 
     cone: bool = True  # forces outside the RID may be combinations of those of training, (1.70)
 
@@ -70,20 +77,28 @@ class OfPoints:
         return ""
 
     def trains_on(self, family: object) -> bool:
-        """True if a search can train its models on points, ``family`` None, or on paths of a family."""
+        """True if a search can train its models on points, ``family`` None, or on paths of a
+        family.
+        """
         return True
 
     def require_linear(self, what: str) -> None:
         """Raise ReductionError for ``what``, which needs linear bodies, where bodies have laws."""
 
     def require_completion(self) -> None:
-        """Raise NotOfferedError for a law of contacts that hyper-reduced models cannot complete outside the RID."""
+        """Raise NotOfferedError for a law of contacts that hyper-reduced models cannot complete
+        outside the RID.
+        """
 
     def check(self, name: str, solutions: object) -> SnapshotSet:
-        """Raise ReductionError for solutions, called ``name``, of another problem or of other laws."""
+        """Raise ReductionError for solutions, called ``name``, of another problem or of other
+        laws.
+        """
         known = check_of_problem(name, solutions, self.full.problem)
         if known.states:
-            raise ReductionError(f"bodies of {name} have laws, and none of the model do: they are of another scene")
+            raise ReductionError(
+                f"bodies of {name} have laws, and none of the model do: they are of another scene"
+            )
         return known
 
     def warn_of_training(self, snapshots: SnapshotSet, held_out: SnapshotSet | None) -> None:
@@ -101,15 +116,23 @@ class OfPoints:
     def condensed_from(
         self, snapshots: SnapshotSet, held_out: SnapshotSet | None
     ) -> tuple[SnapshotSet | None, SnapshotSet | None, bool | None]:
-        """Answers for a model of all contact conditions and for its check, and whether it needs fields, None if not."""
+        """Answers for a model of all contact conditions and for its check, and whether it needs
+        fields, None if not.
+        """
         return snapshots, held_out, None
 
     def with_corners(self, model: Checked) -> Checked:
-        """A model whose strains in corners of the box are checked, with a limit where they are too large."""
+        """A model whose strains in corners of the box are checked, with a limit where they are too
+        large.
+        """
         return self.full.strains.corners(self.full, model)
 
-    def statuses(self, snapshots: SnapshotSet | None, found: Callable[[], KnownStatuses]) -> KnownStatuses:
-        """Statuses from which an exact model starts: those of training, or else what ``found`` returns."""
+    def statuses(
+        self, snapshots: SnapshotSet | None, found: Callable[[], KnownStatuses]
+    ) -> KnownStatuses:
+        """Statuses from which an exact model starts: those of training, or else what ``found``
+        returns.
+        """
         return found() if snapshots is None else snapshots.known_statuses()
 
     def starts(self, snapshots: SnapshotSet, conditions: np.ndarray) -> KnownStatuses | None:
@@ -128,14 +151,18 @@ class OfPoints:
         limits: TrustLimits | None,
         remedy: str | Mapping[str, str],
     ) -> tuple[Comparison | None, Trained | None]:
-        """Errors against validation answers, or else against training, checked, and the training range."""
+        """Errors against validation answers, or else against training, checked, and the training
+        range.
+        """
         trained: Trained | None = getattr(model, "trained", None)
         if limits is None:
             return None, trained
         if held_out is None:
             every = max(1, len(snapshots.points) // MOST_TRAINING_COMPARED)
             held_out = snapshots.take(np.arange(0, len(snapshots.points), every))
-        comparison = compare_points(self.full, model, held_out, force_floor(self.full.problem, snapshots))
+        comparison = compare_points(
+            self.full, model, held_out, force_floor(self.full.problem, snapshots)
+        )
         check_comparison(comparison, limits, remedy)
         return comparison, trained
 
@@ -166,15 +193,17 @@ class OfPoints:
         problem = self.full.problem
         theta = problem.amplitudes(answer.parameter)
         opened = problem.law.opened(answer.memory)
-        return contact_residuals(problem.at(answer.parameter), answer.displacement(), answer.forces(), theta, opened)
+        return contact_residuals(
+            problem.at(answer.parameter), answer.displacement(), answer.forces(), theta, opened
+        )
 
 
 def kind_of(full: FullModel) -> OfPoints:
     """The kind of the answers of a full model.
 
     Raises:
-        NotOfferedError: for laws of bodies without the facet ``reduction``, and for laws of contacts without a plug-in
-            that has the tool ``reduction``.
+        NotOfferedError: for laws of bodies without the facet ``reduction``, and for laws of
+            contacts without a plug-in that has the tool ``reduction``.
     """
     made: Callable[[FullModel], OfPoints] = OfPoints
     if full.equilibrium is not None:

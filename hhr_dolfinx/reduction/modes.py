@@ -1,4 +1,6 @@
-"""Modes of snapshots: proper orthogonal decomposition, thesis (1.49)-(1.54), and empirical interpolation, Alg. 1.2."""
+"""Modes of snapshots: proper orthogonal decomposition, thesis (1.49)-(1.54), and empirical
+interpolation, Alg. 1.2.
+"""
 
 from __future__ import annotations
 
@@ -11,18 +13,25 @@ from hhr_dolfinx.linear.rows import Rows
 
 
 def pod(
-    snapshots: np.ndarray, tolerance: float, gram: csr_matrix | None = None, rows: Rows | None = None
+    snapshots: np.ndarray,
+    tolerance: float,
+    gram: csr_matrix | None = None,
+    rows: Rows | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Leading left singular vectors that leave out less than ``tolerance`` of the squared sum, (1.53).
+    """Leading left singular vectors that leave out less than ``tolerance`` of the squared sum,
+    (1.53).
 
     Args:
         snapshots: (N, S), one column per snapshot.
         tolerance: epsilon, in (0, 1).
-        gram: sparse Gram matrix of the norm in which the sum is measured, (N, N); None for the Euclidean one.
-        rows: local rows of the snapshots and modes, if these are distributed over ranks; None for all.
+        gram: sparse Gram matrix of the norm in which the sum is measured, (N, N); None for the
+            Euclidean one.
+        rows: local rows of the snapshots and modes, if these are distributed over ranks; None for
+            all.
 
     Returns:
-        ``(modes, singular_values)``: modes (N, ell) with orthonormal columns, and all singular values.
+        ``(modes, singular_values)``: modes (N, ell) with orthonormal columns, and all singular
+        values.
 
     Raises:
         ReductionError: for a tolerance outside (0, 1), fewer than two snapshots, or snapshots that
@@ -36,13 +45,17 @@ def pod(
     if not 0 < tolerance < 1:
         raise ReductionError(f"the POD tolerance {tolerance} must lie in (0, 1)")
     if snapshots.shape[1] < 2:
-        raise ReductionError(f"{snapshots.shape[1]} snapshot cannot span a reduced basis: train on at least 2")
+        raise ReductionError(
+            f"{snapshots.shape[1]} snapshot cannot span a reduced basis: train on at least 2"
+        )
     rows = Rows(slice(0, len(snapshots)), len(snapshots)) if rows is None else rows
     if rows.sum(float(not np.isfinite(snapshots).all())):
         raise ReductionError("the snapshots are not finite")
     modes, values, noise = _decomposed(snapshots, gram, rows)
     if values[0] == 0:
-        raise ReductionError("all snapshots are zero: the loads of the scene do nothing on the training points")
+        raise ReductionError(
+            "all snapshots are zero: the loads of the scene do nothing on the training points"
+        )
     left_out = np.append(np.cumsum((values**2)[::-1])[::-1], 0.0) / np.sum(values**2)
     # singular values below round-off are noise, however small the tolerance
     count = min(int(np.argmax(left_out < tolerance)), int((values > values[0] * noise).sum()))
@@ -50,8 +63,11 @@ def pod(
     return np.ascontiguousarray(chosen), values
 
 
-def _decomposed(snapshots: np.ndarray, gram: csr_matrix | None, rows: Rows) -> tuple[np.ndarray, np.ndarray, float]:
-    """Left singular vectors, singular values, and the relative size below which these are round-off.
+def _decomposed(
+    snapshots: np.ndarray, gram: csr_matrix | None, rows: Rows
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Left singular vectors, singular values, and the relative size below which these are
+    round-off.
 
     With a Gram matrix by the method of snapshots, whose squares lose half of the digits.
     """

@@ -1,10 +1,11 @@
-"""The reduced integration domain (RID) with its index sets, thesis sections 1.4.3 and 5.2.3, and the Petrov-Galerkin
-projection of the contact problem on it, (1.61) and (5.23).
+"""The reduced integration domain (RID) with its index sets, thesis sections 1.4.3 and 5.2.3, and
+the Petrov-Galerkin projection of the contact problem on it, (1.61) and (5.23).
 
-A RID is *closed* if every contact condition that acts on a dof of A belongs to A_lambda. Only then the equations tested
-on A include all the forces that the full model has there. One missing multiplier makes answers useless (errors of 240 %
-occurred) without any other sign. Nodes bring in those they face. Master nodes whose slaves still do not all lie in A
-are removed from A and become part of the interface (figure 5.3a).
+A RID is *closed* if every contact condition that acts on a dof of A belongs to A_lambda. Only then
+the equations tested on A include all the forces that the full model has there. One missing
+multiplier makes answers useless (errors of 240 % occurred) without any other sign. Nodes bring in
+those they face. Master nodes whose slaves still do not all lie in A are removed from A and become
+part of the interface (figure 5.3a).
 """
 
 from __future__ import annotations
@@ -21,11 +22,14 @@ from hhr_dolfinx.models.eliminations.projected import ReducedProblem, ReducedTer
 PANEL = 16
 """Modes that K of a whole mesh is multiplied with at once."""
 COPIED = 20_000_000
-"""Most numbers copied of the modes of one body, 160 MB, so that its part of K is not multiplied with other modes."""
+"""Most numbers copied of the modes of one body, 160 MB, so that its part of K is not multiplied
+with other modes.
+"""
 
 
 def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> ReducedProblem:
-    """Petrov-Galerkin projection of (1.21) on a basis V, (own, ell), and a closed RID, thesis (1.61), (5.23).
+    """Petrov-Galerkin projection of (1.21) on a basis V, (own, ell), and a closed RID, thesis
+    (1.61), (5.23).
 
     The test functions are the modes cut off outside A; the trial functions are the whole modes. A
     Galerkin projection of K with restricted multipliers would be inconsistent.
@@ -33,8 +37,9 @@ def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Redu
     opened = open_conditions(problem, sets)
     if opened.size:
         raise ReductionError(
-            f"the RID is not closed: {opened.size} contact conditions outside it act on its inner nodes, e.g. the one "
-            f"at {problem.contact_points[opened[0]].tolist()}; build it with reduced_domain"
+            f"the RID is not closed: {opened.size} contact conditions outside it act on its inner "
+            f"nodes, e.g. the one at {problem.contact_points[opened[0]].tolist()}; build it with "
+            "reduced_domain"
         )
     shared = problem.spread
     modes: Modes = _Modes(basis, sets) if shared.all_here else shared.modes(problem, basis, sets)
@@ -66,11 +71,17 @@ def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Redu
         motions=0 if problem.kernel is None else problem.kernel.motions.shape[1],
         terms=terms,
     )
-    return problem.kernel.balanced(problem, basis, sets, reduced) if reduced.motions and problem.kernel else reduced
+    return (
+        problem.kernel.balanced(problem, basis, sets, reduced)
+        if reduced.motions and problem.kernel
+        else reduced
+    )
 
 
 class Modes(Protocol):
-    """Modes as test functions on some dofs, A, and as trial functions on these and those around them, I."""
+    """Modes as test functions on some dofs, A, and as trial functions on these and those around
+    them, I.
+    """
 
     def projected(self, stiffness: csr_matrix) -> np.ndarray:
         """V^T K V, tested on A, (ell, ell)."""
@@ -103,21 +114,34 @@ class _Modes:
         found = np.zeros((basis.shape[1], basis.shape[1]))
         for first in range(0, own.size, PANEL):
             part = slice(first, first + PANEL)
-            found[np.ix_(own, own[part])] = self._test_by(trial, stiffness @ (cut[:, None] * trial[:, part]))
+            found[np.ix_(own, own[part])] = self._test_by(
+                trial, stiffness @ (cut[:, None] * trial[:, part])
+            )
         return found
 
     def _moved_by(self, stiffness: csr_matrix, cut: np.ndarray) -> np.ndarray:
-        """Numbers of the modes that are non-zero on the dofs of a matrix: often a part of K is that of one body."""
-        # a row of zeros times random numbers is zero; any other row gives zero with probability zero
+        """Numbers of the modes that are non-zero on the dofs of a matrix: often a part of K is that
+        of one body.
+        """
+        # a row of zeros times random numbers is zero; any other row gives zero with probability
+        # zero
         rows = cut & (stiffness @ np.random.default_rng(0).standard_normal(len(cut)) != 0)
         parts = [slice(first, first + PANEL) for first in range(0, self._basis.shape[1], PANEL)]
-        return np.flatnonzero(np.concatenate([(self._basis[:, part] != 0)[rows].any(axis=0) for part in parts]))
+        return np.flatnonzero(
+            np.concatenate([(self._basis[:, part] != 0)[rows].any(axis=0) for part in parts])
+        )
 
     def tested(self, columns: Any) -> np.ndarray:
-        return self._test.T @ columns[self._rows] if self._test is not None else self._test_by(self._basis, columns)
+        return (
+            self._test.T @ columns[self._rows]
+            if self._test is not None
+            else self._test_by(self._basis, columns)
+        )
 
     def _test_by(self, modes: np.ndarray, columns: Any) -> np.ndarray:
-        """Columns of dofs tested by given modes on the whole mesh, (N, r), if most rows are in A: (r, k)."""
+        """Columns of dofs tested by given modes on the whole mesh, (N, r), if most rows are in A:
+        (r, k).
+        """
         outside = np.ones(len(modes), dtype=bool)
         outside[self._rows] = False
         if issparse(columns):
@@ -127,20 +151,23 @@ class _Modes:
 
 
 def reduced_domain(problem: ContactProblem, nodes: np.ndarray, layers: int = 0) -> IndexSets:
-    """Closed union of the supports of the given nodes and of the nodes they face, thesis (1.55), section 5.2.3.
+    """Closed union of the supports of the given nodes and of the nodes they face, thesis (1.55),
+    section 5.2.3.
 
-    A node of a contact surface brings in the slaves of its conditions and the nodes these face, so that gaps can be
-    computed inside the RID (figure 1.13b). The given nodes stay in A: if closing the RID would remove one, the RID
-    grows until it does not. If every row overlaps the next (double pass, standard mortar multipliers) that ends with
-    the whole contact surface. ``layers`` of cells are added around the union. Of the problem only its connectivity is
-    used.
+    A node of a contact surface brings in the slaves of its conditions and the nodes these face, so
+    that gaps can be computed inside the RID (figure 1.13b). The given nodes stay in A: if closing
+    the RID would remove one, the RID grows until it does not. If every row overlaps the next
+    (double pass, standard mortar multipliers) that ends with the whole contact surface. ``layers``
+    of cells are added around the union. Of the problem only its connectivity is used.
     """
     nodes_of_cells = problem.cell_nodes
     count = len(problem.points)
     starts = np.arange(0, nodes_of_cells.size + 1, nodes_of_cells.shape[1])
-    # cells by nodes, 1 where the node belongs to the cell; conditions by nodes, non-zero where they touch the node
+    # cells by nodes, 1 where the node belongs to the cell; conditions by nodes, non-zero where they
+    # touch the node
     incidence = csr_matrix(
-        (np.ones(nodes_of_cells.size), nodes_of_cells.ravel(), starts), shape=(len(nodes_of_cells), count)
+        (np.ones(nodes_of_cells.size), nodes_of_cells.ravel(), starts),
+        shape=(len(nodes_of_cells), count),
     )
     if problem.prolongation.groups is not None:
         incidence = csr_matrix(vstack([incidence, problem.prolongation.groups]))
@@ -194,9 +221,9 @@ def _index_sets(problem, cells, inside) -> IndexSets:
 def load_nodes(problem: ContactProblem) -> np.ndarray:
     """One node for each term of θ that loads the problem.
 
-    A RID without any load would answer zero to every parameter. A partial pressure has terms all along its line.
-    The node is the one where the load acts most on free dofs; among equals that with the smallest coordinates, so that
-    it does not depend on node numbers.
+    A RID without any load would answer zero to every parameter. A partial pressure has terms all
+    along its line. The node is the one where the load acts most on free dofs; among equals that
+    with the smallest coordinates, so that it does not depend on node numbers.
     """
     loaded = []
     for column in problem.loads.T:
@@ -208,16 +235,27 @@ def load_nodes(problem: ContactProblem) -> np.ndarray:
 
 
 def checked_nodes(nodes: np.ndarray, count: int, what: str = "the zone") -> np.ndarray:
-    """Node numbers, (n,), that ``what`` has chosen of ``count``; a mask of all nodes is accepted too."""
+    """Node numbers, (n,), that ``what`` has chosen of ``count``.
+
+    a mask of all nodes is accepted too.
+    """
     if nodes.dtype == bool:
         if nodes.shape != (count,):
-            raise ReductionError(f"{what} is a mask of shape {nodes.shape}, the mesh has {count} nodes")
+            raise ReductionError(
+                f"{what} is a mask of shape {nodes.shape}, the mesh has {count} nodes"
+            )
         return np.flatnonzero(nodes)
     if nodes.size and not np.issubdtype(nodes.dtype, np.integer):
-        raise ReductionError(f"{what} holds {nodes.dtype}: it must return node numbers, or a mask of all nodes")
+        raise ReductionError(
+            f"{what} holds {nodes.dtype}: it must return node numbers, or a mask of all nodes"
+        )
     if nodes.size == count and count > 2 and set(nodes.ravel().tolist()) <= {0, 1}:
-        raise ReductionError(f"{what} holds a 0 or 1 for each node: make it a mask of bool, or return node numbers")
+        raise ReductionError(
+            f"{what} holds a 0 or 1 for each node: make it a mask of bool, or return node numbers"
+        )
     outside = nodes[(nodes < 0) | (nodes >= count)]
     if outside.size:
-        raise ReductionError(f"node {outside[0]} of {what} is not in the mesh, whose nodes are 0 to {count - 1}")
+        raise ReductionError(
+            f"node {outside[0]} of {what} is not in the mesh, whose nodes are 0 to {count - 1}"
+        )
     return nodes.astype(np.int64).ravel()

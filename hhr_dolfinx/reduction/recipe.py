@@ -1,10 +1,14 @@
-"""Recipe: the steps of a reduction, as typed objects. A missing step is the default; None leaves out an optional one.
+"""Recipe: the steps of a reduction, as typed objects.
 
-A user-defined basis is an object with ``modes(problem, snapshots)``, a choice of nodes one with ``nodes(problem,
-snapshots, basis)``, an indicator one with ``prepared(problem, basis, sets)``. They are listed like those below.
+A missing step is the default; None leaves out an optional one.
 
-On distributed problems each rank has the rows of its dofs. A basis or a choice of nodes for which these suffice, see
-:class:`~hhr_dolfinx.linear.rows.Rows`, ``problem.spread``, sets ``by_rows = True``; otherwise all ranks get all rows.
+A user-defined basis is an object with ``modes(problem, snapshots)``, a choice of nodes one with
+``nodes(problem, snapshots, basis)``, an indicator one with ``prepared(problem, basis, sets)``. They
+are listed like those below.
+
+On distributed problems each rank has the rows of its dofs. A basis or a choice of nodes for which
+these suffice, see :class:`~hhr_dolfinx.linear.rows.Rows`, ``problem.spread``, sets ``by_rows =
+True``; otherwise all ranks get all rows.
 """
 
 from __future__ import annotations
@@ -55,23 +59,33 @@ def _cut(columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 
 class Basis(Protocol):
-    """A choice of the basis of displacements; ranks of a distributed problem return their rows of the same modes."""
+    """A choice of the basis of displacements.
+
+    Ranks of a distributed problem return their rows of the same modes.
+    """
 
     def modes(self, problem: ContactProblem, snapshots: SnapshotSet) -> np.ndarray:
         """V with orthonormal columns, most important first, zero on imposed dofs, (N, ell)."""
 
 
 class Nodes(Protocol):
-    """A choice of nodes, around which the RID is built; the same on all ranks of a distributed problem."""
+    """A choice of nodes, around which the RID is built.
 
-    def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
+    The same on all ranks of a distributed problem.
+    """
+
+    def nodes(
+        self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray
+    ) -> np.ndarray:
         """Numbers of nodes, (n,)."""
 
 
 class Indicator(Protocol):
     """An estimate of the error of an answer."""
 
-    def prepared(self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Callable[[Answer], float]:
+    def prepared(
+        self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets
+    ) -> Callable[[Answer], float]:
         """Function from an answer to its estimate, with all offline work done."""
 
 
@@ -103,13 +117,15 @@ class Truncated:
     def __post_init__(self) -> None:
         if not (isinstance(self.tolerance, Real) and 0 < float(self.tolerance) < 1):
             raise ReductionError(
-                f"tolerance = {self.tolerance} of {type(self).__name__} must lie in (0, 1): it is the part of the "
-                "snapshots left out"
+                f"tolerance = {self.tolerance} of {type(self).__name__} must lie in (0, 1): it is "
+                "the part of the snapshots left out"
             )
         for item in fields(self):
             value = getattr(self, item.name)
             if item.type in (bool, "bool") and not isinstance(value, bool):
-                raise ReductionError(f"{item.name} = {value!r} of {type(self).__name__} must be True or False")
+                raise ReductionError(
+                    f"{item.name} = {value!r} of {type(self).__name__} must be True or False"
+                )
 
 
 @dataclass(frozen=True)
@@ -117,11 +133,12 @@ class Pod(Truncated):
     """Proper orthogonal decomposition of the displacements, thesis (1.49)-(1.54).
 
     Attributes:
-        relative: divide each snapshot by its norm first, so that grazing contact counts as much as strong contact; the
-            thesis does not.
+        relative: divide each snapshot by its norm first, so that grazing contact counts as much as
+            strong contact; the thesis does not.
         norm: ``euclidean`` as in the thesis, ``energy`` or ``l2``.
-        by_body: decompose each connected component separately, so that each mode moves one body only. Bodies joined by
-            contact alone then share no entries of K~: a stiffness that depends on parameters is factored in blocks.
+        by_body: decompose each connected component separately, so that each mode moves one body
+            only. Bodies joined by contact alone then share no entries of K~: a stiffness that
+            depends on parameters is factored in blocks.
     """
 
     by_rows: ClassVar[bool] = True
@@ -132,14 +149,21 @@ class Pod(Truncated):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.norm not in ("euclidean", "energy", "l2"):
-            raise ReductionError(f"norm = '{self.norm}' of a Pod is unknown: 'euclidean', 'energy' or 'l2'")
+            raise ReductionError(
+                f"norm = '{self.norm}' of a Pod is unknown: 'euclidean', 'energy' or 'l2'"
+            )
 
     def modes(self, problem: ContactProblem, snapshots: SnapshotSet) -> np.ndarray:
         """The leading modes, (N, ell)."""
         return self.of_columns(problem, snapshots.displacements)
 
-    def of_columns(self, problem: ContactProblem, columns: np.ndarray, group: Group = ALONE) -> np.ndarray:
-        """Modes of any displacements, (N, S); processes share the bodies of a decomposition by body."""
+    def of_columns(
+        self, problem: ContactProblem, columns: np.ndarray, group: Group = ALONE
+    ) -> np.ndarray:
+        """Modes of any displacements, (N, S).
+
+        Processes share the bodies of a decomposition by body.
+        """
         rows = problem.spread
         gram: Any = None  # the Euclidean norm
         if self.norm != "euclidean":
@@ -151,11 +175,17 @@ class Pod(Truncated):
 
         if not self.by_body:
             return decomposed(columns, gram, rows)
-        bodies = [dofs for dofs in problem.bodies if rows.sum(float(columns[rows.mine(dofs)].any()))]
+        bodies = [
+            dofs for dofs in problem.bodies if rows.sum(float(columns[rows.mine(dofs)].any()))
+        ]
         if not bodies:
-            raise ReductionError("nothing moves in any answer, so that no displacement is spanned: raise the loads")
+            raise ReductionError(
+                "nothing moves in any answer, so that no displacement is spanned: raise the loads"
+            )
         if not rows.all_here:
-            return np.hstack([decomposed(_cut(columns, rows.mine(dofs)), gram, rows) for dofs in bodies])
+            return np.hstack(
+                [decomposed(_cut(columns, rows.mine(dofs)), gram, rows) for dofs in bodies]
+            )
 
         def of_body(number: int) -> np.ndarray:
             dofs = bodies[number]
@@ -174,8 +204,8 @@ class Deim:
     """Nodes of the DEIM points of the basis, thesis Alg. 1.2.
 
     Attributes:
-        pod: another POD whose modes give the points; None uses the basis itself. A larger basis on the nodes of a
-            smaller one is the POD + FE enrichment of section 3.4.2.
+        pod: another POD whose modes give the points; None uses the basis itself. A larger basis on
+            the nodes of a smaller one is the POD + FE enrichment of section 3.4.2.
     """
 
     pod: Pod | None = None
@@ -184,7 +214,9 @@ class Deim:
         if self.pod is not None:
             _check_step(f"pod = {self.pod!r} of Deim", self.pod, "modes")
 
-    def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
+    def nodes(
+        self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray
+    ) -> np.ndarray:
         """See :class:`Nodes`."""
         modes = basis if self.pod is None else self.pod.modes(problem, snapshots)
         return deim(modes, problem.spread) // problem.block_size
@@ -197,7 +229,8 @@ class Deim:
 
 @dataclass(frozen=True)
 class ForceDeim(Truncated):
-    """Slave nodes of the contact conditions that DEIM picks on a POD of the contact forces, section 1.4.3.
+    """Slave nodes of the contact conditions that DEIM picks on a POD of the contact forces, section
+    1.4.3.
 
     Attributes:
         relative: divide the forces of each snapshot by the norm of its displacement first.
@@ -206,8 +239,12 @@ class ForceDeim(Truncated):
     by_rows: ClassVar[bool] = True
     relative: bool = False
 
-    def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
-        """See :class:`Nodes`; without contact in training one node, since a RID needs at least one condition."""
+    def nodes(
+        self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray
+    ) -> np.ndarray:
+        """See :class:`Nodes`; without contact in training one node, since a RID needs at least one
+        condition.
+        """
         if not snapshots.any_contact(problem):
             return problem.contact_slaves[:1]
         weights = _weights(problem.spread.norms(snapshots.displacements)) if self.relative else 1.0
@@ -220,7 +257,9 @@ class LoadNodes:
 
     by_rows: ClassVar[bool] = True
 
-    def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
+    def nodes(
+        self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray
+    ) -> np.ndarray:
         """See :func:`~hhr_dolfinx.reduction.projection.load_nodes`."""
         return load_nodes(problem)
 
@@ -237,9 +276,14 @@ class Zone:
 
     def __post_init__(self) -> None:
         if not callable(self.choose):
-            raise ReductionError("a zone is a function of the problem that returns node numbers: lambda problem: nodes")
+            raise ReductionError(
+                "a zone is a function of the problem that returns node numbers: lambda problem: "
+                "nodes"
+            )
 
-    def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
+    def nodes(
+        self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray
+    ) -> np.ndarray:
         """See :class:`Nodes`."""
         return checked_nodes(np.asarray(self.choose(problem)), len(problem.points))
 
@@ -260,7 +304,10 @@ class Rid:
         for name in ("layers", "most_layers"):
             value = getattr(self, name)
             if not is_whole(value, 0) or value > MOST_LAYERS:
-                raise ReductionError(f"{name} = {value} must be a whole number of layers of cells, 0 to {MOST_LAYERS}")
+                raise ReductionError(
+                    f"{name} = {value} must be a whole number of layers of cells, 0 to "
+                    f"{MOST_LAYERS}"
+                )
 
 
 @dataclass(frozen=True)
@@ -274,8 +321,14 @@ class Enrich:
     kappa_max: float = 3.0
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.kappa_max, Real) and not isinstance(self.kappa_max, bool) and self.kappa_max >= 1):
-            raise ReductionError(f"kappa_max = {self.kappa_max} must be at least 1: no condition number is smaller")
+        if not (
+            isinstance(self.kappa_max, Real)
+            and not isinstance(self.kappa_max, bool)
+            and self.kappa_max >= 1
+        ):
+            raise ReductionError(
+                f"kappa_max = {self.kappa_max} must be at least 1: no condition number is smaller"
+            )
 
 
 class _Named(type):
@@ -291,7 +344,8 @@ class _Named(type):
 
 @dataclass(frozen=True)
 class Recipe(metaclass=_Named):
-    """Steps of a reduction; the defaults gave the best errors for their time on the elastic pellet-cladding scene.
+    """Steps of a reduction; the defaults gave the best errors for their time on the elastic
+    pellet-cladding scene.
 
     Attributes:
         basis: of the displacements.
@@ -301,8 +355,9 @@ class Recipe(metaclass=_Named):
         trust: limits of the trust check; None leaves it out, to measure a model without it.
         indicator: estimates the error of each answer instead of a bound; None for none.
         bound: whether answers have a bound of their error, if its hypotheses hold.
-        cone: whether forces outside the RID are combinations of training forces, (1.70), even if a bound has S. With S
-            forces close their gaps: more exact, and fifty times as fast on the pellet.
+        cone: whether forces outside the RID are combinations of training forces, (1.70), even if a
+            bound has S. With S forces close their gaps: more exact, and fifty times as fast on the
+            pellet.
     """
 
     basis: Basis = Pod(1e-13, relative=True)
@@ -316,7 +371,10 @@ class Recipe(metaclass=_Named):
 
     def __post_init__(self) -> None:
         if not isinstance(self.nodes, tuple | list) or not self.nodes:
-            raise ReductionError(f"nodes = {self.nodes!r} must be a list of at least one choice: (Deim(), LoadNodes())")
+            raise ReductionError(
+                f"nodes = {self.nodes!r} must be a list of at least one choice: (Deim(), "
+                "LoadNodes())"
+            )
         object.__setattr__(self, "nodes", tuple(self.nodes))
         _check_step(f"basis = {self.basis!r}", self.basis, "modes")
         for step in self.nodes:
@@ -331,9 +389,16 @@ class Recipe(metaclass=_Named):
 
     @classmethod
     def thesis(cls, tolerance: float, **changes: Any) -> Recipe:
-        """The recipe of the thesis: plain snapshots, no DEIM of forces, no layers, no growth, kappa_max 10, (1.70)."""
+        """The recipe of the thesis: plain snapshots, no DEIM of forces, no layers, no growth,
+        kappa_max 10, (1.70).
+        """
         nodes = Deim(), LoadNodes()
-        plain: dict[str, Any] = {"nodes": nodes, "domain": Rid(0, 0), "enrichment": Enrich(10.0), "cone": True}
+        plain: dict[str, Any] = {
+            "nodes": nodes,
+            "domain": Rid(0, 0),
+            "enrichment": Enrich(10.0),
+            "cone": True,
+        }
         return cls(Pod(tolerance), **(plain | changes))
 
     @property
@@ -343,7 +408,9 @@ class Recipe(metaclass=_Named):
 
     def as_it_is(self) -> Recipe:
         """The same recipe without any check and without growth, to measure its result."""
-        return replace(self, trust=None, domain=replace(self.domain, most_layers=self.domain.layers))
+        return replace(
+            self, trust=None, domain=replace(self.domain, most_layers=self.domain.layers)
+        )
 
     def described(self) -> dict[str, Any]:
         """Steps and their numbers as plain values, for a report; functions by their names."""
@@ -359,11 +426,17 @@ def _plain(value: object) -> Any:
         return [_plain(item) for item in value]
     if isinstance(value, np.generic):
         return value.item()
-    return value if isinstance(value, bool | int | float | str | None) else getattr(value, "__name__", repr(value))
+    return (
+        value
+        if isinstance(value, bool | int | float | str | None)
+        else getattr(value, "__name__", repr(value))
+    )
 
 
 def _prolonged(problem: ContactProblem, basis: np.ndarray) -> np.ndarray:
-    """T V of a basis, (own, ell), orthonormal again if a user-defined step does not know of the constraints."""
+    """T V of a basis, (own, ell), orthonormal again if a user-defined step does not know of the
+    constraints.
+    """
     rows = problem.spread
     kept = problem.prolonged(basis)
     moved = rows.largest(np.abs(kept - basis).max(axis=1, initial=0.0))[1]
@@ -371,7 +444,10 @@ def _prolonged(problem: ContactProblem, basis: np.ndarray) -> np.ndarray:
 
 
 def basis_of(step: Any, problem: ContactProblem, snapshots: SnapshotSet) -> np.ndarray:
-    """Basis of a step, which may be user-defined, in the form of the equations; the kernel of K comes first."""
+    """Basis of a step, which may be user-defined, in the form of the equations.
+
+    The kernel of K comes first.
+    """
     rows = problem.spread
     kernel = problem.kernel
     if kernel is not None:
@@ -381,10 +457,13 @@ def basis_of(step: Any, problem: ContactProblem, snapshots: SnapshotSet) -> np.n
     shaped = basis.ndim == 2 and len(basis) == len(free) and 0 < basis.shape[1] <= len(problem.free)
     if rows.sum(float(not shaped or not np.isfinite(basis).all())):
         raise ReductionError(
-            f"modes of {step!r} have the shape {basis.shape}: finite ones ({len(free)}, ell) are needed"
+            f"modes of {step!r} have the shape {basis.shape}: finite ones ({len(free)}, ell) are "
+            "needed"
         )
     if not rows.alike(basis.shape[1]):
-        raise ReductionError(f"{step!r} returned other numbers of modes on other ranks: give rows of the same modes")
+        raise ReductionError(
+            f"{step!r} returned other numbers of modes on other ranks: give rows of the same modes"
+        )
     basis = _prolonged(problem, basis)
     check_basis(problem, basis, f"the basis of {step!r}")
     if kernel is not None:
@@ -392,14 +471,23 @@ def basis_of(step: Any, problem: ContactProblem, snapshots: SnapshotSet) -> np.n
     return np.where(free[:, None], basis, 0.0)  # without the round-off that the check allows
 
 
-def chosen_nodes(problem: ContactProblem, snapshots: SnapshotSet, recipe: Recipe, basis: np.ndarray) -> np.ndarray:
-    """Numbers of the nodes around which the RID of a recipe is built, also by user-defined choices."""
+def chosen_nodes(
+    problem: ContactProblem, snapshots: SnapshotSet, recipe: Recipe, basis: np.ndarray
+) -> np.ndarray:
+    """Numbers of the nodes around which the RID of a recipe is built, also by user-defined
+    choices.
+    """
     found = [
-        checked_nodes(np.asarray(step.nodes(problem, snapshots, basis)), len(problem.points), repr(step))
+        checked_nodes(
+            np.asarray(step.nodes(problem, snapshots, basis)), len(problem.points), repr(step)
+        )
         for step in recipe.nodes
     ]
     holding = [] if problem.kernel is None else [problem.contact_slaves[problem.kernel.holding()]]
     nodes = np.unique(np.concatenate([*found, *holding]))
     if not problem.spread.alike(nodes.tobytes()):
-        raise ReductionError("a step of the recipe chose other nodes on other ranks: choose the same of the whole mesh")
+        raise ReductionError(
+            "a step of the recipe chose other nodes on other ranks: choose the same of the whole "
+            "mesh"
+        )
     return nodes

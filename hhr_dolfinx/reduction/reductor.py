@@ -1,8 +1,8 @@
 """Driver of all reductions: attempt, compare, trust, refine, record.
 
-A reductor prepares the data that its attempts share, and makes one model for each level, coarse levels first. The
-driver compares each model with answers of the full one. It goes on while a check refuses the model or its errors exceed
-the target, and returns the best one.
+A reductor prepares the data that its attempts share, and makes one model for each level, coarse
+levels first. The driver compares each model with answers of the full one. It goes on while a check
+refuses the model or its errors exceed the target, and returns the best one.
 """
 
 from __future__ import annotations
@@ -40,11 +40,17 @@ from hhr_dolfinx.trained import Trained, TrainedRange
 from hhr_dolfinx.warn import Warned, collected, repeat
 
 SURE = 2
-"""Full answers that are solved for to compare a model that calls itself exact, if none were held out."""
+"""Full answers that are solved for to compare a model that calls itself exact, if none were held
+out.
+"""
 MOST_FRESH = 16
-"""Points at which a full answer is solved for at most: a box may have points without an equilibrium."""
+"""Points at which a full answer is solved for at most: a box may have points without an
+equilibrium.
+"""
 OF_SCENE = SceneWarning, SmallStrainWarning
-"""Warnings of the scene, which survive an attempt that is refused: the returned model belongs to the same scene."""
+"""Warnings of the scene, which survive an attempt that is refused: the returned model belongs to
+the same scene.
+"""
 
 Prepared = TypeVar("Prepared")
 Facts = TypeVar("Facts")
@@ -58,8 +64,11 @@ class Task:
     snapshots: SnapshotSet | None = None  # for training
     held_out: SnapshotSet | None = None  # for validation
     log: StageLog = field(default_factory=StageLog)
-    announce: Announce = unannounced  # called with each stage and the share that is done; may raise to stop the build
-    sure: int = SURE  # full answers solved for to compare a model that calls itself exact; 0 if the caller compares it
+    # called with each stage and the share that is done; may raise to stop the build
+    announce: Announce = unannounced
+    # full answers solved for to compare a model that calls itself exact; 0 if the caller compares
+    # it
+    sure: int = SURE
 
     @cached_property
     def kind(self) -> OfPoints:
@@ -75,11 +84,16 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class Record(Generic[Facts]):
-    """Record of the construction of a model. The facts of its kind are attributes too: ``record.basis``."""
+    """Record of the construction of a model.
+
+    The facts of its kind are attributes too: ``record.basis``.
+    """
 
     reductor: Any  # what made the model
     level: Any  # of the attempt that was chosen
-    facts: Facts  # results of the reductor, such as :class:`~hhr_dolfinx.reduction.build.HyperFacts`
+    facts: (
+        Facts  # results of the reductor, such as :class:`~hhr_dolfinx.reduction.build.HyperFacts`
+    )
     comparison: Comparison | None  # errors against known answers; None if nothing was compared
     log: StageLog  # seconds of the stages, skipped stages, refused attempts
 
@@ -97,14 +111,21 @@ class Reductor(ABC, Generic[Prepared]):
     level: ClassVar[str] = "level"  # name of what levels count, for the log
     remedy: ClassVar[str | Mapping[str, str]] = OF_A_RID  # advice for a model that is refused
     # errors of an attempt after which the next level is tried
-    refusals: ClassVar[tuple[type[HHRError], ...]] = (NotSolvableError, UnstableModelError, UnseenLoadError)
-    # whether its models know where they hold: in the whole box, or in a range that it sets. Otherwise the driver limits
-    # them to the box around the training points, and warns of a training without validation
+    refusals: ClassVar[tuple[type[HHRError], ...]] = (
+        NotSolvableError,
+        UnstableModelError,
+        UnseenLoadError,
+    )
+    # whether its models know where they hold: in the whole box, or in a range that it sets.
+    # Otherwise the driver limits them to the box around the training points, and warns of a
+    # training without validation
     own_range: ClassVar[bool] = False
 
     @classmethod
     def usual(cls, settings: Any, *, fields: bool | None) -> Reductor:
-        """The reductor of ``condense(settings)``; ``fields`` are displacements, None if it may choose.
+        """The reductor of ``condense(settings)``.
+
+        ``fields`` are displacements, None if it may choose.
 
         Raises:
             NotOfferedError: if its models do not keep all contact conditions.
@@ -113,18 +134,25 @@ class Reductor(ABC, Generic[Prepared]):
 
     @property
     def limits(self) -> TrustLimits | None:
-        """Limits of the comparison, above which a model is refused or a warning is given; None skips it."""
+        """Limits of the comparison, above which a model is refused or a warning is given.
+
+        None skips it.
+        """
         return TrustLimits()
 
     def check(self, task: Task) -> None:
         """Refuse what it is not for, before anything is computed."""
 
     def not_by_rows(self, task: Task) -> str:
-        """Reason why it needs all rows of a distributed problem on each rank; empty if it does not."""
+        """Reason why it needs all rows of a distributed problem on each rank; empty if it does
+        not.
+        """
         return "its reductor does not say that it reduces by rows"
 
     def prepare(self, task: Task, before: Prepared | None = None) -> Prepared:
-        """Data that all attempts share; ``before`` was prepared for another task of the same full model."""
+        """Data that all attempts share; ``before`` was prepared for another task of the same full
+        model.
+        """
         return task  # type: ignore[return-value]
 
     def levels(self, task: Task) -> Iterable[Any]:
@@ -140,7 +168,8 @@ class Reductor(ABC, Generic[Prepared]):
         return compared(task, model, self.limits, self.remedy)
 
     def off(self, comparison: Comparison | None) -> float:
-        """Largest error over its target; above 1 the next level is tried, and the best model is returned.
+        """Largest error over its target; above 1 the next level is tried, and the best model is
+        returned.
 
         0 by default: the first level that is not refused ends the attempts.
         """
@@ -160,7 +189,10 @@ class Outcome:
 def outcomes(
     candidates: Iterable[Any], make: Callable[[Any], Any], refusals: tuple[type[HHRError], ...]
 ) -> Iterator[Outcome]:
-    """The loop over attempts: the result of each, or the error that refused it. The caller stops or takes the next."""
+    """The loop over attempts: the result of each, or the error that refused it.
+
+    The caller stops or takes the next.
+    """
     for candidate in candidates:
         outcome = Outcome(candidate)
         try:
@@ -185,7 +217,8 @@ def made(reductor: Reductor[Prepared], task: Task, before: Prepared | None = Non
     Raises:
         ReductionError: for a task from which it can build no model.
         ClaimError: for a model that calls itself exact and is not.
-        NotSolvableError, UnstableModelError: if all attempts are refused; the error of the last one.
+        NotSolvableError, UnstableModelError: if all attempts are refused; the error of the last
+            one.
 
     Warns:
         StabilityWarning, UncheckedWarning: of the returned model.
@@ -217,7 +250,11 @@ def _driven(reductor: Reductor[Prepared], task: Task, prepared: Prepared) -> Any
         known = task.snapshots
         if trained is None and not (reductor.own_range or known is None or known.histories):
             trained = TrainedRange.of(known.points, task.full.parameters)
-        if isinstance(model, KeptModel) and "trained" in model.kept and trained is not model.trained:
+        if (
+            isinstance(model, KeptModel)
+            and "trained" in model.kept
+            and trained is not model.trained
+        ):
             model = model.changed(trained=trained)
         return model, facts, comparison
 
@@ -231,7 +268,10 @@ def _driven(reductor: Reductor[Prepared], task: Task, prepared: Prepared) -> Any
             best = off, outcome, log.skipped[before:]
         if off <= 1:
             break
-        log.refuse(f"errors are {off:.2g} times what is small enough", **{reductor.level: outcome.candidate})
+        log.refuse(
+            f"errors are {off:.2g} times what is small enough",
+            **{reductor.level: outcome.candidate},
+        )
     repeat(said for outcome in refused for said in _of_scene(outcome))
     if best is None:
         error = refused[-1].error if refused else None
@@ -246,8 +286,12 @@ def _driven(reductor: Reductor[Prepared], task: Task, prepared: Prepared) -> Any
 
 
 def everywhere(full: FullModel, *sets: SnapshotSet | None) -> tuple[Any, ...]:
-    """Gather a distributed full model and its answers, so that each rank has all rows. Collective."""
-    return full.gathered(), *(None if item is None else item.gathered(full.problem) for item in sets)
+    """Gather a distributed full model and its answers, so that each rank has all rows.
+    Collective.
+    """
+    return full.gathered(), *(
+        None if item is None else item.gathered(full.problem) for item in sets
+    )
 
 
 def compared(
@@ -276,19 +320,23 @@ def _check_scene(full: FullModel, reductor: Any, found: Any) -> None:
     conditions = len(full.problem.gaps)
     if own != (full.parameters.names, conditions):
         raise ReductionError(
-            f"{name} a model of the parameters {own[0]} and {own[1]} contact conditions, and the full model has "
-            f"{full.parameters.names} and {conditions}: it must return one of the same scene"
+            f"{name} a model of the parameters {own[0]} and {own[1]} contact conditions, and the "
+            f"full model has {full.parameters.names} and {conditions}: it must return one of the "
+            "same scene"
         )
     law = found.law if found.fields.interface is None else found.fields.interface.whole
     if law.plugins != full.law.plugins or (found.equilibrium is None) != (full.equilibrium is None):
         raise ReductionError(
-            f"{name} a model that leaves out laws of scene '{full.scene.name}', of its contacts ({full.law.name}) or "
-            "of its bodies: it must know them, or refuse the scene"
+            f"{name} a model that leaves out laws of scene '{full.scene.name}', of its contacts "
+            f"({full.law.name}) or of its bodies: it must know them, or refuse the scene"
         )
 
 
 def _check_claim(reductor: Any, task: Task, model: Any) -> None:
-    """Compare what a model claims with validation answers, or else with training; exactness with fresh answers."""
+    """Compare what a model claims with validation answers, or else with training.
+
+    Exactness with fresh answers.
+    """
     if isinstance(model, FullModel):
         return
     full = task.full
@@ -302,7 +350,8 @@ def _check_claim(reductor: Any, task: Task, model: Any) -> None:
 
 
 def _fresh(full: FullModel, count: int) -> SnapshotSet:
-    """Full answers at random points; at more of them if none of the first has an answer, as beyond a limit load.
+    """Full answers at random points; at more of them if none of the first has an answer, as beyond
+    a limit load.
 
     Raises:
         ConvergenceError: if none has one.
@@ -315,7 +364,9 @@ def _fresh(full: FullModel, count: int) -> SnapshotSet:
 
 @dataclass(frozen=True)
 class Given(Reductor[Task]):
-    """An object with ``reduced(full, snapshots, held_out)`` alone: one attempt, which checks its model by itself."""
+    """An object with ``reduced(full, snapshots, held_out)`` alone: one attempt, which checks its
+    model by itself.
+    """
 
     given: Any
     method: ClassVar[str] = "own"
@@ -335,7 +386,11 @@ def as_reductor(given: Any) -> Reductor | None:
     """A reductor, or an object with ``reduced``; None for anything else."""
     if isinstance(given, Reductor):
         return given
-    return Given(given) if callable(getattr(given, "reduced", None)) and not isinstance(given, type) else None
+    return (
+        Given(given)
+        if callable(getattr(given, "reduced", None)) and not isinstance(given, type)
+        else None
+    )
 
 
 OWN = (
@@ -347,9 +402,16 @@ OWN = (
 
 
 def ways(full: FullModel) -> list[Way]:
-    """Reductors for a full model, which are not loaded yet: first those that keep all contact conditions."""
-    every = (*OWN, *(way for plugin in registry.installed().values() for way in plugin.reductors.values()))
-    return sorted((way for way in every if registry.wants(way, full)), key=lambda way: not way.condenses)
+    """Reductors for a full model, which are not loaded yet: first those that keep all contact
+    conditions.
+    """
+    every = (
+        *OWN,
+        *(way for plugin in registry.installed().values() for way in plugin.reductors.values()),
+    )
+    return sorted(
+        (way for way in every if registry.wants(way, full)), key=lambda way: not way.condenses
+    )
 
 
 def condensing(full: FullModel) -> type[Reductor]:
@@ -361,7 +423,10 @@ def condensing(full: FullModel) -> type[Reductor]:
     for way in ways(full):
         if way.condenses:
             return registry.load(way.place)
-    of_what = "whose stiffness or shape depends on parameters" if full.problem.varies else "as it is"
+    of_what = (
+        "whose stiffness or shape depends on parameters" if full.problem.varies else "as it is"
+    )
     raise NotOfferedError(
-        f"no installed reductor condenses scene '{full.scene.name}', {of_what}: it takes a plug-in that registers one"
+        f"no installed reductor condenses scene '{full.scene.name}', {of_what}: it takes a "
+        "plug-in that registers one"
     )

@@ -27,11 +27,14 @@ def linear_starts(
     group: Group = ALONE,
     announce: Announce = unannounced,
 ) -> LinearStarts:
-    """Starts from answers at some points, (S, P), with derivatives; points without an answer are left out.
+    """Starts from answers at some points, (S, P), with derivatives.
 
-    Without tabulated answers, searches often take a second equality problem: on the pellet 57 of 100 do, and 10 of
-    100 with derivatives. ``pairs`` are those of the conditions, (m,); a search starts from ``active``, (S, m) bool, or
-    the signs of the free slack. ``announce`` is called with the share of the points that are done.
+    Points without an answer are left out.
+
+    Without tabulated answers, searches often take a second equality problem: on the pellet 57 of
+    100 do, and 10 of 100 with derivatives. ``pairs`` are those of the conditions, (m,); a search
+    starts from ``active``, (S, m) bool, or the signs of the free slack. ``announce`` is called with
+    the share of the points that are done.
 
     Raises:
         ReductionError: if no point has an answer.
@@ -48,11 +51,15 @@ def linear_starts(
             return None
         slack = contact.free_slack + contact.schur @ answer.multipliers
         margins = np.where(answer.active, answer.multipliers, -slack)
-        changes = np.where(answer.active[:, None], answer.gradient.multipliers, -answer.gradient.slack)
+        changes = np.where(
+            answer.active[:, None], answer.gradient.multipliers, -answer.gradient.slack
+        )
         return point, answer.active, margins, changes
 
     every = group.shared_out(len(points), start_at, "finding starts")
     found = [item for item in every if item is not None]
     if not found:
-        raise ReductionError("no point of the box has an answer: contact rows are dependent, or the box is empty")
+        raise ReductionError(
+            "no point of the box has an answer: contact rows are dependent, or the box is empty"
+        )
     return LinearStarts(*(np.array(part) for part in zip(*found, strict=True)))

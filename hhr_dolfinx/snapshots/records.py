@@ -1,7 +1,9 @@
-"""Snapshots: full-order answers at training parameters or along training paths, thesis sections 1.4.2 and 6.2.3.
+"""Snapshots: full-order answers at training parameters or along training paths, thesis sections
+1.4.2 and 6.2.3.
 
-Queries without an answer, for example beyond a limit load, are left out with a warning. The held-out points, at which a
-reduced model is checked, are random, or near parameters with light contact.
+Queries without an answer, for example beyond a limit load, are left out with a warning. The
+held-out points, at which a reduced model is checked, are random, or near parameters with light
+contact.
 """
 
 from __future__ import annotations
@@ -42,7 +44,9 @@ NAMED = 5
 
 @dataclass
 class Lost:
-    """Queries without an answer, for example beyond a limit load: the label of each, and the reason."""
+    """Queries without an answer, for example beyond a limit load: the label of each, and the
+    reason.
+    """
 
     failures: list[tuple[str, str]] = field(default_factory=list)
 
@@ -55,37 +59,57 @@ class Lost:
             self.failures.append((label, str(error)))
 
     def warn(self, count: int, least: int, kind: str) -> None:
-        """Warn of the first failures among ``count`` queries; ConvergenceError if fewer than ``least`` are left."""
+        """Warn of the first failures among ``count`` queries.
+
+        ConvergenceError if fewer than ``least`` are left.
+        """
         if not self.failures:
             return
         named = "; ".join(f"{label}: {why}" for label, why in self.failures[:NAMED])
         more = f"; and {len(self.failures) - NAMED} more" if len(self.failures) > NAMED else ""
-        message = f"{len(self.failures)} of {count} {kind} have no answer and are left out: {named}{more}"
+        message = (
+            f"{len(self.failures)} of {count} {kind} have no answer and are left out: {named}{more}"
+        )
         if count - len(self.failures) < least:
-            raise ConvergenceError(f"{message}. Fewer than {least} are left: lower the loads, or narrow the box")
+            raise ConvergenceError(
+                f"{message}. Fewer than {least} are left: lower the loads, or narrow the box"
+            )
         warn(
-            f"{message}. Models know nothing of what is near them: lower the loads, or narrow the box", TrainingWarning
+            (
+                f"{message}. Models know nothing of what is near them: lower the loads, or narrow "
+                "the box"
+            ),
+            TrainingWarning,
         )
 
 
 HELD_OUT_SEED = 2000
 """Offset of the seed for held-out points to that of a training."""
 GRAZING_SHARE = 0.2
-"""Fraction of held-out points drawn near light contact, and of the training solutions that count as light contact.
+"""Fraction of held-out points drawn near light contact, and of the training solutions that count as
+light contact.
 
-Errors of forces are largest if only a few nodes touch. On the pellet-cladding scene this happens in a corner of 1 % of
-the parameter box: for every second seed 100 random points missed it, and models with errors of 70 % were accepted."""
+Errors of forces are largest if only a few nodes touch. On the pellet-cladding scene this happens in
+a corner of 1 % of the parameter box: for every second seed 100 random points missed it, and models
+with errors of 70 % were accepted.
+"""
 
 
 def uniform_points(space: ParameterSpace, number: int, seed: int) -> np.ndarray:
-    """Held-out points that depend only on the seed of a training: four fifths of ``number``, (k, P)."""
+    """Held-out points that depend only on the seed of a training: four fifths of ``number``, (k,
+    P).
+    """
     return space.random(number - int(GRAZING_SHARE * number), seed + HELD_OUT_SEED)
 
 
-def held_out_points(problem: ContactProblem, training: SnapshotSet, number: int, seed: int) -> np.ndarray:
-    """Held-out points for the trust check, (number, P): uniform in the box, the last fifth near light contact, if any.
+def held_out_points(
+    problem: ContactProblem, training: SnapshotSet, number: int, seed: int
+) -> np.ndarray:
+    """Held-out points for the trust check, (number, P): uniform in the box, the last fifth near
+    light contact, if any.
 
-    These lie within one spacing of the training points from the solutions with the smallest forces above round-off.
+    These lie within one spacing of the training points from the solutions with the smallest forces
+    above round-off.
     """
     space = problem.parameters
     sizes = np.linalg.norm(training.forces, axis=0)
@@ -124,8 +148,8 @@ class SnapshotSet(Shown):
 
     Attributes:
         points: parameters, (S, P).
-        displacements: homogeneous parts U0, that is displacements minus their lift, (N, S). For a full model on several
-            ranks the local rows, (own, S), except for histories.
+        displacements: homogeneous parts U0, that is displacements minus their lift, (N, S). For a
+            full model on several ranks the local rows, (own, S), except for histories.
         forces: contact forces, (N_lambda, S).
         active: statuses, (N_lambda, S) bool.
         states: memory of laws of bodies, one for each column; empty for elastic bodies.
@@ -155,11 +179,17 @@ class SnapshotSet(Shown):
     ) -> SnapshotSet:
         """Make a set of answers of a full model, one column each.
 
-        ``rows`` are those of a full model of several ranks, ``full.spread``: of each answer the local ones are kept.
+        ``rows`` are those of a full model of several ranks, ``full.spread``: of each answer the
+        local ones are kept.
         """
-        answers = [item if rows is None else item._replace(unknown=rows.of(item.unknown)) for item in answers]
+        answers = [
+            item if rows is None else item._replace(unknown=rows.of(item.unknown))
+            for item in answers
+        ]
         names = ("unknown", "multipliers", "active")
-        unknown, forces, active = (np.stack([getattr(answer, name) for answer in answers], axis=1) for name in names)
+        unknown, forces, active = (
+            np.stack([getattr(answer, name) for answer in answers], axis=1) for name in names
+        )
         remembers = registry.memories(of_bodies=True) & answers[0].memory.keys()
         states = tuple(answer.memory for answer in answers) if remembers else ()
         points = np.array([answer.parameter for answer in answers])
@@ -181,8 +211,12 @@ class SnapshotSet(Shown):
             if not history.answers:
                 raise ReductionError(f"history {number} has no step: it needs at least one")
         if not histories:
-            raise ReductionError("a reduced model needs at least one training history, with at least one step")
-        return cls.of_answers([answer for history in histories for answer in history.answers], histories)
+            raise ReductionError(
+                "a reduced model needs at least one training history, with at least one step"
+            )
+        return cls.of_answers(
+            [answer for history in histories for answer in history.answers], histories
+        )
 
     def take(self, columns: Any) -> SnapshotSet:
         """Select columns, with repetitions if any, as answers at single parameters."""
@@ -192,7 +226,10 @@ class SnapshotSet(Shown):
         return SnapshotSet(self.points[columns], unknown, forces, active, states)
 
     def gathered(self, problem: ContactProblem) -> SnapshotSet:
-        """Gather all rows on every rank, for answers of a problem with distributed rows. Collective."""
+        """Gather all rows on every rank, for answers of a problem with distributed rows.
+
+        Collective.
+        """
         if self.histories or problem.spread.all_here:
             return self
         return replace(self, displacements=problem.spread.whole(self.displacements))
@@ -201,12 +238,15 @@ class SnapshotSet(Shown):
         """Append other answers of the same problem.
 
         Raises:
-            ReductionError: for answers at single parameters with histories, or answers on another mesh.
+            ReductionError: for answers at single parameters with histories, or answers on another
+                mesh.
         """
-        if bool(self.histories) != bool(others.histories) or len(self.displacements) != len(others.displacements):
+        if bool(self.histories) != bool(others.histories) or len(self.displacements) != len(
+            others.displacements
+        ):
             raise ReductionError(
-                f"{len(others.points)} answers cannot be joined to {len(self.points)} others: histories go with "
-                "histories, and all are those of one mesh"
+                f"{len(others.points)} answers cannot be joined to {len(self.points)} others: "
+                "histories go with histories, and all are those of one mesh"
             )
         if self.histories:
             return SnapshotSet.of_histories([*self.histories, *others.histories])
@@ -228,7 +268,8 @@ class SnapshotSet(Shown):
 
 def _concatenated(parts: Sequence[SnapshotSet]) -> SnapshotSet:
     unknown, forces, active = (
-        np.concatenate(item, axis=1) for item in zip(*(part._columns() for part in parts), strict=True)
+        np.concatenate(item, axis=1)
+        for item in zip(*(part._columns() for part in parts), strict=True)
     )
     return SnapshotSet(np.concatenate([part.points for part in parts]), unknown, forces, active)
 
@@ -245,16 +286,19 @@ def compute_snapshots(
 
     Args:
         full: full model.
-        queries: parameters, (S, P) or with names, each solved from the statuses of the one before; or paths of times
-            and parameters, each with the state at rest first.
+        queries: parameters, (S, P) or with names, each solved from the statuses of the one before;
+            or paths of times and parameters, each with the state at rest first.
         progress: wrapper of the iteration, for a progress bar.
-        store: storage of answers: those found there are not computed again, new ones are saved at once, step by step.
+        store: storage of answers: those found there are not computed again, new ones are saved at
+            once, step by step.
         settings: settings of the solution of histories.
-        lost: record of queries without an answer, so that the others are kept; None raises at the first one.
+        lost: record of queries without an answer, so that the others are kept; None raises at the
+            first one.
 
     Raises:
         ParameterError: if a point or a path is invalid.
-        ConvergenceError, NotSolvableError: if a query has no answer; with ``lost``, if no query has one.
+        ConvergenceError, NotSolvableError: if a query has no answer; with ``lost``, if no query has
+            one.
     """
     given = queries_of(full.parameters, queries)
     return _some(given.solved(Solver(full, progress, store, settings, lost)), lost, len(given))
@@ -379,7 +423,11 @@ def _stored(full: FullModel, store: SnapshotStore, point: np.ndarray) -> Answer 
         return store.load(point)
     answer = None if group.number else store.read(point)
     answer = group.from_first(None if answer is None else answer._replace(fields=NOWHERE))
-    return None if answer is None else store.judged(answer._replace(fields=full), aloud=group.number == 0)
+    return (
+        None
+        if answer is None
+        else store.judged(answer._replace(fields=full), aloud=group.number == 0)
+    )
 
 
 def spread_snapshots(
@@ -391,11 +439,13 @@ def spread_snapshots(
     settings: MarchSettings = DEFAULT_MARCH,
     lost: Lost | None = None,
 ) -> SnapshotSet:
-    """Distribute the queries of :func:`compute_snapshots` over the ranks of ``comm``; every rank gets all answers.
+    """Distribute the queries of :func:`compute_snapshots` over the ranks of ``comm``.
 
-    Each rank has a serial full model and the same queries; the ranks share the folder of the store. If a query fails on
-    any rank, all ranks raise, unless ``lost`` records it, on all ranks. If the full model itself is distributed over
-    the ranks, all of them solve one query after another.
+    Every rank gets all answers.
+
+    Each rank has a serial full model and the same queries; the ranks share the folder of the store.
+    If a query fails on any rank, all ranks raise, unless ``lost`` records it, on all ranks. If the
+    full model itself is distributed over the ranks, all of them solve one query after another.
     """
     group = group_of(comm)
     if full.group.size > 1:
@@ -424,7 +474,9 @@ NOWHERE: Any = None
 def check_of_problem(name: str, solutions: object, problem: ContactProblem) -> SnapshotSet:
     """Return solutions; raise ReductionError for invalid ones, or those of another problem."""
     if not isinstance(solutions, SnapshotSet):
-        raise ReductionError(f"{name} = {solutions!r} must be a SnapshotSet, what compute_snapshots returns")
+        raise ReductionError(
+            f"{name} = {solutions!r} must be a SnapshotSet, what compute_snapshots returns"
+        )
     points = np.shape(solutions.points)
     if len(points) != 2 or points[0] == 0 or points[1] != len(problem.parameters.names):
         raise ReductionError(
@@ -432,7 +484,9 @@ def check_of_problem(name: str, solutions: object, problem: ContactProblem) -> S
             f"{problem.parameters.names}, are needed"
         )
     if not np.isfinite(solutions.points).all():
-        raise ReductionError(f"the points of {name} are not finite: any query would seem outside what was trained")
+        raise ReductionError(
+            f"the points of {name} are not finite: any query would seem outside what was trained"
+        )
     kind = np.asarray(solutions.active).dtype
     if kind.kind != "b":
         raise ReductionError(f"active of {name} holds {kind}: statuses are bool")
@@ -440,11 +494,15 @@ def check_of_problem(name: str, solutions: object, problem: ContactProblem) -> S
     rows = {"displacements": free.size, "forces": len(problem.gaps), "active": len(problem.gaps)}
     for part, size in rows.items():
         array = getattr(solutions, part)
-        wrong = np.shape(array) != (size, points[0]) or np.iscomplexobj(array) or not np.isfinite(array).all()
+        wrong = (
+            np.shape(array) != (size, points[0])
+            or np.iscomplexobj(array)
+            or not np.isfinite(array).all()
+        )
         if problem.spread.sum(float(wrong)):
             raise ReductionError(
-                f"{part} of {name} have the shape {np.shape(array)}: {size} finite real numbers for each of "
-                f"{points[0]} points are needed; are they of another mesh, or rows of one rank, where "
-                "snapshots.gathered(problem) has all?"
+                f"{part} of {name} have the shape {np.shape(array)}: {size} finite real numbers "
+                f"for each of {points[0]} points are needed; are they of another mesh, or rows of "
+                "one rank, where snapshots.gathered(problem) has all?"
             )
     return solutions

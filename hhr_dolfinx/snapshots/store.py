@@ -1,7 +1,9 @@
-"""Snapshots on disk: one plain file per answer, at a parameter or a step of a history, so that nothing is solved twice.
+"""Snapshots on disk: one plain file per answer, at a parameter or a step of a history, so that
+nothing is solved twice.
 
-The name of a file is a fingerprint of the problem and the query, and its header has both: files of another problem are
-never read. The query of a history's step is the whole path up to it with the settings of the solution.
+The name of a file is a fingerprint of the problem and the query, and its header has both: files of
+another problem are never read. The query of a history's step is the whole path up to it with the
+settings of the solution.
 """
 
 from __future__ import annotations
@@ -36,7 +38,9 @@ if TYPE_CHECKING:
 
 
 def add_to(digest: Any, parts: list[Any]) -> None:
-    """Update a digest with arrays, sparse or not, numbers and texts, and lists of these, to the last bit."""
+    """Update a digest with arrays, sparse or not, numbers and texts, and lists of these, to the
+    last bit.
+    """
     for part in parts:
         for item in part if isinstance(part, tuple | list) else (part,):
             for array in arrays_of(item):
@@ -47,20 +51,28 @@ def bytes_of(array: np.ndarray) -> bytes:
     """Type, shape and entries of an array.
 
     Raises:
-        TypeError: for an array of objects: its bytes are addresses, which differ from process to process.
+        TypeError: for an array of objects: its bytes are addresses, which differ from process to
+            process.
     """
     if array.dtype.hasobject:
-        raise TypeError(f"{array!r} has no bytes that identify it: give its arrays, numbers and texts")
+        raise TypeError(
+            f"{array!r} has no bytes that identify it: give its arrays, numbers and texts"
+        )
     return f"{array.dtype.str}{array.shape}".encode() + array.tobytes()
 
 
 def arrays_of(item: Any) -> tuple[np.ndarray, ...]:
     """Arrays of a sparse matrix, or a value as an array."""
-    return (item.indptr, item.indices, item.data) if issparse(item) else (np.ascontiguousarray(item),)
+    return (
+        (item.indptr, item.indices, item.data) if issparse(item) else (np.ascontiguousarray(item),)
+    )
 
 
 def parts_of(item: Any) -> list[Any]:
-    """Arrays, numbers and texts of a value: the fields of a dataclass, those of fields too; none of None."""
+    """Arrays, numbers and texts of a value: the fields of a dataclass, those of fields too.
+
+    None of None.
+    """
     if item is None:
         return []
     if is_dataclass(item):
@@ -75,20 +87,27 @@ _LAYOUT: dict[str, tuple[str, ...]] = {
     "multipliers": ("float", "N_lambda"),
     "active": ("bool", "N_lambda"),
 }
-_PARTS: dict[str, tuple[str, ...]] = {"iterations": ("int",), "ends": ("float", "ends"), "time_error": ("float",)}
+_PARTS: dict[str, tuple[str, ...]] = {
+    "iterations": ("int",),
+    "ends": ("float", "ends"),
+    "time_error": ("float",),
+}
 """Additional arrays of a step that may be solved in parts."""
 
 UNKNOWN = -1.0
 """Time error of a step without an estimate."""
 SOLVED = 1e-2
-"""Largest relative residual of a solution: round-off reaches 1e-4 if bodies are displaced by 1e8 times their size."""
+"""Largest relative residual of a solution: round-off reaches 1e-4 if bodies are displaced by 1e8
+times their size.
+"""
 
 
 class StoredLaws:
-    """Memory of laws of bodies in files: what the facet ``store`` of a plug-in makes of a full equilibrium.
+    """Memory of laws of bodies in files: what the facet ``store`` of a plug-in makes of a full
+    equilibrium.
 
-    The methods here are those of elastic bodies, which remember nothing. ``layout`` has the types and sizes of the
-    arrays of an answer, by name, and ``sizes`` the values of these sizes.
+    The methods here are those of elastic bodies, which remember nothing. ``layout`` has the types
+    and sizes of the arrays of an answer, by name, and ``sizes`` the values of these sizes.
     """
 
     layout: Mapping[str, tuple[str, ...]] = MappingProxyType({})
@@ -98,7 +117,9 @@ class StoredLaws:
         self._problem = problem
 
     def fingerprint(self) -> list[Any]:
-        """Arrays, numbers and texts that identify the laws, to which a digest is updated by :func:`add_to`."""
+        """Arrays, numbers and texts that identify the laws, to which a digest is updated by
+        :func:`add_to`.
+        """
         return []
 
     def query(self, point: np.ndarray) -> list[str]:
@@ -114,11 +135,17 @@ class StoredLaws:
         return {}
 
     def residual(self, answer: Answer, forces: float) -> float:
-        """Largest relative residual; ``forces`` is their norm at previous steps, the scale for unloaded bodies."""
+        """Largest relative residual; ``forces`` is their norm at previous steps, the scale for
+        unloaded bodies.
+        """
         problem = self._problem.at(answer.parameter)
         theta = self._problem.amplitudes(answer.parameter)
         opened = self._problem.law.opened(answer.memory)
-        return max(astuple(contact_residuals(problem, answer.displacement(), answer.forces(), theta, opened)))
+        return max(
+            astuple(
+                contact_residuals(problem, answer.displacement(), answer.forces(), theta, opened)
+            )
+        )
 
     def size(self, answer: Answer) -> float:
         """Norm of the forces of an answer, for the residual of later steps."""
@@ -142,9 +169,9 @@ class SnapshotStore:
 
     Args:
         folder: folder of the files, made if missing. Several problems and processes may share it.
-        full: full model whose answers are stored. Any change of its problem or laws changes the file names; the bounds
-            of its parameters do not, as no answer depends on them. If the model is distributed over ranks, all of them
-            make the store, and one reads and writes.
+        full: full model whose answers are stored. Any change of its problem or laws changes the
+            file names; the bounds of its parameters do not, as no answer depends on them. If the
+            model is distributed over ranks, all of them make the store, and one reads and writes.
 
     Attributes:
         folder: folder of the files.
@@ -159,7 +186,9 @@ class SnapshotStore:
         self._full = full
         self._problem = full.problem
         self.laws = stored_laws(full)
-        self._fingerprint = _digest_of(full)  # collective, before anything that may fail on one rank
+        self._fingerprint = _digest_of(
+            full
+        )  # collective, before anything that may fail on one rank
         self.folder = make_folder(folder)
         clear_leftovers(self.folder)
         conditions, dofs = self._problem.contact.shape
@@ -168,7 +197,9 @@ class SnapshotStore:
         self.found = 0
 
     def load(self, point: np.ndarray) -> Answer | None:
-        """Load the answer at a parameter; None, with a warning for a damaged file, if it is not there."""
+        """Load the answer at a parameter; None, with a warning for a damaged file, if it is not
+        there.
+        """
         point = np.array(point, dtype=float, ndmin=1)
         return self.load_query(point, self.query_at(point))
 
@@ -181,7 +212,9 @@ class SnapshotStore:
         return None
 
     def judged(self, answer: Answer, *, aloud: bool = True) -> Answer | None:
-        """The given answer if it is a solution, else None, with a warning if ``aloud``. Collective."""
+        """The given answer if it is a solution, else None, with a warning if ``aloud``.
+        Collective.
+        """
         query = self.query_at(answer.parameter)
         with self._damage_reported(answer.parameter, query, aloud):
             self._judge(answer, query)
@@ -203,13 +236,18 @@ class SnapshotStore:
         return self._fingerprint.hex()
 
     def query_at(self, point: np.ndarray) -> list[Any]:
-        """Query of a point: its values, and those of non-affine amplitudes and of laws with formulas there."""
+        """Query of a point: its values, and those of non-affine amplitudes and of laws with
+        formulas there.
+        """
         driven = [amplitude(point) for amplitude in self._problem.amplitudes.nonaffine]
         numbers = [float(item) for pair in driven for part in pair for item in part]
         return [*point.tolist(), *numbers, *self.laws.query(point)]
 
     def load_query(self, point: np.ndarray, query: list, forces: float = 0.0) -> Answer | None:
-        """Answer to a query, checked with ``forces`` as in :class:`StoredLaws`; None if it is not there."""
+        """Answer to a query, checked with ``forces`` as in :class:`StoredLaws`.
+
+        None if it is not there.
+        """
         with self._damage_reported(point, query):
             answer = self._read(point, query)
             if answer is not None:
@@ -218,12 +256,18 @@ class SnapshotStore:
         return None
 
     @contextmanager
-    def _damage_reported(self, point: np.ndarray, query: list, aloud: bool = True) -> Iterator[None]:
-        """Warn of a file without a valid answer instead of raising, and continue after the block."""
+    def _damage_reported(
+        self, point: np.ndarray, query: list, aloud: bool = True
+    ) -> Iterator[None]:
+        """Warn of a file without a valid answer instead of raising, and continue after the
+        block.
+        """
         try:
             yield
         except FileContentError as error:
-            message = f"{error}: {self._path(query).name} at {point.tolist()} is solved anew and replaced"
+            message = (
+                f"{error}: {self._path(query).name} at {point.tolist()} is solved anew and replaced"
+            )
             if aloud:
                 warn(message, SnapshotFileWarning)
 
@@ -239,10 +283,15 @@ class SnapshotStore:
         return self._answer(point, arrays)
 
     def _judge(self, answer: Answer, query: list, forces: float = 0.0) -> None:
-        """Raise FileContentError for an answer that is no solution, in spite of its checksum; count solutions."""
+        """Raise FileContentError for an answer that is no solution, in spite of its checksum.
+
+        Count solutions.
+        """
         worst = self.laws.residual(answer, forces)
         if not worst <= SOLVED:
-            raise FileContentError(f"{self._path(query)} holds no solution, residuals of {worst:.1g}")
+            raise FileContentError(
+                f"{self._path(query)} holds no solution, residuals of {worst:.1g}"
+            )
         self.found += 1
 
     def save_query(self, answer: Answer, query: list) -> None:
@@ -251,7 +300,9 @@ class SnapshotStore:
         values |= self.laws.arrays(answer)
         values |= self._law.stored(answer.memory)
         values |= {name: getattr(answer, name) for name in _PARTS if name in self._layout()}
-        if np.isnan(answer.time_error):  # without a tolerance there is none; files hold finite numbers
+        if np.isnan(
+            answer.time_error
+        ):  # without a tolerance there is none; files hold finite numbers
             values["time_error"] = UNKNOWN
         arrays = {name: np.asarray(values[name]) for name in self._layout()}
         check_layout(arrays, self._layout(), self._sizes)
@@ -269,13 +320,21 @@ class SnapshotStore:
         if "ends" in arrays:
             iterations = int(arrays["iterations"])
             known = float(arrays["time_error"])
-            steps = {"time_error": math.nan if known == UNKNOWN else known, "ends": tuple(arrays["ends"].tolist())}
+            steps = {
+                "time_error": math.nan if known == UNKNOWN else known,
+                "ends": tuple(arrays["ends"].tolist()),
+            }
         unknown, multipliers, active = (arrays[name] for name in _LAYOUT)
         how = iterations, Status.CONVERGED, False, self._full
         return Answer(point, unknown, multipliers, active, *how, memory=memory, **steps)
 
     def _header(self, query: list) -> dict:
-        return {"format": FORMAT, "version": VERSION, "problem": self._fingerprint.hex(), "point": query}
+        return {
+            "format": FORMAT,
+            "version": VERSION,
+            "problem": self._fingerprint.hex(),
+            "point": query,
+        }
 
     def digest(self, query: list) -> str:
         """Hexadecimal digest of the problem and a query, the name of its file."""
@@ -286,12 +345,14 @@ class SnapshotStore:
 
 
 def _digest_of(full: FullModel) -> bytes:
-    """Fingerprint of every bit of a problem and its laws, and of the version of the package that solves it.
+    """Fingerprint of every bit of a problem and its laws, and of the version of the package that
+    solves it.
 
-    The bounds of the parameters are left out: a wider box finds the solutions of a narrower one. So are non-affine
-    amplitudes: each query has their values at its point. Formulas of laws enter here, since a step may be cut, and the
-    answers of such laws enter the queries. Snapshots are solved again on a machine that assembles other last digits, or
-    with another distribution of rows over ranks.
+    The bounds of the parameters are left out: a wider box finds the solutions of a narrower one. So
+    are non-affine amplitudes: each query has their values at its point. Formulas of laws enter
+    here, since a step may be cut, and the answers of such laws enter the queries. Snapshots are
+    solved again on a machine that assembles other last digits, or with another distribution of rows
+    over ranks.
     """
     digest = hashlib.sha256(f"{FORMAT} {VERSION} of hhr_dolfinx {__version__}\0".encode())
     problem: ContactProblem = full.problem

@@ -12,24 +12,29 @@ from hhr_dolfinx.reduction.reductor import Task, condensing, made
 from hhr_dolfinx.scene import Scene
 
 
-def condense(scene: Scene | FullOrderModel, settings: object = None, *, fields: bool | None = None) -> CondensedModel:
+def condense(
+    scene: Scene | FullOrderModel, settings: object = None, *, fields: bool | None = None
+) -> CondensedModel:
     """Build a model that keeps all contact conditions and eliminates the rest, without snapshots.
 
-    For constant stiffness it answers as the full model does, to round-off. If moduli or the shape depend on parameters,
-    S and the free slack are interpolated between few of them, each a factorisation. Displacements then come from
-    Galerkin's method on responses to forces and loads at some of these.
+    For constant stiffness it answers as the full model does, to round-off. If moduli or the shape
+    depend on parameters, S and the free slack are interpolated between few of them, each a
+    factorisation. Displacements then come from Galerkin's method on responses to forces and loads
+    at some of these.
 
     Args:
         scene: the scene, or its full model on one rank.
-        settings: a ``GridSettings`` with the targets of interpolation. None takes the defaults, or those of the bound
-            if it is small. Without effect for constant stiffness.
-        fields: whether answers have displacements if these are not exact at no cost; None if an output of the
-            scene needs one. Without them answers have forces and their outputs, and no bound.
+        settings: a ``GridSettings`` with the targets of interpolation. None takes the defaults, or
+            those of the bound if it is small. Without effect for constant stiffness.
+        fields: whether answers have displacements if these are not exact at no cost; None if an
+            output of the scene needs one. Without them answers have forces and their outputs, and
+            no bound.
 
     Raises:
         NotOfferedError: if moduli or shapes are parameters and no installed plug-in interpolates.
-        ReductionError: for bodies with laws, which are condensed from histories: ``train(...).condense()``; or for
-            bodies with rigid motions and variable moduli or shapes.
+        ReductionError: for bodies with laws, which are condensed from histories:
+            ``train(...).condense()``; or for bodies with rigid motions and variable moduli or
+            shapes.
         SceneError: for an invalid scene, or one that cannot be built.
 
     Warns:
@@ -41,10 +46,14 @@ def condense(scene: Scene | FullOrderModel, settings: object = None, *, fields: 
     return kind_of(full).with_corners(model)
 
 
-def condensed(full: FullOrderModel, settings: object = None, *, fields: bool | None = None) -> CondensedModel:
+def condensed(
+    full: FullOrderModel, settings: object = None, *, fields: bool | None = None
+) -> CondensedModel:
     """See :func:`condense`; without the check of strains."""
     full.problem.require_parts("condensation")
-    kind_of(full).require_linear("a condensation of these is made of histories, hhr.train(scene, paths).condense()")
+    kind_of(full).require_linear(
+        "a condensation of these is made of histories, hhr.train(scene, paths).condense()"
+    )
     if fields is None:
         fields = full.functionals is not None and any(item.count for item in full.functionals.items)
     if not isinstance(fields, bool):

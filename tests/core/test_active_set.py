@@ -38,7 +38,9 @@ def solve(schur, gap, start=None, **how):
 @settings(max_examples=200, deadline=None)
 @given(size=st.integers(1, 12), seed=st.integers(0, 10**6), skew=st.floats(0, 10))
 def test_solves_every_positive_definite_problem(size, seed, skew):
-    """S + S^T positive definite makes S a P-matrix, symmetric or not: one solution, always found."""
+    """S + S^T positive definite makes S a P-matrix, symmetric or not: one solution, always
+    found.
+    """
     rng = np.random.default_rng(seed)
     root, turn = rng.normal(size=(2, size, size))
     schur = root @ root.T + 0.1 * np.eye(size) + skew * (turn - turn.T)
@@ -52,9 +54,13 @@ def test_solves_every_positive_definite_problem(size, seed, skew):
     assert np.abs(slack * found.forces).max() <= 1e-9 * scale * (1 + found.forces.max())
 
 
-@pytest.mark.parametrize("start", [(True, False, False), (False, True, True), (False, False, False)])
+@pytest.mark.parametrize(
+    "start", [(True, False, False), (False, True, True), (False, False, False)]
+)
 def test_cycling_is_detected_and_ended(start):
-    """On a P-matrix on which Alg. 1.1 cycles (Ben Gharbia and Gilbert, Math. Program. 134, 2012)."""
+    """On a P-matrix on which Alg. 1.1 cycles (Ben Gharbia and Gilbert, Math. Program. 134,
+    2012).
+    """
     given = np.array(start)
     found = solve([[1, 2, 0], [0, 1, 2], [2, 0, 1]], [-1, -1, -1], given)
     assert found.status is Status.CONVERGED and found.forces == pytest.approx([1 / 3] * 3)
@@ -63,7 +69,9 @@ def test_cycling_is_detected_and_ended(start):
 
 
 def test_no_solution_is_said_not_answered():
-    """S = -1, g = -1: any force makes it worse, so there is no solution and the statuses alternate."""
+    """S = -1, g = -1: any force makes it worse, so there is no solution and the statuses
+    alternate.
+    """
     assert solve([[-1.0]], [-1.0]).status is Status.CYCLING
     assert solve([[2.0]], [-1.0], [False], max_iterations=1).status is Status.ITERATION_LIMIT
 
@@ -80,14 +88,18 @@ def test_the_same_row_twice_is_a_status(size):
 
 
 def test_a_status_speaks_of_no_model():
-    """Full models have neither a RID nor modes: what helps is added by the model that was asked, of whose point."""
+    """Full models have neither a RID nor modes: what helps is added by the model that was asked, of
+    whose point.
+    """
     for status in Status:
         assert not any(word in status.value for word in ("RID", "basis", "modes", "reduced"))
     with pytest.raises(NotSolvableError) as caught:
         PetscLU(np.zeros((3, 3)))
     assert "singular" in str(caught.value) and "RID" not in str(caught.value)
     iterate = found_as(solve([[-1.0]], [-1.0]), np.array([0.5]), np.ones(1), ElasticFields())
-    with pytest.raises(ConvergenceError, match=r"\[0\.5\] after \d+ iterations: .*P-matrix: more layers$"):
+    with pytest.raises(
+        ConvergenceError, match=r"\[0\.5\] after \d+ iterations: .*P-matrix: more layers$"
+    ):
         outcome(iterate, True, {Status.CYCLING: "more layers"})
     assert "RID" in ADVICE[Status.SINGULAR] and "RID" in ADVICE[Status.CYCLING]
 
@@ -108,7 +120,8 @@ def every_solution(schur, gap):
 
 
 def test_a_singular_set_on_the_way_is_gone_round():
-    """Brute force over 600 problems: what is answered is right, and the way round is found in two of three.
+    """Brute force over 600 problems: what is answered is right, and the way round is found in two
+    of three.
 
     S is not symmetric and has two rows that are alike on their own two conditions.
     """
@@ -159,7 +172,9 @@ PAIRS = np.array([0, 0, 1, 1])
 
 
 @pytest.mark.parametrize("order", [[0, 1, 2, 3], [2, 0, 3, 1]])
-@pytest.mark.parametrize(("ratio", "pull"), [(3e9, 0.029), (1e10, 0.08), (1e11, 0.91), (1e11, 1e-3)])
+@pytest.mark.parametrize(
+    ("ratio", "pull"), [(3e9, 0.029), (1e10, 0.08), (1e11, 0.91), (1e11, 1e-3)]
+)
 def test_a_strong_pair_does_not_let_a_weak_one_pull(ratio, pull, order):
     """Forces apart by the ratio, started from statuses under which the weak pair pulls."""
     schur = np.kron(np.eye(2), [[1.0, 0.5], [0.5, 1.0]])
@@ -180,7 +195,9 @@ def test_a_far_obstacle_does_not_let_another_pair_penetrate():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_round_off_between_pairs_ends(seed):
-    """Forces up to 1e12 apart: round-off of the strong pair reaches the weak one with 1e-15 of its size."""
+    """Forces up to 1e12 apart: round-off of the strong pair reaches the weak one with 1e-15 of its
+    size.
+    """
     rng = np.random.default_rng(seed)
     m, pairs = 40, np.repeat([0, 1], 20)
     root = rng.normal(size=(m, 2 * m))
@@ -188,7 +205,9 @@ def test_round_off_between_pairs_ends(seed):
     for _ in range(50):
         ratio = np.where(pairs == 0, 10.0 ** rng.uniform(0, 12), 1.0)
         forces = ratio * rng.exponential(size=m) * (rng.random(m) < 0.6)
-        gap = ratio * rng.exponential(size=m) * (rng.random(m) < 0.5) * (forces == 0) - schur @ forces
+        gap = (
+            ratio * rng.exponential(size=m) * (rng.random(m) < 0.5) * (forces == 0) - schur @ forces
+        )
         found = solve(schur, gap, pairs=groups)
         assert found.status is Status.CONVERGED and not found.cycled
         weak = found.forces[pairs == 1]
@@ -196,7 +215,10 @@ def test_round_off_between_pairs_ends(seed):
 
 
 def two_blocks_of_unlike_stiffness(law=None):
-    """A stiff and a soft block, each pushed towards an obstacle of its own; the soft one does not reach it."""
+    """A stiff and a soft block, each pushed towards an obstacle of its own.
+
+    The soft one does not reach it.
+    """
     tops, floors = ([two_blocks.side(body, 1, upper) for body in (1, 2)] for upper in (True, False))
     return pair_scene(
         "unlike_blocks",
@@ -204,8 +226,13 @@ def two_blocks_of_unlike_stiffness(law=None):
         ((0, 0), (1, 1), (2, 2)),
         ((3, 0), (4, 1), (2, 2)),
         ((1e12, 0.3, law), (1.0, 0.3, law)),
-        contacts=(hhr.Obstacle(floors[0], (0.0, -1.0), 0.0), hhr.Obstacle(floors[1], (0.0, -1.0), 0.1)),
-        displacements=tuple(hhr.Displacement(tag, k, slope("push", -1.0 * k)) for tag in tops for k in (0, 1)),
+        contacts=(
+            hhr.Obstacle(floors[0], (0.0, -1.0), 0.0),
+            hhr.Obstacle(floors[1], (0.0, -1.0), 0.1),
+        ),
+        displacements=tuple(
+            hhr.Displacement(tag, k, slope("push", -1.0 * k)) for tag in tops for k in (0, 1)
+        ),
     )
 
 
@@ -232,7 +259,9 @@ def test_every_model_keeps_its_pairs_apart(kind, unlike):
     elif kind == "reduced":
         completion = Completion.of(problem, hhr.SnapshotSet.of_answers([full.solve(point)]))
         fields = completion.reconstruction(problem, basis, sets)
-        reduced = ReducedModel(project(problem, basis, sets), problem.parameters, fields, known=known)
+        reduced = ReducedModel(
+            project(problem, basis, sets), problem.parameters, fields, known=known
+        )
         forces = reduced.solve(point).forces()
     else:
         flow = hhr.FullOrderModel(two_blocks_of_unlike_stiffness(hhr.Plasticity(1e30)))
@@ -243,7 +272,10 @@ def test_every_model_keeps_its_pairs_apart(kind, unlike):
 
             fields = SimpleNamespace(amplitudes=problem.amplitudes, interface=None)
             projected, points = project(flow.problem, basis, sets), project_flow(model, basis, sets)
-            model, loads = ReducedModel(projected, problem.parameters, fields, flow=points).equilibrium, loads[free]
+            model, loads = (
+                ReducedModel(projected, problem.parameters, fields, flow=points).equilibrium,
+                loads[free],
+            )
         forces = model.elastic.correct(loads, np.zeros(model.size), theta, everything)[1].forces
     stiff, soft = (forces[problem.contact_pairs == pair] for pair in (0, 1))
     assert stiff.min() > 1e8 and not soft.any()
@@ -251,7 +283,9 @@ def test_every_model_keeps_its_pairs_apart(kind, unlike):
 
 @pytest.mark.parametrize("factorise", [PetscLU, LapackLU])
 def test_factors_are_kept_replaced_and_right(factorise):
-    """Many sets of one size, twice over and with a singular one between them: each answer is the direct one."""
+    """Many sets of one size, twice over and with a singular one between them: each answer is the
+    direct one.
+    """
     rng = np.random.default_rng(4)
     schur = rng.normal(size=(6, 6)) + 6 * np.eye(6)
     schur[:2, :2] = 1.0  # the set {0, 1} is singular
@@ -271,19 +305,28 @@ def test_factors_are_kept_replaced_and_right(factorise):
 
 
 def test_singular_and_cycling_answers_hold_nan_and_a_status():
-    """Neither a zero row nor a negative S has a solution; nothing of the last iterate is handed out."""
+    """Neither a zero row nor a negative S has a solution.
+
+    Nothing of the last iterate is handed out.
+    """
     for value, status in ((0.0, Status.SINGULAR), (-1.0, Status.CYCLING)):
         model = condensed([[value]], [-1.0], [False], unknowns=2)
         with pytest.raises((NotSolvableError, ConvergenceError)):
             model.solve(0.5)
         solution = model.solve(0.5, raise_on_failure=False)
         assert solution.status is status and not solution.converged
-        assert np.isnan(solution.unknown).all() and solution.unknown.size == 2 and np.isnan(solution.forces()).all()
+        assert (
+            np.isnan(solution.unknown).all()
+            and solution.unknown.size == 2
+            and np.isnan(solution.forces()).all()
+        )
 
 
 @pytest.mark.parametrize("first", [np.nan, np.inf, 1.0, -1.0])
 @pytest.mark.parametrize("second", [np.nan, np.inf, -np.inf])
-@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")  # 0 times infinity, on some processors
+@pytest.mark.filterwarnings(
+    "ignore:invalid value:RuntimeWarning"
+)  # 0 times infinity, on some processors
 def test_what_is_not_finite_is_never_a_solution(first, second):
     found = solve(np.eye(2), [first, second])
     assert found.status is Status.NOT_FINITE and not found.forces.any()
@@ -292,7 +335,12 @@ def test_what_is_not_finite_is_never_a_solution(first, second):
 def condensed(schur, gap, known, advice=None, unknowns=0):
     """A model with one parameter that changes nothing."""
     gap, size = np.asarray(gap, dtype=float), len(gap)
-    responses = np.ones((unknowns, 1)), np.ones((unknowns, size)), gap[:, None], np.asarray(schur, dtype=float)
+    responses = (
+        np.ones((unknowns, 1)),
+        np.ones((unknowns, size)),
+        gap[:, None],
+        np.asarray(schur, dtype=float),
+    )
     return CondensedModel(
         space(mu=(0.0, 1.0)),
         ConstantElimination(Responses(*responses), Amplitudes(np.array([1.0]), np.array([[0.0]]))),
@@ -322,7 +370,9 @@ def test_each_model_adds_its_own_advice():
     model = condensed([[1, 1], [1, 1]], [-1, -1], [True, True], ADVICE)
     with pytest.raises(NotSolvableError, match=r"1\.67.*: add modes"):
         model.solve(0.5)
-    zero = ReducedProblem(np.zeros((1, 1)), *[np.ones((2, 1))] * 2, np.ones((1, 1)), np.ones((2, 1)), np.zeros(2, int))
+    zero = ReducedProblem(
+        np.zeros((1, 1)), *[np.ones((2, 1))] * 2, np.ones((1, 1)), np.ones((2, 1)), np.zeros(2, int)
+    )
     fields = SimpleNamespace(amplitudes=model.eliminated.amplitudes, interface=None)
     with pytest.raises(SingularError, match=r"K~ cannot be eliminated.*singular: add RID layers"):
         ReducedModel(zero, model.parameters, fields, known=model.known)
@@ -345,5 +395,7 @@ class Twice:
 def test_a_pair_listed_twice_is_named_in_a_full_model():
     scene = pressed_block("plane_strain")
     with pytest.raises(NotSolvableError, match="list each contact pair once") as caught:
-        hhr.FullOrderModel(dataclasses.replace(scene, contacts=(Twice(scene.contacts[0]),))).solve(0.05)
+        hhr.FullOrderModel(dataclasses.replace(scene, contacts=(Twice(scene.contacts[0]),))).solve(
+            0.05
+        )
     assert not any(word in str(caught.value) for word in ("RID", "modes", "basis"))

@@ -1,4 +1,6 @@
-"""Meshes, tags, loads and supports that do not suit a scene get a clear error before anything is assembled."""
+"""Meshes, tags, loads and supports that do not suit a scene get a clear error before anything is
+assembled.
+"""
 
 import dataclasses
 import re
@@ -68,7 +70,11 @@ def close(x):
 
 def shell(tilt):
     points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, tilt]])
-    return compat.linear_mesh(MPI.COMM_WORLD, points, np.arange(4)[None], "quadrilateral"), None, None
+    return (
+        compat.linear_mesh(MPI.COMM_WORLD, points, np.arange(4)[None], "quadrilateral"),
+        None,
+        None,
+    )
 
 
 SHELL = r"dimension 2 in a space of dimension 3: .*"
@@ -77,13 +83,28 @@ GEOMETRIES = [
     (lambda mesh, cells, facets: (mesh, cells), r"must return \(mesh, cell_tags, facet_tags\)"),
     (lambda mesh, cells, facets: (mesh, None, facets), "returned None for the cell tags"),
     (lambda mesh, cells, facets: (mesh, cells, None), "returned None for the facet tags"),
-    (lambda mesh, cells, facets: (mesh, facets, cells), "returned tags of dimension 1 for the cell tags"),
+    (
+        lambda mesh, cells, facets: (mesh, facets, cells),
+        "returned tags of dimension 1 for the cell tags",
+    ),
     (lambda *_: shell(0.0), SHELL + r"lie in one plane: .*gdim=2"),
     (lambda *_: shell(0.1), SHELL + "shells.*are not supported: mesh the volume"),
-    (lambda *_: (dmesh.create_unit_interval(MPI.COMM_WORLD, 3), None, None), "kind interval .* not supported, only t"),
-    (moved(lambda x: np.where(inner_corner(x), (0.75, 1.05, 0.0), x)), r"2 cells .* inside out, e\.g\. around \[0\.2"),
-    (moved(lambda x: np.maximum(x, (0.0, 0.5, 0.0))), r"4 cells of the mesh have no volume, e\.g\. around \["),
-    (moved(lambda x: np.where(inner_corner(x), np.nan, x)), "4 cells of the mesh have coordinates that are not finite"),
+    (
+        lambda *_: (dmesh.create_unit_interval(MPI.COMM_WORLD, 3), None, None),
+        "kind interval .* not supported, only t",
+    ),
+    (
+        moved(lambda x: np.where(inner_corner(x), (0.75, 1.05, 0.0), x)),
+        r"2 cells .* inside out, e\.g\. around \[0\.2",
+    ),
+    (
+        moved(lambda x: np.maximum(x, (0.0, 0.5, 0.0))),
+        r"4 cells of the mesh have no volume, e\.g\. around \[",
+    ),
+    (
+        moved(lambda x: np.where(inner_corner(x), np.nan, x)),
+        "4 cells of the mesh have coordinates that are not finite",
+    ),
     (moved(close), rf"1 facets of contact surface {LOWER} have no area, e\.g\. at \["),
 ]
 
@@ -98,10 +119,17 @@ def test_simplices_that_are_turned_inside_out(hypothesis):
     """The middle of a block of triangles or tetrahedra is moved out of the cells around it."""
     scene = pressed_block(hypothesis, cells=2, simplices=True)
     middle = [0.75, 0.75, 1.0] if hypothesis == "solid" else [0.75, 1.0, 0.0]
-    out = moved(lambda x: np.where(np.isclose(x, middle).all(axis=1, keepdims=True), np.add(x, (0.9, 0.0, 0.0)), x))
+    out = moved(
+        lambda x: np.where(
+            np.isclose(x, middle).all(axis=1, keepdims=True), np.add(x, (0.9, 0.0, 0.0)), x
+        )
+    )
     hhr.FullOrderModel(scene)
     turned = dataclasses.replace(scene, geometry=lambda comm: out(*scene.geometry(comm)))
-    refused(turned, r"pairs of neighbouring cells lie on the same side of their common facet, e\.g\. at \[")
+    refused(
+        turned,
+        r"pairs of neighbouring cells lie on the same side of their common facet, e\.g\. at \[",
+    )
 
 
 def test_cells_of_third_order():
@@ -114,7 +142,8 @@ def test_cells_of_third_order():
         gmsh.model.mesh.setOrder(3)
 
     refused(
-        changed(geometry=lambda *_: mesh_of(make, MPI.COMM_WORLD, 2)), r"of order 3 are not supported: .*setOrder\(2\)"
+        changed(geometry=lambda *_: mesh_of(make, MPI.COMM_WORLD, 2)),
+        r"of order 3 are not supported: .*setOrder\(2\)",
     )
 
 
@@ -150,7 +179,8 @@ def test_facets_that_no_cell_has():
 def test_a_mesh_on_another_communicator():
     own = dataclasses.replace(changed(), geometry=lambda _: changed().geometry(MPI.COMM_SELF))
     with pytest.raises(
-        SceneError, match=r"spread over 1 ranks and was asked for on 2: .* on the communicator it is given"
+        SceneError,
+        match=r"spread over 1 ranks and was asked for on 2: .* on the communicator it is given",
     ):
         build_geometry(own, SimpleNamespace(size=2, comm=MPI.COMM_SELF))
 
@@ -175,7 +205,10 @@ def test_jacobians_at_corners_are_volumes_of_boxes(simplices):
 def with_inner_tag(mesh, cells, facets):
     """The block with the facets at half its height tagged 99."""
     inner = dmesh.locate_entities(mesh, 1, lambda x: np.isclose(x[1], 1.0))
-    indices, values = np.append(facets.indices, inner), np.append(facets.values, np.full(inner.size, 99))
+    indices, values = (
+        np.append(facets.indices, inner),
+        np.append(facets.values, np.full(inner.size, 99)),
+    )
     order = np.argsort(indices)
     return mesh, cells, dmesh.meshtags(mesh, 1, indices[order], values[order].astype(np.int32))
 
@@ -183,11 +216,23 @@ def with_inner_tag(mesh, cells, facets):
 @pytest.mark.parametrize(
     ("load", "message"),
     [
-        (hhr.Pressure(99, 1.0), r"4 facets tagged 99 under a Pressure lie inside the mesh, e\.g\. at \[.*, 1\.0\]"),
+        (
+            hhr.Pressure(99, 1.0),
+            r"4 facets tagged 99 under a Pressure lie inside the mesh, e\.g\. at \[.*, 1\.0\]",
+        ),
         (hhr.Traction(99, (0.0, 1.0), 1.0), "under a Traction lie inside"),
-        (hhr.Traction(LEFT, (0.0, 1.0, 0.0), 1.0), rf"\(0\.0, 1\.0, 0\.0\) on tag {LEFT} must have 2 components"),
-        (hhr.PartialPressure(LEFT, 1.0, "push", axis=0), r"not straight along it.*2 along axis 1\. Set its axis to 1"),
-        (hhr.PartialPressure(UPPER, 1.0, "push"), r"not straight along it.*1\.5 along axis 0.*Set its axis to 0"),
+        (
+            hhr.Traction(LEFT, (0.0, 1.0, 0.0), 1.0),
+            rf"\(0\.0, 1\.0, 0\.0\) on tag {LEFT} must have 2 components",
+        ),
+        (
+            hhr.PartialPressure(LEFT, 1.0, "push", axis=0),
+            r"not straight along it.*2 along axis 1\. Set its axis to 1",
+        ),
+        (
+            hhr.PartialPressure(UPPER, 1.0, "push"),
+            r"not straight along it.*1\.5 along axis 0.*Set its axis to 0",
+        ),
     ],
 )
 def test_loads_that_would_do_nothing_or_fail(load, message):
@@ -201,9 +246,14 @@ def test_contact_inside_the_mesh():
 
 def test_axisymmetric_scenes_know_their_axis():
     aside = moved(lambda x: x - [0.2, 0.0, 0.0])
-    refused(changed("axisymmetric", aside), r"5 nodes .* have r < 0, e\.g\. at \[-0\.2, .*the axis is r = 0")
+    refused(
+        changed("axisymmetric", aside),
+        r"5 nodes .* have r < 0, e\.g\. at \[-0\.2, .*the axis is r = 0",
+    )
     load = hhr.PartialPressure(UPPER, 1.0, "push", axis=0)
-    refused(changed("axisymmetric", loads=(load,)), "acts along the radius of an axisymmetric scene")
+    refused(
+        changed("axisymmetric", loads=(load,)), "acts along the radius of an axisymmetric scene"
+    )
 
 
 def test_a_partial_pressure_on_two_pieces():
@@ -219,7 +269,9 @@ def test_a_partial_pressure_on_two_pieces():
 
 
 def held(*displacements, hypothesis="plane_strain"):
-    load = hhr.Pressure(block.side(2 if hypothesis == "solid" else 1, True), hhr.Amplitude(0, {"push": 1}))
+    load = hhr.Pressure(
+        block.side(2 if hypothesis == "solid" else 1, True), hhr.Amplitude(0, {"push": 1})
+    )
     return changed(hypothesis, displacements=displacements, loads=(load,))
 
 
@@ -242,7 +294,10 @@ def motions_said(scene):
         (held(hhr.Displacement(UPPER, 1)), "body 1 of .* moves along axis 0"),
         (held(hhr.Displacement(LEFT, 1)), "body 1 of .* moves along axis 0, .*turns"),
         (held(hypothesis="axisymmetric"), "body 1 of .* moves along axis 1"),
-        (held(hhr.Displacement(31, 2), hhr.Displacement(10, 0), hypothesis="solid"), "body 1 of .* along axis 1"),
+        (
+            held(hhr.Displacement(31, 2), hhr.Displacement(10, 0), hypothesis="solid"),
+            "body 1 of .* along axis 1",
+        ),
     ],
 )
 def test_motions_of_a_body_that_flows_are_named_as_those_of_an_elastic_one(scene, message):
@@ -263,12 +318,18 @@ def test_the_free_one_of_two_bodies_is_named(loose):
 
 
 def test_bodies_that_hang_together_at_a_node_are_not_called_free():
-    """Two blocks joined at one corner are one body with a hinge: held as a whole, and singular all the same."""
+    """Two blocks joined at one corner are one body with a hinge: held as a whole, and singular all
+    the same.
+    """
 
     def hinge(comm):
         points = np.array([[0.0, 0], [1, 0], [0, 1], [1, 1], [2, 1], [1, 2], [2, 2]])
-        mesh = compat.linear_mesh(comm, points, np.array([[0, 1, 2, 3], [3, 4, 5, 6]]), "quadrilateral")
-        facets = dmesh.locate_entities_boundary(mesh, 1, lambda x: np.isclose(x[1], 0) | np.isclose(x[1], 2))
+        mesh = compat.linear_mesh(
+            comm, points, np.array([[0, 1, 2, 3], [3, 4, 5, 6]]), "quadrilateral"
+        )
+        facets = dmesh.locate_entities_boundary(
+            mesh, 1, lambda x: np.isclose(x[1], 0) | np.isclose(x[1], 2)
+        )
         values = (dmesh.compute_midpoints(mesh, 1, facets)[:, 1] > 1).astype(np.int32) + 1
         cells = dmesh.meshtags(mesh, 2, np.arange(2, dtype=np.int32), np.ones(2, dtype=np.int32))
         return mesh, cells, dmesh.meshtags(mesh, 1, facets, values)
@@ -283,15 +344,21 @@ def test_bodies_that_hang_together_at_a_node_are_not_called_free():
 
 
 def test_imposed_nodes_that_penetrate():
-    """The left side is pushed down by up to 0.1 with its lowest node, which hangs 0.01 above the floor."""
+    """The left side is pushed down by up to 0.1 with its lowest node, which hangs 0.01 above the
+    floor.
+    """
     scene = pressed_block("plane_strain")
     side = hhr.Displacement(LEFT, 1, slope("push", -1.0))
     pushed = dataclasses.replace(scene, displacements=(*scene.displacements, side))
-    with pytest.warns(SceneWarning, match=r"at 1 places .* penetrate, most \(0\.09\) at \[.*\] for {'push': 0\.1}"):
+    with pytest.warns(
+        SceneWarning, match=r"at 1 places .* penetrate, most \(0\.09\) at \[.*\] for {'push': 0\.1}"
+    ):
         hhr.FullOrderModel(pushed)
     # an opening that outruns the push, and a floor that is out of reach
     hhr.FullOrderModel(dataclasses.replace(pushed, openings=(hhr.Opening(0, slope("push")),)))
-    hhr.FullOrderModel(dataclasses.replace(pushed, contacts=(hhr.Obstacle(LOWER, (0.0, -1.0), 0.11),)))
+    hhr.FullOrderModel(
+        dataclasses.replace(pushed, contacts=(hhr.Obstacle(LOWER, (0.0, -1.0), 0.11),))
+    )
 
 
 @pytest.mark.parametrize("text", ["-push", "-10 * push**2", "-0.1 * sin(15.7 * push)"])
@@ -301,17 +368,27 @@ def test_imposed_nodes_that_penetrate_by_a_formula(text):
     fixed, top = scene.displacements
     moved = [hhr.Displacement(tag, 1, text) for tag in (top.tag, LEFT)]
     pushed = dataclasses.replace(scene, displacements=(fixed, *moved))
-    with pytest.warns(SceneWarning, match=r"at 1 places .* penetrate, most \(0\.09\) at \[.*\] for {'push': 0\.1}"):
+    with pytest.warns(
+        SceneWarning, match=r"at 1 places .* penetrate, most \(0\.09\) at \[.*\] for {'push': 0\.1}"
+    ):
         hhr.FullOrderModel(pushed)
-    hhr.FullOrderModel(dataclasses.replace(pushed, contacts=(hhr.Obstacle(LOWER, (0.0, -1.0), 0.11),)))
+    hhr.FullOrderModel(
+        dataclasses.replace(pushed, contacts=(hhr.Obstacle(LOWER, (0.0, -1.0), 0.11),))
+    )
 
 
 def test_parameters_without_effect():
-    box, zero = space(push=(0.0, 0.1), idle=(0.0, 0.1), zero=(0.0, 0.1)), hhr.Amplitude(1.0, {"zero": 0.0})
+    box, zero = (
+        space(push=(0.0, 0.1), idle=(0.0, 0.1), zero=(0.0, 0.1)),
+        hhr.Amplitude(1.0, {"zero": 0.0}),
+    )
     with pytest.warns(
-        SceneWarning, match=r"parameters \('idle', 'zero'\) of scene 'pressed_plane_strain' have no effect"
+        SceneWarning,
+        match=r"parameters \('idle', 'zero'\) of scene 'pressed_plane_strain' have no effect",
     ):
-        hhr.FullOrderModel(changed(parameters=box, loads=(hhr.Pressure(block.side(0, True), zero),)))
+        hhr.FullOrderModel(
+            changed(parameters=box, loads=(hhr.Pressure(block.side(0, True), zero),))
+        )
 
 
 @pytest.mark.parametrize(
@@ -326,7 +403,9 @@ def test_parameters_without_effect():
 def test_blocks_without_volume_or_cells(box):
     for build in (
         lambda: block.block(MPI.COMM_WORLD, **box),
-        lambda: two_blocks.two_blocks(MPI.COMM_WORLD, first=tuple(box.values()), second=tuple(box.values())),
+        lambda: two_blocks.two_blocks(
+            MPI.COMM_WORLD, first=tuple(box.values()), second=tuple(box.values())
+        ),
     ):
         with pytest.raises(ValueError, match="needs 2 or 3 of each"):
             build()

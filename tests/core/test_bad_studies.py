@@ -1,4 +1,6 @@
-"""Trainings and studies refuse what they cannot do before they compute, and name what has no answer."""
+"""Trainings and studies refuse what they cannot do before they compute, and name what has no
+answer.
+"""
 
 import dataclasses
 import warnings
@@ -13,18 +15,29 @@ from scenes import pressed_block
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import compat
-from hhr_dolfinx.errors import ConvergenceError, ParameterError, ReductionError, StudyError, TrainingWarning
+from hhr_dolfinx.errors import (
+    ConvergenceError,
+    ParameterError,
+    ReductionError,
+    StudyError,
+    TrainingWarning,
+)
 
 
 def unbuilt():
     """The scene of the demo, whose mesh must not be asked for."""
-    return dataclasses.replace(demo.scene(), geometry=Mock(side_effect=AssertionError("the full model was built")))
+    return dataclasses.replace(
+        demo.scene(), geometry=Mock(side_effect=AssertionError("the full model was built"))
+    )
 
 
 @pytest.mark.parametrize(
     ("asked", "message"),
     [
-        ({"training": [31, 2]}, r"of scene 'hertz_half_discs': counts \[31, 2\] .* must be 1 positive integers"),
+        (
+            {"training": [31, 2]},
+            r"of scene 'hertz_half_discs': counts \[31, 2\] .* must be 1 positive integers",
+        ),
         ({"training": [0]}, r"counts \[0\] of a grid"),
         ({"training": [1]}, r"on \[1\] points: a reduced model needs at least 2"),
         ({"seed": -1}, "seed = -1 must be an integer of at least 0"),
@@ -45,7 +58,9 @@ def test_paths_held_out_may_be_an_array():
     scene = pressed_block("plane_strain", cells=2)
     body = dataclasses.replace(scene.bodies[0], law=hhr.Plasticity(0.06, 0.3))
     paths = np.array([[[0.0, 0.0], [0.5, 0.05], [1.0, 0.1]]])
-    training = hhr.train(dataclasses.replace(scene, bodies=(body,)), paths, held_out=paths * [1.0, 0.8])
+    training = hhr.train(
+        dataclasses.replace(scene, bodies=(body,)), paths, held_out=paths * [1.0, 0.8]
+    )
     assert training.held_out.points.ravel() == pytest.approx([0.04, 0.08])
     with pytest.raises(ReductionError, match="is no recipe"):
         training.build({}, checked=False)
@@ -110,7 +125,9 @@ def test_options_of_demos(capsys, seed, message):
 @needs("studies")
 def test_a_study_in_a_folder_given_as_text(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    settings = hhr.StudySettings([8], recipe=demo.THESIS.as_it_is(), tests=2, queries=2, held_out=0, naive=False)
+    settings = hhr.StudySettings(
+        [8], recipe=demo.THESIS.as_it_is(), tests=2, queries=2, held_out=0, naive=False
+    )
     scene = demo.scene(arc_segments=28, flat_segments=7)
     study = hhr.study_scene(scene, settings, "out/x", points=[0.2, 0.3])
     study.write("out/x")
@@ -123,7 +140,9 @@ def test_a_petsc_of_complex_numbers(monkeypatch, kind):
     import petsc4py
 
     monkeypatch.setattr(petsc4py, "PETSc", Namespace(ScalarType=kind))
-    with pytest.raises(ImportError, match=r"PETSc was built with complex numbers.*install a real build"):
+    with pytest.raises(
+        ImportError, match=r"PETSc was built with complex numbers.*install a real build"
+    ):
         compat.require_dolfinx()
     with pytest.raises(ImportError, match="complex"):
         hhr.FullOrderModel(unbuilt())
@@ -131,7 +150,9 @@ def test_a_petsc_of_complex_numbers(monkeypatch, kind):
 
 @pytest.fixture(scope="module")
 def yielding():
-    """A tube without hardening, in a wall that it does not reach before it yields as a whole, at 2 / √3 ln 2 = 0.8."""
+    """A tube without hardening, in a wall that it does not reach before it yields as a whole, at 2
+    / √3 ln 2 = 0.8.
+    """
     import condensing
 
     return condensing.walled_tube(hhr.Plasticity(1.0), wall=50.0, cells=4, p=(0.0, 2.0))
@@ -139,7 +160,9 @@ def yielding():
 
 def family(scene):
     own = hhr.ParameterSpace(("to",), (0.1,), (2.0,))
-    return hhr.PathFamily("load", scene.parameters, own, {"p": 0.0}, (hhr.Leg({"p": "to"}, 1.0, 4),))
+    return hhr.PathFamily(
+        "load", scene.parameters, own, {"p": 0.0}, (hhr.Leg({"p": "to"}, 1.0, 4),)
+    )
 
 
 @needs("inelastic", "paths")
@@ -147,7 +170,10 @@ def test_histories_without_an_answer_are_named_and_left_out(yielding):
     from hhr_dolfinx.plugins.inelastic.state import flowed
 
     paths = family(yielding).paths(np.array([[0.4], [0.6], [1.6], [0.7]]))
-    with pytest.warns(TrainingWarning, match=r"1 of 4 training queries have no answer .*: load \(to = 1\.6\): step \d"):
+    with pytest.warns(
+        TrainingWarning,
+        match=r"1 of 4 training queries have no answer .*: load \(to = 1\.6\): step \d",
+    ):
         training = hhr.train(yielding, paths, held_out=[])
     ends = [history.answers[-1].parameter[0] for history in training.snapshots.histories]
     assert ends == pytest.approx([0.4, 0.6, 0.7]) and flowed(training.snapshots)
@@ -158,7 +184,10 @@ def test_histories_without_an_answer_are_named_and_left_out(yielding):
 
 @needs("inelastic", "paths")
 def test_too_few_left_are_no_training(yielding):
-    for ends, words in (((0.4, 1.6, 1.7), "2 of 3 .* Fewer than 2 are left"), ((1.6, 1.7), "none of 2 queries")):
+    for ends, words in (
+        ((0.4, 1.6, 1.7), "2 of 3 .* Fewer than 2 are left"),
+        ((1.6, 1.7), "none of 2 queries"),
+    ):
         with pytest.raises(ConvergenceError, match=words):
             hhr.train(yielding, family(yielding).paths(np.array(ends)[:, None]), held_out=[])
 
@@ -173,9 +202,14 @@ def test_points_without_an_answer(monkeypatch):
 
     monkeypatch.setattr(hhr.FullOrderModel, "solve", failing)
     scene = pressed_block("plane_strain")
-    with pytest.warns(TrainingWarning, match=r"1 of 3 training queries have no answer .*: push = 0\.05: it cycled"):
+    with pytest.warns(
+        TrainingWarning, match=r"1 of 3 training queries have no answer .*: push = 0\.05: it cycled"
+    ):
         training = hhr.train(scene, 3, held_out=0)
-    assert training.snapshots.points.ravel() == pytest.approx([0.0, 0.1]) and training.snapshots.forces.shape[1] == 2
+    assert (
+        training.snapshots.points.ravel() == pytest.approx([0.0, 0.1])
+        and training.snapshots.forces.shape[1] == 2
+    )
 
 
 @needs("inelastic", "studies", "paths")

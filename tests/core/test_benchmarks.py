@@ -1,4 +1,6 @@
-"""Published benchmarks at small size, and bodies that only contact holds, as the demos have them."""
+"""Published benchmarks at small size, and bodies that only contact holds, as the demos have
+them.
+"""
 
 from functools import partial
 
@@ -13,8 +15,15 @@ import hhr_dolfinx as hhr
 
 
 def test_published_benchmarks():
-    """Coarse meshes: cells of 0.3 mm, or of 0.6 of second order, on a half width of 6.2 leave 0.2 %."""
-    runs = (benchmarks.line_contact, partial(benchmarks.line_contact, order=2), benchmarks.ball, benchmarks.patch)
+    """Coarse meshes: cells of 0.3 mm, or of 0.6 of second order, on a half width of 6.2 leave 0.2
+    %.
+    """
+    runs = (
+        benchmarks.line_contact,
+        partial(benchmarks.line_contact, order=2),
+        benchmarks.ball,
+        benchmarks.patch,
+    )
     found = [row for run in runs for row in run(True)]
     rows = {(row["benchmark"], row["quantity"].split(" [")[0]): row["off"] for row in found}
     for name in ("CGS-1", "CGS-1, second order"):
@@ -27,7 +36,10 @@ def test_published_benchmarks():
 
 
 def test_orders_on_a_curved_surface():
-    """Those of four-node cells in V6.03.150, 2.0 and 0.5; the first as meshes of 12 to 24 cells show it."""
+    """Those of four-node cells in V6.03.150, 2.0 and 0.5.
+
+    The first as meshes of 12 to 24 cells show it.
+    """
     errors = np.array([benchmarks.rings(count) for count in (12, 24)])
     orders = np.log2(errors[0] / errors[1])
     assert orders[0] > 1.95 and orders[1] > 0.5

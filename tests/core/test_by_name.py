@@ -1,4 +1,6 @@
-"""Geometries, pairings, laws and scenes by name: of a package that is really installed, and of files."""
+"""Geometries, pairings, laws and scenes by name: of a package that is really installed, and of
+files.
+"""
 
 import json
 import os
@@ -57,10 +59,21 @@ def installed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("external")
     # a build leaves its own folders beside the sources
     sources = shutil.copytree(PACKAGE, folder / "sources")
-    command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
+    command = [
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--no-deps",
+        "--no-build-isolation",
+        "--no-index",
+    ]
     if subprocess.run([*command[:3], "--version"], capture_output=True).returncode:
         pytest.skip("no pip beside this Python")
-    subprocess.run([*command, "--target", folder / "there", sources], check=True, capture_output=True)
+    subprocess.run(
+        [*command, "--target", folder / "there", sources], check=True, capture_output=True
+    )
     assert list((folder / "there").glob("contact_toys-*.dist-info"))
     return os.environ | {"PYTHONPATH": str(folder / "there"), "OMP_NUM_THREADS": "1"}
 
@@ -72,7 +85,9 @@ def hhr_command(installed, cwd, *words):
 
 @pytest.fixture(scope="module")
 def used(installed):
-    return json.loads(python("-c", USE, *(["inelastic"] if present("inelastic") else []), env=installed).stdout)
+    return json.loads(
+        python("-c", USE, *(["inelastic"] if present("inelastic") else []), env=installed).stdout
+    )
 
 
 def test_an_installed_package_is_listed_beside_our_own(used):
@@ -81,7 +96,9 @@ def test_an_installed_package_is_listed_beside_our_own(used):
     others |= {"Slope": "contact_toys"} if present("pages") else {}  # which its plug-in needs
     assert used["names"]["pairings"] == {**names("pairings"), **others}
     assert used["names"]["laws"] == {**names("laws"), "Newtonian": "contact-toys"}
-    assert used["names"]["scenes"] == dict.fromkeys(("slab_on_ramp", "flowing_slab"), "contact-toys")
+    assert used["names"]["scenes"] == dict.fromkeys(
+        ("slab_on_ramp", "flowing_slab"), "contact-toys"
+    )
     assert "slab" not in names("geometries")
 
 
@@ -105,16 +122,19 @@ def test_what_is_wrong_with_an_installed_name_is_said(used):
 
 @needs("inelastic")
 def test_a_plug_in_of_another_package_registers_as_ours_do(installed, tmp_path):
-    """Its public names, parts of scenes, classes of files, commands, and what it keeps beside a model."""
+    """Its public names, parts of scenes, classes of files, commands, and what it keeps beside a
+    model.
+    """
     program = (
         "import hhr_dolfinx as hhr; from hhr_dolfinx.by_name import find, names\n"
         "from hhr_dolfinx.online.model_file import Kinds\n"
         "from contact_toys.laws import Newtonian; from contact_toys.parts import Ramp\n"
-        "assert hhr.Newtonian is Newtonian and Kinds()['Ramp'] is Ramp and 'Newtonian' in hhr.__all__\n"
-        "assert find('pairings', 'Slope') is Ramp and names('pairings')['Slope'] == 'contact_toys'\n"
-        "from pathlib import Path; from types import SimpleNamespace; from hhr_dolfinx import registry\n"
-        "(write,) = map(registry.load, registry.installed()['contact_toys'].companions)\n"
-        "write(SimpleNamespace(comm=SimpleNamespace(rank=0), scene=SimpleNamespace(name='slab')), Path())\n"
+        "assert hhr.Newtonian is Newtonian and Kinds()['Ramp'] is Ramp and 'Newtonian' in "
+        "hhr.__all__\nassert find('pairings', 'Slope') is Ramp and names('pairings')['Slope'] == "
+        "'contact_toys'\nfrom pathlib import Path; from types import SimpleNamespace; from "
+        "hhr_dolfinx import registry\n(write,) = map(registry.load, "
+        "registry.installed()['contact_toys'].companions)\nwrite(SimpleNamespace(comm=SimpleNamespace(rank=0), "
+        "scene=SimpleNamespace(name='slab')), Path())\n"
     )
     python("-c", program, env=installed, cwd=tmp_path)
     assert hhr_command(installed, tmp_path, "slabs") == "a slab is 3.0 wide\n"
@@ -124,13 +144,24 @@ def test_a_plug_in_of_another_package_registers_as_ours_do(installed, tmp_path):
 @needs("checks")
 def test_the_command_knows_installed_scenes(installed, tmp_path):
     assert "  slab_on_ramp (contact-toys)" in hhr_command(installed, tmp_path, "list").splitlines()
-    assert "contact 0 of 20: 7 conditions" in hhr_command(installed, tmp_path, "check", "slab_on_ramp")
+    assert "contact 0 of 20: 7 conditions" in hhr_command(
+        installed, tmp_path, "check", "slab_on_ramp"
+    )
     assert (tmp_path / "slab_on_ramp_check.png").stat().st_size > 1000
     solved = hhr_command(installed, tmp_path, "solve", "slab_on_ramp", "--at", "push=0.05")
     assert "\nsum of contact forces [per unit depth]: 0.36\n" in solved
     forces = []
     for duration in ("1", "50") if present("inelastic") else ():
-        flowing = hhr_command(installed, tmp_path, "solve", "flowing_slab", "--at", "push=0.05", "--duration", duration)
+        flowing = hhr_command(
+            installed,
+            tmp_path,
+            "solve",
+            "flowing_slab",
+            "--at",
+            "push=0.05",
+            "--duration",
+            duration,
+        )
         lines = dict(line.split(": ") for line in flowing.splitlines())
         assert lines["seconds of one step from rest"] == duration
         forces.append(float(lines["sum of contact forces [per unit depth]"]))
@@ -147,13 +178,18 @@ def test_our_own_names_are_found_and_have_their_kind():
 @pytest.mark.parametrize(
     ("kind", "name", "said"),
     [
-        ("pairing", "Obstacle", "there are no 'pairing'"), ("pairings", "Obstacl", "Is 'Obstacle' meant"),
-        ("pairings", "", "must be a text"), ("pairings", 3, "must be a text"), ("pairings", " ", "must be a text"),
-        ("scenes", "nothing", "Known are none"), ("scenes", ":x", "cannot be loaded"),
-        ("scenes", "json:dump_it", "json has no 'dump_it'"), ("scenes", "..:x", "cannot be loaded"),
+        ("pairing", "Obstacle", "there are no 'pairing'"),
+        ("pairings", "Obstacl", "Is 'Obstacle' meant"),
+        ("pairings", "", "must be a text"),
+        ("pairings", 3, "must be a text"),
+        ("pairings", " ", "must be a text"),
+        ("scenes", "nothing", "Known are none"),
+        ("scenes", ":x", "cannot be loaded"),
+        ("scenes", "json:dump_it", "json has no 'dump_it'"),
+        ("scenes", "..:x", "cannot be loaded"),
         ("scenes", "no_such_module:x", "cannot be loaded: ModuleNotFoundError"),
     ],
-)  # fmt: skip
+)
 def test_names_that_are_none_are_refused(kind, name, said):
     with pytest.raises(SceneError, match=said):
         find(kind, name)
@@ -168,16 +204,25 @@ def test_names_that_are_none_are_refused(kind, name, said):
         ("import sys\nsys.exit(5)\n", "odd name.py, line 2: SystemExit: 5"),
         ("import no_such_module\n", "odd name.py, line 1: ModuleNotFoundError"),
         ("\nfrom . import beside_it\n", "odd name.py, line 2: ImportError.*write 'import name'"),
-        ("import hhr_dolfinx as hhr\nhhr.Body(1, 1.0)\n", "odd name.py, line 2: TypeError.*poisson"),
+        (
+            "import hhr_dolfinx as hhr\nhhr.Body(1, 1.0)\n",
+            "odd name.py, line 2: TypeError.*poisson",
+        ),
         ("import hhr_dolfinx as hhr\nhhr.ParameterSpace(('a',), (1.0,), (0.0,))\n", "a"),
-        ("a = '\0'\n", "null bytes"), ("scen = 3\n", "is '.*odd name.py:scen' meant?"), ("", "has no 'scene'"),
+        ("a = '\0'\n", "null bytes"),
+        ("scen = 3\n", "is '.*odd name.py:scen' meant?"),
+        ("", "has no 'scene'"),
     ],
-)  # fmt: skip
+)
 def test_mistakes_in_a_file_are_told_by_line(text, said, tmp_path, monkeypatch):
     (tmp_path / "odd name.py").write_text(text)
     (tmp_path / "beside_it.py").write_text("a = 1\nb = = 2\n")
     monkeypatch.chdir(tmp_path)
-    for path in ("odd name.py", tmp_path / "odd name.py", Path("..") / tmp_path.name / "odd name.py"):
+    for path in (
+        "odd name.py",
+        tmp_path / "odd name.py",
+        Path("..") / tmp_path.name / "odd name.py",
+    ):
         with pytest.raises(HHRError, match=said):
             find("scenes", str(path))
 
@@ -204,9 +249,10 @@ def test_a_file_runs_once_and_again_when_it_has_changed(tmp_path, capsys):
 
 def test_two_files_of_one_name_are_two(tmp_path):
     law = (
-        "from __future__ import annotations\nfrom dataclasses import dataclass\nfrom typing import ClassVar\n"
-        "from sizes_of_it import WIDTH\n@dataclass(frozen=True)\nclass law:\n    kind: ClassVar[int] = WIDTH\n"
-        "    a: float = WIDTH\ndef late():\n    import late_of_it\n    return late_of_it.NAME\n"
+        "from __future__ import annotations\nfrom dataclasses import dataclass\nfrom typing "
+        "import ClassVar\nfrom sizes_of_it import WIDTH\n@dataclass(frozen=True)\nclass law:\n    "
+        "kind: ClassVar[int] = WIDTH\n    a: float = WIDTH\ndef late():\n    import late_of_it\n  "
+        "  return late_of_it.NAME\n"
     )
     for folder, width in (("one", 1), ("two", 2)):
         (tmp_path / folder).mkdir()
@@ -223,7 +269,8 @@ def test_code_made_from_text_is_nobodys_file(tmp_path, monkeypatch):
     """Beside the scene <string> would lie in its folder: dataclasses raise from there."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "scene_here.py").write_text(
-        "import hhr_dolfinx as hhr\n\nhold = lambda: hhr.Displacement(1, -1)\ndef divided():\n    return 1 / 0\n"
+        "import hhr_dolfinx as hhr\n\nhold = lambda: hhr.Displacement(1, -1)\ndef divided():\n    "
+        "return 1 / 0\n"
     )
     for make, error, place in (
         (find("scenes", "scene_here.py:hold"), SceneError, "scene_here.py, line 3"),
@@ -250,9 +297,16 @@ class Entries(list):
 
 def test_entry_points_of_two_packages_may_share_a_name_for_one_thing_only(monkeypatch):
     leave = Mock(side_effect=SystemExit(3))
-    given = ("Twice", "a:X", int), ("Twice", "b:X", float), ("Same", "a:Y", dict), ("Same", "a:Y", dict)
+    given = (
+        ("Twice", "a:X", int),
+        ("Twice", "b:X", float),
+        ("Same", "a:Y", dict),
+        ("Same", "a:Y", dict),
+    )
     given = *given, ("Leaves", "a:Z", leave), ("Mortar", "a:M", list)
-    points = Entries(SimpleNamespace(name=name, value=value, load=load, dist=None) for name, value, load in given)
+    points = Entries(
+        SimpleNamespace(name=name, value=value, load=load, dist=None) for name, value, load in given
+    )
     monkeypatch.setattr(by_name.importlib.metadata, "entry_points", lambda group: points)
     with pytest.raises(SceneError, match="'Twice' stands for 'a:X' of a:X and 'b:X' of b:X"):
         find("pairings", "Twice")

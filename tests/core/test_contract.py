@@ -1,4 +1,7 @@
-"""One contract: all kinds of models, all verbs, all places; what is refused is refused by name, on the page too."""
+"""One contract: all kinds of models, all verbs, all places.
+
+What is refused is refused by name, on the page too.
+"""
 
 import contextlib
 import sys
@@ -21,11 +24,25 @@ from hhr_dolfinx.models.eliminations.elimination import Elimination
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.one_thread import one_thread
 
-ALL = ("baselines", "fallback", "floating", "friction", "inelastic", "local", "moduli", "shapes", "sliding", "tables")
+ALL = (
+    "baselines",
+    "fallback",
+    "floating",
+    "friction",
+    "inelastic",
+    "local",
+    "moduli",
+    "shapes",
+    "sliding",
+    "tables",
+)
 """Plug-ins that have kinds of models or places."""
 
 
-@pytest.fixture(scope="module", params=[contract.QUICK, pytest.param(tuple(contract.KINDS), marks=pytest.mark.slow)])
+@pytest.fixture(
+    scope="module",
+    params=[contract.QUICK, pytest.param(tuple(contract.KINDS), marks=pytest.mark.slow)],
+)
 def cases(request):
     return [case for kind in request.param for case in contract.cases_of(kind)]
 
@@ -51,7 +68,10 @@ def test_the_page_says_what_is_refused(cases):
 
 @needs("shapes")
 def test_outputs_of_forces_alone_have_derivatives_along_a_shape():
-    """No row of theirs measures a displacement; full and condensed models agree as they do in their forces."""
+    """No row of theirs measures a displacement.
+
+    Full and condensed models agree as they do in their forces.
+    """
     training = contract.training("shape")
     point = {**contract.MIDDLE, "crown": 0.01}
     assert {item.count for item in training.full_order.fields.functionals.items} == {0}
@@ -63,9 +83,13 @@ def test_outputs_of_forces_alone_have_derivatives_along_a_shape():
 
 @needs("moduli")
 @pytest.mark.parametrize("kind", ["HHR, moduli", "interpolated condensation, moduli"])
-@pytest.mark.parametrize("error", [SingularError("K~ is singular"), ParameterError("surfaces slide off")])
+@pytest.mark.parametrize(
+    "error", [SingularError("K~ is singular"), ParameterError("surfaces slide off")]
+)
 def test_a_problem_that_cannot_be_made_is_no_answer(kind, error, monkeypatch):
-    """One by one, in a table, and behind a model that falls back, which asks the full one instead."""
+    """One by one, in a table, and behind a model that falls back, which asks the full one
+    instead.
+    """
     model, mu = contract.model_of(kind), contract.KINDS[kind].mu
     inner = model.eliminated if isinstance(model, ReducedModel) else model
     good = model.solve(mu, outside="ignore")
@@ -100,7 +124,9 @@ def test_a_model_that_fails_is_no_reason_to_have_no_answer(where, monkeypatch):
     many = safe.solve_many(np.array([list(contract.MIDDLE.values())]))
     assert np.array_equal(many.forces()[0], exact.forces()) and safe.share == 1.0
     if "estimate" in where:
-        with pytest.raises(ParameterError, match="start"):  # a mistake of the caller is told, not answered
+        with pytest.raises(
+            ParameterError, match="start"
+        ):  # a mistake of the caller is told, not answered
             safe.solve(contract.MIDDLE, start="rubbish")
 
 
@@ -113,14 +139,21 @@ def test_a_subclass_may_have_its_own_solve():
             return super().solve(mu, **how)
 
     model = contract.model_of("HHR, constant")
-    counting = Counting(model.problem, model.parameters, model.fields, model.trained, known=model.known)
-    assert np.array_equal(counting.solve(contract.MIDDLE).forces(), model.solve(contract.MIDDLE).forces())
+    counting = Counting(
+        model.problem, model.parameters, model.fields, model.trained, known=model.known
+    )
+    assert np.array_equal(
+        counting.solve(contract.MIDDLE).forces(), model.solve(contract.MIDDLE).forces()
+    )
     counting.outputs(contract.MIDDLE)
     assert counting.asked == 2
 
 
 def bits(kind, number, folder):
-    """What a model of a kind says by several verbs at a point of its own, as bytes; its file too where it has one."""
+    """What a model of a kind says by several verbs at a point of its own, as bytes.
+
+    Its file too where it has one.
+    """
     model, quiet = contract.model_of(kind), {"outside": "ignore"}
     point = np.array(list(contract.KINDS[kind].mu.values())) * (1 - 0.01 * number)
     found = []
@@ -128,7 +161,11 @@ def bits(kind, number, folder):
         with contextlib.suppress(NotOfferedError):
             answer = model.solve(point, gradient=gradient, **quiet)
             found += [answer.forces(), answer.displacement()]
-            found += [] if answer.gradient is None else [answer.gradient.multipliers, answer.gradient.unknown]
+            found += (
+                []
+                if answer.gradient is None
+                else [answer.gradient.multipliers, answer.gradient.unknown]
+            )
     found.append(model.solve_many(np.stack([point, 0.99 * point]), **quiet).forces())
     if present("tables"):
         found.append(hhr.answer_points(model, point[None], **quiet).forces)
@@ -138,11 +175,18 @@ def bits(kind, number, folder):
 
 
 LONG = {
-    "sliding past the mesh", "full, friction", "HHR, friction", "interpolated condensation, friction",
-    "HHR, friction and floating", "HHR, friction and moduli", "interpolated condensation, friction and shape",
-}  # fmt: skip
+    "sliding past the mesh",
+    "full, friction",
+    "HHR, friction",
+    "interpolated condensation, friction",
+    "HHR, friction and floating",
+    "HHR, friction and moduli",
+    "interpolated condensation, friction and shape",
+}
 SHARED = [
-    pytest.param(kind, marks=pytest.mark.slow if "flow" in kind or "local" in kind or kind in LONG else ())
+    pytest.param(
+        kind, marks=pytest.mark.slow if "flow" in kind or "local" in kind or kind in LONG else ()
+    )
     for kind in contract.KINDS
     if kind != "interpolated condensation, floating"  # which is refused
 ]
@@ -165,7 +209,9 @@ def test_eight_threads_give_the_bits_of_one_and_leave_the_process_alone(kind, tm
 
 
 def test_blocks_that_overlap_restore_threads_of_blas():
-    """The first block sets one thread, the last one restores what was there, in whatever order threads leave."""
+    """The first block sets one thread, the last one restores what was there, in whatever order
+    threads leave.
+    """
     before = threadpool_info()
     first, second = threading.Barrier(2), threading.Barrier(2)
 
@@ -185,7 +231,9 @@ def test_blocks_that_overlap_restore_threads_of_blas():
 
 
 def test_libraries_of_threads_are_sought_again_only_after_an_import(monkeypatch):
-    """A search takes longer than an answer; a library that came with a module must be limited too."""
+    """A search takes longer than an answer; a library that came with a module must be limited
+    too.
+    """
     with one_thread:
         pass
     search = Mock()

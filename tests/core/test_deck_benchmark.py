@@ -1,4 +1,6 @@
-"""Decks of the benchmark: outcomes are those that its report gives, and wrong numbers are not called right."""
+"""Decks of the benchmark: outcomes are those that its report gives, and wrong numbers are not
+called right.
+"""
 
 import deck_cases
 import deck_fits
@@ -20,10 +22,15 @@ def test_a_deck_is_right_or_refused(name, tmp_path):
 
 @needs("nonmatching", "mortar", "friction", "obstacles")
 @pytest.mark.parametrize(
-    "case", [case for case in deck_fits.CASES if case.reference == 1.0], ids=lambda case: case.source
+    "case",
+    [case for case in deck_fits.CASES if case.reference == 1.0],
+    ids=lambda case: case.source,
 )
 def test_a_press_fit_is_pushed_off_by_mu_times_its_normal_force(case, tmp_path):
-    """All contacts slip: round-off. Friction points along the line to rest, which a rounded shaft turns by 1e-4."""
+    """All contacts slip: round-off.
+
+    Friction points along the line to rest, which a rounded shaft turns by 1e-4.
+    """
     exact = 1e-7 if "triangles" in case.source else 1e-9
     assert case.run(tmp_path) == pytest.approx(1, abs=exact)
 
@@ -44,4 +51,6 @@ def test_outcomes():
     assert decks.judged(refused, None, "TODO a.inp:3 *DYNAMIC: at rest").startswith("refused")
     assert decks.judged(refused, 1.0, "a.py is written").startswith("silent")
     assert decks.judged(refused, 1.0, "warning: no DYNAMIC").startswith("warned")
-    assert decks.judged(refused, 1.0, "warning: no DYNAMIC\nerror: DYNAMIC").startswith("refused: error")
+    assert decks.judged(refused, 1.0, "warning: no DYNAMIC\nerror: DYNAMIC").startswith(
+        "refused: error"
+    )

@@ -32,7 +32,9 @@ def test_the_first_demo_ends_without_a_warning_in_a_model_a_page_and_a_unit(tmp_
     found, known = hhr.load_model(tmp_path / "model.npz").solve(point), full.solve(point)
     np.testing.assert_allclose(found.forces(), known.forces(), atol=1e-6 * known.forces().max())
     assert known.outputs()["clamp force"] > 5e3
-    assert known.outputs()["open share of the joint"] == pytest.approx(found.outputs()["open share of the joint"])
+    assert known.outputs()["open share of the joint"] == pytest.approx(
+        found.outputs()["open share of the joint"]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -45,33 +47,52 @@ def quick(tmp_path_factory):
 
 def test_report(quick):
     report = json.loads((quick / "report.json").read_text())
-    keys = "scene seed versions machine sizes stability errors times ratios work_precision active_set skipped"
-    keys += " recipe refused_before advice advised kkt break_even models units materials parameters date"
+    keys = (
+        "scene seed versions machine sizes stability errors times ratios work_precision "
+        "active_set skipped"
+    )
+    keys += (
+        " recipe refused_before advice advised kkt break_even models units materials parameters "
+        "date"
+    )
     keys += " discretisation samples"
     assert set(report) == set(keys.split())
-    assert report["recipe"]["basis"]["tolerance"] == 1e-13 and report["recipe"]["domain"]["layers"] == 2
+    assert (
+        report["recipe"]["basis"]["tolerance"] == 1e-13
+        and report["recipe"]["domain"]["layers"] == 2
+    )
     sizes = report["sizes"]
     assert (sizes["N"], sizes["N_lambda"], sizes["snapshots"]) == (1356, 55, 31)
-    assert set("beta_h beta_HR beta_HR_2 alpha_prime kappa_B cond_K sigma_max".split()) <= set(report["stability"])
+    assert set("beta_h beta_HR beta_HR_2 alpha_prime kappa_B cond_K sigma_max".split()) <= set(
+        report["stability"]
+    )
     assert report["errors"]["primal_euclid"]["n"] == 11
-    # what a user gets is right to round-off everywhere; the thesis' recipe is kept beside it with its own limits
+    # what a user gets is right to round-off everywhere; the thesis' recipe is kept beside it with
+    # its own limits
     assert report["errors"]["dual_full_floored"]["max"] <= 1e-10
     assert max(report["kkt"].values()) <= 1e-10
     thesis = report["models"]["thesis"]["errors"]
     assert thesis["primal_euclid"]["max"] <= 5e-4 and thesis["dual_rid"]["max"] <= 8e-3
     assert thesis["dual_full_floored"]["max"] > 0.1
     assert report["active_set"]["cycles"] == 0
-    assert 0.0 < report["discretisation"]["energy"] < 0.2 and 0.0 < report["discretisation"]["peak_pressure"] < 0.5
+    assert (
+        0.0 < report["discretisation"]["energy"] < 0.2
+        and 0.0 < report["discretisation"]["peak_pressure"] < 0.5
+    )
     samples = report["samples"]
     bounds = np.array(samples["bounds"]["forces"])
-    assert samples["kind"] == "bound" and np.shape(samples["points"]) == (11, 1) and len(bounds) == 11
+    assert (
+        samples["kind"] == "bound" and np.shape(samples["points"]) == (11, 1) and len(bounds) == 11
+    )
     assert (np.array(samples["errors"]["forces"]) <= bounds).all() and bounds.max() < 1e-7
     assert {item["stage"] for item in report["skipped"]} >= {"indicator"}
     assert all(item["why"] for item in report["skipped"])
     # half of what is required of the demo: the machine of a test may be busy
     assert report["ratios"]["fom_naive/online"] >= 150
     assert report["ratios"]["fom_best/online"] >= 2.5
-    assert {"fom_naive", "fom_best", "condensed", "online", "online_full", "offline"} <= set(report["times"])
+    assert {"fom_naive", "fom_best", "condensed", "online", "online_full", "offline"} <= set(
+        report["times"]
+    )
     assert "condensation" in report["advice"]
     methods = {row["method"] for row in report["work_precision"]}
     assert methods == {"HHR", "condensed", "fom_best", "fom_naive"}
@@ -81,7 +102,9 @@ def test_what_is_printed_to_a_file(quick):
     lines = (quick / "printed").read_text().splitlines()
     report = json.loads((quick / "report.json").read_text())
     assert lines[0] == "snapshots: 31 to do" and all(line.strip() for line in lines)
-    assert report["advice"] in lines and f"report, pictures, fields and model are in {quick}" in lines
+    assert (
+        report["advice"] in lines and f"report, pictures, fields and model are in {quick}" in lines
+    )
     assert not any(sign in "".join(lines) for sign in "\x1b\r")
 
 
@@ -120,10 +143,17 @@ def test_readme_history_runs():
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs/flow.md").read_text(), re.DOTALL)
     code, estimated = (block for block in blocks if "march" in block)
     mesh = {**QUICK_MESH, "cladding_axial_cells": 15}
-    names: dict = {"hhr": hhr, "tag": 1, "scene": plastic.scene(**mesh), "path": partial(plastic.path, steps=10)}
+    names: dict = {
+        "hhr": hhr,
+        "tag": 1,
+        "scene": plastic.scene(**mesh),
+        "path": partial(plastic.path, steps=10),
+    }
     exec(code, names)
     exact = names["training"].full_order.march(plastic.path(10, 10)).answers[-1]
-    found = {name: names[name] for name in ("displacement", "forces")} | {"plastic_strain": names["strain"]}
+    found = {name: names[name] for name in ("displacement", "forces")} | {
+        "plastic_strain": names["strain"]
+    }
     for name, values in found.items():
         known = getattr(exact, name)()
         assert np.linalg.norm(values - known) < 1e-2 * np.linalg.norm(known), name

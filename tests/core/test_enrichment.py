@@ -52,7 +52,9 @@ def test_rank_first_then_kappa(hertz, few_modes, enriched):
 
 def test_span_is_that_of_modes_and_contact_functions(hertz, few_modes, enriched):
     basis, _ = few_modes
-    assert enriched.basis.T @ enriched.basis == pytest.approx(np.eye(enriched.basis.shape[1]), abs=1e-12)
+    assert enriched.basis.T @ enriched.basis == pytest.approx(
+        np.eye(enriched.basis.shape[1]), abs=1e-12
+    )
     for columns in (basis, functions_of(hertz.problem, enriched.added)):
         assert enriched.basis @ (enriched.basis.T @ columns) == pytest.approx(columns, abs=1e-12)
     assert enriched.basis.shape[1] == basis.shape[1] + len(enriched.added)
@@ -70,16 +72,22 @@ def test_each_choice_is_the_best_one(hertz, few_modes, enriched):
 
 
 def test_while_rows_are_dependent_the_farthest_is_taken(hertz, few_modes, enriched):
-    """Of all functions that are left the one whose image lies farthest outside of the range of B~, by least squares."""
+    """Of all functions that are left the one whose image lies farthest outside of the range of B~,
+    by least squares.
+    """
     basis, sets = few_modes
     missing, rows = sum(map(math.isinf, enriched.kappas)), hertz.problem.contact[sets.A_lambda]
     left = list(sets.A_lambda)
     for condition in enriched.added[:missing]:
         reached, chosen = rows @ basis, left.index(condition)
         functions = functions_of(hertz.problem, left).T
-        columns = [np.linalg.qr(np.column_stack([basis, function]))[0][:, -1] for function in functions]
+        columns = [
+            np.linalg.qr(np.column_stack([basis, function]))[0][:, -1] for function in functions
+        ]
         images = rows @ np.transpose(columns)
-        distances = np.linalg.norm(images - reached @ np.linalg.lstsq(reached, images, rcond=None)[0], axis=0)
+        distances = np.linalg.norm(
+            images - reached @ np.linalg.lstsq(reached, images, rcond=None)[0], axis=0
+        )
         assert distances[chosen] == pytest.approx(max(distances), rel=1e-9)
         basis = np.column_stack([basis, columns[chosen]])
         left.remove(condition)
@@ -96,19 +104,25 @@ def test_choices_know_no_units(hertz, few_modes, enriched):
 
 @pytest.mark.parametrize("size", [0.0, 1e-14, 1e-12, 1e-10, -1e-12])
 def test_choices_know_no_round_off(hertz, few_modes, size):
-    """The least important mode of a POD has round-off of answers over its singular value, which is no direction.
+    """The least important mode of a POD has round-off of answers over its singular value, which is
+    no direction.
 
-    Modes with such parts along all functions of the contact have B~ of full rank to 1e-13, and choices were by noise.
+    Modes with such parts along all functions of the contact have B~ of full rank to 1e-13, and
+    choices were by noise.
     """
     basis, sets = few_modes
     movable = hertz.problem.free[:, None]
     # as many columns as rows of B~, most of which do no work on the contact but for the noise
-    still = np.random.default_rng(0).standard_normal((len(basis), len(sets.A_lambda) - basis.shape[1])) * movable
+    still = (
+        np.random.default_rng(0).standard_normal((len(basis), len(sets.A_lambda) - basis.shape[1]))
+        * movable
+    )
     still[np.unique(hertz.problem.contact.indices)] = 0.0
     clean = np.linalg.qr(np.hstack([basis, still]))[0]
     moved = np.random.default_rng(1).standard_normal(clean.shape) * movable
     known, found = (
-        enrich(hertz.problem, one, sets, kappa_max=5.0) for one in (clean, np.linalg.qr(clean + size * moved)[0])
+        enrich(hertz.problem, one, sets, kappa_max=5.0)
+        for one in (clean, np.linalg.qr(clean + size * moved)[0])
     )
     assert found.added.tolist() == known.added.tolist()
     assert found.kappas == pytest.approx(known.kappas, rel=1e-6)
@@ -132,15 +146,26 @@ def test_enriched_model_is_solvable_where_the_plain_one_was_not(hertz, hertz_sna
         hhr.build(hertz, hertz_snapshots, dataclasses.replace(recipe, enrichment=None))
     reduction = hhr.build(hertz, hertz_snapshots, recipe)
     assert len(reduction.offline.enrichment.added) > 0 and reduction.offline.stability.kappa_B <= 10
-    solution, reference = reduction.solve(0.3), hertz.solve(0.3).forces()[reduction.offline.sets.A_lambda]
+    solution, reference = (
+        reduction.solve(0.3),
+        hertz.solve(0.3).forces()[reduction.offline.sets.A_lambda],
+    )
     assert np.linalg.norm(solution.multipliers - reference) < 0.05 * np.linalg.norm(reference)
 
 
 @pytest.fixture(scope="module")
 def pair_and_stop():
-    """Contact of two blocks, and a stop for the same surface, so that each slave node carries two conditions."""
-    slave, master = two_blocks.side(two_blocks.SECOND, 1, False), two_blocks.side(two_blocks.FIRST, 1, True)
-    contacts = (hhr.NodeToNode(slave, master, (0.0, -1.0)), hhr.Obstacle(slave, (0.0, -1.0), -0.985))
+    """Contact of two blocks, and a stop for the same surface, so that each slave node carries two
+    conditions.
+    """
+    slave, master = (
+        two_blocks.side(two_blocks.SECOND, 1, False),
+        two_blocks.side(two_blocks.FIRST, 1, True),
+    )
+    contacts = (
+        hhr.NodeToNode(slave, master, (0.0, -1.0)),
+        hhr.Obstacle(slave, (0.0, -1.0), -0.985),
+    )
     scene = pressed_pair("plane_strain", ((3.0, 0.3), (30.0, 0.2)), contacts=contacts, cells=8)
     training = hhr.train(scene, hhr.Sobol(32))
     return training.full_order, training.build(hhr.Recipe().as_it_is())
@@ -148,7 +173,9 @@ def pair_and_stop():
 
 @needs("shared_nodes")
 def test_twin_conditions_are_both_held_and_clamps_stay(pair_and_stop):
-    """The function of the stop was once taken for the pair too: clamps moved by 4e-4, and rows stayed dependent."""
+    """The function of the stop was once taken for the pair too: clamps moved by 4e-4, and rows
+    stayed dependent.
+    """
     full, model = pair_and_stop
     record = model.offline
     assert math.isfinite(record.stability.kappa_B) and record.stability.kappa_B <= 10
@@ -156,7 +183,9 @@ def test_twin_conditions_are_both_held_and_clamps_stay(pair_and_stop):
     assert record.basis.T @ record.basis == pytest.approx(np.eye(record.basis.shape[1]), abs=1e-12)
     for point in full.parameters.random(20, 1):
         imposed = (full.problem.lifts @ full.problem.theta(point))[~full.problem.free]
-        assert model.solve(point).displacement()[~full.problem.free] == pytest.approx(imposed, abs=0)
+        assert model.solve(point).displacement()[~full.problem.free] == pytest.approx(
+            imposed, abs=0
+        )
 
 
 @needs("differences")
@@ -169,7 +198,10 @@ def test_estimates_are_right_where_conditions_are_twins(pair_and_stop):
 
 
 def test_a_function_in_the_span_is_left_out_and_named(hertz, few_modes):
-    """The basis holds one candidate to the last bit; its length is zero, and round-off of it is no direction."""
+    """The basis holds one candidate to the last bit.
+
+    Its length is zero, and round-off of it is no direction.
+    """
     basis, sets = few_modes
     held = sets.A_lambda[3]
     both = np.hstack([functions_of(hertz.problem, [held]), basis])
@@ -177,7 +209,9 @@ def test_a_function_in_the_span_is_left_out_and_named(hertz, few_modes):
     log = StageLog()
     record_enrichment(enriched, 1.0, log)
     assert list(enriched.left_out) == [held] and held not in enriched.added
-    assert any(str(held) in item["why"] for item in log.skipped if item["stage"] == "enrichment_twins")
+    assert any(
+        str(held) in item["why"] for item in log.skipped if item["stage"] == "enrichment_twins"
+    )
 
 
 def test_a_basis_that_moves_clamps_is_refused(hertz, few_modes):
@@ -210,17 +244,25 @@ def test_pod_leaves_out_less_than_the_tolerance_and_no_mode_too_many(seed, expon
     left_out = np.sum((snapshots - modes @ (modes.T @ snapshots)) ** 2) / np.sum(snapshots**2)
     assert left_out < tolerance * (1 + 1e-6)
     if modes.shape[1] > 1:
-        assert np.sum(values[modes.shape[1] - 1 :] ** 2) / np.sum(values**2) >= tolerance * (1 - 1e-12)
+        assert np.sum(values[modes.shape[1] - 1 :] ** 2) / np.sum(values**2) >= tolerance * (
+            1 - 1e-12
+        )
 
 
 def test_pod_stops_at_the_rank():
     """Duplicated and collinear snapshots: modes of round-off are not modes."""
-    assert pod(np.eye(4)[:, :2] @ [[1.0, 0, 1, 0, 2, 1], [0, 1, 0, 1, 0, 1]], 1e-300)[0].shape[1] == 2
+    assert (
+        pod(np.eye(4)[:, :2] @ [[1.0, 0, 1, 0, 2, 1], [0, 1, 0, 1, 0, 1]], 1e-300)[0].shape[1] == 2
+    )
 
 
 @pytest.mark.parametrize(
     ("snapshots", "message"),
-    [(np.ones((4, 1)), "at least 2"), (np.zeros((4, 3)), "zero"), (np.full((4, 3), np.nan), "finite")],
+    [
+        (np.ones((4, 1)), "at least 2"),
+        (np.zeros((4, 3)), "zero"),
+        (np.full((4, 3), np.nan), "finite"),
+    ],
 )
 def test_pod_refuses_useless_snapshots(snapshots, message):
     with pytest.raises(ReductionError, match=message):

@@ -28,7 +28,11 @@ def packages(requirements):
     return {MODULE.get(name, name) for name in names}
 
 
-OPTIONAL = {name: packages(EXTRAS[name]) for name in EXTRAS if name not in ("all", "solver", "test", "docs", "ci")}
+OPTIONAL = {
+    name: packages(EXTRAS[name])
+    for name in EXTRAS
+    if name not in ("all", "solver", "test", "docs", "ci")
+}
 
 BLOCKED = f"""
 import sys
@@ -87,18 +91,27 @@ OF_PLUGINS = {"local": "local", "mortar": "mortar", "pictures": "checks", "table
 """Extras of plug-ins alone."""
 
 
-@pytest.mark.parametrize("name", [name for name in NEEDED if name not in OF_PLUGINS or present(OF_PLUGINS[name])])
+@pytest.mark.parametrize(
+    "name", [name for name in NEEDED if name not in OF_PLUGINS or present(OF_PLUGINS[name])]
+)
 def test_where_an_extra_is_needed_the_error_names_it(name, tmp_path):
     last = run(NEEDED[name], tmp_path, code=1).stderr.strip().splitlines()[-1]
-    assert last.startswith("hhr_dolfinx.errors.MissingPackageError") and f"pip install hhr_dolfinx[{name}]" in last
+    assert (
+        last.startswith("hhr_dolfinx.errors.MissingPackageError")
+        and f"pip install hhr_dolfinx[{name}]" in last
+    )
     assert any(f"the package {package}" in last for package in OPTIONAL[name])
 
 
 def test_a_missing_package_is_an_error_of_ours_and_an_import_error():
-    with pytest.raises(MissingPackageError, match=r"a dream needs the package no_such_thing.*hhr_dolfinx\[dreams\]"):
+    with pytest.raises(
+        MissingPackageError, match=r"a dream needs the package no_such_thing.*hhr_dolfinx\[dreams\]"
+    ):
         with compat.extra("dreams", "a dream"):
             import no_such_thing  # noqa: F401
-    assert issubclass(MissingPackageError, HHRError) and issubclass(MissingPackageError, ImportError)
+    assert issubclass(MissingPackageError, HHRError) and issubclass(
+        MissingPackageError, ImportError
+    )
 
 
 def test_a_package_that_is_there_and_broken_speaks_for_itself():
@@ -129,7 +142,11 @@ def test_a_read_only_installation_compiles_once(twice, nowhere):
     for hits in (0, 1):
         function = compat.compiled()(twice)
         assert function(2.0) == 4.0 and sum(function.stats.cache_hits.values()) == hits
-    assert list(nowhere.rglob("*.nbc")) and nowhere.stat().st_mode & 0o077 == 0 and config.CACHE_DIR == ""
+    assert (
+        list(nowhere.rglob("*.nbc"))
+        and nowhere.stat().st_mode & 0o077 == 0
+        and config.CACHE_DIR == ""
+    )
 
 
 def test_a_folder_that_others_write_to_is_no_cache(twice, nowhere):
@@ -144,5 +161,9 @@ def test_whoever_waits_for_a_compiler_is_told(twice, nowhere, caplog):
         function = compat.compiled(dear="multiples of two")(twice)
         with caplog.at_level(logging.WARNING):
             assert function(2.0) == 4.0 and function(3) == 6
-        told = [record.message for record in caplog.records if "compiling multiples of two, once" in record.message]
+        told = [
+            record.message
+            for record in caplog.records
+            if "compiling multiples of two, once" in record.message
+        ]
         assert len(told) == said

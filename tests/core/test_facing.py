@@ -1,4 +1,6 @@
-"""What faces what: each pairing in each dimension, of surfaces that are one side or the whole outside of a body."""
+"""What faces what: each pairing in each dimension, of surfaces that are one side or the whole
+outside of a body.
+"""
 
 import itertools
 import warnings
@@ -13,11 +15,15 @@ from hhr_dolfinx.errors import PairingWarning, SceneError
 from hhr_dolfinx.pairings.surface import area_vectors
 
 BULGE = 0.05
-"""Depth of a convex side: its normals turn by 11 degrees at most, so that lengths along them differ by 2 %."""
+"""Depth of a convex side: its normals turn by 11 degrees at most, so that lengths along them differ
+by 2 %.
+"""
 
 
 def box(dim, count, low, *, bulge=0.0, wide=False, triangles=False):
-    """Nodes of a box, one unit or three wide, facets of its sides, and by how much the lower one hangs through."""
+    """Nodes of a box, one unit or three wide, facets of its sides, and by how much the lower one
+    hangs through.
+    """
     long = np.linspace(-1.0, 2.0, 3 * count + 1) if wide else np.linspace(0.0, 1.0, count + 1)
     axes = [long] * (dim - 1) + [np.linspace(0.0, 1.0, count + 1)]
     points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, dim)
@@ -31,7 +37,9 @@ def box(dim, count, low, *, bulge=0.0, wide=False, triangles=False):
             else:
                 corners = [face[:-1, :-1], face[1:, :-1], face[:-1, 1:], face[1:, 1:]]
                 facets = np.stack(corners, -1).reshape(-1, 4)
-                facets = np.vstack([facets[:, [0, 1, 3]], facets[:, [0, 3, 2]]]) if triangles else facets
+                facets = (
+                    np.vstack([facets[:, [0, 1, 3]], facets[:, [0, 3, 2]]]) if triangles else facets
+                )
             sides[axis, place] = facets
     depth = bulge * np.prod(4 * points[:, :-1] * (1 - points[:, :-1]), axis=1)
     # upper nodes stay where they are
@@ -41,7 +49,9 @@ def box(dim, count, low, *, bulge=0.0, wide=False, triangles=False):
 
 
 def pair(dim, count, gap, *, whole, triangles=False, bulge=0.0, wide=False):
-    """A box above another one: surfaces of the upper and of the lower one, all nodes, and gaps of the upper side."""
+    """A box above another one: surfaces of the upper and of the lower one, all nodes, and gaps of
+    the upper side.
+    """
     lower, lower_sides, _ = box(dim, count, 0.0, triangles=triangles, wide=wide)
     upper, upper_sides, depth = box(dim, count, 1.0 + gap + bulge, bulge=bulge, triangles=triangles)
     points = np.vstack([upper, lower])
@@ -49,7 +59,8 @@ def pair(dim, count, gap, *, whole, triangles=False, bulge=0.0, wide=False):
     surfaces = []
     bodies = (upper_sides[names[0]], upper), (lower_sides[names[1]] + len(upper), lower)
     for tag, (facets, own) in enumerate(bodies, 1):
-        # what lies behind the middle of each facet, by a cell; boxes are convex seen from their own middle
+        # what lies behind the middle of each facet, by a cell; boxes are convex seen from their own
+        # middle
         vectors = area_vectors(points[facets])
         normals = vectors / np.linalg.norm(vectors, axis=1)[:, None]
         middles = points[facets].mean(axis=1)
@@ -61,7 +72,10 @@ def pair(dim, count, gap, *, whole, triangles=False, bulge=0.0, wide=False):
 
 def kinds(dim):
     down = -np.eye(dim)[-1]
-    found = {"node to node": hhr.NodeToNode(1, 2, tuple(down)), "obstacle": hhr.Obstacle(1, tuple(down), -1.0)}
+    found = {
+        "node to node": hhr.NodeToNode(1, 2, tuple(down)),
+        "obstacle": hhr.Obstacle(1, tuple(down), -1.0),
+    }
     for name, normal in (("", None), (" along n", tuple(down))):
         if present("nonmatching"):
             found["node to surface" + name] = hhr.NodeToSurface(1, 2, normal)
@@ -74,8 +88,12 @@ def kinds(dim):
 
 def rows_of(pairing, surfaces, points, matching):
     with warnings.catch_warnings():
-        warnings.filterwarnings("error" if matching else "ignore", ".*beyond the edge", PairingWarning)
-        warnings.filterwarnings("ignore", ".*(curved surfaces they stand for|inf-sup)", PairingWarning)
+        warnings.filterwarnings(
+            "error" if matching else "ignore", ".*beyond the edge", PairingWarning
+        )
+        warnings.filterwarnings(
+            "ignore", ".*(curved surfaces they stand for|inf-sup)", PairingWarning
+        )
         return pairing.rows(surfaces[: len(pairing.tags)], points.size)
 
 
@@ -94,12 +112,16 @@ def closes(rows, points, count, within):
 @pytest.mark.parametrize(("dim", "triangles"), CELLS)
 @pytest.mark.parametrize("whole", [False, True])
 def test_each_pairing_finds_the_side_that_faces(name, dim, triangles, whole):
-    """A flat side to round-off; one that hangs through to the 2 % by which lengths along its normals differ."""
+    """A flat side to round-off; one that hangs through to the 2 % by which lengths along its
+    normals differ.
+    """
     pairing, body = kinds(dim)[name], {"whole": whole, "triangles": triangles}
     for count, gap in itertools.product((1, 3), GAPS):
         surfaces, points, gaps = pair(dim, count, gap, **body)
         rows = rows_of(pairing, surfaces, points, matching=True)
-        np.testing.assert_allclose(np.sort(rows.gap), gaps, atol=1e-12, err_msg=f"{count} cells, gap {gap}")
+        np.testing.assert_allclose(
+            np.sort(rows.gap), gaps, atol=1e-12, err_msg=f"{count} cells, gap {gap}"
+        )
         assert rows.areas.sum() == pytest.approx(1.0, abs=1e-12)
         closes(rows, points, (count + 1) ** dim, 1e-12)
     for gap in GAPS:
@@ -116,18 +138,28 @@ def test_each_pairing_finds_the_side_that_faces(name, dim, triangles, whole):
 
 
 def circle(count):
-    """The whole outside of a disc of radius 1 above a line at -1.3, of ``count`` facets, and all nodes."""
+    """The whole outside of a disc of radius 1 above a line at -1.3, of ``count`` facets, and all
+    nodes.
+    """
     angles = 2 * np.pi * (np.arange(count) + 0.5) / count
     line = np.column_stack([np.linspace(-2, 2, count + 1), np.full(count + 1, -1.3)])
     points = np.vstack([np.column_stack([np.cos(angles), np.sin(angles)]), line])
     ring = np.column_stack([np.arange(count), np.roll(np.arange(count), -1)])
     flat = np.column_stack([np.arange(count), np.arange(1, count + 1)]) + count
-    return (make(1, points, ring, points[ring].mean(axis=1) / 2), make(2, points, flat, np.array([0.0, -2.0]))), points
+    return (
+        make(1, points, ring, points[ring].mean(axis=1) / 2),
+        make(2, points, flat, np.array([0.0, -2.0])),
+    ), points
 
 
-@pytest.mark.parametrize("name", [name for name in kinds(2) if name not in ("node to node", "double pass along n")])
+@pytest.mark.parametrize(
+    "name", [name for name in kinds(2) if name not in ("node to node", "double pass along n")]
+)
 def test_a_whole_round_has_conditions_where_it_looks_at_the_other_body(name):
-    """Its lower half, all but 6 degrees; a mortar along its own normals meets the line within 57 degrees of upright."""
+    """Its lower half, all but 6 degrees.
+
+    a mortar along its own normals meets the line within 57 degrees of upright.
+    """
     pairing = kinds(2)[name]
     if name == "obstacle":
         pairing = hhr.Obstacle(1, (0.0, -1.0), 1.3)
@@ -154,12 +186,16 @@ def test_a_surface_that_looks_away_is_refused():
 
 @pytest.mark.parametrize("length", [0.5, 1.0, 2.0, 1e-3])
 def test_an_obstacle_is_the_plane_of_its_equation(length):
-    """The points x of normal·x = offset do not change if both sides are scaled: -2 y = 2e-4 is the floor y = -1e-4."""
+    """The points x of normal·x = offset do not change if both sides are scaled: -2 y = 2e-4 is the
+    floor y = -1e-4.
+    """
     points = np.array([[0.0, 0.0], [1.0, 0.2], [2.0, 0.1]])
     surface = make(1, points, chain(3), np.array([1.0, 1.0]))
     down = np.array([0.3, -1.0])
     scaled = hhr.Obstacle(1, tuple(length * down), length * 0.4).rows([surface], points.size)
     distances = (0.4 - points @ down) / np.linalg.norm(down)
-    assert scaled.gap == pytest.approx(distances[np.searchsorted(surface.nodes, scaled.slaves)], rel=1e-14)
+    assert scaled.gap == pytest.approx(
+        distances[np.searchsorted(surface.nodes, scaled.slaves)], rel=1e-14
+    )
     one = np.asarray(scaled.matrix.multiply(scaled.matrix).sum(axis=1)).ravel()
     assert one == pytest.approx(np.ones(3))

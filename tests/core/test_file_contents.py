@@ -1,8 +1,10 @@
-"""Contents of mesh files: nothing is dropped without a word, and nothing that no scene names refuses the rest.
+"""Contents of mesh files: nothing is dropped without a word, and nothing that no scene names
+refuses the rest.
 
-Most files hold two unit cubes, 0.01 apart, in the way of their format. E = 1000, nu = 0 and closed by 0.02 beyond the
-gap over two unit lengths: the pressure is 10, a closed form, so that tolerances are those of round-off. The last tests
-attack the readers: groups that overlap, shared names, odd decks, sides of hexahedra.
+Most files hold two unit cubes, 0.01 apart, in the way of their format. E = 1000, nu = 0 and closed
+by 0.02 beyond the gap over two unit lengths: the pressure is 10, a closed form, so that tolerances
+are those of round-off. The last tests attack the readers: groups that overlap, shared names, odd
+decks, sides of hexahedra.
 """
 
 import json
@@ -29,7 +31,11 @@ from hhr_dolfinx.compat import linear_mesh, netcdf4, tags_of
 from hhr_dolfinx.errors import FileContentError, SceneError
 from hhr_dolfinx.geometries.mesh_file import summary_of
 
-POINTS = [(float(x), float(y), z) for z in (0.0, 1.0, 1.01, 2.01) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
+POINTS = [
+    (float(x), float(y), z)
+    for z in (0.0, 1.0, 1.01, 2.01)
+    for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))
+]
 CUBES = ((1, 2, 3, 4, 5, 6, 7, 8), (9, 10, 11, 12, 13, 14, 15, 16))
 FACES = {11: (1, 2, 3, 4), 12: (5, 6, 7, 8), 13: (9, 10, 11, 12), 14: (13, 14, 15, 16)}
 NUMBERS = (1, 2, 11, 12, 13, 14)
@@ -37,7 +43,9 @@ NAMES = ("LOWER", "UPPER", "FLOOR", "MASTER", "SLAVE", "LID")
 
 
 def nodes_of_deck(points, first=1):
-    return "*NODE\n" + "".join(f"{k}, {', '.join(map(str, place))}\n" for k, place in enumerate(points, first))
+    return "*NODE\n" + "".join(
+        f"{k}, {', '.join(map(str, place))}\n" for k, place in enumerate(points, first)
+    )
 
 
 DECK = (
@@ -82,32 +90,51 @@ def reasons(path):
 
 EXTRA = {
     "rigid tool": (
-        TOOL + "*ELEMENT, TYPE=R3D4, ELSET=TOOL\n3, 100, 101, 102, 103\n*SURFACE, NAME=S_TOOL\nTOOL, SNEG\n",
+        TOOL
+        + "*ELEMENT, TYPE=R3D4, ELSET=TOOL\n3, 100, 101, 102, 103\n*SURFACE, NAME=S_TOOL\nTOOL, SNEG\n",
         {"TOOL": "1 element of type R3D4", "S_TOOL": "no sides of cells"},
     ),
-    "skin": ("*ELEMENT, TYPE=S4, ELSET=SKIN\n3, 13, 14, 15, 16\n*SURFACE, NAME=S_SKIN\nSKIN, SPOS\n", {}),
-    "shell": (TOOL + "*ELEMENT, TYPE=S4, ELSET=TABLE\n3, 100, 101, 102, 103\n", {"TABLE": "1 element of type S4"}),
+    "skin": (
+        "*ELEMENT, TYPE=S4, ELSET=SKIN\n3, 13, 14, 15, 16\n*SURFACE, NAME=S_SKIN\nSKIN, SPOS\n",
+        {},
+    ),
+    "shell": (
+        TOOL + "*ELEMENT, TYPE=S4, ELSET=TABLE\n3, 100, 101, 102, 103\n",
+        {"TABLE": "1 element of type S4"},
+    ),
     "beam": (
         "*ELEMENT, TYPE=B31, ELSET=ROD\n3, 1, 16\n*SURFACE, NAME=S_ROD\n3, S1\n",
         {"ROD": "1 element of type B31", "S_ROD": "elements of type B31"},
     ),
-    "pipe in no set": ("*ELEMENT, TYPE=PIPE31\n3, 1, 16\n", {"1 element of type PIPE31": "neither cells nor sides"}),
+    "pipe in no set": (
+        "*ELEMENT, TYPE=PIPE31\n3, 1, 16\n",
+        {"1 element of type PIPE31": "neither cells nor sides"},
+    ),
     "glue": (
-        TOOL + nodes_of_deck([(x, y, 9.0) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], 104)
+        TOOL
+        + nodes_of_deck([(x, y, 9.0) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], 104)
         + "*ELEMENT, TYPE=COH3D8, ELSET=GLUE\n3, 100, 101, 102, 103, 104, 105, 106, 107\n",
         {"GLUE": "1 element of type COH3D8"},
     ),
     "analytical": (
-        "*SURFACE, TYPE=CYLINDER, NAME=RIGID\nSTART, 0., 0.\nLINE, 1., 0.\n", {"RIGID": "TYPE=CYLINDER are not read"}
+        "*SURFACE, TYPE=CYLINDER, NAME=RIGID\nSTART, 0., 0.\nLINE, 1., 0.\n",
+        {"RIGID": "TYPE=CYLINDER are not read"},
     ),
     "union": ("*SURFACE, NAME=BOTH, COMBINE=UNION\nMASTER, SLAVE\n", {}),
-    "difference": ("*SURFACE, NAME=LESS, COMBINE=DIFFERENCE\nMASTER, SLAVE\n", {"LESS": "COMBINE=DIFFERENCE"}),
-    "nothing there": ("*SURFACE, NAME=LOST\nNOWHERE, S1\n", {"LOST": "'NOWHERE' has no cells of the mesh"}),
+    "difference": (
+        "*SURFACE, NAME=LESS, COMBINE=DIFFERENCE\nMASTER, SLAVE\n",
+        {"LESS": "COMBINE=DIFFERENCE"},
+    ),
+    "nothing there": (
+        "*SURFACE, NAME=LOST\nNOWHERE, S1\n",
+        {"LOST": "'NOWHERE' has no cells of the mesh"},
+    ),
     "wedge": (
-        nodes_of_deck(WEDGE, 100) + "*ELEMENT, TYPE=C3D6, ELSET=OTHER\n3, 100, 101, 102, 103, 104, 105\n",
+        nodes_of_deck(WEDGE, 100)
+        + "*ELEMENT, TYPE=C3D6, ELSET=OTHER\n3, 100, 101, 102, 103, 104, 105\n",
         {"OTHER": "1 prism in it", "1 prism": "not supported"},
     ),
-}  # fmt: skip
+}
 
 
 @needs("nonmatching")
@@ -123,7 +150,9 @@ def test_what_no_scene_names_does_not_refuse_a_deck(what, tmp_path):
 def test_surfaces_of_skins_unions_and_whole_outsides(tmp_path):
     text = DECK + EXTRA["skin"][0] + EXTRA["union"][0] + "*SURFACE, NAME=OUTSIDE\nUPPER,\n"
     surfaces = hhr.MeshFile(written(tmp_path / "blocks.inp", text)).read().surfaces
-    facets = {name: {frozenset((own + 1).tolist()) for own in rows} for name, rows in surfaces.items()}
+    facets = {
+        name: {frozenset((own + 1).tolist()) for own in rows} for name, rows in surfaces.items()
+    }
     assert facets["S_SKIN"] == facets["SKIN"] == {frozenset(FACES[14])}
     assert facets["BOTH"] == {frozenset(FACES[12]), frozenset(FACES[13])}
     assert len(facets["OUTSIDE"]) == 6 and frozenset(FACES[13]) in facets["OUTSIDE"]
@@ -141,37 +170,63 @@ def test_sets_that_overlap_are_surfaces_and_bodies(tmp_path):
 
 
 def test_a_wedge_that_touches_a_hexahedron_is_no_body_of_its_own(tmp_path):
-    nodes, wedge = nodes_of_deck([(0.5, 2, 2.01), (0.5, 2, 1.01)], 100), "3, 15, 16, 100, 11, 12, 101\n"
-    path = written(tmp_path / "mixed.inp", f"{DECK}{nodes}*ELEMENT, TYPE=C3D6, ELSET=UPPER\n{wedge}")
+    nodes, wedge = (
+        nodes_of_deck([(0.5, 2, 2.01), (0.5, 2, 1.01)], 100),
+        "3, 15, 16, 100, 11, 12, 101\n",
+    )
+    path = written(
+        tmp_path / "mixed.inp", f"{DECK}{nodes}*ELEMENT, TYPE=C3D6, ELSET=UPPER\n{wedge}"
+    )
     with pytest.raises(FileContentError, match="mixes hexahedra and prisms"):
         hhr.MeshFile(path).read()
 
 
 OTHERS = {
-    "wedge": ([(x, y, z) for z in (5.0, 6.0) for x, y in ((0, 0), (1, 0), (0, 1))], "C3D6", "WEDGE6", "prism"),
+    "wedge": (
+        [(x, y, z) for z in (5.0, 6.0) for x, y in ((0, 0), (1, 0), (0, 1))],
+        "C3D6",
+        "WEDGE6",
+        "prism",
+    ),
     "tetra": ([(0, 0, 5.0), (1, 0, 5.0), (0, 1, 5.0), (0, 0, 6.0)], "C3D4", "TET4", "tetrahedron"),
 }
 
 
 def with_another_kind(path, what):
-    """The two cubes and a cell of another kind above them; number 3 and the name OTHER, and part of EVERY."""
+    """The two cubes and a cell of another kind above them.
+
+    Number 3 and the name OTHER, and part of EVERY.
+    """
     places, of_deck, of_exodus, _ = OTHERS[what]
     points = [*POINTS, *places]
     other = [*range(17, len(points) + 1)]
     if path.suffix == ".inp":
         element = f"*ELEMENT, TYPE={of_deck}, ELSET=OTHER\n3, {', '.join(map(str, other))}\n"
-        return written(path, f"{DECK}{nodes_of_deck(places, 17)}{element}*ELSET, ELSET=EVERY\nLOWER, UPPER, OTHER\n")
+        return written(
+            path,
+            f"{DECK}{nodes_of_deck(places, 17)}{element}*ELSET, ELSET=EVERY\nLOWER, UPPER, OTHER\n",
+        )
     if path.suffix == ".e":
-        blocks = {k: ("HEX8", [cube]) for k, cube in enumerate(CUBES, 1)} | {3: (of_exodus, [other])}
+        blocks = {k: ("HEX8", [cube]) for k, cube in enumerate(CUBES, 1)} | {
+            3: (of_exodus, [other])
+        }
         blocks |= {n: ("QUAD4", [face]) for n, face in FACES.items()}
         names = dict(zip((1, 2, 3, *FACES), ("LOWER", "UPPER", "OTHER", *NAMES[2:]), strict=True))
         return write_exodus(path, points, blocks, names=names)
     cells = [("hexahedron", np.array(CUBES) - 1), ("quad", np.array([*FACES.values()]) - 1)]
     cells += [(what, np.array([other]) - 1)]
     numbers = [np.array([1, 2]), np.array([*FACES]), np.array([3])]
-    data = {"gmsh:physical": numbers, "gmsh:geometrical": numbers} if path.suffix == ".msh" else {"part": numbers}
-    names = dict(zip(NAMES, [(1, 3), (2, 3), *((n, 2) for n in FACES)], strict=True)) | {"OTHER": (3, 3)}
-    fields = {name: np.array(group) for name, group in names.items()} if path.suffix == ".msh" else {}
+    data = (
+        {"gmsh:physical": numbers, "gmsh:geometrical": numbers}
+        if path.suffix == ".msh"
+        else {"part": numbers}
+    )
+    names = dict(zip(NAMES, [(1, 3), (2, 3), *((n, 2) for n in FACES)], strict=True)) | {
+        "OTHER": (3, 3)
+    }
+    fields = (
+        {name: np.array(group) for name, group in names.items()} if path.suffix == ".msh" else {}
+    )
     meshio.write(path, meshio.Mesh(np.array(points), cells, cell_data=data, field_data=fields),
                  {"old.msh": "gmsh22"}.get(path.name))  # fmt: skip
     return path
@@ -181,7 +236,9 @@ def with_another_kind(path, what):
 @pytest.mark.parametrize("name", ["c.inp", "c.e", "old.msh", "new.msh", "c.vtu"])
 @pytest.mark.parametrize("what", OTHERS)
 def test_a_body_of_another_kind_of_cells_is_left_out_by_name(what, name, tmp_path):
-    """The rest is answered; a scene that names the body, or a set with part of it, is refused with the reason."""
+    """The rest is answered; a scene that names the body, or a set with part of it, is refused with
+    the reason.
+    """
     if name == "new.msh":  # meshio writes no entities of version 4
         gmsh.initialize()
         gmsh.option.setNumber("General.Terminal", 0)
@@ -198,14 +255,18 @@ def test_a_body_of_another_kind_of_cells_is_left_out_by_name(what, name, tmp_pat
         with pytest.raises(SceneError) as found:
             pressure(path, (tag, None, *(NUMBERS if numbers else NAMES)[2:]))
         kind = OTHERS[what][-1]
-        assert f"{tag!r} is in the file: 1 {kind} in it, and a mesh has cells of one kind" in str(found.value)
+        assert f"{tag!r} is in the file: 1 {kind} in it, and a mesh has cells of one kind" in str(
+            found.value
+        )
     assert any(f"1 {OTHERS[what][-1]}" in str(key) for key in reasons(path))
 
 
 @needs("nonmatching")
 def test_an_element_ends_when_it_has_its_nodes(tmp_path):
     """And goes on where it has not; a deck is read by its content, whatever its ending."""
-    path = written(tmp_path / "commas.inp", re.sub(r"^(\d+(?:, \d+){8})$", r"\1,", DECK, flags=re.MULTILINE))
+    path = written(
+        tmp_path / "commas.inp", re.sub(r"^(\d+(?:, \d+){8})$", r"\1,", DECK, flags=re.MULTILINE)
+    )
     assert path.read_text().count("8,\n") == 1
     assert pressure(path, NAMES) == pytest.approx(10.0, rel=1e-9)
     path = written(tmp_path / "cgx.msh", DECK.replace("1, 1, 2, 3, 4, 5", "1, 1, 2, 3, 4,\n5"))
@@ -215,18 +276,27 @@ def test_an_element_ends_when_it_has_its_nodes(tmp_path):
 
 def nastran():
     rows = ["BEGIN BULK"]
-    rows += [f"GRID    {k:<8d}        {x:<8.4f}{y:<8.4f}{z:<8.4f}" for k, (x, y, z) in enumerate(POINTS, 1)]
+    rows += [
+        f"GRID    {k:<8d}        {x:<8.4f}{y:<8.4f}{z:<8.4f}"
+        for k, (x, y, z) in enumerate(POINTS, 1)
+    ]
     for k, cube in enumerate(CUBES, 1):
         words = "".join(f"{n:<8d}" for n in cube)
         rows += [f"CHEXA   {k:<8d}{k:<8d}{words[:48]}+", f"+       {words[48:]}"]
-    rows += [f"CQUAD4  {n:<8d}{n:<8d}" + "".join(f"{k:<8d}" for k in face) for n, face in FACES.items()]
+    rows += [
+        f"CQUAD4  {n:<8d}{n:<8d}" + "".join(f"{k:<8d}" for k in face) for n, face in FACES.items()
+    ]
     return "\n".join([*rows, "ENDDATA", ""])
 
 
 def by_meshio(path, **arrays):
     blocks = [("hexahedron", np.array(CUBES) - 1), ("quad", np.array([*FACES.values()]) - 1)]
     data = {name: [np.array(values[:2]), np.array(values[2:])] for name, values in arrays.items()}
-    meshio.write(path, meshio.Mesh(np.array(POINTS), blocks, cell_data=data), {".msh": "gmsh22"}.get(path.suffix))
+    meshio.write(
+        path,
+        meshio.Mesh(np.array(POINTS), blocks, cell_data=data),
+        {".msh": "gmsh22"}.get(path.suffix),
+    )
     return path
 
 
@@ -240,7 +310,13 @@ def unv(data_set):
     for n, face in FACES.items():
         rows += [f"{n:10d}{44:10d}{1:10d}{1:10d}{7:10d}{4:10d}", "".join(f"{k:10d}" for k in face)]
     rows += ["    -1", "    -1", f"  {data_set}"]
-    groups = {"LOWER": [(8, 1)], "UPPER": [(8, 2)], "FLOOR": [(8, 11)], "MASTER": [(8, 12)], "SLAVE": [(8, 13)]}
+    groups = {
+        "LOWER": [(8, 1)],
+        "UPPER": [(8, 2)],
+        "FLOOR": [(8, 11)],
+        "MASTER": [(8, 12)],
+        "SLAVE": [(8, 13)],
+    }
     groups["LID"] = [(7, k) for k in FACES[14]]  # of nodes
     for number, (name, members) in enumerate(groups.items(), 1):
         rows += [f"{number:10d}" + f"{0:10d}" * 6 + f"{len(members):10d}", name]
@@ -254,7 +330,11 @@ def su2():
     rows += ["12 " + " ".join(str(k - 1) for k in cube) for cube in CUBES]
     rows += [f"NPOIN= {len(POINTS)}", *(f"{x} {y} {z}" for x, y, z in POINTS), "NMARK= 4"]
     for name, face in zip(NAMES[2:], FACES.values(), strict=True):
-        rows += [f"MARKER_TAG= {name}", "MARKER_ELEMS= 1", "9 " + " ".join(str(k - 1) for k in face)]
+        rows += [
+            f"MARKER_TAG= {name}",
+            "MARKER_ELEMS= 1",
+            "9 " + " ".join(str(k - 1) for k in face),
+        ]
     return "\n".join([*rows, ""])
 
 
@@ -276,19 +356,27 @@ MARKERS = {
 @pytest.mark.parametrize(
     "what",
     [
-        pytest.param(what, marks=needs("mesh_formats") if held[0].endswith((".unv", ".bdf")) else ())
+        pytest.param(
+            what, marks=needs("mesh_formats") if held[0].endswith((".unv", ".bdf")) else ()
+        )
         for what, held in MARKERS.items()
     ],
 )
 def test_numbers_and_names_of_a_file_are_there(what, tmp_path):
     name, held, names = MARKERS[what]
-    path = written(tmp_path / name, held) if isinstance(held, str) else by_meshio(tmp_path / name, **held)
+    path = (
+        written(tmp_path / name, held)
+        if isinstance(held, str)
+        else by_meshio(tmp_path / name, **held)
+    )
     assert pressure(path, names) == pytest.approx(10.0, rel=1e-9)
 
 
 @needs("nonmatching")
 def test_numbers_that_several_arrays_have_are_named_by_their_array(tmp_path):
-    with pytest.raises(SceneError, match=r"1 is in the file: is in several arrays: name it 'rank:1' or 'marker:1'"):
+    with pytest.raises(
+        SceneError, match=r"1 is in the file: is in several arrays: name it 'rank:1' or 'marker:1'"
+    ):
         pressure(by_meshio(tmp_path / "c.vtu", **TWO_ARRAYS))
 
 
@@ -306,7 +394,9 @@ def test_groups_of_lines_and_points_of_gmsh_are_sets_of_nodes(tmp_path):
         gmsh.write(str(tmp_path / "lines.msh"))
         found = hhr.MeshFile(tmp_path / "lines.msh").read()
         edge, pin = (found.points[found.nodes[name]] for name in ("edge", "pin"))
-        assert edge == pytest.approx(np.array([[0, 0, 1], [0, 0, 0]])) and pin == pytest.approx(np.array([[0, 1, 1]]))
+        assert edge == pytest.approx(np.array([[0, 0, 1], [0, 0, 0]])) and pin == pytest.approx(
+            np.array([[0, 1, 1]])
+        )
     gmsh.finalize()
 
 
@@ -356,7 +446,10 @@ def compressed(folder):
             old.set_auto_mask(False)
             for k, place in enumerate(re.findall(r"cubes.h5:(\S+?)<", text)):
                 values = old[place][:]
-                axes = [new.createDimension(f"axis{k}{n}", size).name for n, size in enumerate(values.shape)]
+                axes = [
+                    new.createDimension(f"axis{k}{n}", size).name
+                    for n, size in enumerate(values.shape)
+                ]
                 new.createVariable(place, values.dtype, axes, zlib=True)[:] = values
     path.write_text(text.replace("cubes.h5", "gz.h5"))
     path.with_suffix(".h5").unlink()
@@ -364,8 +457,12 @@ def compressed(folder):
 
 
 def mixed_in_xml(folder):
-    """All elements in one grid, as meshio writes several kinds: 9 is a hexahedron and 5 a quadrilateral."""
-    cells = [(9, *(k - 1 for k in cube)) for cube in CUBES] + [(5, *(k - 1 for k in face)) for face in FACES.values()]
+    """All elements in one grid, as meshio writes several kinds: 9 is a hexahedron and 5 a
+    quadrilateral.
+    """
+    cells = [(9, *(k - 1 for k in cube)) for cube in CUBES] + [
+        (5, *(k - 1 for k in face)) for face in FACES.values()
+    ]
 
     def item(kind, shape, values):
         numbers = " ".join(str(value) for row in values for value in np.atleast_1d(row))
@@ -373,11 +470,15 @@ def mixed_in_xml(folder):
 
     (folder / "m.xdmf").write_text(
         '<Xdmf Version="3.0"><Domain><Grid Name="Grid"><Geometry GeometryType="XYZ">'
-        + item("Float", "16 3", POINTS) + '</Geometry><Topology TopologyType="Mixed" NumberOfElements="6">'
-        + item("Int", str(sum(map(len, cells))), cells) + "</Topology>"
-        + '<Attribute Name="tag" AttributeType="Scalar" Center="Cell">' + item("Int", "6", NUMBERS) + "</Attribute>"
+        + item("Float", "16 3", POINTS)
+        + '</Geometry><Topology TopologyType="Mixed" NumberOfElements="6">'
+        + item("Int", str(sum(map(len, cells))), cells)
+        + "</Topology>"
+        + '<Attribute Name="tag" AttributeType="Scalar" Center="Cell">'
+        + item("Int", "6", NUMBERS)
+        + "</Attribute>"
         + "</Grid></Domain></Xdmf>"
-    )  # fmt: skip
+    )
     return folder / "m.xdmf"
 
 
@@ -402,7 +503,10 @@ def test_xdmf_of_others(what, tmp_path):
 def test_xdmf_without_its_numbers(tmp_path):
     path = by_dolfinx(tmp_path)
     path.with_suffix(".h5").unlink()
-    with pytest.raises(FileContentError, match=r"keeps its numbers in cubes\.h5, which is not in .*put it there too"):
+    with pytest.raises(
+        FileContentError,
+        match=r"keeps its numbers in cubes\.h5, which is not in .*put it there too",
+    ):
         hhr.MeshFile(path)(MPI.COMM_SELF)
 
 
@@ -411,7 +515,10 @@ def test_packed_and_odd_items_of_xdmf_are_refused(tmp_path):
     text = path.read_text()
     for more, why in (('Compression="Zlib"', "Zlib"), ('ItemType="HyperSlab"', "HyperSlab")):
         path.write_text(text.replace("<DataItem", f"<DataItem {more}", 1))
-        with pytest.raises(FileContentError, match=f"DataItem of type {why}, which is not understood: write the mesh"):
+        with pytest.raises(
+            FileContentError,
+            match=f"DataItem of type {why}, which is not understood: write the mesh",
+        ):
             hhr.MeshFile(path).read()
 
 
@@ -429,20 +536,43 @@ def test_blocks_of_faces_and_lines_of_exodus(kind, tmp_path):
 
 EDGES = {
     "C3D10": ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
-    "C3D20": ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)),
+    "C3D20": (
+        (0, 1),
+        (1, 2),
+        (2, 3),
+        (3, 0),
+        (4, 5),
+        (5, 6),
+        (6, 7),
+        (7, 4),
+        (0, 4),
+        (1, 5),
+        (2, 6),
+        (3, 7),
+    ),
     "CPE6": ((0, 1), (1, 2), (2, 0)),
 }
 SQUARE = ((0, 0), (1, 0), (1, 1), (0, 1))
 CELLS = {
     "CPE6": ([[(0, 0), (1, 0), (1, 1)], [(0, 0), (1, 1), (0, 1)]], ("1, S1", "2, S2")),
-    "C3D10": ([[(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], [(0, 0, 0), (0, 1, 0), (1, 0, 0), (0, 0, -1)]],
-              ("2, S3", "1, S3")),
-    "C3D20": ([[(x, y, z + w) for w in (0, 1) for x, y in SQUARE] for z in (0, 1)], ("1, S1", "2, S2")),
-}  # fmt: skip
+    "C3D10": (
+        [
+            [(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)],
+            [(0, 0, 0), (0, 1, 0), (1, 0, 0), (0, 0, -1)],
+        ],
+        ("2, S3", "1, S3"),
+    ),
+    "C3D20": (
+        [[(x, y, z + w) for w in (0, 1) for x, y in SQUARE] for z in (0, 1)],
+        ("1, S1", "2, S2"),
+    ),
+}
 
 
 def bar(path, kind, shared, off=0.0):
-    """Two cells of second order, whose common sides have one node, or one for each cell, ``off`` apart."""
+    """Two cells of second order, whose common sides have one node, or one for each cell, ``off``
+    apart.
+    """
     cells, (foot, top) = CELLS[kind]
     number, places, rows = {}, [], []
 
@@ -462,7 +592,11 @@ def bar(path, kind, shared, off=0.0):
         rows.append(row)
     text = nodes_of_deck(places) + f"*ELEMENT, TYPE={kind}, ELSET=BAR\n"
     for k, row in enumerate(rows, 1):
-        text += f"{k}, " + ",\n".join(", ".join(map(str, row[i : i + 12])) for i in range(0, len(row), 12)) + "\n"
+        text += (
+            f"{k}, "
+            + ",\n".join(", ".join(map(str, row[i : i + 12])) for i in range(0, len(row), 12))
+            + "\n"
+        )
     path.write_text(text + f"*SURFACE, NAME=FOOT\n{foot}\n*SURFACE, NAME=TOP\n{top}\n")
     return path
 
@@ -476,16 +610,23 @@ def pulled(path, dim):
         hypothesis="plane_strain" if dim == 2 else "solid",
         bodies=(hhr.Body("BAR", young=1e3, poisson=0.0),),
         contacts=(hhr.Obstacle("TOP", normal=up, offset=9.0),),
-        displacements=(*hhr.Displacement.clamp("FOOT", dim), *hhr.Displacement.clamp("TOP", dim - 1)),
+        displacements=(
+            *hhr.Displacement.clamp("FOOT", dim),
+            *hhr.Displacement.clamp("TOP", dim - 1),
+        ),
         loads=(hhr.Traction("TOP", up, slope("pull")),),
     )
-    return np.abs(hhr.FullOrderModel(scene, MPI.COMM_SELF).solve({"pull": 5.0}).displacement()).max()
+    return np.abs(
+        hhr.FullOrderModel(scene, MPI.COMM_SELF).solve({"pull": 5.0}).displacement()
+    ).max()
 
 
 @pytest.mark.parametrize(("kind", "count"), [("CPE6", 1), ("C3D10", 3), ("C3D20", 4)])
 def test_common_sides_with_nodes_at_two_places_are_named(kind, count, tmp_path):
     path = bar(tmp_path / "two.inp", kind, shared=False, off=1e-3)
-    with pytest.raises(FileContentError, match=rf"^{count} sides? of .*side from \[.*do not meet there"):
+    with pytest.raises(
+        FileContentError, match=rf"^{count} sides? of .*side from \[.*do not meet there"
+    ):
         hhr.MeshFile(path)(MPI.COMM_SELF)
 
 
@@ -494,24 +635,44 @@ def test_nodes_in_the_middle_of_a_common_side_are_one_where_they_coincide(kind, 
     """As in the mesh in which they are shared; of the bar of two bricks p h / E = 5 * 2 / 1000."""
     dim = 2 if kind == "CPE6" else 3
     right, own = (pulled(bar(tmp_path / "bar.inp", kind, shared), dim) for shared in (True, False))
-    assert own == pytest.approx(right, rel=1e-9) and (kind != "C3D20" or own == pytest.approx(0.01, rel=1e-9))
+    assert own == pytest.approx(right, rel=1e-9) and (
+        kind != "C3D20" or own == pytest.approx(0.01, rel=1e-9)
+    )
 
 
 def test_a_node_of_a_side_that_is_a_corner_is_refused_before_dolfinx_sees_it(tmp_path):
-    places = [(0, 0), (2, 0), (0, 2), (1, 0), (1, 1), (0, 1), (1, -1), (0.5, 0), (1, -0.5), (0.5, -0.5)]
+    places = [
+        (0, 0),
+        (2, 0),
+        (0, 2),
+        (1, 0),
+        (1, 1),
+        (0, 1),
+        (1, -1),
+        (0.5, 0),
+        (1, -0.5),
+        (0.5, -0.5),
+    ]
     cells = "*ELEMENT, TYPE=CPE6, ELSET=A\n1, 1, 2, 3, 4, 5, 6\n2, 1, 7, 4, 10, 9, 8\n"
-    with pytest.raises(FileContentError, match="that is that of another side or a corner of a cell"):
+    with pytest.raises(
+        FileContentError, match="that is that of another side or a corner of a cell"
+    ):
         hhr.MeshFile(written(tmp_path / "lame.inp", nodes_of_deck(places) + cells))(MPI.COMM_SELF)
 
 
 @pytest.fixture
 def beam(tmp_path):
-    return written(tmp_path / "beam.inp", DECK + "*NSET, NSET=EDGE\n1, 2\n*NSET, NSET=PIN\n1\n" + EXTRA["shell"][0])
+    return written(
+        tmp_path / "beam.inp",
+        DECK + "*NSET, NSET=EDGE\n1, 2\n*NSET, NSET=PIN\n1\n" + EXTRA["shell"][0],
+    )
 
 
 def test_a_summary_of_a_file(beam):
     text = summary_of(hhr.MeshFile(beam).read(), beam, scale=2.0).text()
-    assert text.startswith("beam.inp: 16 nodes, 2 hexahedra of first order, x 0 to 2, y 0 to 2, z 0 to 4.02\n")
+    assert text.startswith(
+        "beam.inp: 16 nodes, 2 hexahedra of first order, x 0 to 2, y 0 to 2, z 0 to 4.02\n"
+    )
     assert "    UPPER  1 cell, x 0 to 2, y 0 to 2, z 2.02 to 4.02\n" in text
     assert "    SLAVE   1 facet, x 0 to 2, y 0 to 2, z = 2.02\n" in text
     assert "    EDGE  2 nodes, x 0 to 2, y = 0, z = 0\n" in text
@@ -522,7 +683,9 @@ def test_a_number_of_a_named_set_stands_after_its_name(beam):
     """As in files of gmsh; a number of other cells, and two names of one set, have a line each."""
     raw = hhr.MeshFile(beam).read()
     upper = raw.bodies["UPPER"]
-    lines = summary_of(replace(raw, bodies={7: upper, "UPPER": upper, "TOP": upper, 8: raw.bodies["LOWER"]}), beam)
+    lines = summary_of(
+        replace(raw, bodies={7: upper, "UPPER": upper, "TOP": upper, 8: raw.bodies["LOWER"]}), beam
+    )
     assert [name for name, _ in lines.parts["bodies"]] == ["UPPER (7)", "TOP (7)", "8"]
 
 
@@ -551,7 +714,11 @@ def test_checks_of_a_scene_and_of_a_file_name_what_is_left_out(beam, tmp_path, m
 
     from hhr_dolfinx.plugins.checks.check import check_scene
 
-    notes = [finding.text for finding in check_scene(two_cubes(beam, NAMES)).findings if finding.level == "note"]
+    notes = [
+        finding.text
+        for finding in check_scene(two_cubes(beam, NAMES)).findings
+        if finding.level == "note"
+    ]
     assert any("TABLE: 1 element of type S4" in text for text in notes)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "folder").mkdir()
@@ -566,7 +733,9 @@ def test_checks_of_a_scene_and_of_a_file_name_what_is_left_out(beam, tmp_path, m
 
 @needs("checks", "nonmatching")
 def test_gaps_of_a_look_are_those_that_are_drawn(tmp_path):
-    """Where moduli vary, imposed displacements had closed them already: -0.015 for a mesh that is drawn with 0.01."""
+    """Where moduli vary, imposed displacements had closed them already: -0.015 for a mesh that is
+    drawn with 0.01.
+    """
     from hhr_dolfinx.plugins.checks.check import check_scene
 
     scene = two_cubes(written(tmp_path / "blocks.inp", DECK), NAMES)
@@ -585,17 +754,23 @@ def test_gaps_of_a_look_are_those_that_are_drawn(tmp_path):
 
 
 def size_of(found, name, dim, density=1.0):
-    """Length, area or volume of what a name stands for, or the integral of a density over it, on all ranks."""
+    """Length, area or volume of what a name stands for, or the integral of a density over it, on
+    all ranks.
+    """
     mesh, cells, facets = found
     (numbers,) = [own for key, (of, own) in found.physical_groups if key == name and of == dim]
     measure, tags = (ufl.dx, cells) if dim == mesh.topology.dim else (ufl.ds, facets)
-    form = fem.form(density * fem.Constant(mesh, 1.0) * measure(subdomain_data=tags)(tuple(numbers)))
+    form = fem.form(
+        density * fem.Constant(mesh, 1.0) * measure(subdomain_data=tags)(tuple(numbers))
+    )
     return mesh.comm.allreduce(fem.assemble_scalar(form))
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Two rectangles in every format of gmsh, with overlapping groups, and a name that a body and a line share."""
+    """Two rectangles in every format of gmsh, with overlapping groups, and a name that a body and a
+    line share.
+    """
     path = tmp_path_factory.mktemp("meshes")
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
@@ -623,7 +798,10 @@ def folder(tmp_path_factory):
     "name",
     [
         *(f"{v}_{b}.msh" for v in (2.2, 4.1) for b in (0, 1)),
-        *(pytest.param(name, marks=(needs_med, needs("mesh_formats"))) for name in ("flat.med", "flat.mmed")),
+        *(
+            pytest.param(name, marks=(needs_med, needs("mesh_formats")))
+            for name in ("flat.med", "flat.mmed")
+        ),
         "flat.inp",
     ],
 )
@@ -631,7 +809,14 @@ def test_groups_of_gmsh_that_overlap_or_share_a_name(name, folder):
     found = hhr.MeshFile(folder / name)(MPI.COMM_SELF)
     assert found[0].topology.index_map(2).size_local == 44
     body = "a_b" if name.endswith("inp") else "a b"
-    wanted = [(body, 2, 2), ("upper", 2, 2), ("both", 2, 4), ("corner", 1, 3), ("upper", 1, 3), ("right", 1, 1)]
+    wanted = [
+        (body, 2, 2),
+        ("upper", 2, 2),
+        ("both", 2, 4),
+        ("corner", 1, 3),
+        ("upper", 1, 3),
+        ("right", 1, 1),
+    ]
     # numbers are as good as names, of lines that are in several groups too
     wanted += [(77, 1, 2), (78, 1, 3)] if name.endswith("msh") else []
     for key, dim, size in wanted:
@@ -689,13 +874,19 @@ def test_a_deck_with_every_oddity(tmp_path):
 @pytest.mark.parametrize(("kind", "count"), [("COH2D4", 4), ("AC3D8", 8), ("CCL12", 6)])
 def test_elements_that_are_no_solids_are_refused_by_name(kind, count, tmp_path):
     nodes = nodes_of_deck([(n % 2, n // 2 % 2, n // 4) for n in range(count)], 0)
-    path = written(tmp_path / "d.inp", f"{nodes}*ELEMENT, TYPE={kind}\n1, {', '.join(map(str, range(count)))}\n")
+    path = written(
+        tmp_path / "d.inp",
+        f"{nodes}*ELEMENT, TYPE={kind}\n1, {', '.join(map(str, range(count)))}\n",
+    )
     with pytest.raises(FileContentError, match=kind):
         hhr.MeshFile(path)(MPI.COMM_SELF)
 
 
 def test_sides_of_hexahedra_of_exodus(tmp_path):
-    """By the manual: -y, +x, +y, -x, -z, +z, and a set that is empty; areas and the normals that point out."""
+    """By the manual: -y, +x, +y, -x, -z, +z, and a set that is empty.
+
+    Areas and the normals that point out.
+    """
     corners, lengths = [(0, 0), (1, 0), (1, 1), (0, 1)], np.array([1.0, 2.0, 4.0])
     points = [(*corner, z) for z in (0, 1) for corner in corners] * lengths
     sides = {10 + k: [(1, k)] for k in range(1, 7)} | {17: None}
@@ -720,7 +911,9 @@ def print_sizes(*paths):
     sizes = {}
     for path in paths:
         found = hhr.MeshFile(path)(MPI.COMM_WORLD)
-        sizes |= {path + str(key): size_of(found, key, dim) for key, (dim, _) in found.physical_groups}
+        sizes |= {
+            path + str(key): size_of(found, key, dim) for key, (dim, _) in found.physical_groups
+        }
     if MPI.COMM_WORLD.rank == 0:
         print(json.dumps(sizes))
 
@@ -728,6 +921,9 @@ def print_sizes(*paths):
 @needs("ranks")
 def test_ranks_have_the_same_surfaces(folder):
     paths = [str(folder / name) for name in ("2.2_1.msh", "flat.inp")]
-    program = f"import sys; sys.path[:0] = {SCENE_FOLDERS!r}; import test_file_contents as t; t.print_sizes(*{paths!r})"
+    program = (
+        f"import sys; sys.path[:0] = {SCENE_FOLDERS!r}; import test_file_contents as t; "
+        f"t.print_sizes(*{paths!r})"
+    )
     one, three = (json.loads(launch(n, ["-c", program]).splitlines()[-1]) for n in (1, 3))
     assert three == pytest.approx(one, rel=1e-12)

@@ -1,4 +1,7 @@
-"""Files: whole or not there, no leftovers, errors that name the file; snapshots and tables that are read back."""
+"""Files: whole or not there, no leftovers, errors that name the file.
+
+Snapshots and tables that are read back.
+"""
 
 import csv
 import dataclasses
@@ -68,19 +71,27 @@ WRITERS |= {"answers.csv": write_an_answer} if present("tables") else {}
 
 
 @pytest.mark.parametrize("name", WRITERS)
-@pytest.mark.parametrize("number, remedy", [(errno.ENOSPC, "free some space"), (errno.EROFS, "you may write to")])
-def test_a_failed_write_leaves_the_old_file(name, number, remedy, small_reduction, tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    "number, remedy", [(errno.ENOSPC, "free some space"), (errno.EROFS, "you may write to")]
+)
+def test_a_failed_write_leaves_the_old_file(
+    name, number, remedy, small_reduction, tmp_path, monkeypatch
+):
     """And says what to do."""
     (tmp_path / name).write_text("old")
     monkeypatch.setattr(os, "fsync", Mock(side_effect=OSError(number, os.strerror(number))))
-    with pytest.raises(FileError, match=rf"{name} cannot be written \({os.strerror(number)}\): .*{remedy}") as caught:
+    with pytest.raises(
+        FileError, match=rf"{name} cannot be written \({os.strerror(number)}\): .*{remedy}"
+    ) as caught:
         WRITERS[name](tmp_path, small_reduction)
     assert isinstance(caught.value, OSError)
     assert (tmp_path / name).read_text() == "old" and os.listdir(tmp_path) == [name]
 
 
 def test_a_disk_that_is_full(small_reduction, tmp_path):
-    """A limit on the size of files stands for the disk: the system refuses in the middle of an array."""
+    """A limit on the size of files stands for the disk: the system refuses in the middle of an
+    array.
+    """
     hhr.save_model(tmp_path / "model.npz", small_reduction)
     before = (tmp_path / "model.npz").read_bytes()
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -98,7 +109,9 @@ def test_a_disk_that_is_full(small_reduction, tmp_path):
 @pytest.mark.parametrize("name", WRITERS)
 def test_a_file_in_the_place_of_a_folder(name, small_reduction, tmp_path):
     (tmp_path / "out").write_text("a file")
-    with pytest.raises(FileError, match=r"out cannot be made .*a file stands where a folder is needed"):
+    with pytest.raises(
+        FileError, match=r"out cannot be made .*a file stands where a folder is needed"
+    ):
         WRITERS[name](tmp_path / "out", small_reduction)
     with pytest.raises(FileError, match="out cannot be made"):
         hhr.SnapshotStore(tmp_path / "out", BareFull())
@@ -117,11 +130,14 @@ def test_what_a_living_process_writes_is_no_leftover(tmp_path):
     program = (
         "import sys\nfrom hhr_dolfinx import files\n"
         "with files.replacing(sys.argv[1]) as file:\n"
-        "    file.write(b'half')\n    file.flush()\n    print('there', flush=True)\n    sys.stdin.read()\n"
+        "    file.write(b'half')\n    file.flush()\n    print('there', flush=True)\n    "
+        "sys.stdin.read()\n"
     )
     command = [sys.executable, "-c", program, str(tmp_path / "a.bin")]
     (tmp_path / "movie.part").write_text("somebody else's")
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stdin=subprocess.PIPE, text=True) as child:
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stdin=subprocess.PIPE, text=True
+    ) as child:
         assert child.stdout.readline() == "there\n"
         hhr.SnapshotStore(tmp_path, BareFull())
         assert len(list(tmp_path.glob("a.bin.*.part"))) == 1
@@ -188,7 +204,9 @@ def test_kills_leave_whole_snapshots_and_the_next_run_clears_up(kills, tmp_path)
     loaded = [store.load(np.array([k, 1.0])) for k in range(20)]
     assert store.found == len(list(tmp_path.glob("*.npz"))) > 0
     for k, solution in enumerate(loaded):
-        assert solution is None or np.array_equal(solution.unknown, answer([k, 1.0], **SIZES, seed=k).unknown)
+        assert solution is None or np.array_equal(
+            solution.unknown, answer([k, 1.0], **SIZES, seed=k).unknown
+        )
 
 
 # ---------------------------------------------------------------- reading
@@ -223,7 +241,10 @@ def test_a_snapshot_comes_back(store):
 def test_a_snapshot_under_the_name_of_another_point_or_problem_is_not_taken(store, tmp_path):
     here = only_file(tmp_path)
     wider = dataclasses.replace(bare_problem(), gaps=2 * bare_problem().gaps)
-    for name, point, full in (("point", POINT + 1.0, BareFull()), ("problem", POINT, BareFull(wider))):
+    for name, point, full in (
+        ("point", POINT + 1.0, BareFull()),
+        ("problem", POINT, BareFull(wider)),
+    ):
         hhr.SnapshotStore(tmp_path / name, full).save(answer(point, seed=1))
         shutil.copy(only_file(tmp_path / name), here)
         refused(store, f"{here.name} belongs to another problem or parameter")
@@ -268,7 +289,9 @@ def test_a_snapshot_that_is_no_file_stops_nothing(make, store, tmp_path, at_most
 
 def test_a_wider_box_finds_the_snapshots_of_the_narrower_one(store, tmp_path):
     space = bare_problem().parameters
-    wider = dataclasses.replace(bare_problem(), parameters=dataclasses.replace(space, upper=(2.0, 20.0)))
+    wider = dataclasses.replace(
+        bare_problem(), parameters=dataclasses.replace(space, upper=(2.0, 20.0))
+    )
     assert hhr.SnapshotStore(tmp_path, BareFull(wider)).load(POINT) is not None
 
 
@@ -295,7 +318,10 @@ TABLE = "\ufeffh1,P1\n3.2,170\n\n3.2,nan\nnine,100\n3.2,500\n,100\n\n5.25,30\n3,
 def test_every_answer_has_all_columns_and_a_bad_one_names_its_column(small_reduction, tmp_path):
     (tmp_path / "points.csv").write_text(TABLE, encoding="utf-8")
     given = hhr.read_points(tmp_path / "points.csv", small_reduction.parameters)
-    assert [row.line for row in given] == [2, 4, 5, 6, 7, 9, 10] and given[0].cells == ["170", "3.2"]
+    assert [row.line for row in given] == [2, 4, 5, 6, 7, 9, 10] and given[0].cells == [
+        "170",
+        "3.2",
+    ]
     console = Console(record=True, width=200, file=open(os.devnull, "w"))
     bad = hhr.answer_table(small_reduction, given, tmp_path / "answers.csv", console)
     with open(tmp_path / "answers.csv", newline="") as file:
@@ -332,10 +358,16 @@ def test_a_file_that_is_no_table(content, small, tmp_path):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("P1;h1\n170;3,2\n90,5;4\n", ["decimal commas"]),  # as spreadsheets of most European languages save it
+        (
+            "P1;h1\n170;3,2\n90,5;4\n",
+            ["decimal commas"],
+        ),  # as spreadsheets of most European languages save it
         ('\ufeff"P1";"h1"\r\n"170";"3,2"\r\n"90,5";"4"\r\n', ["decimal commas"]),
         ("h1\tP1\n3.2\t170\n4\t90.5\n", []),
-        ("h1 [mm],P1 [W/m],peak [MPa]\n3.2,170,1\n4,90.5,2\n", ["not converted, .*: P1 .W/m., h1 .mm."]),
+        (
+            "h1 [mm],P1 [W/m],peak [MPa]\n3.2,170,1\n4,90.5,2\n",
+            ["not converted, .*: P1 .W/m., h1 .mm."],
+        ),
         ("h1 [mm];P1\n3,2;170\n4;90,5\n", ["not converted", "decimal commas"]),
     ],
 )
@@ -344,7 +376,9 @@ def test_tables_of_spreadsheets_are_read_by_name(text, said, small, tmp_path):
     notes = []
     rows = hhr.read_points(tmp_path / "points.csv", small.parameters, notes.append)
     assert [[float(cell) for cell in row.cells] for row in rows] == [[170.0, 3.2], [90.5, 4.0]]
-    assert len(notes) == len(said) and all(re.search(word, note) for word, note in zip(said, notes, strict=True))
+    assert len(notes) == len(said) and all(
+        re.search(word, note) for word, note in zip(said, notes, strict=True)
+    )
 
 
 @needs("tables")
@@ -385,18 +419,28 @@ def test_many_points_as_arrays(small_reduction):
     space = small_reduction.parameters
     points = np.vstack([space.random(5, 3), [[np.nan, 3.0], [1e9, 3.0]]])
     found = hhr.answer_points(small_reduction, points, displacement=True)
-    assert found.status[:5] == ["ok"] * 5 and "is not finite" in found.status[5] and "is outside" in found.status[6]
+    assert (
+        found.status[:5] == ["ok"] * 5
+        and "is not finite" in found.status[5]
+        and "is outside" in found.status[6]
+    )
     assert found.forces.shape == (7, len(small_reduction.fields.gaps))
     assert np.isnan(found.forces[5:]).all() and np.isnan(found.largest_displacement[5:]).all()
     for k in range(5):
         answer = small_reduction.solve(points[k])
         # many at once share products of matrices, whose last digits differ from those of one
-        assert found.forces[k] == pytest.approx(answer.forces(), rel=1e-12, abs=1e-12 * answer.forces().max())
+        assert found.forces[k] == pytest.approx(
+            answer.forces(), rel=1e-12, abs=1e-12 * answer.forces().max()
+        )
         nodes = answer.displacement().reshape(-1, 2)
-        assert found.largest_displacement[k] == pytest.approx(np.linalg.norm(nodes, axis=1).max(), rel=1e-12)
+        assert found.largest_displacement[k] == pytest.approx(
+            np.linalg.norm(nodes, axis=1).max(), rel=1e-12
+        )
     none = hhr.answer_points(small_reduction, np.zeros((0, 2)))
     assert none.status == [] and none.forces.shape == (0, found.forces.shape[1])
-    with pytest.raises(ParameterError, match=r"one row per point and one column for each of \('P1', 'h1'\)"):
+    with pytest.raises(
+        ParameterError, match=r"one row per point and one column for each of \('P1', 'h1'\)"
+    ):
         hhr.answer_points(small_reduction, points[:, :1])
 
 
@@ -407,10 +451,14 @@ def test_answers_without_a_table_are_written_as_numbers(small_reduction, tmp_pat
     assert hhr.write_answers(tmp_path / "answers.csv", space, answers) == 1
     with open(tmp_path / "answers.csv", newline="") as file:
         header, one, two = csv.reader(file)
-    bounds = [f"bound of {name}" for name in ("displacement", "forces", "pressure", "forces in energy")]
+    bounds = [
+        f"bound of {name}" for name in ("displacement", "forces", "pressure", "forces in energy")
+    ]
     assert header[:9] == ["P1", "h1", "status", "total_force", *bounds, "force_0"]
     assert one[:3] == ["170.0", "3.2", "ok"] and two[0] == "nan" and not any(two[3:])
-    assert float(one[3]) == pytest.approx(answers.forces[0].sum(), rel=1e-11)  # 12 digits are written
+    assert float(one[3]) == pytest.approx(
+        answers.forces[0].sum(), rel=1e-11
+    )  # 12 digits are written
 
 
 def test_a_link_stays_a_link(small_reduction, tmp_path):
@@ -437,7 +485,9 @@ def test_names_that_are_none(small, small_reduction, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     os.symlink("loop", "loop")
     names = {"a\0b.npz": "zero byte", "loop": "Too many levels of symbolic links"}
-    for path, why in (names | dict.fromkeys(("", ".", "/"), "names a folder: add the name of a file")).items():
+    for path, why in (
+        names | dict.fromkeys(("", ".", "/"), "names a folder: add the name of a file")
+    ).items():
         with pytest.raises(FileError, match=why):
             hhr.save_model(path, small_reduction)
     with pytest.raises(FileError, match="zero byte"):
@@ -456,9 +506,14 @@ def test_brackets_in_names_are_printed(small_reduction, tmp_path, capsys):
     folder = tmp_path / "run [bold] a[" / "x]"
     hhr.answer_table(small_reduction, [], folder / "answers.csv", make_console())
     assert f"{folder}/answers.csv" in capsys.readouterr().out
-    sizes = dict.fromkeys(("N", "N_lambda", "ell_bar", "N_lambda_C", "rid_cells", "cells", "snapshots"), 1)
+    sizes = dict.fromkeys(
+        ("N", "N_lambda", "ell_bar", "N_lambda_C", "rid_cells", "cells", "snapshots"), 1
+    )
     report = {"scene": "a[/x]", "sizes": sizes, "stability": {}, "errors": {}, "skipped": []}
-    report |= {"times": {"online": {"median": 1.0, "p95": 1.0}}, "refused_before": [{"layers": 1, "why": "[red] [/]"}]}
+    report |= {
+        "times": {"online": {"median": 1.0, "p95": 1.0}},
+        "refused_before": [{"layers": 1, "why": "[red] [/]"}],
+    }
     print_report(report, make_console())
     print_rows("rows", [{"case": "[0, 1] [red]"}], make_console())
     printed = capsys.readouterr().out
@@ -467,12 +522,16 @@ def test_brackets_in_names_are_printed(small_reduction, tmp_path, capsys):
 
 @needs("tables")
 @pytest.mark.parametrize(
-    "points", ([["a", "b"]], [[1.0, 2.0], [1.0]], [[1j, 2.0]], {"P1": 1.0}, None, [1.0, 2.0]), ids=repr
+    "points",
+    ([["a", "b"]], [[1.0, 2.0], [1.0]], [[1j, 2.0]], {"P1": 1.0}, None, [1.0, 2.0]),
+    ids=repr,
 )
 def test_points_that_are_no_table(points, small_reduction):
     with pytest.raises(ParameterError, match=r"one row per point|'h1' is missing"):
         hhr.answer_points(small_reduction, points)
-    with pytest.raises(ParameterError, match="outside = 'Refuse' is unknown, one of warn, refuse, ignore"):
+    with pytest.raises(
+        ParameterError, match="outside = 'Refuse' is unknown, one of warn, refuse, ignore"
+    ):
         hhr.answer_points(small_reduction, [[100.0, 3.0]], outside="Refuse")
 
 
@@ -480,23 +539,36 @@ def test_points_that_are_no_table(points, small_reduction):
 
 
 def test_arrays_on_the_disk_are_those_in_memory(tmp_path, monkeypatch):
-    """Both orders in memory, names of all lengths, so that arrays begin at any byte; small ones are read."""
+    """Both orders in memory, names of all lengths, so that arrays begin at any byte.
+
+    Small ones are read.
+    """
     rng = np.random.default_rng(0)
     given = {"x" * k: rng.standard_normal((k, 3)) for k in range(1, 12)}
-    given |= {"turned": np.asfortranarray(rng.standard_normal((7, 5))), "few": np.arange(2), "flags": np.ones(9, bool)}
+    given |= {
+        "turned": np.asfortranarray(rng.standard_normal((7, 5))),
+        "few": np.arange(2),
+        "flags": np.ones(9, bool),
+    }
     write_arrays(tmp_path / "a.npz", {"format": "a", "version": 1}, given)
     monkeypatch.setattr(files, "MAPPED", 150)
     header, found = read_arrays(tmp_path / "a.npz", "a", 1, mapped=True)
     assert header["version"] == 1 and found.keys() == given.keys()
     for name, array in given.items():
-        assert np.array_equal(found[name], array) and found[name].flags.f_contiguous == array.flags.f_contiguous
+        assert (
+            np.array_equal(found[name], array)
+            and found[name].flags.f_contiguous == array.flags.f_contiguous
+        )
     left = {name for name, array in found.items() if on_disk(array)}
     assert {"x" * 11, "turned"} <= left and not {"few", "flags"} & left
     assert not any(on_disk(array) for array in read_arrays(tmp_path / "a.npz", "a", 1)[1].values())
 
 
 def test_descriptors_are_left_for_others(tmp_path, monkeypatch):
-    """One for each file on the disk, up to half of those allowed; what comes then is read into memory."""
+    """One for each file on the disk, up to half of those allowed.
+
+    What comes then is read into memory.
+    """
     monkeypatch.setattr(files, "MAPPED", 150)
     arrays = {name: np.arange(100.0) for name in "abc"}
     for k in range(80):
@@ -552,7 +624,10 @@ def test_a_problem_has_one_digest_in_every_process(tmp_path):
     """Else a training that was interrupted finds none of its answers again."""
     plugins = [name for name in ("constraints",) if present(name)]
     kinds = ["full", "full, friction", "full, flowing", "full, friction and flowing", *plugins]
-    seen = [python("-c", DIGESTS, tmp_path, *kinds, env=os.environ | {"PYTHONHASHSEED": seed}) for seed in "12"]
+    seen = [
+        python("-c", DIGESTS, tmp_path, *kinds, env=os.environ | {"PYTHONHASHSEED": seed})
+        for seed in "12"
+    ]
     assert seen[0].stdout == seen[1].stdout and len(set(seen[0].stdout.split()[1::2])) > 1
 
 

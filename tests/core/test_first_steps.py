@@ -1,4 +1,6 @@
-"""What a newcomer meets first: output in a file and on a terminal, folders that cannot be written, the set-up."""
+"""What a newcomer meets first: output in a file and on a terminal, folders that cannot be written,
+the set-up.
+"""
 
 import fcntl
 import os
@@ -40,13 +42,25 @@ def wishing(**wishes):
 
 
 def run_talk(folder, *out, code=0, **how):
-    return python("-c", SPEAKS, *(word for name in out for word in ("--out", name)), code=code, cwd=folder, **how)
+    return python(
+        "-c",
+        SPEAKS,
+        *(word for name in out for word in ("--out", name)),
+        code=code,
+        cwd=folder,
+        **how,
+    )
 
 
 @needs("studies")
-@pytest.mark.parametrize("wishes", [{}, {"TERM": "dumb"}, {"COLUMNS": "40"}, {"FORCE_COLOR": "1", "TERM": "dumb"}])
+@pytest.mark.parametrize(
+    "wishes", [{}, {"TERM": "dumb"}, {"COLUMNS": "40"}, {"FORCE_COLOR": "1", "TERM": "dumb"}]
+)
 def test_output_in_a_file_is_whole_lines(tmp_path, wishes):
-    """No blank lines, nothing wrapped, nothing that moves a cursor; colours only where they are asked for."""
+    """No blank lines, nothing wrapped, nothing that moves a cursor.
+
+    Colours only where they are asked for.
+    """
     run = run_talk(tmp_path, env=wishing(**wishes))
     plain = re.sub(r"\x1b\[[\d;]*m", "", run.stdout)
     assert plain == run.stdout or "FORCE_COLOR" in wishes
@@ -63,7 +77,9 @@ def test_a_terminal_gets_bars_and_its_own_width(tmp_path):
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 30, 60, 0, 0))
     ends = {"stdin": theirs, "stdout": theirs, "stderr": theirs}
-    run = subprocess.Popen([sys.executable, "-c", SPEAKS], **ends, cwd=tmp_path, env=wishing(TERM="xterm"))
+    run = subprocess.Popen(
+        [sys.executable, "-c", SPEAKS], **ends, cwd=tmp_path, env=wishing(TERM="xterm")
+    )
     os.close(theirs)
     text = b""
     try:
@@ -76,7 +92,11 @@ def test_a_terminal_gets_bars_and_its_own_width(tmp_path):
     shown = text.decode()
     assert "\x1b[2K" in shown and "snapshots" in shown  # a bar, and its line cleared
     assert "3 to do" not in shown
-    words = [line for line in re.sub(r"\x1b\[[?\d;]*[a-zA-Z]", "", shown).splitlines() if "word word" in line]
+    words = [
+        line
+        for line in re.sub(r"\x1b\[[?\d;]*[a-zA-Z]", "", shown).splitlines()
+        if "word word" in line
+    ]
     assert len(words) > 4 and max(map(len, words)) <= 60
 
 
@@ -96,7 +116,9 @@ def test_a_folder_that_cannot_be_made_ends_at_once(tmp_path):
 
 @needs("studies")
 def test_a_folder_of_somebody_else_ends_at_once(tmp_path, monkeypatch, capsys):
-    """The system's refusal is played, for nothing is refused to root; whose the folder is, is true."""
+    """The system's refusal is played, for nothing is refused to root; whose the folder is, is
+    true.
+    """
     from parts import cli
 
     out = tmp_path / "mounted" / "out"
@@ -114,7 +136,10 @@ def test_a_folder_of_somebody_else_ends_at_once(tmp_path, monkeypatch, capsys):
 
 @needs("ranks", "studies")
 def test_on_two_ranks_one_speaks_and_both_end(tmp_path):
-    """The first rank alone tries the folder; the other must not wait, nor go on, nor repeat what was said."""
+    """The first rank alone tries the folder.
+
+    The other must not wait, nor go on, nor repeat what was said.
+    """
     program = (
         "import contextlib, sys\n"
         f"sys.path.append({str(ROOT / 'demos')!r})\n"
@@ -137,22 +162,33 @@ def test_on_two_ranks_one_speaks_and_both_end(tmp_path):
 
 
 def packages(text):
-    """Names of Debian packages behind the first ``apt-get install -y`` or ``packages=`` in a text, options left out."""
+    """Names of Debian packages behind the first ``apt-get install -y`` or ``packages=`` in a text,
+    options left out.
+    """
     names = re.search(r'(?:apt-get install -y|packages=")([^"`&$]*)', text.replace("\\\n", " "))[1]
     return {name for name in names.split() if not name.startswith("-")}
 
 
 def test_one_list_of_system_packages():
-    """README and image install what the set-up looks for, and continuous integration what tests ask besides."""
+    """README and image install what the set-up looks for, and continuous integration what tests ask
+    besides.
+    """
     script = (ROOT / "scripts/setup.sh").read_text()
     libraries = set(re.findall(r"^ +need_library \S+ (\S+)$", script, re.MULTILINE))
     wanted = libraries | set(re.findall(r'missing="\$missing (\S+)"', script))
     wanted = {name for name in wanted if name != "$2"} | {"make"}
     asked_by_tests = {"nodejs", "node-jsdom", "chromium", "calculix-ccx"}
     assert asked_by_tests < wanted and len(wanted) == 15
-    (row,) = [line for line in (ROOT / "README.md").read_text().splitlines() if line.startswith("| Debian 13, Ubuntu")]
+    (row,) = [
+        line
+        for line in (ROOT / "README.md").read_text().splitlines()
+        if line.startswith("| Debian 13, Ubuntu")
+    ]
     assert packages(row) == wanted - asked_by_tests
-    assert packages((ROOT / "Dockerfile").read_text()) - {"ca-certificates", "python3"} == wanted - asked_by_tests
+    assert (
+        packages((ROOT / "Dockerfile").read_text()) - {"ca-certificates", "python3"}
+        == wanted - asked_by_tests
+    )
     integration = (ROOT / ".ci/run").read_text()
     assert packages(integration) == wanted - asked_by_tests
     assert all(f" {name}" in integration for name in asked_by_tests)
@@ -182,17 +218,21 @@ def fake_set_up(folder, pip: str) -> subprocess.CompletedProcess:
 
 def test_set_up_says_what_it_does(tmp_path):
     pip = (
-        "echo Collecting vtk; echo '  Downloading vtk-9.whl (112.3 MB)'; echo 'Downloading tiny-1.whl (11 kB)'; "
-        "echo 'Installing collected packages: tiny, vtk'; exit 0"
+        "echo Collecting vtk; echo '  Downloading vtk-9.whl (112.3 MB)'; echo 'Downloading "
+        "tiny-1.whl (11 kB)'; echo 'Installing collected packages: tiny, vtk'; exit 0"
     )
     run = fake_set_up(tmp_path, pip)
     assert run.returncode == 0, run.stderr
     lines = run.stderr.splitlines()
     steps = [line for line in lines if line.startswith("Set-up")]
     assert [line[:13] for line in steps] == [f"Set-up {k} of 3" for k in (1, 2, 3)]
-    assert "    Downloading vtk-9.whl (112.3 MB)" in lines and not any("tiny-1" in line for line in lines)
+    assert "    Downloading vtk-9.whl (112.3 MB)" in lines and not any(
+        "tiny-1" in line for line in lines
+    )
     assert re.fullmatch(r"Set up in \d+ s: \d+ MB in .venv", lines[-1])
-    assert "\r" not in run.stderr and "\x1b" not in run.stderr and all(line.strip() for line in lines)
+    assert (
+        "\r" not in run.stderr and "\x1b" not in run.stderr and all(line.strip() for line in lines)
+    )
     assert "Collecting vtk" in (tmp_path / ".venv/pip.log").read_text()
     again = set_up(tmp_path)
     assert again.returncode == 0 and not again.stderr
@@ -202,12 +242,18 @@ def test_set_up_that_fails_says_so(tmp_path):
     """pip's exit code passes its filter; a second call begins anew."""
     run = fake_set_up(tmp_path, "echo 'ERROR: No matching distribution found for vtk'; exit 7")
     assert run.returncode == 1
-    assert "pip could not install" in run.stderr and "No matching distribution found for vtk" in run.stderr
+    assert (
+        "pip could not install" in run.stderr
+        and "No matching distribution found for vtk" in run.stderr
+    )
     assert not (tmp_path / ".venv/.ready").exists()
 
 
 def test_set_up_removes_no_environment_but_its_own(tmp_path):
-    """People make a ``.venv`` of their own in a clone; one that a set-up has begun has its log from the start."""
+    """People make a ``.venv`` of their own in a clone.
+
+    One that a set-up has begun has its log from the start.
+    """
     (tmp_path / ".venv").mkdir()
     (tmp_path / ".venv/pyvenv.cfg").write_text("mine")
     run = fake_set_up(tmp_path, "exit 0")
@@ -227,7 +273,9 @@ def test_readme_and_image_tell_the_same_commands():
 
 
 def test_documentation_and_set_up_tell_the_same_sizes():
-    readme, more, script = ((ROOT / name).read_text() for name in ("README.md", "docs/install.md", "scripts/setup.sh"))
+    readme, more, script = (
+        (ROOT / name).read_text() for name in ("README.md", "docs/install.md", "scripts/setup.sh")
+    )
     sizes = re.findall(r"([\d.]+ [MG]B) to download, ([\d.]+ [MG]B) on disk", script)
     assert len(sizes) == 2
     assert all(size in readme + more for pair in sizes for size in pair)
@@ -239,27 +287,31 @@ def test_documentation_and_set_up_tell_the_same_sizes():
      ("0.9.0", "complex128", False)],
 )  # fmt: skip
 def test_which_dolfinx_the_set_up_takes(tmp_path, version, scalar, good):
-    """One that is too old, or whose PETSc has complex numbers, is passed over before it ends in an error."""
+    """One that is too old, or whose PETSc has complex numbers, is passed over before it ends in an
+    error.
+    """
     script = (ROOT / "scripts/setup.sh").read_text()
     (code,) = re.findall(r"\"\$1\" -c '(import importlib.*?)' >/dev/null", script, re.S)
     for name in ("dolfinx_solver", "mpi4py", "slepc4py"):
         (tmp_path / f"{name}.py").write_text("")
     (tmp_path / "dolfinx.py").write_text(f"__version__ = {version!r}\n")
-    (tmp_path / "petsc4py.py").write_text(f"import numpy\nclass PETSc:\n    ScalarType = numpy.{scalar}\n")
+    (tmp_path / "petsc4py.py").write_text(
+        f"import numpy\nclass PETSc:\n    ScalarType = numpy.{scalar}\n"
+    )
     run = python("-c", code, code=None, env=os.environ | {"PYTHONPATH": str(tmp_path)})
     assert (run.returncode == 0) == good and not run.stderr
 
 
 def test_dolfinx_may_be_imported_first(tmp_path):
-    """As import sorters have it; with the wheel it ended in "libmpi.so.12: cannot open shared object file"."""
+    """As import sorters have it; with the wheel it ended in "libmpi.so.12: cannot open shared
+    object file".
+    """
     install_for_all(tmp_path)
     program = (
         "import site, sys\n"
-        "sys.meta_path[:] = [finder for finder in sys.meta_path if type(finder).__name__ != 'SolverFirst']\n"
-        f"sys.modules.pop({COPY!r}, None)\n"
-        f"site.addsitedir({str(tmp_path)!r})\n"
-        "from dolfinx import mesh\n"
-        "import hhr_dolfinx as hhr\n"
-        "print(mesh.Mesh.__name__, issubclass(hhr.FullOrderModel, object))\n"
+        "sys.meta_path[:] = [finder for finder in sys.meta_path if type(finder).__name__ != "
+        f"'SolverFirst']\nsys.modules.pop({COPY!r}, "
+        f"None)\nsite.addsitedir({str(tmp_path)!r})\nfrom dolfinx import mesh\nimport hhr_dolfinx "
+        "as hhr\nprint(mesh.Mesh.__name__, issubclass(hhr.FullOrderModel, object))\n"
     )
     assert python("-c", program).stdout == "Mesh True\n"

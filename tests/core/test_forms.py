@@ -1,6 +1,9 @@
-"""The physics as UFL states it, held to the numbers that the package runs; numbers of materials compile nothing.
+"""The physics as UFL states it, held to the numbers that the package runs.
 
-Elasticity of a user's own in UFL: that of Hooke gives the same answers, an orthotropic one its closed form.
+Numbers of materials compile nothing.
+
+Elasticity of a user's own in UFL: that of Hooke gives the same answers, an orthotropic one its
+closed form.
 """
 
 import dataclasses
@@ -14,7 +17,15 @@ from dolfinx import fem, mesh
 from dolfinx.fem import petsc
 from mpi4py import MPI
 from needs import needs
-from scenes import check_like, largest_difference, pair_scene, pressed_block, pressed_pair, slope, with_bodies
+from scenes import (
+    check_like,
+    largest_difference,
+    pair_scene,
+    pressed_block,
+    pressed_pair,
+    slope,
+    with_bodies,
+)
 from scipy.sparse import csr_matrix
 from toy_law import Bingham
 
@@ -34,27 +45,46 @@ def as_csr(matrix):
 @pytest.mark.parametrize("simplices", [False, True])
 @pytest.mark.parametrize("hypothesis", ["plane_strain", "axisymmetric", "solid"])
 def test_stiffness_through_gauss_points_is_the_assembled_one(hypothesis, simplices):
-    """Under full integration by one rule, for strains of 4 and of 6 components; what the model assembles too."""
+    """Under full integration by one rule, for strains of 4 and of 6 components.
+
+    What the model assembles too.
+    """
     from hhr_dolfinx.plugins.elasticity.gauss_points import degree_of
     from hhr_dolfinx.plugins.inelastic.gauss_points import material_at, strain_operator
 
     scene = pressed_block(hypothesis, simplices=simplices, cells=3)
     built, body = Discretisation(scene, MPI.COMM_SELF), scene.bodies[0]
     operator = strain_operator(built)
-    stiffness = operator.stiffness(material_at(built, built.cell_bodies(), operator).elastic, operator.pattern())
+    stiffness = operator.stiffness(
+        material_at(built, built.cell_bodies(), operator).elastic, operator.pattern()
+    )
     u, v = ufl.TrialFunction(built.space), ufl.TestFunction(built.space)
     dx = ufl.dx(domain=built.mesh, metadata={"quadrature_degree": degree_of(built)})
-    matrix = petsc.assemble_matrix(fem.form(elasticity.stiffness(u, v, body.young, body.poisson, hypothesis, dx)))
+    matrix = petsc.assemble_matrix(
+        fem.form(elasticity.stiffness(u, v, body.young, body.poisson, hypothesis, dx))
+    )
     matrix.assemble()
     assert abs(stiffness - as_csr(matrix)).max() < 1e-13 * abs(stiffness).max()
     if hypothesis != "axisymmetric":  # 1 / r has a rule of its own in the model
-        assert abs(stiffness - as_csr(built.elasticity.stiffness(built))).max() < 1e-12 * abs(stiffness).max()
+        assert (
+            abs(stiffness - as_csr(built.elasticity.stiffness(built))).max()
+            < 1e-12 * abs(stiffness).max()
+        )
 
 
 def pressed_together(hypothesis, multipliers):
-    """Two blocks on meshes that do not match, all of whose common side is covered; in axisymmetry two tubes."""
-    slave, master = two_blocks.side(two_blocks.SECOND, 0, False), two_blocks.side(two_blocks.FIRST, 0, True)
-    held = [two_blocks.side(two_blocks.FIRST, 0, False), two_blocks.side(two_blocks.SECOND, 0, True)]
+    """Two blocks on meshes that do not match, all of whose common side is covered.
+
+    In axisymmetry two tubes.
+    """
+    slave, master = (
+        two_blocks.side(two_blocks.SECOND, 0, False),
+        two_blocks.side(two_blocks.FIRST, 0, True),
+    )
+    held = [
+        two_blocks.side(two_blocks.FIRST, 0, False),
+        two_blocks.side(two_blocks.SECOND, 0, True),
+    ]
     along = [hhr.Displacement(tag, 1) for tag in held]
     return pair_scene(
         "pressed_together",
@@ -64,7 +94,11 @@ def pressed_together(hypothesis, multipliers):
         ((3.0, 0.3), (2.0, 0.2)),
         hypothesis=hypothesis,
         contacts=(hhr.Mortar(slave, master, multipliers=multipliers),),
-        displacements=(*along, hhr.Displacement(held[0], 0), hhr.Displacement(held[1], 0, slope("push", -1.0))),
+        displacements=(
+            *along,
+            hhr.Displacement(held[0], 0),
+            hhr.Displacement(held[1], 0, slope("push", -1.0)),
+        ),
     )
 
 
@@ -72,17 +106,30 @@ def pressed_together(hypothesis, multipliers):
 @pytest.mark.parametrize("multipliers", ["standard", "dual"])
 @pytest.mark.parametrize("hypothesis", ["plane_strain", "axisymmetric"])
 def test_slave_rows_of_mortar_are_the_assembled_coupling(hypothesis, multipliers):
-    """b(φ_k, ψ_j) over ∫ ψ_j; dual functions ψ_j make it diagonal, as a rule with the nodes for points does."""
+    """b(φ_k, ψ_j) over ∫ ψ_j; dual functions ψ_j make it diagonal, as a rule with the nodes for
+    points does.
+    """
     scene = pressed_together(hypothesis, multipliers)
     full = hhr.FullOrderModel(scene)
     problem, built = full.problem, full.discretisation
-    rule = {"quadrature_rule": "vertex", "quadrature_degree": 1} if multipliers == "dual" else {"quadrature_degree": 4}
+    rule = (
+        {"quadrature_rule": "vertex", "quadrature_degree": 1}
+        if multipliers == "dual"
+        else {"quadrature_degree": 4}
+    )
     _, _, tags = scene.geometry(MPI.COMM_SELF)
-    measure = ufl.Measure("ds", domain=built.mesh, subdomain_data=tags, metadata=rule)(scene.contacts[0].slave)
-    u, psi = ufl.TrialFunction(built.space), ufl.TestFunction(fem.functionspace(built.mesh, ("Lagrange", 1)))
+    measure = ufl.Measure("ds", domain=built.mesh, subdomain_data=tags, metadata=rule)(
+        scene.contacts[0].slave
+    )
+    u, psi = (
+        ufl.TrialFunction(built.space),
+        ufl.TestFunction(fem.functionspace(built.mesh, ("Lagrange", 1))),
+    )
     matrix = petsc.assemble_matrix(fem.form(contact.coupling(u, psi, hypothesis, measure)))
     matrix.assemble()
-    area = petsc.assemble_vector(fem.form(contact.tributary_area(ufl.TestFunction(built.space), hypothesis, measure)))
+    area = petsc.assemble_vector(
+        fem.form(contact.tributary_area(ufl.TestFunction(built.space), hypothesis, measure))
+    )
     slaves = problem.contact_slaves
     expected = as_csr(matrix)[slaves].multiply(1 / area.array[2 * slaves][:, None]).toarray()
     columns = (2 * slaves[:, None] + np.arange(2)).ravel()
@@ -109,7 +156,10 @@ def none_compiled(monkeypatch):
 @needs("checks")
 @pytest.mark.parametrize("hypothesis", ["plane_strain", "plane_stress", "axisymmetric", "solid"])
 def test_new_moduli_compile_nothing(hypothesis, none_compiled):
-    """Build, stress and error of the mesh; twice the moduli have twice the stiffness and the stress of a field."""
+    """Build, stress and error of the mesh.
+
+    Twice the moduli have twice the stiffness and the stress of a field.
+    """
     rng = np.random.default_rng()
     young, poisson = rng.uniform(1.0, 2.0, 2), rng.uniform(0.2, 0.4, 2)
 
@@ -117,7 +167,9 @@ def test_new_moduli_compile_nothing(hypothesis, none_compiled):
         bodies = [(float(factor * e), float(nu)) for e, nu in zip(young, ratios, strict=True)]
         full = hhr.FullOrderModel(pressed_pair(hypothesis, bodies, cells=2))
         answer = full.solve(full.parameters.middle)
-        displacement = np.sin(np.arange(full.problem.free.size))  # one that does not depend on the moduli
+        displacement = np.sin(
+            np.arange(full.problem.free.size)
+        )  # one that does not depend on the moduli
         assert 0 < hhr.mesh_error(full, answer).energy < 1
         return full.problem.stiffness.toarray(), full.stress_of(displacement, answer.parameter)
 
@@ -131,7 +183,9 @@ def test_new_moduli_compile_nothing(hypothesis, none_compiled):
 @needs("checks")
 def test_new_parameters_compile_nothing(none_compiled):
     """The error of the mesh at other parameters of a formula; it scales with no modulus."""
-    scene = pressed_pair("plane_strain", (("E", "0.25 + 0.05 * E"), (2.0, 0.25)), {"E": (0.5, 2.0)}, cells=2)
+    scene = pressed_pair(
+        "plane_strain", (("E", "0.25 + 0.05 * E"), (2.0, 0.25)), {"E": (0.5, 2.0)}, cells=2
+    )
     full = hhr.FullOrderModel(scene)
     points = full.parameters.random(2, 1)
     hhr.mesh_error(full, full.solve(points[0]))
@@ -154,13 +208,16 @@ def hooke(strain):
 def test_hookes_law_written_out(hypothesis):
     scene = pressed_block(hypothesis)
     one, two = (
-        hhr.FullOrderModel(item, MPI.COMM_SELF).solve(0.05) for item in (scene, with_bodies(scene, stress=hooke))
+        hhr.FullOrderModel(item, MPI.COMM_SELF).solve(0.05)
+        for item in (scene, with_bodies(scene, stress=hooke))
     )
     check_like(two, one, displacement=1e-12, stress=1e-11)
 
 
 def test_layers_across_the_load_are_as_stiff_as_they_are():
-    """Without coupling of the axes a column in plane strain has the pressure E_y times its shortening."""
+    """Without coupling of the axes a column in plane strain has the pressure E_y times its
+    shortening.
+    """
 
     def layered(strain):
         rows = [[(30.0, 7.0, 1.0)[i] if i == j else 2.0 for j in range(3)] for i in range(3)]
@@ -187,7 +244,10 @@ OTHERS = {
     "ratio": (lambda body: dataclasses.replace(body, poisson="0.2 + push"), {}),
     "grading": (lambda body: dataclasses.replace(body, grading=lambda x: 1 + 0.1 * x[0]), {}),
     "shape": (lambda body: body, {"shapes": lambda: (hhr.Shape(two_blocks.FIRST, SHAPE),)}),
-    "heat": (lambda body: body, {"loads": lambda: (hhr.ThermalExpansion(two_blocks.SECOND, 1e-2, slope("load")),)}),
+    "heat": (
+        lambda body: body,
+        {"loads": lambda: (hhr.ThermalExpansion(two_blocks.SECOND, 1e-2, slope("load")),)},
+    ),
     "yield": (lambda body: dataclasses.replace(body, law=hhr.Plasticity(0.05, 0.3)), {}),
     "yield and heat": (
         lambda body: dataclasses.replace(body, law=hhr.Plasticity(0.05, 0.3)),
@@ -205,15 +265,29 @@ OTHERS = {
     ],
 )
 def test_hookes_law_written_out_beside_what_other_bodies_have(hypothesis, other):
-    """The upper body says its elasticity itself; round-off, times what a step of plasticity leaves to Newton."""
+    """The upper body says its elasticity itself.
+
+    round-off, times what a step of plasticity leaves to Newton.
+    """
     changed, parts = OTHERS[other]
-    moduli = {"stress": lambda strain: 5 * (0.3 / 1.3 / 0.4 * ufl.tr(strain) * ufl.Identity(3) + strain / 1.3)}
+    moduli = {
+        "stress": lambda strain: (
+            5 * (0.3 / 1.3 / 0.4 * ufl.tr(strain) * ufl.Identity(3) + strain / 1.3)
+        )
+    }
     found = []
     for own in ({}, moduli):
-        bodies = changed(hhr.Body(two_blocks.FIRST, 3.0, 0.3)), hhr.Body(two_blocks.SECOND, 5.0, 0.3, **own)
+        bodies = (
+            changed(hhr.Body(two_blocks.FIRST, 3.0, 0.3)),
+            hhr.Body(two_blocks.SECOND, 5.0, 0.3, **own),
+        )
         given = {name: made() for name, made in parts.items()}
         full = hhr.FullOrderModel(pressed_pair(hypothesis, bodies, **given), MPI.COMM_SELF)
-        found.append(full.solve(full.parameters.point({"push": 0.05, "slide": 0.01, "load": 0.1, "gap": 0.001})))
+        found.append(
+            full.solve(
+                full.parameters.point({"push": 0.05, "slide": 0.01, "load": 0.1, "gap": 0.001})
+            )
+        )
     one, two = found
     assert one.forces().max() > 0.01
     check_like(two, one, displacement=1e-9, stress=1e-9, forces=1e-9)
@@ -221,18 +295,31 @@ def test_hookes_law_written_out_beside_what_other_bodies_have(hypothesis, other)
 
 MONOCLINIC = np.array(
     [
-        *([4.0, 1.0, 1.0, 0.0, 0.5, 0.3], [1.0, 3.0, 1.0, 0.0, 0.4, 0.2], [1.0, 1.0, 5.0, 0.0, 0.6, 0.1]),
-        *([0.0, 0.0, 0.0, 2.0, 0.0, 0.0], [0.5, 0.4, 0.6, 0.0, 3.0, 0.3], [0.3, 0.2, 0.1, 0.0, 0.3, 2.0]),
+        *(
+            [4.0, 1.0, 1.0, 0.0, 0.5, 0.3],
+            [1.0, 3.0, 1.0, 0.0, 0.4, 0.2],
+            [1.0, 1.0, 5.0, 0.0, 0.6, 0.1],
+        ),
+        *(
+            [0.0, 0.0, 0.0, 2.0, 0.0, 0.0],
+            [0.5, 0.4, 0.6, 0.0, 3.0, 0.3],
+            [0.3, 0.2, 0.1, 0.0, 0.3, 2.0],
+        ),
     ]
 )
 """A stiffness in Kelvin's notation: pulled in the plane, a body shears across it."""
 
 
 def test_plane_stress_of_any_linear_law_has_no_stress_across():
-    """A column that nothing holds sideways has one over the entry of its compliance for a modulus; round-off."""
+    """A column that nothing holds sideways has one over the entry of its compliance for a modulus.
+
+    round-off.
+    """
 
     def coupled(strain):
-        return elasticity.of_kelvin(ufl.as_matrix(MONOCLINIC.tolist()) * elasticity.kelvin(strain, "solid"))
+        return elasticity.of_kelvin(
+            ufl.as_matrix(MONOCLINIC.tolist()) * elasticity.kelvin(strain, "solid")
+        )
 
     scene = with_bodies(pressed_block("plane_stress"), stress=coupled)
     answer = hhr.FullOrderModel(scene, MPI.COMM_SELF).solve(0.05)
@@ -246,7 +333,9 @@ def test_plane_stress_of_any_linear_law_has_no_stress_across():
     ("change", "message"),
     [
         ({"stress": 3.0}, "the stress 3.0 must be a function of the strain"),
-        pytest.param({"law": Bingham(1.0, 1.0)}, "a stress of its own, and a law", marks=needs("inelastic")),
+        pytest.param(
+            {"law": Bingham(1.0, 1.0)}, "a stress of its own, and a law", marks=needs("inelastic")
+        ),
         ({"grading": lambda x: 1 + x[0]}, "a stress of its own, and a law, a grading"),
         ({"young": "push + 1"}, "a stress of its own, and a law, a grading or formulas"),
     ],

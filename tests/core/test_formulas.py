@@ -1,4 +1,6 @@
-"""Formulas of parameters: values, exact derivatives, what is no formula, and that no text is ever executed."""
+"""Formulas of parameters: values, exact derivatives, what is no formula, and that no text is ever
+executed.
+"""
 
 import contextlib
 import math
@@ -11,7 +13,16 @@ import pytest
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ParameterError, SceneError
-from hhr_dolfinx.formulas import DEEPEST, LONGEST, Formula, Modulus, Scalar, box_samples, check_over_box, formula_of
+from hhr_dolfinx.formulas import (
+    DEEPEST,
+    LONGEST,
+    Formula,
+    Modulus,
+    Scalar,
+    box_samples,
+    check_over_box,
+    formula_of,
+)
 
 POINT = {"x": 0.7, "y": -1.3, "T": 350.0}
 NAMES = tuple(POINT)
@@ -68,9 +79,17 @@ def random_text(rng, depth):
     if depth == 0:
         return str(rng.choice(["x", "y", "T", "0.3", "2"]))
     one, other = random_text(rng, depth - 1), random_text(rng, depth - 1)
-    kinds = ["({0} + {1})", "({0} - {1})", "({0} * {1})", "({0} / (2 + sin({1})))", "sin({0}) * tanh({1})",
-             "sqrt(1 + ({0})**2)", "exp(-abs(sin({0})) - 1)", "log(3 + cos({0}))",
-             "(2 + sin({0}))**(cos({1}))"]  # fmt: skip
+    kinds = [
+        "({0} + {1})",
+        "({0} - {1})",
+        "({0} * {1})",
+        "({0} / (2 + sin({1})))",
+        "sin({0}) * tanh({1})",
+        "sqrt(1 + ({0})**2)",
+        "exp(-abs(sin({0})) - 1)",
+        "log(3 + cos({0}))",
+        "(2 + sin({0}))**(cos({1}))",
+    ]
     return str(rng.choice(kinds)).format(one, other)
 
 
@@ -79,18 +98,29 @@ def test_values_are_those_of_numpy_and_derivatives_those_of_differences(seed):
     rng = np.random.default_rng(seed)
     text, point = random_text(rng, 3), rng.uniform(0.2, 2.0, 3)
     scalar = Scalar(text, NAMES)
-    functions = {name: getattr(np, name) for name in ("sin", "cos", "tanh", "sqrt", "exp", "log", "abs")}
-    assert scalar.value(point) == pytest.approx(float(eval(text, functions, dict(zip(NAMES, point, strict=True)))))
-    around = [(scalar.value(point + step) - scalar.value(point - step)) / 2e-5 for step in 1e-5 * np.eye(3)]
+    functions = {
+        name: getattr(np, name) for name in ("sin", "cos", "tanh", "sqrt", "exp", "log", "abs")
+    }
+    assert scalar.value(point) == pytest.approx(
+        float(eval(text, functions, dict(zip(NAMES, point, strict=True))))
+    )
+    around = [
+        (scalar.value(point + step) - scalar.value(point - step)) / 2e-5
+        for step in 1e-5 * np.eye(3)
+    ]
     found = scalar.derivative(point)
-    assert np.abs(found - around).max() < 1e-6 * (1 + np.abs(found).max() + abs(scalar.value(point)))
+    assert np.abs(found - around).max() < 1e-6 * (
+        1 + np.abs(found).max() + abs(scalar.value(point))
+    )
 
 
 def test_arrays_are_answered_like_numbers():
     xs = np.linspace(-2, 2, 9)
     for text in ("x**2 + abs(x)", "table(x, -2, 0, 0, 1, 2, -5)", "max(x, 0.25) * min(x, y)"):
         formula = Formula(text)
-        assert np.array_equal(formula({"x": xs, "y": 0.1}), [float(formula({"x": x, "y": 0.1})) for x in xs])
+        assert np.array_equal(
+            formula({"x": xs, "y": 0.1}), [float(formula({"x": x, "y": 0.1})) for x in xs]
+        )
 
 
 def test_a_table_is_linear_and_refuses_what_is_beyond():
@@ -98,28 +128,108 @@ def test_a_table_is_linear_and_refuses_what_is_beyond():
     assert [at(item) for item in (300, 325, 400, 450, 500)] == pytest.approx([2, 2.5, 4, 1, -2])
     assert at(500 + 1e-8) == pytest.approx(-2)  # round-off is not beyond
     for temperature in (299.0, 501.0):
-        with pytest.raises(ParameterError, match=f"{temperature:g} is outside the table from 300 to 500"):
+        with pytest.raises(
+            ParameterError, match=f"{temperature:g} is outside the table from 300 to 500"
+        ):
             at(temperature)
 
 
 NO_FORMULAS = [
-    "", "   ", "x +", "x y", "x; y", "x\ny", "x\x00", "x, y", "(x, y)", "[x]", "{x}", "{}", "'x'", "b'x'", "f'{x}'",
-    "1j", "True", "None", "...", "x < y", "x == y", "x // y", "x % y", "x @ y", "x << 2", "x & y", "~x", "not x",
-    "x and y", "x if y else T", "x[0]", "x.real", "x.__class__", "().__class__.__bases__", "lambda: 1", "(z := 3)",
-    "z = 3", "import os", "__import__('os')", "__import__", "open('/etc/passwd')", "eval('1')", "exec('1')", "print(x)",
-    "float(x)", "round(x)", "sqrt", "table", "sqrt.__call__(x)", "(sqrt)(x)(y)", "sqrt(x)(y)", "sqrt(x, y)", "sqrt()",
-    "sqrt(x=1)", "sqrt(*x)", "min(x)", "max(x, y, T)", "pi(x)", "[x for x in y]", "await x", "yield x", "*x", "x!",
-    "x$", "2x", "1e999", "x # E in MPa", "9" * 400, "9" * 5000, "x" * (LONGEST + 1), "(" * 300 + "x" + ")" * 300,
-    "-" * 5000 + "x", "+".join(["x"] * 5000), "sqrt(" * 900 + "x" + ")" * 900, "table()", "table(x)", "table(x, 1, 2)",
-    "table(x, 1, 2, 3)", "table(x, 1, 2, 1, 3)", "table(x, 2, 2, 1, 3)", "table(x, 0, y, 1, 2)",
-    "table(x, 0, 1/0, 1, 2)", "table(x, 0, 0, 1, (-8)**0.5)", "table(x, 0, 10**400, 1, 2)", "table(x, 0, log(0), 1, 2)",
-    "x\\\n+ y\n+", "x ∙ y",
-]  # fmt: skip
+    "",
+    "   ",
+    "x +",
+    "x y",
+    "x; y",
+    "x\ny",
+    "x\x00",
+    "x, y",
+    "(x, y)",
+    "[x]",
+    "{x}",
+    "{}",
+    "'x'",
+    "b'x'",
+    "f'{x}'",
+    "1j",
+    "True",
+    "None",
+    "...",
+    "x < y",
+    "x == y",
+    "x // y",
+    "x % y",
+    "x @ y",
+    "x << 2",
+    "x & y",
+    "~x",
+    "not x",
+    "x and y",
+    "x if y else T",
+    "x[0]",
+    "x.real",
+    "x.__class__",
+    "().__class__.__bases__",
+    "lambda: 1",
+    "(z := 3)",
+    "z = 3",
+    "import os",
+    "__import__('os')",
+    "__import__",
+    "open('/etc/passwd')",
+    "eval('1')",
+    "exec('1')",
+    "print(x)",
+    "float(x)",
+    "round(x)",
+    "sqrt",
+    "table",
+    "sqrt.__call__(x)",
+    "(sqrt)(x)(y)",
+    "sqrt(x)(y)",
+    "sqrt(x, y)",
+    "sqrt()",
+    "sqrt(x=1)",
+    "sqrt(*x)",
+    "min(x)",
+    "max(x, y, T)",
+    "pi(x)",
+    "[x for x in y]",
+    "await x",
+    "yield x",
+    "*x",
+    "x!",
+    "x$",
+    "2x",
+    "1e999",
+    "x # E in MPa",
+    "9" * 400,
+    "9" * 5000,
+    "x" * (LONGEST + 1),
+    "(" * 300 + "x" + ")" * 300,
+    "-" * 5000 + "x",
+    "+".join(["x"] * 5000),
+    "sqrt(" * 900 + "x" + ")" * 900,
+    "table()",
+    "table(x)",
+    "table(x, 1, 2)",
+    "table(x, 1, 2, 3)",
+    "table(x, 1, 2, 1, 3)",
+    "table(x, 2, 2, 1, 3)",
+    "table(x, 0, y, 1, 2)",
+    "table(x, 0, 1/0, 1, 2)",
+    "table(x, 0, 0, 1, (-8)**0.5)",
+    "table(x, 0, 10**400, 1, 2)",
+    "table(x, 0, log(0), 1, 2)",
+    "x\\\n+ y\n+",
+    "x ∙ y",
+]
 
 
 @pytest.mark.parametrize("text", NO_FORMULAS, ids=lambda text: text[:30])
 def test_what_is_no_formula_is_refused_in_words(text):
-    with warnings.catch_warnings(action="ignore", category=SyntaxWarning):  # Python's own, of texts such as 2x
+    with warnings.catch_warnings(
+        action="ignore", category=SyntaxWarning
+    ):  # Python's own, of texts such as 2x
         with pytest.raises(SceneError) as caught:
             Scalar(text, NAMES)
     assert len(str(caught.value)) < 400
@@ -139,7 +249,13 @@ def test_nothing_of_a_text_is_executed():
         if watching and event in ("exec", "import", "open", "os.system", "subprocess.Popen"):
             seen.append(event)
 
-    texts = ["__import__('os').system('true')", "(lambda: x)()", "[open(y) for y in x]", "x.__init__", "sqrt(x) + y"]
+    texts = [
+        "__import__('os').system('true')",
+        "(lambda: x)()",
+        "[open(y) for y in x]",
+        "x.__init__",
+        "sqrt(x) + y",
+    ]
 
     def tried():
         for text in texts:
@@ -156,7 +272,17 @@ def test_nothing_of_a_text_is_executed():
 
 @pytest.mark.parametrize(
     "text",
-    ["(-8)**0.5", "x * (-8)**0.5", "x + (-8)**0.5", "y**0.5", "sqrt(y)", "log(y)", "1/0", "x/(y - y)", "10**400"],
+    [
+        "(-8)**0.5",
+        "x * (-8)**0.5",
+        "x + (-8)**0.5",
+        "y**0.5",
+        "sqrt(y)",
+        "log(y)",
+        "1/0",
+        "x/(y - y)",
+        "10**400",
+    ],
 )
 def test_where_it_has_no_value_it_says_nan_or_infinity_and_nothing_else(text):
     with warnings.catch_warnings(action="error"):
@@ -214,7 +340,9 @@ def test_a_modulus_is_a_product_and_its_derivative():
         Modulus("x", "z", NAMES)
 
 
-@pytest.mark.parametrize("item", [Formula("x * y"), Scalar("x * y", NAMES), Modulus("x", TABLE, NAMES)])
+@pytest.mark.parametrize(
+    "item", [Formula("x * y"), Scalar("x * y", NAMES), Modulus("x", TABLE, NAMES)]
+)
 def test_copies_by_pickle_are_texts_and_answer_alike(item):
     for fresh in (item, pickle.loads(pickle.dumps(item))):
         again = pickle.loads(pickle.dumps(fresh))
@@ -227,14 +355,19 @@ def test_copies_by_pickle_are_texts_and_answer_alike(item):
 def test_bounds_are_asked_for_all_over_the_box():
     space = hhr.ParameterSpace(("x", "T"), (-1.0, 300.0), (1.0, 400.0))
     samples = box_samples(space)
-    assert {(-1.0, 300.0), (1.0, 400.0), (-1.0, 400.0), (1.0, 300.0), (0.0, 350.0)} <= set(map(tuple, samples))
+    assert {(-1.0, 300.0), (1.0, 400.0), (-1.0, 400.0), (1.0, 300.0), (0.0, 350.0)} <= set(
+        map(tuple, samples)
+    )
     check_over_box(Scalar("2 + x", space.names), space, "E", 0.0, math.inf, "narrow")
     for text, said in (
         ("1 + x", "E = 1 \\+ x is 0 at x = -1, T = "),  # zero in a corner only
         ("0.09 - x**2 * (1 - x**2) * (1 - x**2) + x**6", "is -"),  # below zero between
         ("1 + x**2 + 0 * (x + 0.99)**0.5", "is nan at x = -1"),
         ("1 / (x - x)", "inf|nan"),
-        ("table(T, 300, 1, 390, 2)", "outside the table from 300 to 390. Give the table further points"),
+        (
+            "table(T, 300, 1, 390, 2)",
+            "outside the table from 300 to 390. Give the table further points",
+        ),
     ):
         with pytest.raises(SceneError, match=said):
             check_over_box(Scalar(text, space.names), space, "E", 0.0, math.inf, "narrow")

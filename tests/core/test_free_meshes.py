@@ -1,4 +1,7 @@
-"""Models on free meshes in space, whose rows have close eigenvalues; gmsh, which is one for the whole process."""
+"""Models on free meshes in space, whose rows have close eigenvalues.
+
+gmsh, which is one for the whole process.
+"""
 
 from pathlib import Path
 from unittest.mock import Mock
@@ -20,32 +23,46 @@ FLANGE, HEAD = 1, 2
 FOOT, FLANGE_TOP, HEAD_UNDER, HEAD_TOP = 11, 12, 13, 14
 PAIRINGS = {
     "mortar": lambda: hhr.Mortar(HEAD_UNDER, FLANGE_TOP),
-    "mortar, standard multipliers": lambda: hhr.Mortar(HEAD_UNDER, FLANGE_TOP, multipliers="standard"),
+    "mortar, standard multipliers": lambda: hhr.Mortar(
+        HEAD_UNDER, FLANGE_TOP, multipliers="standard"
+    ),
     "node to surface": lambda: hhr.NodeToSurface(HEAD_UNDER, FLANGE_TOP),
     "double pass": lambda: hhr.DoublePass(HEAD_UNDER, FLANGE_TOP),
     "node to node": lambda: hhr.NodeToNode(HEAD_UNDER, FLANGE_TOP, (0.0, 0.0, -1.0)),
     "obstacle": lambda: hhr.Obstacle(HEAD_UNDER, (0.0, 0.0, -1.0), 0.0),
 }
 CASES = [
-    pytest.param(name, marks=() if name in ("node to node", "obstacle") else needs("nonmatching")) for name in PAIRINGS
+    pytest.param(name, marks=() if name in ("node to node", "obstacle") else needs("nonmatching"))
+    for name in PAIRINGS
 ]
 
 
 def head_on_flange(size, *, alike=False):
-    """A bolt's head, a cylinder, on a flange of tetrahedra that are not structured, or on one with the same nodes."""
+    """A bolt's head, a cylinder, on a flange of tetrahedra that are not structured, or on one with
+    the same nodes.
+    """
 
     def make():
         occ = gmsh.model.occ
-        flange = occ.addCylinder(0, 0, -2, 0, 0, 2, 8) if alike else occ.addBox(-9, -9, -2, 18, 18, 2)
+        flange = (
+            occ.addCylinder(0, 0, -2, 0, 0, 2, 8) if alike else occ.addBox(-9, -9, -2, 18, 18, 2)
+        )
         head = occ.addCylinder(0, 0, 0, 0, 0, 2, 8)
         occ.synchronize()
         gmsh.model.addPhysicalGroup(3, [flange], FLANGE)
         gmsh.model.addPhysicalGroup(3, [head], HEAD)
-        faces = (flange, -2, FOOT), (flange, 0, FLANGE_TOP), (head, 0, HEAD_UNDER), (head, 2, HEAD_TOP)
+        faces = (
+            (flange, -2, FOOT),
+            (flange, 0, FLANGE_TOP),
+            (head, 0, HEAD_UNDER),
+            (head, 2, HEAD_TOP),
+        )
         for entity, height, tag in faces:
             gmsh.model.addPhysicalGroup(2, [face_at(entity, height)], tag)
         if alike:
-            gmsh.model.mesh.setPeriodic(2, [face_at(head, 0)], [face_at(flange, 0)], np.eye(4).ravel().tolist())
+            gmsh.model.mesh.setPeriodic(
+                2, [face_at(head, 0)], [face_at(flange, 0)], np.eye(4).ravel().tolist()
+            )
         gmsh.model.mesh.generate(3)
 
     return lambda comm: mesh_of(make, comm, 3, {"Mesh.MeshSizeMin": size, "Mesh.MeshSizeMax": size})
@@ -60,8 +77,12 @@ def face_at(entity, height):
 
 
 def bolted(pairing, size, young=200.0):
-    """The head's top is pushed down and the other side of it pulled aside, so that it tilts and part of it lifts."""
-    box = {"push": (1e-2, 2e-2), "aside": (0.0, 0.6)} | ({"E": (100.0, 300.0)} if young == "E" else {})
+    """The head's top is pushed down and the other side of it pulled aside, so that it tilts and
+    part of it lifts.
+    """
+    box = {"push": (1e-2, 2e-2), "aside": (0.0, 0.6)} | (
+        {"E": (100.0, 300.0)} if young == "E" else {}
+    )
     held = *hhr.Displacement.clamp(FOOT, 3), *hhr.Displacement.clamp(HEAD_TOP, 2)
     return hhr.Scene(
         name="bolted",
@@ -84,11 +105,23 @@ FINE = pytest.param("fine", marks=(pytest.mark.slow, needs("moduli")))
 @pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.PairingWarning")
 @pytest.mark.filterwarnings("ignore:kappa:hhr_dolfinx.errors.StabilityWarning")
 def test_models_of_a_free_mesh(pairing, mesh):
-    """Condensation is exact; forces of reduction were 5e-5 off, and 1 % at the edge of contact where moduli vary."""
+    """Condensation is exact; forces of reduction were 5e-5 off, and 1 % at the edge of contact
+    where moduli vary.
+    """
     if mesh == "fine":
-        size, young, conditions, forces = 1.1 if pairing == "double pass" else 0.8, "E", (350, 1000), 0.05
+        size, young, conditions, forces = (
+            1.1 if pairing == "double pass" else 0.8,
+            "E",
+            (350, 1000),
+            0.05,
+        )
     else:
-        size, young, conditions, forces = 1.7 if pairing == "double pass" else 1.3, 200.0, (150, 200), 1e-3
+        size, young, conditions, forces = (
+            1.7 if pairing == "double pass" else 1.3,
+            200.0,
+            (150, 200),
+            1e-3,
+        )
     training = hhr.train(bolted(pairing, size, young), hhr.Sobol(24, seed=1), held_out=6)
     full = training.full_order
     assert conditions[0] <= full.conditions <= conditions[1]
@@ -121,7 +154,9 @@ def test_a_constant_that_only_reports_may_be_unknown(hertz, hertz_snapshots, mon
 
 GEOMETRIES = {
     "half_discs": lambda: half_discs(MPI.COMM_SELF, arc_segments=8, flat_segments=2),
-    "pellet": lambda: pellet_cladding(MPI.COMM_SELF, radial_cells=2, axial_cells=2, cladding_radial_cells=1),
+    "pellet": lambda: pellet_cladding(
+        MPI.COMM_SELF, radial_cells=2, axial_cells=2, cladding_radial_cells=1
+    ),
 }
 
 
@@ -149,27 +184,43 @@ def cells(tagged):
 def test_a_session_of_the_user_stays(name, session):
     before = gmsh.model.list()
     count = cells(GEOMETRIES[name]())
-    assert gmsh.isInitialized() and gmsh.model.list() == before and gmsh.model.getCurrent() == "mine"
+    assert (
+        gmsh.isInitialized() and gmsh.model.list() == before and gmsh.model.getCurrent() == "mine"
+    )
     for model in ("half_discs", "mine"):
         gmsh.model.setCurrent(model)
         assert len(gmsh.model.getEntities()) == 1
-    assert gmsh.option.getNumber("General.Terminal") == 1 and gmsh.option.getNumber("Mesh.Algorithm") == 6
+    assert (
+        gmsh.option.getNumber("General.Terminal") == 1
+        and gmsh.option.getNumber("Mesh.Algorithm") == 6
+    )
     gmsh.finalize()
     assert cells(GEOMETRIES[name]()) == count and not gmsh.isInitialized()
     gmsh.initialize()
 
 
-MESHING = {"Mesh.RecombineAll": 1, "Mesh.ElementOrder": 2, "Mesh.MeshSizeMax": 0.1, "Mesh.SubdivisionAlgorithm": 1}
+MESHING = {
+    "Mesh.RecombineAll": 1,
+    "Mesh.ElementOrder": 2,
+    "Mesh.MeshSizeMax": 0.1,
+    "Mesh.SubdivisionAlgorithm": 1,
+}
 
 
 @pytest.mark.parametrize("option", MESHING)
 @pytest.mark.parametrize("name", GEOMETRIES)
 def test_options_of_a_session_make_no_other_mesh(name, option, session, capfd):
-    """What is meshed is the mesh of a process without a session, to the last bit; the options stay the user's."""
+    """What is meshed is the mesh of a process without a session, to the last bit.
+
+    The options stay the user's.
+    """
     before = gmsh.option.getNumber("General.AbortOnError")
     gmsh.option.setNumber(option, MESHING[option])
     found = GEOMETRIES[name]()[0].geometry.x
-    assert gmsh.option.getNumber(option) == MESHING[option] and gmsh.option.getNumber("General.AbortOnError") == before
+    assert (
+        gmsh.option.getNumber(option) == MESHING[option]
+        and gmsh.option.getNumber("General.AbortOnError") == before
+    )
     assert ".opt" not in capfd.readouterr().out
     gmsh.finalize()
     alone = GEOMETRIES[name]()[0].geometry.x

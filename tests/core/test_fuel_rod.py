@@ -1,4 +1,6 @@
-"""The fuel rod: pellet and cladding by themselves against closed forms, and what condensation makes of both."""
+"""The fuel rod: pellet and cladding by themselves against closed forms, and what condensation makes
+of both.
+"""
 
 import fuel_rod as demo
 import numpy as np
@@ -8,7 +10,16 @@ from needs import needs
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import pellet_cladding as geometry
 
-APART = {"E1": 170e3, "nu1": 0.28, "E2": 90e3, "nu2": 0.37, "q": 12.0, "P": 7.0, "gap": 0.03, "alpha": 9.5e-6}
+APART = {
+    "E1": 170e3,
+    "nu1": 0.28,
+    "E2": 90e3,
+    "nu2": 0.37,
+    "q": 12.0,
+    "P": 7.0,
+    "gap": 0.03,
+    "alpha": 9.5e-6,
+}
 
 
 @pytest.fixture(scope="module")
@@ -18,7 +29,9 @@ def training():
 
 @pytest.fixture(scope="module")
 def apart(training):
-    """Nodes of pellet side and cladding, their displacements, and stresses by cell, where nothing touches."""
+    """Nodes of pellet side and cladding, their displacements, and stresses by cell, where nothing
+    touches.
+    """
     full = training.full_order
     answer = full.solve(APART)
     assert not answer.active.any()
@@ -26,7 +39,9 @@ def apart(training):
 
 
 def test_a_free_pellet(apart):
-    """The mean displacement of its side is exact on any mesh: mean stresses vanish against linear displacements."""
+    """The mean displacement of its side is exact on any mesh: mean stresses vanish against linear
+    displacements.
+    """
     full, displacement, stress = apart
     surface = full.discretisation.surface(geometry.PELLET_SIDE)
     order = np.argsort(surface.points[:, 1])
@@ -38,7 +53,10 @@ def test_a_free_pellet(apart):
 
 
 def test_the_cladding_by_itself(apart):
-    """Lame's tube in plane strain under a pressure from outside, and the swelling of the tube; 0.2 % on two cells."""
+    """Lame's tube in plane strain under a pressure from outside, and the swelling of the tube.
+
+    0.2 % on two cells.
+    """
     full, displacement, _ = apart
     nodes = full.problem.points[:, 0] > demo.RADIUS + 1e-3
     r = full.problem.points[nodes, 0]
@@ -58,9 +76,15 @@ def test_condensation(training):
     scale = max(np.linalg.norm(answer.forces()) for answer in exact)
     assert scale > 0
     for expected in exact:
-        answer, displacement, stress = model.solve(expected.parameter), expected.displacement(), expected.stress()
+        answer, displacement, stress = (
+            model.solve(expected.parameter),
+            expected.displacement(),
+            expected.stress(),
+        )
         assert np.linalg.norm(answer.forces() - expected.forces()) < 1e-4 * scale
-        assert np.linalg.norm(answer.displacement() - displacement) < 1e-4 * np.linalg.norm(displacement)
+        assert np.linalg.norm(answer.displacement() - displacement) < 1e-4 * np.linalg.norm(
+            displacement
+        )
         assert np.linalg.norm(answer.stress() - stress) < 1e-3 * np.linalg.norm(stress)
 
 

@@ -6,7 +6,15 @@ import hertz_half_discs as demo
 import numpy as np
 import pytest
 from dolfinx import jit
-from scenes import THESIS, block_scene, check_contact_conditions, pressed_block, pressed_pair, slope, space
+from scenes import (
+    THESIS,
+    block_scene,
+    check_contact_conditions,
+    pressed_block,
+    pressed_pair,
+    slope,
+    space,
+)
 from tubes import YOUNG, tube
 
 import hhr_dolfinx as hhr
@@ -31,7 +39,9 @@ def test_uniform_pressure_is_exact(hypothesis, simplices):
 
 @pytest.mark.parametrize("push", [0.0, 0.01 - 1e-9, 0.01])
 def test_no_contact_and_grazing_contact(push):
-    """Gap exactly closed at last: force and slack are both zero, and round-off must not make statuses cycle."""
+    """Gap exactly closed at last: force and slack are both zero, and round-off must not make
+    statuses cycle.
+    """
     solution = hhr.FullOrderModel(pressed_block("plane_strain")).solve(push)
     assert solution.converged and not solution.cycled
     assert np.abs(solution.forces()).max() < 1e-12
@@ -60,19 +70,30 @@ def test_several_pairs_act_independently():
     on_wall = np.isclose(full_order.problem.contact_points[:, 0], 1.0)
     # rows stand pair by pair; the corner belongs to both surfaces and has a condition in each
     assert on_wall.tolist() == [True] * 5 + [False] * 4 + [True]
-    # plane strain, eps_x = 0, eps_y = -0.05: sigma_y = -(lambda + 2 mu) 0.05, sigma_x = -lambda 0.05
+    # plane strain, eps_x = 0, eps_y = -0.05: sigma_y = -(lambda + 2 mu) 0.05, sigma_x = -lambda
+    # 0.05
     lam, mu = 2.0 * 0.25 / (1.25 * 0.5), 2.0 / 2.5
     assert forces[:5].sum() == pytest.approx(0.05 * lam, rel=1e-10)
     assert forces[5:].sum() == pytest.approx(0.05 * (lam + 2 * mu), rel=1e-10)
 
 
 def lame_tube(cells, gap, poisson=0.3):
-    """Tube 1 <= r <= 2 under inner pressure in [0, 1], held axially, with a rigid wall at 2 + gap."""
-    return tube(None, 1.0, cells, poisson, contacts=(hhr.Obstacle(block.side(0, upper=True), (1, 0), 2 + gap),))
+    """Tube 1 <= r <= 2 under inner pressure in [0, 1], held axially, with a rigid wall at 2 +
+    gap.
+    """
+    return tube(
+        None,
+        1.0,
+        cells,
+        poisson,
+        contacts=(hhr.Obstacle(block.side(0, upper=True), (1, 0), 2 + gap),),
+    )
 
 
 def lame(inner, outer):
-    """A and C of sigma_r = A - C / r^2 and sigma_theta = A + C / r^2 under pressures at r = 1 and 2."""
+    """A and C of sigma_r = A - C / r^2 and sigma_theta = A + C / r^2 under pressures at r = 1 and
+    2.
+    """
     return (inner - 4 * outer) / 3, 4 * (inner - outer) / 3
 
 
@@ -94,16 +115,23 @@ def test_lame_tube_converges_with_and_without_the_wall():
         assert not solution.active.any()
         outer = np.isclose(open_tube.problem.points[:, 0], 2.0)
         u_r = solution.displacement().reshape(-1, 2)[outer, 0].mean()
-        pressure = hhr.FullOrderModel(lame_tube(cells, gap)).solve(1.0).forces().sum() / (2 * np.pi * 2.0 * 0.2)
+        pressure = hhr.FullOrderModel(lame_tube(cells, gap)).solve(1.0).forces().sum() / (
+            2 * np.pi * 2.0 * 0.2
+        )
         errors.append((abs(u_r / free - 1), abs(pressure / wall_pressure - 1)))
     assert np.log2(np.divide(errors[-2], errors[-1])) == pytest.approx(2.0, abs=0.1)
     assert max(errors[-1]) < 2e-3
 
 
 def test_hertz_line_contact():
-    """a^2 = 4 P R* / (pi E*), p0 = 2 P / (pi a) (Hertz, 1882); a by the second moment, sum(x^2 f) / P = a^2 / 4."""
+    """a^2 = 4 P R* / (pi E*), p0 = 2 P / (pi a) (Hertz, 1882).
+
+    a by the second moment, sum(x^2 f) / P = a^2 / 4.
+    """
     # contact begins at mu = 0.1, below the box of the demo's training
-    scene = dataclasses.replace(demo.scene(arc_segments=240, pole_ratio=1.035), parameters=space(mu=(0.1, 0.15)))
+    scene = dataclasses.replace(
+        demo.scene(arc_segments=240, pole_ratio=1.035), parameters=space(mu=(0.1, 0.15))
+    )
     full_order = hhr.FullOrderModel(scene)
     problem = full_order.problem
     solution = full_order.solve(0.1045)
@@ -113,7 +141,9 @@ def test_hertz_line_contact():
     assert 0.02 < half_width < 0.06 and solution.active.sum() > 20
     measured = 2 * np.sqrt(forces @ problem.contact_points[:, 0] ** 2 / load)
     assert measured == pytest.approx(half_width, rel=0.03)
-    assert (forces / problem.contact_areas).max() == pytest.approx(2 * load / (np.pi * half_width), rel=0.03)
+    assert (forces / problem.contact_areas).max() == pytest.approx(
+        2 * load / (np.pi * half_width), rel=0.03
+    )
 
 
 def test_sizes_of_the_thesis(hertz):
@@ -124,10 +154,15 @@ def test_sizes_of_the_thesis(hertz):
 
 @pytest.mark.parametrize(("length", "stress"), [(1e3, 1e-6), (1.0, 1e-6), (1.0, 1e12), (1e-9, 1.0)])
 def test_units_do_not_matter(hertz, hertz_reduction, length, stress):
-    """Forces per unit depth scale with stress * length; 1e-9 relative: round-off times cond(K) ~ 1e5."""
+    """Forces per unit depth scale with stress * length.
+
+    1e-9 relative: round-off times cond(K) ~ 1e5.
+    """
     scene = demo.scene(radius=length, gap=0.1 * length)
     bodies = tuple(dataclasses.replace(body, young=body.young * stress) for body in scene.bodies)
-    scene = dataclasses.replace(scene, bodies=bodies, parameters=space(mu=(0.15 * length, 0.45 * length)))
+    scene = dataclasses.replace(
+        scene, bodies=bodies, parameters=space(mu=(0.15 * length, 0.45 * length))
+    )
     full_order = hhr.FullOrderModel(scene)
     snapshots = hhr.compute_snapshots(full_order, full_order.problem.parameters.grid([31]))
     reduction = hhr.build(full_order, snapshots, THESIS.as_it_is())
@@ -135,13 +170,18 @@ def test_units_do_not_matter(hertz, hertz_reduction, length, stress):
     assert np.array_equal(inside, hertz_reduction.offline.sets.A_lambda)
     for mu in (0.168, 0.4321):
         reference = hertz_reduction.solve(mu).forces()
-        forces, full = (model.solve(mu * length).forces() / (stress * length) for model in (reduction, full_order))
+        forces, full = (
+            model.solve(mu * length).forces() / (stress * length)
+            for model in (reduction, full_order)
+        )
         assert full == pytest.approx(hertz.solve(mu).forces(), rel=1e-9, abs=1e-9 * reference.max())
         assert forces[inside] == pytest.approx(reference[inside], abs=1e-9 * reference.max())
 
 
 def test_a_killed_compilation_names_the_file_to_remove(tmp_path, monkeypatch):
-    """FFCx marks what it compiles by a file, which a kill leaves: later runs wait for it in vain."""
+    """FFCx marks what it compiles by a file, which a kill leaves: later runs wait for it in
+    vain.
+    """
 
     def killed(*given, **options):
         raise KeyboardInterrupt
@@ -153,6 +193,8 @@ def test_a_killed_compilation_names_the_file_to_remove(tmp_path, monkeypatch):
         patched.setattr("ffcx.codegeneration.jit._compile_objects", killed)
         hhr.FullOrderModel(scene)
     (left,) = tmp_path.glob("*.c")
-    with pytest.raises(FileError, match="waits for another run that compiles it, or that was killed") as caught:
+    with pytest.raises(
+        FileError, match="waits for another run that compiles it, or that was killed"
+    ) as caught:
         hhr.FullOrderModel(scene)
     assert f"remove {left}, and run again" in str(caught.value)

@@ -1,6 +1,8 @@
-"""Decks that generate nodes and elements or read them from files, sets that keep their order, odd types and systems.
+"""Decks that generate nodes and elements or read them from files, sets that keep their order, odd
+types and systems.
 
-Two unit cubes of 2 x 2 x 2 cells, 0.01 apart and closed by 0.03, with E = 1000 and nu = 0: the pressure is 10.
+Two unit cubes of 2 x 2 x 2 cells, 0.01 apart and closed by 0.03, with E = 1000 and nu = 0: the
+pressure is 10.
 """
 
 import numpy as np
@@ -14,7 +16,9 @@ from hhr_dolfinx.geometries.abaqus_deck import flat_deck
 
 
 def cube(first, height, names, element):
-    """Corners, lines between them, two layers filled between these, and one element that is copied."""
+    """Corners, lines between them, two layers filled between these, and one element that is
+    copied.
+    """
     body, low, high = names
     rows = []
     for z, name, start in ((height, low, first), (height + 1.0, high, first + 200)):
@@ -26,7 +30,9 @@ def cube(first, height, names, element):
     rows += [f"*NFILL, NSET=ALL{first}", f"{low}, {high}, 2, 100", "*ELEMENT, TYPE=C3D8"]
     corners = [first + k for k in (0, 1, 11, 10, 100, 101, 111, 110)]
     rows += [f"{element}, {', '.join(map(str, corners))}"]
-    return "\n".join([*rows, f"*ELGEN, ELSET={body}", f"{element}, 2, 1, 1, 2, 10, 2, 2, 100, 4", ""])
+    return "\n".join(
+        [*rows, f"*ELGEN, ELSET={body}", f"{element}, 2, 1, 1, 2, 10, 2, 2, 100, 4", ""]
+    )
 
 
 LOWER = cube(1, 0.0, ("LOWER", "FLOOR", "MASTER"), 1)
@@ -47,14 +53,32 @@ def test_two_generated_cubes(tmp_path):
 @needs("nonmatching")
 def test_generated_parts_that_are_placed(tmp_path):
     text = f"*PART, NAME=P\n{LOWER}*END PART\n*PART, NAME=Q\n{UPPER}*END PART\n*ASSEMBLY, NAME=A\n"
-    text += "".join(f"*INSTANCE, NAME={name}-1, PART={name}\n*END INSTANCE\n" for name in "PQ") + "*END ASSEMBLY\n"
+    text += (
+        "".join(f"*INSTANCE, NAME={name}-1, PART={name}\n*END INSTANCE\n" for name in "PQ")
+        + "*END ASSEMBLY\n"
+    )
     assert pressure(written(tmp_path / "parts.inp", text), NAMES) == pytest.approx(10.0, rel=1e-9)
 
 
 def test_middle_nodes_of_generated_cells(tmp_path):
     """Cells of eight nodes on lines of five nodes: increments of two."""
-    rows = ["*NODE", "1, 0., 0.", "5, 2., 0.", "21, 0., 1.", "25, 2., 1.", "*NGEN, NSET=A", "1, 5", "*NGEN, NSET=B"]
-    rows += ["21, 25", "*NFILL", "A, B, 2, 10", "*ELEMENT, TYPE=CPS8, ELSET=PLATE", "1, 1, 3, 23, 21, 2, 13, 22, 11"]
+    rows = [
+        "*NODE",
+        "1, 0., 0.",
+        "5, 2., 0.",
+        "21, 0., 1.",
+        "25, 2., 1.",
+        "*NGEN, NSET=A",
+        "1, 5",
+        "*NGEN, NSET=B",
+    ]
+    rows += [
+        "21, 25",
+        "*NFILL",
+        "A, B, 2, 10",
+        "*ELEMENT, TYPE=CPS8, ELSET=PLATE",
+        "1, 1, 3, 23, 21, 2, 13, 22, 11",
+    ]
     text = "\n".join([*rows, "*ELGEN, ELSET=PLATE", "1, 2, 2", ""])
     found = hhr.MeshFile(written(tmp_path / "plate.inp", text)).read()
     assert found.points[found.sides].tolist()[1] == [[1.5, 0.0], [2.0, 0.5], [1.5, 1.0], [1.0, 0.5]]
@@ -71,25 +95,52 @@ def test_nodes_on_arcs(tmp_path):
 
 
 REFUSED = {
-    "parabola": ("*NGEN, LINE=P\n1, 3, 1, 9\n", "block *NGEN at line 2: LINE= are not read: write the deck with all"),
-    "centre": ("*NGEN, LINE=C\n1, 3, 1, 99\n", "block *NGEN at line 2: there is no node 99 before it"),
+    "parabola": (
+        "*NGEN, LINE=P\n1, 3, 1, 9\n",
+        "block *NGEN at line 2: LINE= are not read: write the deck with all",
+    ),
+    "centre": (
+        "*NGEN, LINE=C\n1, 3, 1, 99\n",
+        "block *NGEN at line 2: there is no node 99 before it",
+    ),
     "straight arc": (
         "*NODE\n1, 0, 0\n3, 2, 0\n*NGEN, LINE=C, SYSTEM=RC\n1, 3, 1, , 1., 0., 0.\n",
         "line 5: an arc from [0.0, 0.0, 0.0] to [2.0, 0.0, 0.0] has no plane about [1.0, 0.0, 0.0]",
     ),
     "system": ("*NGEN, LINE=C, SYSTEM=C\n1, 3, 1, , 1., 0., 0.\n", "line 2: SYSTEM= are not read"),
-    "half": ("*NGEN, LINE=C\n1, 3, 1, , 0, 0, 0, 0, 0, 1\n", "line 2: arcs of 180 degrees and more, with a normal"),
+    "half": (
+        "*NGEN, LINE=C\n1, 3, 1, , 0, 0, 0, 0, 0, 1\n",
+        "line 2: arcs of 180 degrees and more, with a normal",
+    ),
     "bias": ("*NFILL, BIAS=0.8\nA, B, 3, 10\n", "block *NFILL at line 2: BIAS= are not read"),
-    "copy": ("*NCOPY, CHANGE NUMBER=100, OLD SET=A, SHIFT\n0, 0, 1\n", "block *NCOPY at line 2: copies and maps"),
-    "copied elements": ("*ELCOPY, OLD SET=A\n", "block *ELCOPY at line 2: copies and maps are not read"),
-    "steps": ("*NODE\n1, 0, 0\n4, 1, 0\n*NGEN\n1, 4, 2\n", "line 5: nodes 1 and 4 are not there, or not 2 apart"),
+    "copy": (
+        "*NCOPY, CHANGE NUMBER=100, OLD SET=A, SHIFT\n0, 0, 1\n",
+        "block *NCOPY at line 2: copies and maps",
+    ),
+    "copied elements": (
+        "*ELCOPY, OLD SET=A\n",
+        "block *ELCOPY at line 2: copies and maps are not read",
+    ),
+    "steps": (
+        "*NODE\n1, 0, 0\n4, 1, 0\n*NGEN\n1, 4, 2\n",
+        "line 5: nodes 1 and 4 are not there, or not 2 apart",
+    ),
     "nodes": ("*NODE\n1, 0, 0\n*NGEN\n1, 4\n", "line 4: nodes 1 and 4 are not there"),
     "sets": ("*NFILL\nA, B, 2, 10\n", "line 2: sets 'A' and 'B' have 0 and 0 nodes"),
     "element": ("*ELGEN\n7, 2\n", "line 2: there is no element 7 before it"),
     "nothing": ("*ELGEN\n,\n", "line 2"),
-    "range": ("*NSET, NSET=A, GENERATE\n4, 1\n", "block *NSET at line 2: no numbers go from 4 to 1 in steps of 1"),
-    "no step": ("*NSET, NSET=A, GENERATE\n1, 4, 0\n", "block *NSET at line 2: no numbers go from 1 to 4 in steps of 0"),
-    "zero": ("*NODE\n1, 0, 0\n4, 1, 0\n*NGEN\n1, 4, 0\n", "line 5: nodes 1 and 4 are not there, or not 0 apart"),
+    "range": (
+        "*NSET, NSET=A, GENERATE\n4, 1\n",
+        "block *NSET at line 2: no numbers go from 4 to 1 in steps of 1",
+    ),
+    "no step": (
+        "*NSET, NSET=A, GENERATE\n1, 4, 0\n",
+        "block *NSET at line 2: no numbers go from 1 to 4 in steps of 0",
+    ),
+    "zero": (
+        "*NODE\n1, 0, 0\n4, 1, 0\n*NGEN\n1, 4, 0\n",
+        "line 5: nodes 1 and 4 are not there, or not 0 apart",
+    ),
 }
 
 
@@ -113,13 +164,25 @@ def test_sets_that_are_not_sorted_keep_their_order(tmp_path):
 
 def test_types_that_do_not_exist_are_no_cells(tmp_path):
     """C3D9 has no meaning; a cell with another number of nodes than its type says is refused."""
-    path = written(tmp_path / "d.inp", f"{DECK}*ELEMENT, TYPE=C3D9, ELSET=ODD\n9, 9, 10, 11, 12, 13, 14, 15, 16\n")
-    assert reasons(path) == {"ODD": "1 element of type C3D9 in it, neither cells nor sides of cells"}
-    with pytest.raises(FileContentError, match=r"no elements of the plane or of space that are understood: C3D9"):
+    path = written(
+        tmp_path / "d.inp",
+        f"{DECK}*ELEMENT, TYPE=C3D9, ELSET=ODD\n9, 9, 10, 11, 12, 13, 14, 15, 16\n",
+    )
+    assert reasons(path) == {
+        "ODD": "1 element of type C3D9 in it, neither cells nor sides of cells"
+    }
+    with pytest.raises(
+        FileContentError, match=r"no elements of the plane or of space that are understood: C3D9"
+    ):
         hhr.MeshFile(written(tmp_path / "e.inp", DECK.replace("C3D8", "C3D9"))).read()
-    with pytest.raises(FileContentError, match="element 1 of type C3D6 has 8 nodes, which is not understood"):
+    with pytest.raises(
+        FileContentError, match="element 1 of type C3D6 has 8 nodes, which is not understood"
+    ):
         hhr.MeshFile(written(tmp_path / "f.inp", DECK.replace("C3D8", "C3D6"))).read()
-    assert np.isclose(len(hhr.MeshFile(written(tmp_path / "g.inp", DECK.replace("C3D8", "C3D8R"))).read().cells), 2)
+    assert np.isclose(
+        len(hhr.MeshFile(written(tmp_path / "g.inp", DECK.replace("C3D8", "C3D8R"))).read().cells),
+        2,
+    )
 
 
 def test_nodes_in_cylindrical_and_spherical_coordinates(tmp_path):
@@ -147,12 +210,18 @@ def test_nodes_and_elements_of_other_files(tmp_path):
     assert pressure(path, NAMES) == pytest.approx(10.0, rel=1e-9)
     (tmp_path / "upper.txt").unlink()
     with pytest.raises(
-        FileContentError, match=r"d\.inp:4 \*ELEMENT: the file .*upper\.txt does not exist: put it there"
+        FileContentError,
+        match=r"d\.inp:4 \*ELEMENT: the file .*upper\.txt does not exist: put it there",
     ):
         hhr.MeshFile(path).read()
 
 
 def test_a_block_without_an_option_that_it_needs(tmp_path):
-    path = written(tmp_path / "d.inp", DECK.replace("*ELEMENT, TYPE=C3D8, ELSET=UPPER", "*ELEMENT, ELSET=UPPER"))
-    with pytest.raises(FileContentError, match=r"block \*ELEMENT at line 20: it has no option 'TYPE'"):
+    path = written(
+        tmp_path / "d.inp",
+        DECK.replace("*ELEMENT, TYPE=C3D8, ELSET=UPPER", "*ELEMENT, ELSET=UPPER"),
+    )
+    with pytest.raises(
+        FileContentError, match=r"block \*ELEMENT at line 20: it has no option 'TYPE'"
+    ):
         hhr.MeshFile(path).read()

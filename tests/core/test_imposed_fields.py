@@ -24,7 +24,9 @@ def ring(comm):
 
     def warp(points, _):
         angle = 2 * np.pi * points[:, 1]
-        return np.column_stack([points[:, 0] * np.cos(angle), points[:, 0] * np.sin(angle), points[:, 2]])
+        return np.column_stack(
+            [points[:, 0] * np.cos(angle), points[:, 0] * np.sin(angle), points[:, 2]]
+        )
 
     first = (INNER, 0.0, 0.0), (OUTER, 1.0, LENGTH), (3, 48, 8)
     second = (OUTER + 1.0, 0.0, 0.0), (OUTER + 2.0, 1.0, LENGTH), (1, 48, 1)
@@ -37,28 +39,43 @@ def twisted(*fields, **others) -> hhr.Scene:
     given = {
         "geometry": ring,
         "hypothesis": "solid",
-        "contacts": (hhr.NodeToNode(side(FIRST, 0, True), side(SECOND, 0, False), (1.0, 0.0, 0.0)),),
+        "contacts": (
+            hhr.NodeToNode(side(FIRST, 0, True), side(SECOND, 0, False), (1.0, 0.0, 0.0)),
+        ),
         "displacements": (
-            *hhr.Displacement.clamp(side(FIRST, 2, False), 3), hhr.Displacement(end, 2),
-            *(hhr.Displacement(end, axis, slope("turn"), field) for axis, field in enumerate(fields)),
+            *hhr.Displacement.clamp(side(FIRST, 2, False), 3),
+            hhr.Displacement(end, 2),
+            *(
+                hhr.Displacement(end, axis, slope("turn"), field)
+                for axis, field in enumerate(fields)
+            ),
             *hhr.Displacement.clamp(side(SECOND, 2, False), 3),
         ),
-    }  # fmt: skip
-    return pair_scene("twisted", {"turn": (0.0, 0.01)}, None, None, ((YOUNG, 0.3), (YOUNG, 0.3)), **given | others)
+    }
+    return pair_scene(
+        "twisted", {"turn": (0.0, 0.01)}, None, None, ((YOUNG, 0.3), (YOUNG, 0.3)), **given | others
+    )
 
 
 @needs("nonmatching")
 def test_a_ring_that_is_turned_bears_the_torque_of_its_section():
-    """T = G J θ / L with J = π (R^4 - r^4) / 2, from the strain energy T θ / 2; facets take 1 % of the section."""
+    """T = G J θ / L with J = π (R^4 - r^4) / 2, from the strain energy T θ / 2.
+
+    Facets take 1 % of the section.
+    """
     radial = hhr.NodeToSurface(side(FIRST, 0, True), side(SECOND, 0, False))
     full = hhr.FullOrderModel(twisted("-y", "x", contacts=(radial,)), MPI.COMM_SELF)
     turn = 0.01
     moved = full.solve(turn).displacement()
     polar = 0.5 * np.pi * (OUTER**4 - INNER**4)
-    assert moved @ (full.problem.stiffness_terms[0] @ moved) / turn == pytest.approx(polar * turn / LENGTH, rel=0.015)
+    assert moved @ (full.problem.stiffness_terms[0] @ moved) / turn == pytest.approx(
+        polar * turn / LENGTH, rel=0.015
+    )
     # no seam: all meridians move alike
     points, moved = full.problem.points, moved.reshape(-1, 3)
-    own = np.isclose(np.hypot(points[:, 0], points[:, 1]), OUTER) & np.isclose(points[:, 2], LENGTH / 2)
+    own = np.isclose(np.hypot(points[:, 0], points[:, 1]), OUTER) & np.isclose(
+        points[:, 2], LENGTH / 2
+    )
     along = (points[own, 0] * moved[own, 1] - points[own, 1] * moved[own, 0]) / OUTER
     assert own.sum() == 48
     np.testing.assert_allclose(along, 0.5 * turn * OUTER, rtol=1e-10)
@@ -74,7 +91,11 @@ def test_rings_that_cannot_close(cells, closed):
 
 @pytest.mark.parametrize(
     ("field", "message"),
-    [("turn * x", "names .*'turn'.*coordinates are"), ("1 / (x - x)", "is not finite"), ("x +", "cannot be read")],
+    [
+        ("turn * x", "names .*'turn'.*coordinates are"),
+        ("1 / (x - x)", "is not finite"),
+        ("x +", "cannot be read"),
+    ],
 )
 def test_fields_that_cannot_be(field, message):
     with pytest.raises(SceneError, match=message):
@@ -97,8 +118,13 @@ def shearing(*fields, gap=0.5) -> hhr.Scene:
 
 
 def test_a_linear_field_goes_on_inside():
-    """A patch test: what is imposed on three sides is linear, and without stress on the fourth, so all of it is."""
-    turn = ("-y", "x")  # pure shear, ("y", "x"), has a traction on the lower side, which none imposes
+    """A patch test: what is imposed on three sides is linear, and without stress on the fourth, so
+    all of it is.
+    """
+    turn = (
+        "-y",
+        "x",
+    )  # pure shear, ("y", "x"), has a traction on the lower side, which none imposes
     full = hhr.FullOrderModel(shearing(turn, turn, turn), MPI.COMM_SELF)
     points = full.problem.points
     expected = 0.1 * np.column_stack([-points[:, 1], points[:, 0]])
@@ -112,31 +138,47 @@ def test_a_linear_field_goes_on_inside():
 def test_fields_know_the_mesh_before_shapes_move_it():
     scene = shearing(None, None, ("0 * x", "-x"), gap=0.02)
     wide = hhr.Shape(block.SOLID, ("wide * x", "y"))
-    scene = dataclasses.replace(scene, parameters=space(load=(0.0, 0.1), wide=(1.0, 2.0)), shapes=(wide,))
+    scene = dataclasses.replace(
+        scene, parameters=space(load=(0.0, 0.1), wide=(1.0, 2.0)), shapes=(wide,)
+    )
     full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
     answer = full.solve((0.1, 2.0))
-    corner = np.linalg.norm(full.problem.at(np.array([0.1, 2.0])).points - (2.0, 1.0), axis=1).argmin()
-    np.testing.assert_allclose(answer.displacement().reshape(-1, 2)[corner], (0.0, -0.1), atol=1e-14)
+    corner = np.linalg.norm(
+        full.problem.at(np.array([0.1, 2.0])).points - (2.0, 1.0), axis=1
+    ).argmin()
+    np.testing.assert_allclose(
+        answer.displacement().reshape(-1, 2)[corner], (0.0, -0.1), atol=1e-14
+    )
     assert answer.active.any()
-    # what a model interpolates between shapes is the same, whose grid has settled to 1e-5 of what varies
+    # what a model interpolates between shapes is the same, whose grid has settled to 1e-5 of what
+    # varies
     found, exact = (model.solve((0.07, 1.3)) for model in (hhr.condense(full, fields=True), full))
     np.testing.assert_allclose(found.displacement(), exact.displacement(), atol=1e-7)
 
 
 @needs("friction", "mortar", "shapes", "volume_loads")
 def test_a_press_fit_slips_as_a_whole_at_the_torque_of_its_pressures():
-    """What slips as a whole bears f times the pressure at its radius, less what slip along the axis takes."""
+    """What slips as a whole bears f times the pressure at its radius, less what slip along the axis
+    takes.
+    """
     import press_fit_torque
     from parts import press_fit_torque_study
 
     full = hhr.FullOrderModel(press_fit_torque.scene(around=12, along=6, radial=2), MPI.COMM_SELF)
     design = np.array([0.02, 0.15, 10.0, 150e3, 10.0])
-    exact, found = (one.march(press_fit_torque_study.path(design)) for one in (full, hhr.condense(full)))
+    exact, found = (
+        one.march(press_fit_torque_study.path(design)) for one in (full, hhr.condense(full))
+    )
     wanted = press_fit_torque_study.torques(exact)
-    np.testing.assert_allclose(press_fit_torque_study.torques(found), wanted, rtol=1e-5, atol=1e-3)  # 1e-7 was measured
+    np.testing.assert_allclose(
+        press_fit_torque_study.torques(found), wanted, rtol=1e-5, atol=1e-3
+    )  # 1e-7 was measured
     last = exact.answers[-1]
     assert set(last.slip.statuses.tolist()) == {2}
     pressed = last.multipliers[full.problem.law.normal].sum()
-    # torque already turns the slip along the axis, which the shrinking left, by some tenths of a percent
+    # torque already turns the slip along the axis, which the shrinking left, by some tenths of a
+    # percent
     assert wanted[-1] == pytest.approx(design[1] * pressed * press_fit_torque.RADIUS, rel=1e-2)
-    assert wanted[0] == pytest.approx(0.0, abs=1e-6 * wanted[-1]) and (np.diff(wanted[:4]) > 0).all()
+    assert (
+        wanted[0] == pytest.approx(0.0, abs=1e-6 * wanted[-1]) and (np.diff(wanted[:4]) > 0).all()
+    )

@@ -1,4 +1,6 @@
-"""A law of bodies that a stranger's plug-in reads: solved where its facets are there, refused elsewhere."""
+"""A law of bodies that a stranger's plug-in reads: solved where its facets are there, refused
+elsewhere.
+"""
 
 import importlib.metadata
 from dataclasses import replace
@@ -102,7 +104,10 @@ def registered(monkeypatch):
         # forms are compiled meanwhile, which asks for other groups
         others = importlib.metadata.entry_points
         mine = [Entry(item) for item in (*plugins, *BESIDE)]
-        known = lambda **asked: mine if asked.get("group") == GROUP else others(**asked)  # noqa: E731
+
+        def known(**asked):
+            return mine if asked.get("group") == GROUP else others(**asked)
+
         monkeypatch.setattr(importlib.metadata, "entry_points", known)
         for name in ("installed", "memories", "asked_of_answers", "facet"):
             monkeypatch.setattr(registry, name, cache(getattr(registry, name).__wrapped__))
@@ -130,14 +135,21 @@ def test_its_plug_in_says_what_scenes_may_hold(registered):
     with pytest.raises(SceneError, match="body 1 ages, and is graded"):
         hhr.Body(1, 1.0, 0.3, Ages(), grading=lambda x: x[0])
     registered(registry.Plugin("ageing", materials=("age",)))
-    with pytest.raises(NotOfferedError, match=r"whose bodies have laws is not built in .* no facet 'scene'"):
+    with pytest.raises(
+        NotOfferedError, match=r"whose bodies have laws is not built in .* no facet 'scene'"
+    ):
         hhr.Body(1, 1.0, 0.3, Ages())
 
 
 def test_laws_of_two_plug_ins_make_no_scene(registered):
-    registered(ageing(), registry.Plugin("other", materials=("other",), facets={"scene": f"{__name__}:SCENES"}))
+    registered(
+        ageing(),
+        registry.Plugin("other", materials=("other",), facets={"scene": f"{__name__}:SCENES"}),
+    )
     given, others = scene(), type("Others", (), {"other": lambda self: None})()
-    with pytest.raises(SceneError, match=r"laws of bodies of several plug-ins, \['ageing', 'other'\]"):
+    with pytest.raises(
+        SceneError, match=r"laws of bodies of several plug-ins, \['ageing', 'other'\]"
+    ):
         replace(given, bodies=(*given.bodies, hhr.Body("another", 1.0, 0.3, others)))
 
 
@@ -151,7 +163,9 @@ def test_a_missing_facet_refuses_and_names_it(registered, tmp_path):
     full = hhr.FullOrderModel(scene())
     middle = full.parameters.middle
     history = full.march([(0.0, middle), (1.0, middle), (2.0, middle)])
-    assert [answer.age for answer in history.answers] == [1, 2] and history.answers[-1].years() == 20
+    assert [answer.age for answer in history.answers] == [1, 2] and history.answers[
+        -1
+    ].years() == 20
     answer = full.solve(middle)
     assert answer.age == 1 and np.isfinite(answer.stress()).all()
     with pytest.raises(AttributeError, match="has no 'plastic_strain'"):
@@ -165,7 +179,9 @@ def test_a_missing_facet_refuses_and_names_it(registered, tmp_path):
 
         asked["study"] = lambda: study_of(full.scene)
     for word, ask in asked.items():
-        with pytest.raises(NotOfferedError, match=f"what the plug-in 'ageing' adds: it has no facet '{word}'"):
+        with pytest.raises(
+            NotOfferedError, match=f"what the plug-in 'ageing' adds: it has no facet '{word}'"
+        ):
             ask()
     with pytest.raises(NotOfferedError, match="no installed reductor condenses scene"):
         Training(full, None, None, None).condense()

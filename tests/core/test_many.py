@@ -23,7 +23,9 @@ def training(request):
 def models(training):
     yield training.build()
     for field in (False, True):
-        yield hhr.exact_condensation(training.full_order, training.snapshots.known_statuses(), field=field)
+        yield hhr.exact_condensation(
+            training.full_order, training.snapshots.known_statuses(), field=field
+        )
 
 
 def test_many_are_those_one_by_one(training):
@@ -33,8 +35,13 @@ def test_many_are_those_one_by_one(training):
         assert len(many) == 300 and set(many.status) == {Status.CONVERGED}
         for point, answer in zip(points, many, strict=True):
             alone = model.solve(point)
-            assert np.array_equal(answer.parameter, point) and np.array_equal(answer.active, alone.active)
-            assert np.abs(answer.multipliers - alone.multipliers).max() <= 1e-11 * np.abs(alone.multipliers).max()
+            assert np.array_equal(answer.parameter, point) and np.array_equal(
+                answer.active, alone.active
+            )
+            assert (
+                np.abs(answer.multipliers - alone.multipliers).max()
+                <= 1e-11 * np.abs(alone.multipliers).max()
+            )
             size = np.abs(alone.unknown).max(initial=0.0)
             assert np.abs(answer.unknown - alone.unknown).max(initial=0.0) <= 1e-10 * size
         field, exact = many[7].displacement(), model.solve(points[7]).displacement()
@@ -44,18 +51,28 @@ def test_many_are_those_one_by_one(training):
 def test_the_edge_of_contact_is_left_to_the_search():
     """Where all gaps close at once forces are round-off, of either sign."""
     full = hhr.FullOrderModel(pressed_block("plane_strain"))
-    model = hhr.exact_condensation(full, hhr.compute_snapshots(full, np.array([[0.0], [0.1]])).known_statuses())
+    model = hhr.exact_condensation(
+        full, hhr.compute_snapshots(full, np.array([[0.0], [0.1]])).known_statuses()
+    )
     points = np.array([0.01, 0.01 + 1e-17, 0.0, 0.05, 0.1])[:, None]
     many = model.solve_many(points)
     assert set(many.status) == {Status.CONVERGED}
     for k, point in enumerate(points):
-        assert many.multipliers[k] == pytest.approx(model.solve(point).multipliers, rel=1e-10, abs=1e-14)
+        assert many.multipliers[k] == pytest.approx(
+            model.solve(point).multipliers, rel=1e-10, abs=1e-14
+        )
 
 
 def test_bad_tables_are_refused(training):
     model, space = training.build(), training.full_order.parameters
     inside = np.array([space.lower], dtype=float)
-    for table in (inside + 1e9, np.full_like(inside, np.nan), inside[:, :0], "points", inside[0, 0]):
+    for table in (
+        inside + 1e9,
+        np.full_like(inside, np.nan),
+        inside[:, :0],
+        "points",
+        inside[0, 0],
+    ):
         with pytest.raises(ParameterError):
             model.solve_many(table)
     assert len(model.solve_many(inside.tolist())) == 1
@@ -74,7 +91,9 @@ def test_factors_of_a_table_have_a_bound(training, monkeypatch):
         return found
 
     monkeypatch.setattr(KeptFactors, "of", watched)
-    monkeypatch.setattr(KeptFactors, "most_bytes", 2 * LapackLU(np.eye(model.solve(points[0]).active.size)).nbytes)
+    monkeypatch.setattr(
+        KeptFactors, "most_bytes", 2 * LapackLU(np.eye(model.solve(points[0]).active.size)).nbytes
+    )
     assert np.array_equal(model.solve_many(points).multipliers, before.multipliers)
     assert held and max(held) <= KeptFactors.most_bytes
 
@@ -92,7 +111,9 @@ def test_kept_factors_forget_what_was_asked_for_longest_ago(monkeypatch):
 
 def test_many_points_start_from_their_neighbours(training, monkeypatch):
     """The same answers, and less of a search: most neighbours share their statuses."""
-    model = hhr.exact_condensation(training.full_order, training.snapshots.known_statuses(), field=False)
+    model = hhr.exact_condensation(
+        training.full_order, training.snapshots.known_statuses(), field=False
+    )
     points = model.parameters.random(600, seed=6)
     far = model.solve_many(points)
     monkeypatch.setattr(several, "FEWEST", 50)

@@ -1,4 +1,7 @@
-"""Mesh files: the same mesh, names and answers from every format; sets that overlap; what cannot be read."""
+"""Mesh files: the same mesh, names and answers from every format; sets that overlap.
+
+What cannot be read.
+"""
 
 import dataclasses
 import shutil
@@ -33,13 +36,19 @@ def exact():
 
 
 def answers_alike(scene, exact):
-    """Forces in the order of places along the surfaces, of a scene or its mesh file: nodes may have other numbers."""
+    """Forces in the order of places along the surfaces, of a scene or its mesh file: nodes may have
+    other numbers.
+    """
     scene = scene if isinstance(scene, hhr.Scene) else your_scene.scene(scene)
     model, answer = hhr.FullOrderModel(scene, MPI.COMM_SELF), exact[1]
     found = model.solve(POINT)
-    np.testing.assert_allclose(model.problem.contact_points, exact[0].problem.contact_points, atol=1e-9)
+    np.testing.assert_allclose(
+        model.problem.contact_points, exact[0].problem.contact_points, atol=1e-9
+    )
     np.testing.assert_allclose(found.forces(), answer.forces(), atol=1e-8 * answer.forces().max())
-    assert list(found.outputs().values.values()) == pytest.approx(list(answer.outputs().values.values()), rel=1e-8)
+    assert list(found.outputs().values.values()) == pytest.approx(
+        list(answer.outputs().values.values()), rel=1e-8
+    )
 
 
 def by_numbers(scene):
@@ -47,13 +56,20 @@ def by_numbers(scene):
     return dataclasses.replace(
         scene,
         bodies=tuple(dataclasses.replace(body, tag=numbers[body.tag]) for body in scene.bodies),
-        contacts=tuple(hhr.NodeToSurface(*(numbers[tag] for tag in pair.tags)) for pair in scene.contacts),
-        displacements=tuple(dataclasses.replace(item, tag=numbers[item.tag]) for item in scene.displacements),
+        contacts=tuple(
+            hhr.NodeToSurface(*(numbers[tag] for tag in pair.tags)) for pair in scene.contacts
+        ),
+        displacements=tuple(
+            dataclasses.replace(item, tag=numbers[item.tag]) for item in scene.displacements
+        ),
     )
 
 
 def write_exodus(path, points, blocks, sides=None, names=(), form="NETCDF3_64BIT_OFFSET"):
-    """Blocks by number: type and nodes; sets of sides by number: (element, side), or None for an empty one."""
+    """Blocks by number: type and nodes.
+
+    Sets of sides by number: (element, side), or None for an empty one.
+    """
     with netcdf4("a test").Dataset(path, "w", format=form) as data:
 
         def put(name, values, *axes):
@@ -77,9 +93,13 @@ def write_exodus(path, points, blocks, sides=None, names=(), form="NETCDF3_64BIT
                 words = np.array([names[number] for number in items], dtype="S33")
                 put(f"{kind}_names", words.view("S1").reshape(len(items), 33), axis, "len_string")
         for k, (kind, rows) in enumerate(blocks.values(), start=1):
-            put(f"connect{k}", np.array(rows, dtype="i4"), f"num_el_in_blk{k}", f"num_nod_per_el{k}").elem_type = kind
+            put(
+                f"connect{k}", np.array(rows, dtype="i4"), f"num_el_in_blk{k}", f"num_nod_per_el{k}"
+            ).elem_type = kind
         for k, pairs in enumerate((sides or {}).values(), start=1):
-            for what, column in zip(("elem", "side"), () if pairs is None else np.transpose(pairs), strict=False):
+            for what, column in zip(
+                ("elem", "side"), () if pairs is None else np.transpose(pairs), strict=False
+            ):
                 put(f"{what}_ss{k}", column.astype("i4"), f"num_side_ss{k}")
     return path
 
@@ -106,14 +126,28 @@ def test_exodus_by_blocks_and_side_sets(tmp_path, exact):
     blocks = {k: ("TRI3", block.data + 1) for k, block in enumerate(MESH.cells[-3:], start=1)}
     cells = enumerate(np.concatenate([block.data for block in MESH.cells[-3:]]).tolist(), start=1)
     # element and face, from 1 on, by the nodes of a side
-    faces = {frozenset((cell[k], cell[(k + 1) % 3])): (number, k + 1) for number, cell in cells for k in range(3)}
-    marked = [item for item in zip(MESH.cells, MESH.cell_data["gmsh:physical"], strict=True) if item[0].type == "line"]
+    faces = {
+        frozenset((cell[k], cell[(k + 1) % 3])): (number, k + 1)
+        for number, cell in cells
+        for k in range(3)
+    }
+    marked = [
+        item
+        for item in zip(MESH.cells, MESH.cell_data["gmsh:physical"], strict=True)
+        if item[0].type == "line"
+    ]
     sides = {
-        k: [faces[frozenset(side)] for block, own in marked for side in block.data[own == tag].tolist()]
+        k: [
+            faces[frozenset(side)]
+            for block, own in marked
+            for side in block.data[own == tag].tolist()
+        ]
         for k, tag in enumerate(LINES.values(), start=10)
     }
     names = dict(zip((*blocks, *sides), ("spring", "roller", "stop", *LINES), strict=True))
-    answers_alike(write_exodus(tmp_path / "mesh.e", MESH.points[:, :2], blocks, sides, names), exact)
+    answers_alike(
+        write_exodus(tmp_path / "mesh.e", MESH.points[:, :2], blocks, sides, names), exact
+    )
 
 
 @needs("nonmatching")
@@ -136,14 +170,20 @@ def test_numbers_of_the_file_are_as_good_as_names(exact):
 
 @needs("nonmatching")
 def test_a_file_in_other_units(tmp_path, exact):
-    small = meshio.Mesh(MESH.points * 1e-3, MESH.cells, cell_data=MESH.cell_data, field_data=MESH.field_data)
+    small = meshio.Mesh(
+        MESH.points * 1e-3, MESH.cells, cell_data=MESH.cell_data, field_data=MESH.field_data
+    )
     meshio.gmsh.write(tmp_path / "m.msh", small, fmt_version="2.2")
-    scene = dataclasses.replace(your_scene.scene(), geometry=hhr.MeshFile(tmp_path / "m.msh", scale=1e3))
+    scene = dataclasses.replace(
+        your_scene.scene(), geometry=hhr.MeshFile(tmp_path / "m.msh", scale=1e3)
+    )
     answers_alike(scene, exact)
 
 
 def of_second_order(kind, incomplete, folder):
-    """Files of a disc, a ball or a cylinder of radius 1 as gmsh meshes it with cells of second order."""
+    """Files of a disc, a ball or a cylinder of radius 1 as gmsh meshes it with cells of second
+    order.
+    """
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     gmsh.option.setNumber("Mesh.SecondOrderIncomplete", int(incomplete))
@@ -152,12 +192,20 @@ def of_second_order(kind, incomplete, folder):
         gmsh.option.setNumber("Mesh.RecombineAll", 1)
         gmsh.option.setNumber("Mesh.SubdivisionAlgorithm", 1)
     occ, dim = gmsh.model.occ, 3 if kind in ("tetra", "hexahedron") else 2
-    made = [(3, occ.addSphere(0, 0, 0, 1))] if kind == "tetra" else [(2, occ.addDisk(0, 0, 0, 1, 1))]
+    made = (
+        [(3, occ.addSphere(0, 0, 0, 1))] if kind == "tetra" else [(2, occ.addDisk(0, 0, 0, 1, 1))]
+    )
     if kind == "hexahedron":
-        made = [item for item in occ.extrude(made, 0, 0, 1, numElements=[2], recombine=True) if item[0] == 3]
+        made = [
+            item
+            for item in occ.extrude(made, 0, 0, 1, numElements=[2], recombine=True)
+            if item[0] == 3
+        ]
     occ.synchronize()
     gmsh.model.addPhysicalGroup(dim, [tag for _, tag in made], name="body")
-    gmsh.model.addPhysicalGroup(dim - 1, [tag for _, tag in gmsh.model.getBoundary(made, oriented=False)], name="skin")
+    gmsh.model.addPhysicalGroup(
+        dim - 1, [tag for _, tag in gmsh.model.getBoundary(made, oriented=False)], name="skin"
+    )
     gmsh.model.mesh.generate(dim)
     gmsh.model.mesh.setOrder(2)
     files = []
@@ -172,7 +220,9 @@ def of_second_order(kind, incomplete, folder):
     gmsh.finalize()
     read = meshio.read(folder / "2.msh")
     files.append(folder / "m.vtu")
-    meshio.write(files[-1], meshio.Mesh(read.points, [block for block in read.cells if block.dim == dim]))
+    meshio.write(
+        files[-1], meshio.Mesh(read.points, [block for block in read.cells if block.dim == dim])
+    )
     return files
 
 
@@ -197,17 +247,28 @@ def test_cells_of_third_order_are_refused_with_the_order(tmp_path):
 @needs("mesh_formats")
 @pytest.mark.parametrize(
     ("kind", "incomplete", "exact"),
-    [("triangle", False, (np.pi, 2 * np.pi)), ("quad", False, (np.pi, 2 * np.pi)), ("quad", True, (np.pi, 2 * np.pi)),
-     ("tetra", False, (4 / 3 * np.pi, 4 * np.pi)), ("hexahedron", False, (np.pi, 4 * np.pi)),
-     ("hexahedron", True, (np.pi, 4 * np.pi))],
-)  # fmt: skip
+    [
+        ("triangle", False, (np.pi, 2 * np.pi)),
+        ("quad", False, (np.pi, 2 * np.pi)),
+        ("quad", True, (np.pi, 2 * np.pi)),
+        ("tetra", False, (4 / 3 * np.pi, 4 * np.pi)),
+        ("hexahedron", False, (np.pi, 4 * np.pi)),
+        ("hexahedron", True, (np.pi, 4 * np.pi)),
+    ],
+)
 def test_cells_of_second_order_keep_their_curved_sides(kind, incomplete, exact, tmp_path):
-    """Area and volume of a disc of chords of .5 are a few per cent off by its corners; 2e-4 was measured at most."""
+    """Area and volume of a disc of chords of .5 are a few per cent off by its corners.
+
+    2e-4 was measured at most.
+    """
     for path in of_second_order(kind, incomplete, tmp_path):
         mesh, _, facets, *_ = hhr.MeshFile(path)(MPI.COMM_SELF)
         assert degree_of(mesh) == 2, path
         one = fem.Constant(mesh, 1.0)
-        sizes = [fem.assemble_scalar(fem.form(one * measure(mesh, degree=6))) for measure in (ufl.dx, ufl.ds)]
+        sizes = [
+            fem.assemble_scalar(fem.form(one * measure(mesh, degree=6)))
+            for measure in (ufl.dx, ufl.ds)
+        ]
         np.testing.assert_allclose(sizes, exact, rtol=1e-3, err_msg=str(path))
         if path.suffix != ".vtu":  # meshio writes no names there
             mesh.topology.create_connectivity(mesh.topology.dim - 1, mesh.topology.dim)
@@ -234,7 +295,9 @@ def test_nodes_on_sides_in_another_order_and_cells_of_two_orders_are_refused(tmp
 @pytest.mark.parametrize("name", ["m.e", "m.g", "m.exo"])
 def test_second_order_from_exodus(name, tmp_path):
     points = np.array([[0, 1, 0, 0.5, 0.6, 0], [0, 0, 1, 0, 0.6, 0.5]]).T
-    raw = hhr.MeshFile(write_exodus(tmp_path / name, points, {1: ("TRI6", [[1, 2, 3, 4, 5, 6]])})).read()
+    raw = hhr.MeshFile(
+        write_exodus(tmp_path / name, points, {1: ("TRI6", [[1, 2, 3, 4, 5, 6]])})
+    ).read()
     # edges of DOLFINx lie opposite of the corners
     np.testing.assert_array_equal(raw.whole()[1], [[0, 1, 2, 4, 5, 3]])
 
@@ -262,8 +325,14 @@ WRONG = {
     "line.msh": (LINE, r"has cells of kinds \['line'\], .*of a format that is not understood"),
     "empty.inp": ("*Heading\n", "has no elements of the plane or of space"),
     "parts.inp": ("*Instance, name=A, part=P\n1, 2, 3\n", "line 1: there is no part 'P' before it"),
-    "set.inp": ("*Node\n1, 0, 0\n*Nset, nset=a\nnone\n", "line 3: there is no set 'none' before it"),
-    "lost.inp": ("*Node\n1, 0, 0\n*Element, type=CPE3, elset=a\n1, 1, 2, 3\n", "element 1 has a node that is not in"),
+    "set.inp": (
+        "*Node\n1, 0, 0\n*Nset, nset=a\nnone\n",
+        "line 3: there is no set 'none' before it",
+    ),
+    "lost.inp": (
+        "*Node\n1, 0, 0\n*Element, type=CPE3, elset=a\n1, 1, 2, 3\n",
+        "element 1 has a node that is not in",
+    ),
     "face.inp": (TRIANGLE + "*Surface, name=s\na, S5\n", "surface 's': 'a, S5' is no face"),
     "mixed.inp": (
         TRIANGLE + "*Element,type=CPE4\n2,1,2,4,3\n",
@@ -271,7 +340,10 @@ WRONG = {
     ),
     "prism.inp": (
         "*Node\n1,0,0,0\n2,1,0,0\n3,0,1,0\n4,0,0,1\n5,1,0,1\n6,0,1,1\n*Element,type=C3D6\n1,1,2,3,4,5,6\n",
-        "has prisms, and a mesh must have cells of one kind: .*SubdivisionAlgorithm = 2 for hexahedra",
+        (
+            "has prisms, and a mesh must have cells of one kind: .*SubdivisionAlgorithm = 2 for "
+            "hexahedra"
+        ),
     ),
     "twice.inp": (TRIANGLE + "2,1,1,3\n", "1 of 2 triangles have a node twice"),
     "no.xdmf": ("<Xdmf><Domain/></Xdmf>", "has no grid of triangles"),
@@ -291,7 +363,9 @@ def test_files_that_are_no_meshes_are_refused_with_the_reason(name, tmp_path):
 
 @pytest.mark.parametrize("version", [2.2, 4.1])
 def test_groups_of_reversed_entities_have_their_names(version, tmp_path):
-    """Manual of gmsh: ``Physical Curve("floor", 5) = {-1}`` has line 1 with reversed orientation in group 5."""
+    """Manual of gmsh: ``Physical Curve("floor", 5) = {-1}`` has line 1 with reversed orientation in
+    group 5.
+    """
     gmsh.initialize()
     gmsh.option.setNumber("General.Terminal", 0)
     gmsh.option.setNumber("Mesh.MshFileVersion", version)
@@ -341,8 +415,12 @@ def test_arguments_that_are_none(given):
 
 @needs("nonmatching")
 def test_names_in_a_scene_whose_mesh_has_none():
-    scene = dataclasses.replace(your_scene.scene(), geometry=lambda comm: tuple(hhr.MeshFile(your_scene.MESH)(comm)))
-    with pytest.raises(SceneError, match="no surface of the mesh has a name, and 'clamp' is asked for"):
+    scene = dataclasses.replace(
+        your_scene.scene(), geometry=lambda comm: tuple(hhr.MeshFile(your_scene.MESH)(comm))
+    )
+    with pytest.raises(
+        SceneError, match="no surface of the mesh has a name, and 'clamp' is asked for"
+    ):
         hhr.FullOrderModel(scene)
 
 
@@ -361,6 +439,10 @@ def test_a_roller_that_nothing_but_contact_holds_is_named(tmp_path):
     free = tuple(item for item in scene.displacements if item.tag != "roller_flat")
     load = hhr.Traction("roller_flat", (0.0, -1.0), slope("travel", 3.0))
     with pytest.warns(SceneWarning, match="body roller .* which no contact resists"):
-        model = hhr.FullOrderModel(dataclasses.replace(scene, displacements=free, loads=(load,)), MPI.COMM_SELF)
+        model = hhr.FullOrderModel(
+            dataclasses.replace(scene, displacements=free, loads=(load,)), MPI.COMM_SELF
+        )
     answer = model.solve({"travel": 0.5, "lowered": 0.0})
-    assert answer.outputs()["force on the roller"] == pytest.approx(0.5 * 3.0 * 20 * np.sin(np.pi / 3), rel=1e-10)
+    assert answer.outputs()["force on the roller"] == pytest.approx(
+        0.5 * 3.0 * 20 * np.sin(np.pi / 3), rel=1e-10
+    )

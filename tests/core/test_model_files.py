@@ -1,4 +1,6 @@
-"""Files of models of all kinds: what is read is what was written, to the last bit, and nothing else is read."""
+"""Files of models of all kinds: what is read is what was written, to the last bit, and nothing else
+is read.
+"""
 
 import copy
 import dataclasses
@@ -33,8 +35,17 @@ from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.online.model_file import FORMAT, MODULES, VERSION, Kinds, check_answers
 from hhr_dolfinx.plain import as_plain, restored
 
-OF_MESH = {"full", "full, friction", "full, friction and flowing", "full, flowing", "naive", "fallback"}
-OF_CONTRACT = tuple(kind for kind in contract.KINDS if kind not in {*OF_MESH, "interpolated condensation, floating"})
+OF_MESH = {
+    "full",
+    "full, friction",
+    "full, friction and flowing",
+    "full, flowing",
+    "naive",
+    "fallback",
+}
+OF_CONTRACT = tuple(
+    kind for kind in contract.KINDS if kind not in {*OF_MESH, "interpolated condensation, floating"}
+)
 LOCAL = ("local pellet",) if present("local") else ()
 FLOWING = ("condensed pellet", "flowing pellet") if present("inelastic", "nonmatching") else ()
 PELLET = ("pellet", *LOCAL, *FLOWING)
@@ -67,7 +78,9 @@ def corrected(full, known):
 
 @pytest.fixture(scope="module")
 def models():
-    """One model of each kind: those of the contract, and pellets with pressures on parts of lines, laws, outputs."""
+    """One model of each kind: those of the contract, and pellets with pressures on parts of lines,
+    laws, outputs.
+    """
     trained = cache(pellet_training)
 
     @cache
@@ -78,7 +91,9 @@ def models():
             return flowing_reduction(flowing_full())
         if kind == "condensed pellet":
             full = hhr.FullOrderModel(pellet_of_moduli(outputs=OUTPUTS))
-            known = hhr.SnapshotSet.of_histories([full.march(heated(*item)) for item in ((5.0, 160e3), (12.0, 220e3))])
+            known = hhr.SnapshotSet.of_histories(
+                [full.march(heated(*item)) for item in ((5.0, 160e3), (12.0, 220e3))]
+            )
             return corrected(full, known)
         if kind == "pellet":
             return hhr.build(trained().full_order, trained().snapshots, hhr.Recipe().as_it_is())
@@ -137,7 +152,13 @@ def bits(model):
 def bits_of(answers, outputs=False):
     found = []
     for answer in answers:
-        parts = [answer.parameter, answer.unknown, answer.multipliers, answer.displacement(), answer.forces()]
+        parts = [
+            answer.parameter,
+            answer.unknown,
+            answer.multipliers,
+            answer.displacement(),
+            answer.forces(),
+        ]
         if "gauss" in answer.memory:
             parts += [answer.stress(), answer.plastic_strain()]
         estimate = answer.estimate()
@@ -153,8 +174,11 @@ def same_library(model):
         return by_lapack(model)
     found = pickle.loads(pickle.dumps(model))
     if getattr(getattr(found, "eliminated", None), "factorise", None) is not None:
-        found = found.changed(eliminated=type(found.eliminated).from_file(
-            **{name: getattr(found.eliminated, name) for name in ("responses", "amplitudes")}))  # fmt: skip
+        found = found.changed(
+            eliminated=type(found.eliminated).from_file(
+                **{name: getattr(found.eliminated, name) for name in ("responses", "amplitudes")}
+            )
+        )
     return found
 
 
@@ -170,7 +194,9 @@ def test_a_model_comes_back_to_the_last_bit(kind, models, kept):
     (mine, own), (theirs, others) = as_plain(stored), as_plain(model.for_file())
     assert mine == theirs and own.keys() == others.keys()
     for name, found in own.items():
-        assert found.dtype == others[name].dtype and found.tobytes("K") == others[name].tobytes("K"), name
+        assert found.dtype == others[name].dtype and found.tobytes("K") == others[name].tobytes(
+            "K"
+        ), name
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -182,21 +208,36 @@ def test_copies_answer_alike(kind, models):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_arrays_lie_as_files_keep_them(kind, models):
-    """Else sums of a model that was read run in another order than those of the one that was written."""
+    """Else sums of a model that was read run in another order than those of the one that was
+    written.
+    """
     found = arrays_of(models(kind).for_file())
     # arrays of exact condensation lie in one, which copies make again
-    assert kind.startswith("exact") or not [array.strides for array in found if not array.flags.forc]
+    assert kind.startswith("exact") or not [
+        array.strides for array in found if not array.flags.forc
+    ]
 
 
 def test_a_file_holds_whatever_class_declares():
-    """Each class that may come out declares the kind and the sizes of all its arrays, but those of outputs."""
+    """Each class that may come out declares the kind and the sizes of all its arrays, but those of
+    outputs.
+    """
     kinds = Kinds()
     for module, names in MODULES.items():
         for name in names.split():
             for field, node in annotations_of(kinds[name]).items():
                 text = str(getattr(node, "id", getattr(node, "attr", "")))
-                if text in ("ndarray", "Floats", "Integers", "Booleans", "csc_matrix", "csr_matrix"):
-                    assert module == "models.functionals.kinds" and declared_array(node) is None, f"{name}.{field}"
+                if text in (
+                    "ndarray",
+                    "Floats",
+                    "Integers",
+                    "Booleans",
+                    "csc_matrix",
+                    "csr_matrix",
+                ):
+                    assert module == "models.functionals.kinds" and declared_array(node) is None, (
+                        f"{name}.{field}"
+                    )
 
 
 ALONE = """
@@ -230,13 +271,17 @@ for place in (registry.named("classes") | PLACES).values():
 
 def test_classes_of_files_need_no_dolfinx():
     """All that a file may hold is imported where there is numpy and scipy alone."""
-    packages = "dolfinx_solver dolfinx ufl basix gmsh petsc4py slepc4py mpi4py rich meshio shapely pyvista"
+    packages = (
+        "dolfinx_solver dolfinx ufl basix gmsh petsc4py slepc4py mpi4py rich meshio shapely pyvista"
+    )
     assert len(python("-W", "ignore", "-c", CLASSES, packages).stdout.split()) > 20
 
 
 @pytest.mark.parametrize("petsc", ["there", "missing"])
 def test_another_process_answers_without_dolfinx(petsc, kept, models):
-    """To the last bit, whether there is more than numpy and scipy or not, and numba where bodies flow."""
+    """To the last bit, whether there is more than numpy and scipy or not, and numba where bodies
+    flow.
+    """
     names = json.dumps({kind: str(kept(kind)) for kind in ALL})
     lines = [json.loads(line) for line in python("-c", ALONE, petsc, names).stdout.splitlines()]
     assert [line[0] for line in lines] == list(ALL)
@@ -244,16 +289,21 @@ def test_another_process_answers_without_dolfinx(petsc, kept, models):
         model = hhr.load_model(kept(kind))
         middle = np.mean([model.parameters.lower, model.parameters.upper], axis=0)
         answer = model.solve(middle, outside="ignore", raise_on_failure=False)
-        assert answer.forces().tobytes().hex() == forces and answer.displacement().tobytes().hex() == displacement
-        assert values == ("{}" if model.fields.functionals is None else repr(dict(answer.outputs())))
+        assert (
+            answer.forces().tobytes().hex() == forces
+            and answer.displacement().tobytes().hex() == displacement
+        )
+        assert values == (
+            "{}" if model.fields.functionals is None else repr(dict(answer.outputs()))
+        )
 
 
 def test_an_elastic_model_loads_no_flow(kept):
     """Nor numba, nor what only takes time to load; a scene pulls in what it names."""
     program = f"import sys, hhr_dolfinx as hhr\nhhr.load_model({str(kept('pellet'))!r})\n" + (
         "late = 'numba', 'scipy.optimize', 'scipy.spatial', 'scipy.interpolate'\n"
-        "found = [m for m in sys.modules if m in late or m.startswith('hhr_dolfinx.plugins.inelastic.update')]\n"
-        "assert not found, found"
+        "found = [m for m in sys.modules if m in late or "
+        "m.startswith('hhr_dolfinx.plugins.inelastic.update')]\nassert not found, found"
     )
     python("-c", program)
 
@@ -282,7 +332,9 @@ def test_what_models_share_is_kept_once(models, kept, tmp_path):
             assert getattr(model.fields.bound, name) is getattr(stored.models[0].fields.bound, name)
         assert model.fields.basis is stored.models[0].fields.basis
     local = models("local pellet")
-    hhr.save_model(tmp_path / "twice.npz", hhr.LocalModels([local.models[0]] * 2, one_cut(1, CUT, REACH)))
+    hhr.save_model(
+        tmp_path / "twice.npz", hhr.LocalModels([local.models[0]] * 2, one_cut(1, CUT, REACH))
+    )
     hhr.save_model(tmp_path / "once.npz", local.models[0])
     more = (tmp_path / "twice.npz").stat().st_size - (tmp_path / "once.npz").stat().st_size
     assert 0 < more < 30_000  # the tree again, small arrays, and the choice
@@ -296,27 +348,41 @@ def test_gradients_come_back(models, kept):
     model = model.changed(fields=replace(model.fields, functionals=some))
     again = pickle.loads(pickle.dumps(model))
     settings = hhr.MarchSettings(relative_force=1e-10, outside="ignore", gradient=True)
-    one, other = (item.march(heated(9.0, 180e3), settings).answers[-1].outputs() for item in (again, model))
+    one, other = (
+        item.march(heated(9.0, 180e3), settings).answers[-1].outputs() for item in (again, model)
+    )
     assert one.values == other.values and one.units == other.units == {"peak": "MPa", "u": "mm"}
-    assert all(one.gradient[name].tobytes() == other.gradient[name].tobytes() for name in ("peak", "u"))
+    assert all(
+        one.gradient[name].tobytes() == other.gradient[name].tobytes() for name in ("peak", "u")
+    )
     assert other.gradient["u"].all()
 
 
 @needs("inelastic", "nonmatching")
 @pytest.mark.usefixtures("restless")
 def test_threads_ask_one_model(models):
-    """Each with elasticity of its own, half of them with a law of a user: the answers are those of one thread."""
+    """Each with elasticity of its own, half of them with a law of a user: the answers are those of
+    one thread.
+    """
     varied = models("condensed pellet")
     for model in (varied, with_law(varied, stated(Bingham(100.0, 1e5)))):
-        asked = [heated(gap, young) for gap, young in ((5.0, 160e3), (8.0, 180e3), (10.0, 200e3), (12.0, 220e3))]
-        jobs = [lambda item=item, model=model: [bits_of(model.march(item, QUIET).answers) for _ in range(3)]
-                for item in asked]  # fmt: skip
+        asked = [
+            heated(gap, young)
+            for gap, young in ((5.0, 160e3), (8.0, 180e3), (10.0, 200e3), (12.0, 220e3))
+        ]
+        jobs = [
+            lambda item=item, model=model: [
+                bits_of(model.march(item, QUIET).answers) for _ in range(3)
+            ]
+            for item in asked
+        ]
         expected = [job() for job in jobs]
         assert at_once(jobs) == expected
         assert at_once(jobs[:1] * 4) == expected[:1] * 4
 
 
-# ---------------------------------------------------------------- a user's own laws and amplitudes; what stays behind
+# ---------------------------------------------------------------- a user's own laws and amplitudes;
+# what stays behind
 
 
 def with_law(model, law):
@@ -343,7 +409,10 @@ def test_a_law_of_a_users_own_comes_back_without_its_class(kind, models, tmp_pat
     model, own = with_law(models(kind), stated(Bingham(100.0, 1e5))), tmp_path / "own.npz"
     hhr.save_model(own, model)
     assert bits(hhr.load_model(own)) == bits(model)
-    for law in (None, hhr.Norton("900 + P1", 4.0) if kind == "condensed pellet" else hhr.Norton(900.0, 4.0)):
+    for law in (
+        None,
+        hhr.Norton("900 + P1", 4.0) if kind == "condensed pellet" else hhr.Norton(900.0, 4.0),
+    ):
         hhr.save_model(own, with_law(models(kind), stated(law)))
         stored = hhr.load_model(own)
         groups = stored.flow.groups if kind == "condensed pellet" else stored.flow.material.groups
@@ -367,7 +436,9 @@ class Careless:
 
 @needs("local")
 def test_an_amplitude_of_a_users_own(tmp_path):
-    """A load of a user's own with a term that is not affine, through the whole chain to the file, alone and in sets."""
+    """A load of a user's own with a term that is not affine, through the whole chain to the file,
+    alone and in sets.
+    """
     held = [hhr.Displacement(block.side(0, upper=upper), 0) for upper in (False, True)]
     top, floor = (block.side(1, upper=upper) for upper in (True, False))
     scene = replace(
@@ -376,21 +447,31 @@ def test_an_amplitude_of_a_users_own(tmp_path):
     )  # fmt: skip
     training, own = hhr.train(scene, (9,), held_out=0), tmp_path / "own.npz"
     whole = hhr.build(training.full_order, training.snapshots, hhr.Recipe().as_it_is())
-    local = hhr.LocalModels(parts_of(training, [(0.0, 0.07), (0.03, 0.1)]), one_cut(0, 0.05, (0.01,)))
+    local = hhr.LocalModels(
+        parts_of(training, [(0.0, 0.07), (0.03, 0.1)]), one_cut(0, 0.05, (0.01,))
+    )
     for model in (whole, local):
         hhr.save_model(own, model)
         refused(own, r"own\.npz cannot be read: the file holds a Square.*known=\[Square\]")
-        refused(own, r"two classes are called Square.* rename one", known=[Square, called("Square")])
+        refused(
+            own, r"two classes are called Square.* rename one", known=[Square, called("Square")]
+        )
         assert bits(hhr.load_model(own, known=[Square])) == bits(by_lapack(model))
 
 
 @needs("local")
 def test_an_indicator_stays_behind_and_is_warned_of(models, tmp_path):
     model, local = models("pellet"), models("local pellet")
-    fields = replace(model.fields, indicator=lambda answer: 0.5, bound=None, response=None,
-                     basis=np.ones((len(model.fields.basis), len(model.problem.stiffness))),
-                     contact_basis=np.ones((len(model.fields.gaps), len(model.problem.stiffness))),
-                     output_bound=None, force_snapshots=np.ones((len(model.fields.gaps), 1)))  # fmt: skip
+    fields = replace(
+        model.fields,
+        indicator=lambda answer: 0.5,
+        bound=None,
+        response=None,
+        basis=np.ones((len(model.fields.basis), len(model.problem.stiffness))),
+        contact_basis=np.ones((len(model.fields.gaps), len(model.problem.stiffness))),
+        output_bound=None,
+        force_snapshots=np.ones((len(model.fields.gaps), 1)),
+    )
     estimating, point = model.changed(fields=fields), points_of(model, 1)[0]
     assert estimating.solve(point, outside="ignore").estimate() == Estimate.indicated(0.5)
     for one in (estimating, hhr.LocalModels([model, model.changed(fields=replace(
@@ -400,7 +481,10 @@ def test_an_indicator_stays_behind_and_is_warned_of(models, tmp_path):
         assert caught[0].filename == __file__
     hhr.save_model(tmp_path / "model.npz", estimating.for_file())
     stored = hhr.load_model(tmp_path / "model.npz")
-    assert stored.solve(point, outside="ignore").estimate() is None and "no code" in stored.fields.unbounded
+    assert (
+        stored.solve(point, outside="ignore").estimate() is None
+        and "no code" in stored.fields.unbounded
+    )
     with pytest.raises(HHRError, match=r"full\.stress_of\(displacement, mu\)"):
         stored.solve(point, outside="ignore").stress()
 
@@ -413,11 +497,17 @@ def test_what_could_not_be_read_is_not_written(models, tmp_path):
     bad = local.models[1].changed()
     bad.problem = replace(problem, stiffness=problem.stiffness[:, :-1])
     broken = [
-        (model.changed(fields=replace(model.fields, gap_scale=np.nan * model.fields.gap_scale)), "not finite"),
+        (
+            model.changed(fields=replace(model.fields, gap_scale=np.nan * model.fields.gap_scale)),
+            "not finite",
+        ),
         (with_law(models("flowing pellet"), careless), "must be a frozen dataclass"),
         (with_law(flow, careless), "must be a frozen dataclass"),
         (flow.changed(flow=replace(flow.flow, modal=np.nan * flow.flow.modal)), "not finite"),
-        (flow.changed(flow=replace(flow.flow, modal=flow.flow.modal[:, :-1])), "flow.modal has shape"),
+        (
+            flow.changed(flow=replace(flow.flow, modal=flow.flow.modal[:, :-1])),
+            "flow.modal has shape",
+        ),
         (hhr.LocalModels([local.models[0], bad, local.models[2]], local.choice), "has shape"),
     ]
     for item, why in broken:
@@ -456,7 +546,9 @@ def test_models_in_space_come_back(how, tmp_path):
     else:
         model = hhr.build(full, known, hhr.Recipe.flowing().as_it_is())
     hhr.save_model(tmp_path / "model.npz", model)
-    one, other = (item.march(path, QUIET).answers for item in (hhr.load_model(tmp_path / "model.npz"), model))
+    one, other = (
+        item.march(path, QUIET).answers for item in (hhr.load_model(tmp_path / "model.npz"), model)
+    )
     assert bits_of(one) == bits_of(other) and one[-1].plastic_strain().any()
 
 
@@ -486,16 +578,30 @@ def in_header(**values):
     return change
 
 
-@pytest.mark.parametrize("why, change", [
-    ("checksum", lambda arrays: arrays["problem.stiffness"].__setitem__((0, 0), 1.0)),
-    ("checksum", in_header(model={})),
-    ("'hhr_dolfinx model' version 99, this release reads .*build the model again", in_header(version=99)),
-    ("'hhr_dolfinx reduced model' version 13, this release reads 'hhr_dolfinx model' version",
-     in_header(format="hhr_dolfinx reduced model", version=13)),
-    ("names no 'hhr_dolfinx model'", in_header(format="something else")),
-    ("damaged", lambda arrays: arrays.__setitem__("problem.loads", np.array([{}], dtype=object))),
-    ("no header", lambda arrays: arrays.pop("header")),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "why, change",
+    [
+        ("checksum", lambda arrays: arrays["problem.stiffness"].__setitem__((0, 0), 1.0)),
+        ("checksum", in_header(model={})),
+        (
+            "'hhr_dolfinx model' version 99, this release reads .*build the model again",
+            in_header(version=99),
+        ),
+        (
+            (
+                "'hhr_dolfinx reduced model' version 13, this release reads 'hhr_dolfinx model' "
+                "version"
+            ),
+            in_header(format="hhr_dolfinx reduced model", version=13),
+        ),
+        ("names no 'hhr_dolfinx model'", in_header(format="something else")),
+        (
+            "damaged",
+            lambda arrays: arrays.__setitem__("problem.loads", np.array([{}], dtype=object)),
+        ),
+        ("no header", lambda arrays: arrays.pop("header")),
+    ],
+)
 def test_other_files_are_refused(why, change, file):
     path = file()
     unsigned(path, change)
@@ -503,7 +609,8 @@ def test_other_files_are_refused(why, change, file):
 
 
 @pytest.mark.parametrize(
-    "damage", [lambda b: b[: len(b) // 2], lambda b: b"", lambda b: b"not a model", lambda b: b[:-40]]
+    "damage",
+    [lambda b: b[: len(b) // 2], lambda b: b"", lambda b: b"not a model", lambda b: b[:-40]],
 )
 def test_a_damaged_file_is_refused(damage, file):
     path = file()
@@ -514,9 +621,15 @@ def test_a_damaged_file_is_refused(damage, file):
 def test_a_missing_file_a_folder_and_wrong_classes(tmp_path, kept):
     refused(tmp_path / "nothing.npz", "no model file")
     refused(tmp_path, "is a folder, and a model is a file")
-    refused(kept("pellet"), r"two classes are called Coverage.* rename one", known=[called("Coverage")])
+    refused(
+        kept("pellet"), r"two classes are called Coverage.* rename one", known=[called("Coverage")]
+    )
     for known in (Bingham, "Bingham", 3, None):
-        refused(kept("pellet"), r"must be a list of classes, load_model\(path, known=\[MyLaw\]\)", known=known)
+        refused(
+            kept("pellet"),
+            r"must be a list of classes, load_model\(path, known=\[MyLaw\]\)",
+            known=known,
+        )
 
 
 @needs("inelastic", "nonmatching")
@@ -529,10 +642,13 @@ def test_flow_is_answered_without_numba(models, kept):
     ask += f"print(repr(float(model.solve({point}, outside='ignore').forces().sum())))"
     run = python("-c", f"import sys\nsys.modules['numba'] = None\n{ask}")
     assert "hhr_dolfinx[flow]" in run.stderr
-    assert float(run.stdout) == pytest.approx(model.solve(point, outside="ignore").forces().sum(), rel=1e-9)
+    assert float(run.stdout) == pytest.approx(
+        model.solve(point, outside="ignore").forces().sum(), rel=1e-9
+    )
 
 
-# ---------------------------------------------------------------- a valid checksum and other content
+# ---------------------------------------------------------------- a valid checksum and other
+# content
 
 
 @dataclass(frozen=True)
@@ -543,36 +659,62 @@ class Toy:
 TOY = {"kind": "Toy", "fields": {}}
 KNOWN = Kinds([Toy])
 FREE = (
-    "force_snapshots", "choice.", "steps", "nonaffine", "functionals", "interpolant", "primal", "known", "bound.loads",
+    "force_snapshots",
+    "choice.",
+    "steps",
+    "nonaffine",
+    "functionals",
+    "interpolant",
+    "primal",
+    "known",
+    "bound.loads",
     "bound.lifts",
-)  # fmt: skip
+)
 """Parts whose sizes nothing else shares, so that fewer are as good."""
 
 
 def damaged(arrays):
-    """Each array lost, of another kind, with another number of dimensions, cut along each axis, or not finite."""
+    """Each array lost, of another kind, with another number of dimensions, cut along each axis, or
+    not finite.
+    """
     for name, found in arrays.items():
         yield name, "lost", None
         yield name, "kind", found.astype(bool) if found.dtype.kind == "f" else found.astype(float)
         yield name, "dimensions", found[None]
         for axis in range(found.ndim):
-            yield name, f"cut along {axis}", np.delete(found, 0, axis) if found.shape[axis] else found[None]
+            yield (
+                name,
+                f"cut along {axis}",
+                np.delete(found, 0, axis) if found.shape[axis] else found[None],
+            )
         if found.dtype.kind == "f" and found.size:
-            yield name, "not finite", np.where(np.arange(found.size).reshape(found.shape) == 0, np.nan, found)
+            yield (
+                name,
+                "not finite",
+                np.where(np.arange(found.size).reshape(found.shape) == 0, np.nan, found),
+            )
         if found.dtype.kind == "i" and found.size:
             for number in (-1, 10**7):
-                yield name, f"index {number}", np.where(np.arange(found.size).reshape(found.shape) == 0, number, found)
+                yield (
+                    name,
+                    f"index {number}",
+                    np.where(np.arange(found.size).reshape(found.shape) == 0, number, found),
+                )
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_arrays_that_were_damaged_are_refused(kind, models):
-    """Whatever is done to them: by what classes declare, by what they say of themselves, or by a first answer."""
+    """Whatever is done to them: by what classes declare, by what they say of themselves, or by a
+    first answer.
+    """
     tree, arrays = as_plain(models(kind).for_file())
     taken = []
     for name, what, found in damaged(arrays):
         changed = {key: value for key, value in arrays.items() if key != name}
         try:
-            check_answers(restored(tree, changed if found is None else changed | {name: found}, KNOWN))
+            check_answers(
+                restored(tree, changed if found is None else changed | {name: found}, KNOWN)
+            )
         except HHRError:
             continue
         taken.append(f"{name}: {what}")
@@ -601,25 +743,47 @@ REFUSED = {
         ("there twice: they are dependent", entry("fields.A_lambda", 0, 1)),
         ("gap_scale has the entry 0.0", array("fields.gap_scale", lambda a: 0.0 * a)),
         ("singular", entry("problem.stiffness", slice(None), 0.0)),
-        ("0 of .* modes are no|10 of 10 modes|modes are no rigid motions", put("problem.motions", 10)),
+        (
+            "0 of .* modes are no|10 of 10 modes|modes are no rigid motions",
+            put("problem.motions", 10),
+        ),
         ("first amplitude must be", entry("fields.amplitudes.constant", 0, 2.0)),
         ("the amplitudes are 1", array(f"{LINE}.positions", lambda a: a[:-1])),
         ("must be an Amplitude", put("fields.amplitudes.nonaffine", [TOY])),
-        ("is no Functional, and an", both(put("fields.output_bound", None), put("fields.functionals.items", [TOY]))),
+        (
+            "is no Functional, and an",
+            both(put("fields.output_bound", None), put("fields.functionals.items", [TOY])),
+        ),
         ("trained range ends below", array("trained.upper", lambda a: a - 1e6)),
         ("dofs are no nodes", one_dof_less),
         ("dimension 4, which must be", put("fields.dimension", 4)),
         ("dimension of Reconstruction is 'two', and must be a int", put("fields.dimension", "two")),
         ("nothing completes them|neither training forces", put("fields.bound", None)),
-        ("neither training forces nor a bound", both(put("fields.bound", None), put("fields.response", None))),
-        ("at least one", both(*(array(f"known.{name}", lambda a: a[:0])
-                                for name in ("points", "active", "margins", "slopes")))),
-        ("S of its estimate is not symmetric and positive", array("fields.bound.schur", lambda a: 0 * a)),
+        (
+            "neither training forces nor a bound",
+            both(put("fields.bound", None), put("fields.response", None)),
+        ),
+        (
+            "at least one",
+            both(
+                *(
+                    array(f"known.{name}", lambda a: a[:0])
+                    for name in ("points", "active", "margins", "slopes")
+                )
+            ),
+        ),
+        (
+            "S of its estimate is not symmetric and positive",
+            array("fields.bound.schur", lambda a: 0 * a),
+        ),
         ("S of its estimate is not symmetric", array("fields.bound.schur", np.tril)),
         ("are negative", array("fields.bound.least", lambda a: a - 1e9)),
         ("not one more than another", put("fields.bound.kept", None)),
         ("estimates of outputs are not those", put("fields.functionals", None)),
-        ("estimates of outputs are not those", array("fields.output_bound.least", lambda a: -0.5 - np.abs(a))),
+        (
+            "estimates of outputs are not those",
+            array("fields.output_bound.least", lambda a: -0.5 - np.abs(a)),
+        ),
         ("outside 0 .. ", array("fields.functionals.items.0.conditions", lambda a: a + 1000)),
         ("starts from known statuses", put("known", None)),
         ("P = 3", box(names=["a", "b", "c"], lower=[0.0] * 3, upper=[1.0] * 3)),
@@ -647,7 +811,10 @@ REFUSED = {
         ("steps of TrainedPaths is", put("trained.steps", [2.0, 3.0, 1.0])),
         ("must be a LawProgram", put(f"{LAWS}.1.law", TOY)),
         ("does not fit its program", put(f"{LAWS}.1.law.values", [1.0])),
-        ("no program: an operation is unknown", array(f"{LAWS}.1.law.program.rows", lambda a: a + 100)),
+        (
+            "no program: an operation is unknown",
+            array(f"{LAWS}.1.law.program.rows", lambda a: a + 100),
+        ),
         ("not those of the moduli", put(f"{LAWS}.0.young", "2e5")),
     ],
     "HHR, moduli": [
@@ -658,25 +825,49 @@ REFUSED = {
         ("indices outside|has a number twice", entry("flow.points", 0, 10**6)),
         ("parts has indices outside", entry("flow.parts", 0, 2)),
         ("fields.parts has indices outside", entry("fields.parts", 0, 7)),
-        ("flow.points has a number twice", both(*(array(f"{name}.points", lambda a: np.r_[a[1], a[1:]])
-                                                  for name in ("flow", "fields.flow")))),
+        (
+            "flow.points has a number twice",
+            both(
+                *(
+                    array(f"{name}.points", lambda a: np.r_[a[1], a[1:]])
+                    for name in ("flow", "fields.flow")
+                )
+            ),
+        ),
         ("are not the same", array("fields.flow.points", lambda a: a[::-1].copy())),
         ("points that flowed must increase", array("fields.flow.flowed", lambda a: a[::-1].copy())),
-        ("elasticity of a Gauss point is not positive", entry("fields.flow.elastic", (0, 0, 0), 0.0)),
+        (
+            "elasticity of a Gauss point is not positive",
+            entry("fields.flow.elastic", (0, 0, 0), 0.0),
+        ),
         ("groups must hold the points", entry(f"{GROUPS}.0.indices", 0, 1)),
         ("one behind another", array(f"{GROUPS}.1.indices", lambda a: a[::-1].copy())),
         ("groups must hold", array(f"{GROUPS}.1.indices", lambda a: a[:-1])),
         ("schur is not symmetric", entry("flow.schur", (0, 0, 1), 3.0)),
         ("schur is not positive definite", entry("flow.schur", (0, 2, 2), -1.0)),
         ("a condition has no compliance", entry("flow.schur", (slice(None), 2, 2), 0.0)),
-        ("the moduli are .* in the middle", both(*(array(f"{name}.factors.middle", lambda a: 2 * a)
-                                                   for name in ("flow", "fields")))),
-        ("moduli of the step and those of the fields", array("fields.factors.middle", lambda a: 2 * a)),
+        (
+            "the moduli are .* in the middle",
+            both(
+                *(array(f"{name}.factors.middle", lambda a: 2 * a) for name in ("flow", "fields"))
+            ),
+        ),
+        (
+            "moduli of the step and those of the fields",
+            array("fields.factors.middle", lambda a: 2 * a),
+        ),
         ("names .'F'.*, the parameters are", put("flow.factors.moduli.0.factor", "F")),
         ("of the step and those of the fields", put("flow.factors.moduli.0.factor", "2 * E")),
-        ("young = E - 2e5 is -10000 .*positive", both(*(put(f"{name}.factors.moduli.0.factor", "E - 2e5")
-                                                        for name in ("flow", "fields")))),
-        ("no formula of", both(*(put(f"{name}.factors.moduli.0.rest", "w") for name in ("flow", "fields")))),
+        (
+            "young = E - 2e5 is -10000 .*positive",
+            both(
+                *(put(f"{name}.factors.moduli.0.factor", "E - 2e5") for name in ("flow", "fields"))
+            ),
+        ),
+        (
+            "no formula of",
+            both(*(put(f"{name}.factors.moduli.0.rest", "w") for name in ("flow", "fields"))),
+        ),
         ("not on the part of this modulus", put(f"{GROUPS}.0.young", "78e3 * w")),
         ("young = 190000.0 are not on the part", put(f"{GROUPS}.0.young", 190e3)),
         ("young = -1.0 and poisson", put(f"{GROUPS}.0.young", -1.0)),
@@ -688,7 +879,10 @@ REFUSED = {
         ("dimension 4", put("fields.dimension", 4)),
         ("components of a strain in dimension 3|no nodes", put("fields.dimension", 3)),
         ("must be a LawProgram", put(f"{GROUPS}.1.law", TOY)),
-        ("law 0: yield_stress = -.* must be a number above 0", put(f"{GROUPS}.0.law.values", ["P1 - 300", 1e3])),
+        (
+            "law 0: yield_stress = -.* must be a number above 0",
+            put(f"{GROUPS}.0.law.values", ["P1 - 300", 1e3]),
+        ),
         ("names .'F'.* correct the formula", put(f"{GROUPS}.0.law.values", ["F", 1e3])),
         ("trained range ends below", array("trained.parameters.upper", lambda a: a - 1e6)),
         ("it was trained on", put("trained.parameters.names", ["P1"] * 5)),
@@ -705,12 +899,13 @@ REFUSED = {
         ("another scene", put("models.1.parameters.upper", [400.0, 6.0])),
         ("singular", entry("models.2.problem.stiffness", slice(None), 0.0)),
     ],
-}  # fmt: skip
+}
 
 
 @needs("differences")
 @pytest.mark.parametrize(
-    "kind, number", [quick(kind, k) for kind, rows in REFUSED.items() if kind in ALL for k in range(len(rows))]
+    "kind, number",
+    [quick(kind, k) for kind, rows in REFUSED.items() if kind in ALL for k in range(len(rows))],
 )
 def test_a_signed_file_of_other_content_is_refused_where_it_is_read(kind, number, file):
     why, change = REFUSED[kind][number]

@@ -1,4 +1,7 @@
-"""Moduli that are parameters: impossible ones are refused by all models; what the core alone lacks is named."""
+"""Moduli that are parameters: impossible ones are refused by all models.
+
+What the core alone lacks is named.
+"""
 
 from types import SimpleNamespace
 
@@ -17,7 +20,9 @@ from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.models.eliminations.block import BlockElimination
 
 WHERE = 2.71830
-"""Value of the parameter at which the constants are impossible, within 1e-4 of it and nowhere else."""
+"""Value of the parameter at which the constants are impossible, within 1e-4 of it and nowhere
+else.
+"""
 DIP = f"exp(-((E1 - {WHERE}) / 1e-5) ** 2)"
 YOUNG = f"E1 * (1 - 3 * {DIP})"
 RATIO = f"0.2 + 0.01 * E1 + 0.5 * {DIP}"
@@ -38,7 +43,10 @@ MAKE = {
     "full order": (("elasticity",), lambda training: training.full_order),
     "condensed": (("moduli",), lambda training: training.condense()),
     "HHR": (("moduli",), lambda training: training.build(hhr.Recipe().as_it_is())),
-    "fallback": (("moduli", "fallback"), lambda training: training.safe_model(0.5, recipe=hhr.Recipe().as_it_is())),
+    "fallback": (
+        ("moduli", "fallback"),
+        lambda training: training.safe_model(0.5, recipe=hhr.Recipe().as_it_is()),
+    ),
 }
 
 
@@ -56,11 +64,15 @@ def test_no_model_answers_where_a_constant_is_impossible(training, kind, tmp_pat
         models.append(hhr.load_model(tmp_path / "model.npz"))
     for one in models:
         for gradient in (False, True):
-            with pytest.raises(NotSolvableError, match=r"is -?[\d.e+-]+ at .*E1 = 2.7183, and must"):
+            with pytest.raises(
+                NotSolvableError, match=r"is -?[\d.e+-]+ at .*E1 = 2.7183, and must"
+            ):
                 one.solve(POINT, outside="ignore", gradient=gradient)
         answer = one.solve(POINT, raise_on_failure=False, outside="ignore")
         assert answer.status is Status.UNDEFINED and np.isnan(answer.multipliers).all()
-        table = hhr.answer_points(one, np.array([list(beside.values()), list(POINT.values())]), outside="ignore")
+        table = hhr.answer_points(
+            one, np.array([list(beside.values()), list(POINT.values())]), outside="ignore"
+        )
         assert table.status[0] == "ok" and "and must" in table.status[1]
         assert np.isfinite(table.forces[0]).all() and np.isnan(table.forces[1]).all()
         with pytest.raises(NotSolvableError, match="and must"):
@@ -81,7 +93,9 @@ def test_a_modulus_that_is_invalid_at_one_of_many_points(young):
 
 @needs("friction", "inelastic")
 def test_a_modulus_that_is_impossible_beside_friction_and_flow():
-    """Refused in words by marches; a single query without an answer says so, and does not raise where that is asked."""
+    """Refused in words by marches; a single query without an answer says so, and does not raise
+    where that is asked.
+    """
     for how in ({"friction": 0.3}, {"law": hhr.Plasticity(0.1)}):
         full = hhr.FullOrderModel(scene(YOUNG, 0.3, **how))
         answer = full.solve(POINT, raise_on_failure=False)
@@ -90,7 +104,9 @@ def test_a_modulus_that_is_impossible_beside_friction_and_flow():
 
 
 def varied():
-    return pressed_pair("plane_strain", (("E1", "nu1"), (4.0, 0.3)), {"E1": (1.0, 6.0), "nu1": (0.1, 0.42)}, cells=4)
+    return pressed_pair(
+        "plane_strain", (("E1", "nu1"), (4.0, 0.3)), {"E1": (1.0, 6.0), "nu1": (0.1, 0.42)}, cells=4
+    )
 
 
 @pytest.fixture(scope="module")
@@ -104,16 +120,22 @@ def alone(monkeypatch):
 
 
 def test_shapes_are_refused(alone):
-    shape = SimpleNamespace(tag=two_blocks.SECOND, coordinates=("x * (1 + wide)", "y"), variables={"x", "y", "wide"})
+    shape = SimpleNamespace(
+        tag=two_blocks.SECOND, coordinates=("x * (1 + wide)", "y"), variables={"x", "y", "wide"}
+    )
     shape.check, shape.moved = lambda *given: None, lambda points, names, values: points
-    varying = pressed_pair("plane_strain", ((3.0, 0.3), (4.0, 0.3)), {"wide": (0.0, 0.05)}, shapes=(shape,))
+    varying = pressed_pair(
+        "plane_strain", ((3.0, 0.3), (4.0, 0.3)), {"wide": (0.0, 0.05)}, shapes=(shape,)
+    )
     with pytest.raises(NotOfferedError, match="whose shapes depend on parameters, needs a plug-in"):
         hhr.FullOrderModel(varying)
 
 
 @needs("elasticity")
 def test_condensation_is_refused(alone, trained):
-    with pytest.raises(NotOfferedError, match=r"condenses scene .*, whose stiffness or shape depends on"):
+    with pytest.raises(
+        NotOfferedError, match=r"condenses scene .*, whose stiffness or shape depends on"
+    ):
         hhr.condense(trained.full_order)
     with pytest.raises(NotOfferedError, match="no installed reductor condenses"):
         trained.condense()
@@ -121,7 +143,9 @@ def test_condensation_is_refused(alone, trained):
 
 @needs("elasticity")
 def test_reduced_models_factor_at_each_point_and_have_no_bound(alone, trained, tmp_path):
-    """The same basis and RID as with the plug-in, so that answers are off by what the reduction leaves."""
+    """The same basis and RID as with the plug-in, so that answers are off by what the reduction
+    leaves.
+    """
     with pytest.warns(NoBoundWarning, match="no installed plug-in knows"):
         model = trained.build()
     assert model.compliances is None and isinstance(model.eliminated.eliminated, BlockElimination)
@@ -139,5 +163,8 @@ def test_reduced_models_factor_at_each_point_and_have_no_bound(alone, trained, t
 def test_a_file_of_the_plug_in_is_refused_without_it(tmp_path, monkeypatch):
     hhr.save_model(tmp_path / "model.npz", hhr.condense(varied()))
     monkeypatch.setattr(registry, "installed", dict)
-    with pytest.raises(ModelFileError, match=r"holds a .*: it belongs to the plug-in 'moduli', which is not installed"):
+    with pytest.raises(
+        ModelFileError,
+        match=r"holds a .*: it belongs to the plug-in 'moduli', which is not installed",
+    ):
         hhr.load_model(tmp_path / "model.npz")

@@ -1,6 +1,8 @@
-"""Mutated files: each is refused by an error of this package, or answers as the original to the last bit.
+"""Mutated files: each is refused by an error of this package, or answers as the original to the
+last bit.
 
-A child process with little memory reads the files one after another, so that one that kills or swells it is found.
+A child process with little memory reads the files one after another, so that one that kills or
+swells it is found.
 """
 
 import io
@@ -26,7 +28,9 @@ from hhr_dolfinx.errors import ModelFileError, SnapshotFileWarning
 SPARE_ADDRESSES = 1_500 * 2**20
 """Address space of the child beyond what it has when it starts, in bytes."""
 MOST_GROWTH = 256 * 2**20
-"""Memory that a file may take: those here have less than a megabyte, so this only sees what a file made up."""
+"""Memory that a file may take: those here have less than a megabyte, so this only sees what a file
+made up.
+"""
 POINT = np.array([0.25, 3.0])
 
 
@@ -34,10 +38,17 @@ POINT = np.array([0.25, 3.0])
 
 
 def structure(content):
-    """Bytes of the headers and of the directory of the archive, and of the descriptions of the arrays."""
+    """Bytes of the headers and of the directory of the archive, and of the descriptions of the
+    arrays.
+    """
     return [
         place
-        for mark, length in ((b"PK\x03\x04", 80), (b"PK\x01\x02", 80), (b"PK\x05\x06", 22), (b"\x93NUMPY", 128))
+        for mark, length in (
+            (b"PK\x03\x04", 80),
+            (b"PK\x01\x02", 80),
+            (b"PK\x05\x06", 22),
+            (b"\x93NUMPY", 128),
+        )
         for found in re.finditer(re.escape(mark), bytes(content))
         for place in range(found.start(), min(found.start() + length, len(content)))
     ]
@@ -47,7 +58,9 @@ def flip(content, dice):
     """One bit, or several, anywhere or in the structure."""
     places = structure(content)
     for _ in range(dice.choice([1, 1, dice.randrange(2, 20)])):
-        content[dice.choice([dice.choice(places), dice.randrange(len(content))])] ^= 1 << dice.randrange(8)
+        content[dice.choice([dice.choice(places), dice.randrange(len(content))])] ^= (
+            1 << dice.randrange(8)
+        )
 
 
 def splice(content, dice):
@@ -55,19 +68,27 @@ def splice(content, dice):
     start, size = dice.randrange(len(content)), dice.randrange(1, 200)
     same = min(dice.randrange(1, 2000), len(content) - start)
     written = dice.choice([b"\0", b"\xff", b"("]) * same
-    cut, new = dice.choice([(len(content), b""), (size, b""), (0, dice.randbytes(size)), (same, written)])
+    cut, new = dice.choice(
+        [(len(content), b""), (size, b""), (0, dice.randbytes(size)), (same, written)]
+    )
     content[start : start + cut] = new
 
 
 def set_field(content, dice):
-    """A number of a header of the archive that is not what we write: flags, method, version, sizes, offsets."""
+    """A number of a header of the archive that is not what we write: flags, method, version, sizes,
+    offsets.
+    """
     local, central = b"PK\x03\x04", b"PK\x01\x02"
     mark = dice.choice([local, central])
     found = dice.choice([match.start() for match in re.finditer(re.escape(mark), bytes(content))])
-    offset, form = dice.choice([(4, "H"), (6, "H"), (8, "H"), (18, "I"), (22, "I"), (26, "H"), (28, "H")])
+    offset, form = dice.choice(
+        [(4, "H"), (6, "H"), (8, "H"), (18, "I"), (22, "I"), (26, "H"), (28, "H")]
+    )
     if mark == central:
         offset += 2
-    value = dice.choice([1, 8, 9, 12, 14, 32, 64, 99, 2048, 65535] + [0x7FFFFFFF, 0xFFFFFFF0] * (form == "I"))
+    value = dice.choice(
+        [1, 8, 9, 12, 14, 32, 64, 99, 2048, 65535] + [0x7FFFFFFF, 0xFFFFFFF0] * (form == "I")
+    )
     struct.pack_into(f"<{form}", content, found + offset, value)
 
 
@@ -82,9 +103,22 @@ def describe(content, dice):
     """Other text in the place of the description of an array, of the same length."""
     found = dice.choice(list(re.finditer(rb"\{'descr'[^\n]*\n", bytes(content))))
     room = len(found[0]) - 1
-    texts = [b"{'descr': '<f8', 'fortran_order': False, 'shape': (999999999999, 9), }", b"(" * room, b"-" * room]
-    texts += [b"{'descr': '|O', 'fortran_order': False, 'shape': (1,), }", b"'''", b"[" * 20 + b"]" * 20, b"\\"]
-    texts += [b"{'descr': '<f8', 'fortran_order': False, 'shape': (-1,), }", b"__import__('os')", b"lambda: 1"]
+    texts = [
+        b"{'descr': '<f8', 'fortran_order': False, 'shape': (999999999999, 9), }",
+        b"(" * room,
+        b"-" * room,
+    ]
+    texts += [
+        b"{'descr': '|O', 'fortran_order': False, 'shape': (1,), }",
+        b"'''",
+        b"[" * 20 + b"]" * 20,
+        b"\\",
+    ]
+    texts += [
+        b"{'descr': '<f8', 'fortran_order': False, 'shape': (-1,), }",
+        b"__import__('os')",
+        b"lambda: 1",
+    ]
     content[found.start() : found.end()] = dice.choice(texts).ljust(room)[:room] + b"\n"
 
 
@@ -92,7 +126,21 @@ BYTES = [*[flip] * 3, *[splice] * 4, set_field, encrypt, describe]
 
 
 def other_header(header, dice):
-    junk = [None, "two", [], {}, -1, 10**400, float("nan"), [[]], True, 1.5, {"names": 1}, ["a"], "\0"]
+    junk = [
+        None,
+        "two",
+        [],
+        {},
+        -1,
+        10**400,
+        float("nan"),
+        [[]],
+        True,
+        1.5,
+        {"names": 1},
+        ["a"],
+        "\0",
+    ]
     header[dice.choice(sorted(header))] = dice.choice(junk)
 
 
@@ -122,17 +170,23 @@ def description(text):
 
 
 def described(text, held=80):
-    """An array of some bytes whose description an interpreter may choke on, or that is much larger than what it has."""
+    """An array of some bytes whose description an interpreter may choke on, or that is much larger
+    than what it has.
+    """
     return archive({"header.npy": [description(text) + bytes(held)]})
 
 
 def huge_array(size):
-    return described(f"{{'descr': '<f8', 'fortran_order': False, 'shape': ({size},), }}".encode(), 800)
+    return described(
+        f"{{'descr': '<f8', 'fortran_order': False, 'shape': ({size},), }}".encode(), 800
+    )
 
 
 def bomb(method):
     start = description(b"{'descr': '<f8', 'fortran_order': False, 'shape': (134217728,), }")
-    content = bytearray(archive({"header.npy": [start, *[bytes(2**20)] * 1024]}, zipfile.ZIP_DEFLATED))
+    content = bytearray(
+        archive({"header.npy": [start, *[bytes(2**20)] * 1024]}, zipfile.ZIP_DEFLATED)
+    )
     if method == "stored":  # as if its gigabyte lay in the file as it is
         for mark, offset in ((b"PK\x03\x04", 8), (b"PK\x01\x02", 10)):
             struct.pack_into("<H", content, content.rindex(mark) + offset, 0)
@@ -148,7 +202,9 @@ FOREIGN = {
     "a single array": lambda: array_bytes(np.ones(3)),
     "pickle": lambda: archive({"header.npy": [array_bytes(np.array([{}]), allow_pickle=True)]}),
     "header of a number": lambda: archive({"header.npy": [array_bytes(np.ones(()))]}),
-    "impossible characters": lambda: text_header("abcd").replace("abcd".encode("utf-32-le"), b"\xff" * 16),
+    "impossible characters": lambda: text_header("abcd").replace(
+        "abcd".encode("utf-32-le"), b"\xff" * 16
+    ),
     "deep lists": lambda: text_header("[" * 200_000),
     "deep objects": lambda: text_header('{"a":' * 100_000),
     "long number": lambda: text_header('{"format": ' + "9" * 10_000 + "}"),
@@ -165,11 +221,18 @@ FOREIGN = {
 
 
 def mutants(original, folder, count, seed):
-    """Mutated copies of a file, as (what was done, path): foreign ones, then bytes and signed headers in turn."""
+    """Mutated copies of a file, as (what was done, path): foreign ones, then bytes and signed
+    headers in turn.
+    """
     dice = random.Random(seed)
     content = original.read_bytes()
-    # each foreign one has a test of its own too; in a small sample the bombs are seen by their memory
-    foreign = list(FOREIGN) if count > 2 * len(FOREIGN) else ["huge", "deep lists", "bomb that says it is none"]
+    # each foreign one has a test of its own too; in a small sample the bombs are seen by their
+    # memory
+    foreign = (
+        list(FOREIGN)
+        if count > 2 * len(FOREIGN)
+        else ["huge", "deep lists", "bomb that says it is none"]
+    )
     for k in range(count):
         path = folder / f"{k}.npz"
         if k < len(foreign):
@@ -202,7 +265,9 @@ def read_model(path):
     except ModelFileError:
         return None
     space = model.parameters
-    points = [np.array(space.lower) + part * (np.array(space.upper) - space.lower) for part in (0.1, 0.77)]
+    points = [
+        np.array(space.lower) + part * (np.array(space.upper) - space.lower) for part in (0.1, 0.77)
+    ]
     with warnings.catch_warnings(action="ignore"):  # no history is what this model was trained on
         if getattr(model, "flow", None) is None:
             answers = [model.solve(point) for point in points]
@@ -242,7 +307,9 @@ def main(kind, original, *paths):
     for path in paths:
         try:
             found = read(Path(path))
-            outcome = "refused" if found is None else "same" if found == expected else "another answer"
+            outcome = (
+                "refused" if found is None else "same" if found == expected else "another answer"
+            )
         except Exception as error:
             outcome = f"{type(error).__name__}: {str(error)[:200]}"
         growth = 1024 * (resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - start)
@@ -270,14 +337,19 @@ def trial(kind, original, folder, count, seed):
 
 @pytest.fixture(scope="module")
 def models(tmp_path_factory):
-    """Files of three models: with affine amplitudes, with a pressure on a part of a line, and of bodies that flow."""
+    """Files of three models: with affine amplitudes, with a pressure on a part of a line, and of
+    bodies that flow.
+    """
     import hertz_half_discs
     import pellet_cladding
 
     folder = tmp_path_factory.mktemp("models")
     discs = hertz_half_discs.scene(arc_segments=28, flat_segments=7)
     pellet = pellet_cladding.scene(**pellet_cladding.QUICK_MESH)
-    for scene, counts, recipe in ((discs, [31], hertz_half_discs.THESIS), (pellet, [8, 8], hhr.Recipe())):
+    for scene, counts, recipe in (
+        (discs, [31], hertz_half_discs.THESIS),
+        (pellet, [8, 8], hhr.Recipe()),
+    ):
         model = hhr.train(scene, counts, held_out=0).build(recipe.as_it_is())
         hhr.save_model(folder / f"{scene.name}.npz", model)
     if present("inelastic"):
@@ -292,7 +364,9 @@ SEEDS = [pytest.param(20, 1, id="sample"), pytest.param(200, 2, id="full", marks
 
 @pytest.mark.parametrize("count, seed", SEEDS)
 @pytest.mark.parametrize(
-    "which", [0, 1, pytest.param(2, marks=needs("inelastic", "nonmatching"))], ids=["discs", "pellet", "flowing"]
+    "which",
+    [0, 1, pytest.param(2, marks=needs("inelastic", "nonmatching"))],
+    ids=["discs", "pellet", "flowing"],
 )
 def test_mutated_models(which, count, seed, models, tmp_path):
     wrong, refused = trial("model", models[which], tmp_path / "mutants", count, seed + 10 * which)
@@ -304,7 +378,9 @@ def test_mutated_models(which, count, seed, models, tmp_path):
 def test_mutated_snapshots(count, seed, tmp_path):
     store = hhr.SnapshotStore(tmp_path / "original", BareFull())
     store.save(answer(POINT))
-    wrong, refused = trial("snapshot", store._path(POINT.tolist()), tmp_path / "mutants", count, seed)
+    wrong, refused = trial(
+        "snapshot", store._path(POINT.tolist()), tmp_path / "mutants", count, seed
+    )
     assert not wrong
     assert refused > 0.5 * count
 

@@ -1,4 +1,6 @@
-"""Commands that README, docs and Makefile name: a test runs each of them, on small scenes and files of these names."""
+"""Commands that README, docs and Makefile name: a test runs each of them, on small scenes and files
+of these names.
+"""
 
 import re
 import shutil
@@ -22,7 +24,10 @@ from hhr_dolfinx.models.condensed import CondensedModel
 ROOT = Path(__file__).parents[2]
 PAGES = ("README.md", "docs/tutorial.md", "docs/pages.md", "docs/one_call.md", "docs/files.md")
 """Pages whose commands follow each other in one folder."""
-OTHERS = sorted({"CONTRIBUTING.md", *(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))} - set(PAGES))
+OTHERS = sorted(
+    {"CONTRIBUTING.md", *(f"docs/{path.name}" for path in (ROOT / "docs").glob("*.md"))}
+    - set(PAGES)
+)
 SCENE = """
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import block
@@ -44,7 +49,10 @@ scene = hhr.Scene(
     outputs=(hhr.LargestPressure("peak", contact=0),),
 )
 """
-STEPS = "*BOUNDARY/TOP, 1, 2/*STEP/*STATIC/1., 1./*DLOAD/{lid}/*END STEP/*STEP/*STATIC/1., 1./*DLOAD, OP=NEW/{lid}"
+STEPS = (
+    "*BOUNDARY/TOP, 1, 2/*STEP/*STATIC/1., 1./*DLOAD/{lid}/*END STEP/*STEP/*STATIC/1., 1./*DLOAD, "
+    "OP=NEW/{lid}"
+)
 """Two steps, so that `hhr start` writes a path."""
 
 
@@ -52,7 +60,9 @@ def lines_of(page):
     """Lines of the code blocks of a page, and the rest of its text."""
     text = (ROOT / page).read_text()
     blocks = re.findall(r"^```[^\n]*\n(.*?)^```", text, re.DOTALL | re.MULTILINE)
-    lines = [line.strip().removeprefix(".venv/bin/") for block in blocks for line in block.splitlines()]
+    lines = [
+        line.strip().removeprefix(".venv/bin/") for block in blocks for line in block.splitlines()
+    ]
     return lines, re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
 
 
@@ -62,7 +72,10 @@ def commands(page):
 
 
 def in_text(page):
-    """Commands of ``hhr`` within the sentences of a page that name a file; others name their verb alone."""
+    """Commands of ``hhr`` within the sentences of a page that name a file.
+
+    Others name their verb alone.
+    """
     found = re.findall(r"`(hhr [a-z]+ [^`\n]*)`", lines_of(page)[1])
     return [line for line in found if re.match(r"\w[\w/]*\.\w+$", line.split()[2])]
 
@@ -71,7 +84,9 @@ def test_commands_are_found():
     """Nothing is run where nothing is found."""
     found = {page: commands(page) for page in PAGES}
     assert min(map(len, found.values())) >= 1 and sum(map(len, found.values())) >= 18
-    verbs = {line.split()[1] for lines in found.values() for line in lines if line.startswith("hhr ")}
+    verbs = {
+        line.split()[1] for lines in found.values() for line in lines if line.startswith("hhr ")
+    }
     assert verbs >= {"check", "solve", "reduce", "page", "embed", "train", "answer", "study"}
     assert len(in_text("docs/how_to.md")) > 8 and len(commands("docs/decks.md")) > 6
 
@@ -92,7 +107,9 @@ def run(line, page):
 
 @pytest.mark.slow
 def test_commands_of_the_docs_run_in_order_in_one_folder(tmp_path, monkeypatch):
-    """No model of one command is replaced by that of another, and each is called what the docs call it."""
+    """No model of one command is replaced by that of another, and each is called what the docs call
+    it.
+    """
     monkeypatch.chdir(tmp_path)
     Path("demos").mkdir()
     for path in ("demos/your_scene.py", "my_scene.py"):
@@ -105,21 +122,34 @@ def test_commands_of_the_docs_run_in_order_in_one_folder(tmp_path, monkeypatch):
             run(line, page)
             if line.startswith(("hhr reduce", "hhr train", "hhr study")):
                 # what reduce has chosen is exact condensation, whatever was made after it
-                assert isinstance(hhr.load_model(folder / "model.npz"), CondensedModel), (page, line)
-    kinds = {"model": CondensedModel, "hhr": hhr.ReducedModel, "condensed": CondensedModel, "study": hhr.ReducedModel}
+                assert isinstance(hhr.load_model(folder / "model.npz"), CondensedModel), (
+                    page,
+                    line,
+                )
+    kinds = {
+        "model": CondensedModel,
+        "hhr": hhr.ReducedModel,
+        "condensed": CondensedModel,
+        "study": hhr.ReducedModel,
+    }
     assert {name: type(hhr.load_model(folder / f"{name}.npz")) for name in kinds} == kinds
-    assert {"spring.fmu", "press.h", "press.fmu", "answers.csv"} <= {path.name for path in Path().iterdir()}
+    assert {"spring.fmu", "press.h", "press.fmu", "answers.csv"} <= {
+        path.name for path in Path().iterdir()
+    }
 
 
 ELSEWHERE = {
     "hhr serve model.npz --port 4242": "tests/plugins/um_bridge/test_um_bridge.py::test_a_server_of_um_bridge",
-    "hhr export my_scene.py --at travel=0.9,lowered=0.1 --out deck.inp": (  # refused for the obstacle of this scene
+    # refused for the obstacle of this scene
+    "hhr export my_scene.py --at travel=0.9,lowered=0.1 --out deck.inp": (
         "tests/plugins/exporters/test_deck.py::test_a_deck_is_the_scene_again_and_calculix_agrees"
     ),
     "hhr train benchmarks/thesis/pellet_cladding.py --model condensed": "tests/core/test_scripts.py::check_pellet",
     "hhr page out/pellet_cladding/condensed.npz": "tests/core/test_scripts.py::check_pellet",
 }
-"""Commands that wait for another program, or take long at full size, and the tests that run them or what they call."""
+"""Commands that wait for another program, or take long at full size, and the tests that run them or
+what they call.
+"""
 WITH_A_HOLE = re.compile(r"\.\.\.|\bNAME\b|SLURM|[A-Z]{4,}")
 """What stands for other words: such a line is an example of its verb."""
 
@@ -154,7 +184,11 @@ def named_lines(page):
     """Commands of a page that can be run as they are, each once, in their order."""
     blocks = () if page in PAGES else commands(page)
     lines = [line.partition(" #")[0].strip() for line in (*blocks, *in_text(page))]
-    return [line for line in dict.fromkeys(lines) if line not in ELSEWHERE and not WITH_A_HOLE.search(line)]
+    return [
+        line
+        for line in dict.fromkeys(lines)
+        if line not in ELSEWHERE and not WITH_A_HOLE.search(line)
+    ]
 
 
 @pytest.mark.slow
@@ -179,14 +213,19 @@ def test_a_command_of_another_test_is_named_and_its_test_is_there(line):
 
 
 TARGETS = {
-    "lint": ".ci/run", "test": ".ci/run", "setup": ".ci/run", "slice": ".ci/run",
+    "lint": ".ci/run",
+    "test": ".ci/run",
+    "setup": ".ci/run",
+    "slice": ".ci/run",
     "docs": "tests/core/test_site.py::test_the_site_is_built_without_a_warning",
     "quick": "tests/core/test_house.py::test_files_of_make_quick_are_there",
     "test-core": "tests/core/test_without.py::test_the_core_passes_without_plug_ins",
-    "slow": "tests/slow_report.json", "mutants": "tests/core/test_mutations.py",
-    "without": "tests/core/test_without.py::test_the_core_passes_without_plug_ins", "same": "tests/core/test_same.py",
+    "slow": "tests/slow_report.json",
+    "mutants": "tests/core/test_mutations.py",
+    "without": "tests/core/test_without.py::test_the_core_passes_without_plug_ins",
+    "same": "tests/core/test_same.py",
     "doctor": "tests/plugins/checks/test_doctor.py",
-}  # fmt: skip
+}
 """Targets of the Makefile that call no script of demos or benchmarks, and what runs them."""
 
 
@@ -198,17 +237,28 @@ def recipes():
 
 
 def test_a_test_runs_what_each_target_of_the_makefile_calls():
-    scripts = {name: re.findall(r"python ((?:demos|benchmarks)/\S+\.py)", text) for name, text in recipes().items()}
+    scripts = {
+        name: re.findall(r"python ((?:demos|benchmarks)/\S+\.py)", text)
+        for name, text in recipes().items()
+    }
     assert len(scripts) > 40
     assert {name for name, paths in scripts.items() if not paths} == set(TARGETS)
-    programs = {str(path.relative_to(ROOT)) for folder in SCENE_FOLDERS for path in Path(folder).glob("*.py")}
+    programs = {
+        str(path.relative_to(ROOT))
+        for folder in SCENE_FOLDERS
+        for path in Path(folder).glob("*.py")
+    }
     missing = [path for paths in scripts.values() for path in paths if path not in programs]
     assert missing == []  # those that are there test_scripts.py runs
     for target, holder in TARGETS.items():
         file, _, name = holder.partition("::")
         if file.startswith("tests/plugins/") and not present(file.split("/")[2]):
             continue  # it went with its plug-in
-        assert f"make {target}" in (ROOT / file).read_text() if file == ".ci/run" else (ROOT / file).exists(), holder
+        assert (
+            f"make {target}" in (ROOT / file).read_text()
+            if file == ".ci/run"
+            else (ROOT / file).exists()
+        ), holder
         assert not name or f"def {name}(" in (ROOT / file).read_text(), holder
 
 
@@ -221,9 +271,15 @@ def test_targets_and_scripts_that_a_page_names_are_there(page):
         assert (ROOT / script).exists(), script
 
 
-@needs("checks", "decks", "exporters", "one_call", "pages", "paths", "studies", "tables", "um_bridge")
+@needs(
+    "checks", "decks", "exporters", "one_call", "pages", "paths", "studies", "tables", "um_bridge"
+)
 def test_verbs_that_pages_name_are_those_of_the_command():
     """And each of them is run by one of the tests above, or by that of ELSEWHERE."""
     pages = [line for page in (*PAGES, *OTHERS) for line in (*commands(page), *in_text(page))]
-    named = {line.split()[1] for line in pages if line.startswith("hhr ") and not line.split()[1].startswith("-")}
+    named = {
+        line.split()[1]
+        for line in pages
+        if line.startswith("hhr ") and not line.split()[1].startswith("-")
+    }
     assert named <= set(command.list_commands(None))

@@ -38,7 +38,19 @@ FILE = "import pytest\npytest.importorskip('no_such_package')\n"
 def test_skips_fail_where_nothing_is_optional(nothing_optional, code, workers, tmp_path):
     (tmp_path / "test_tools.py").write_text(TESTS)
     (tmp_path / "test_file.py").write_text(FILE)
-    words = ["-m", "pytest", "-q", "-p", "no_skips", "-p", "no:cacheprovider", "-n", workers, "-o", "addopts="]
+    words = [
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no_skips",
+        "-p",
+        "no:cacheprovider",
+        "-n",
+        workers,
+        "-o",
+        "addopts=",
+    ]
     words += ["--continue-on-collection-errors", "--rootdir", tmp_path, tmp_path]
     # no other plugins of the tests around, which bring minutes of imports
     env = os.environ | {"HHR_CI": nothing_optional, "PYTHONPATH": str(Path(__file__).parents[1])}
@@ -46,6 +58,8 @@ def test_skips_fail_where_nothing_is_optional(nothing_optional, code, workers, t
     assert "1 passed" in said and "1 xfailed" in said
     if nothing_optional:
         reasons = "no_such_tool", "no browser is there", "no compiler is there", "no_such_package"
-        assert all(text in said for text in ("1 failed", "3 errors", *reasons, "install what is missing"))
+        assert all(
+            text in said for text in ("1 failed", "3 errors", *reasons, "install what is missing")
+        )
     else:
         assert "4 skipped" in said and " failed" not in said

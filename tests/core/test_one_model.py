@@ -1,4 +1,5 @@
-"""One contract: full, reduced and condensed models, elastic or flowing, answer the same lines of user code.
+"""One contract: full, reduced and condensed models, elastic or flowing, answer the same lines of
+user code.
 
 Bases, choices of nodes and indicators of a user's own are one file each, listed in a recipe.
 """
@@ -20,7 +21,13 @@ from toy_steps import EquilibriumResidual, EveryKth, WholeSurface
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import relative_error
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, ParameterError, ReductionError, SceneError
+from hhr_dolfinx.errors import (
+    ConvergenceError,
+    NotSolvableError,
+    ParameterError,
+    ReductionError,
+    SceneError,
+)
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.models.estimates import STRESS
 from hhr_dolfinx.models.starts import KnownStatuses
@@ -44,12 +51,15 @@ def coarse():
 def elastic_models(coarse):
     """Every elastic model by its name."""
     full, snapshots = coarse
-    # statuses known at one end only, so that what is carried on along a path can be told from what is known
+    # statuses known at one end only, so that what is carried on along a path can be told from what
+    # is known
     first = KnownStatuses(snapshots.points[:1], snapshots.active[:, :1].T.copy())
     return {
         "full": full,
         "condensed": hhr.exact_condensation(full, first),
-        "condensed to forces": hhr.exact_condensation(full, snapshots.known_statuses(), field=False),
+        "condensed to forces": hhr.exact_condensation(
+            full, snapshots.known_statuses(), field=False
+        ),
         "reduced": hhr.build(full, snapshots),
     }
 
@@ -88,7 +98,12 @@ def flowing(request, flowing_models):
     return flowing_models[request.param]
 
 
-@pytest.fixture(params=[*ELASTIC, *(pytest.param(f"flowing {kind}", marks=needs("inelastic")) for kind in FLOWING)])
+@pytest.fixture(
+    params=[
+        *ELASTIC,
+        *(pytest.param(f"flowing {kind}", marks=needs("inelastic")) for kind in FLOWING),
+    ]
+)
 def asked(request, elastic_models):
     """Any of them, a parameter and a path."""
     _, flows, kind = request.param.rpartition("flowing ")
@@ -110,7 +125,10 @@ def test_a_history_of_an_elastic_model(elastic):
     start = "nearest"
     for answer, (_, mu) in zip(history.answers, ALONG[1:], strict=True):
         alone = elastic.solve(mu, start=start)
-        assert np.array_equal(answer.multipliers, alone.multipliers) and answer.iterations == alone.iterations
+        assert (
+            np.array_equal(answer.multipliers, alone.multipliers)
+            and answer.iterations == alone.iterations
+        )
         assert np.array_equal(answer.displacement(), alone.displacement())
         start = answer.active
     with pytest.raises(ParameterError, match="times must increase"):
@@ -131,15 +149,23 @@ def test_a_history_of_a_flowing_model(flowing, flowing_models):
     history = flowing.march(UP_AND_DOWN, ANYWHERE)
     assert [(time, point.tolist()) for time, point in history.path] == UP_AND_DOWN
     assert [answer.time for answer in history.answers] == [0.5, 1.0, 1.5]
-    assert history.iterations == [answer.iterations for answer in history.answers] and len(history.signs) == 3
+    assert (
+        history.iterations == [answer.iterations for answer in history.answers]
+        and len(history.signs) == 3
+    )
     flowed = [answer.plastic_strain() for answer in history.answers]
     assert flowed[0].sum() < flowed[1].sum() and relative_error(flowed[2], flowed[1]) < 0.05
     for answer, reference in zip(history.answers, exact.answers, strict=True):
-        assert answer.converged and answer.gauss.stress.shape[0] == answer.gauss.state.cumulated.size
+        assert (
+            answer.converged and answer.gauss.stress.shape[0] == answer.gauss.state.cumulated.size
+        )
         assert relative_error(answer.displacement(), reference.displacement()) < 0.01
         assert relative_error(answer.forces(), reference.forces()) < 0.05
     # the same point on the way up would bear more
-    assert history.answers[-1].forces().sum() < 0.9 * flowing.solve(0.07, outside="ignore").forces().sum()
+    assert (
+        history.answers[-1].forces().sum()
+        < 0.9 * flowing.solve(0.07, outside="ignore").forces().sum()
+    )
 
 
 # solve and march, starts, failures
@@ -165,7 +191,9 @@ def test_starts_of_an_elastic_model(elastic):
     for start in ("nearest", None, answer.active, everything, nothing, everything.tolist()):
         found = elastic.solve(0.3, start=start)
         assert np.array_equal(found.active, answer.active)
-        assert found.multipliers == pytest.approx(answer.multipliers, abs=1e-12 * answer.multipliers.max())
+        assert found.multipliers == pytest.approx(
+            answer.multipliers, abs=1e-12 * answer.multipliers.max()
+        )
     with pytest.raises(ParameterError, match="int64 of shape"):
         elastic.solve(0.3, start=everything.astype(int))
 
@@ -184,7 +212,9 @@ NO_WORD = r"outside .*unknown, one of warn, refuse, ignore"
     ],
 )
 def test_questions_that_mean_nothing(asked, given, kind, why):
-    """Wherever the parameter lies, and whether or not there is anything outside what a model can answer."""
+    """Wherever the parameter lies, and whether or not there is anything outside what a model can
+    answer.
+    """
     model, mu, _ = asked
     with pytest.raises(kind, match=why):
         model.solve(mu, **given)
@@ -218,7 +248,9 @@ def test_rivals_that_know_no_flow_refuse_it(flowing_models):
 @needs("inelastic")
 @pytest.mark.parametrize("reduced", [False, True])
 def test_no_step_is_nan_and_a_status(reduced):
-    """A column of perfect plasticity bears 2 / sqrt(3) of its yield stress in plane strain, 0.069."""
+    """A column of perfect plasticity bears 2 / sqrt(3) of its yield stress in plane strain,
+    0.069.
+    """
     top = block.side(1, True)
     scene = dataclasses.replace(
         pressed_block("plane_strain"),
@@ -264,7 +296,12 @@ def test_fields_are_the_callers_own(asked):
     """Forces in kN instead of N, in place: the answer stays what it was."""
     model, mu, _ = asked
     answer = model.solve(mu, outside="ignore")
-    names = "displacement", "forces", "stress", *(("plastic_strain",) if present("inelastic") else ())
+    names = (
+        "displacement",
+        "forces",
+        "stress",
+        *(("plastic_strain",) if present("inelastic") else ()),
+    )
     for name in names:
         before = {other: getattr(answer, other)().copy() for other in names}
         field = getattr(answer, name)()
@@ -282,8 +319,12 @@ def test_a_basis_of_a_users_own(coarse):
     model = hhr.build(full, snapshots, hhr.Recipe(EveryKth(2)).as_it_is())
     basis = model.offline.basis[:, : 1 + len(snapshots.points) // 2]
     kept = snapshots.displacements[:, ::2]
-    assert basis.shape[1] == kept.shape[1] and basis @ (basis.T @ kept) == pytest.approx(kept, abs=1e-10)
-    found, exact = ([one.solve(point).displacement() for point in snapshots.points] for one in (model, full))
+    assert basis.shape[1] == kept.shape[1] and basis @ (basis.T @ kept) == pytest.approx(
+        kept, abs=1e-10
+    )
+    found, exact = (
+        [one.solve(point).displacement() for point in snapshots.points] for one in (model, full)
+    )
     errors = [relative_error(*pair) for pair in zip(found, exact, strict=True)]
     assert max(errors[::2]) < 1e-10 and max(errors) < 0.05
 
@@ -300,7 +341,9 @@ def test_nodes_of_a_users_own(coarse):
 
 
 def test_an_indicator_of_a_users_own(coarse):
-    """It ranks answers by their error, 0.93 was seen, and is round-off where the basis holds the answer."""
+    """It ranks answers by their error, 0.93 was seen, and is round-off where the basis holds the
+    answer.
+    """
     full, snapshots = coarse
     recipe = hhr.Recipe(EveryKth(3), indicator=EquilibriumResidual())
     model, points = hhr.build(full, snapshots, recipe.as_it_is()), full.parameters.random(40, 3)
@@ -315,7 +358,9 @@ def test_an_indicator_of_a_users_own(coarse):
     everywhere = (hhr.Zone(lambda problem: np.arange(len(problem.points))),)
     exact = dataclasses.replace(recipe, basis=EveryKth(1), nodes=everywhere).as_it_is()
     reproduced = hhr.build(full, snapshots, exact)
-    assert max(reproduced.solve(point).estimate().dual_relative for point in snapshots.points) < 1e-10
+    assert (
+        max(reproduced.solve(point).estimate().dual_relative for point in snapshots.points) < 1e-10
+    )
     assert max(estimates) > 1e-3
 
 
@@ -341,7 +386,11 @@ BASIS, NODES = "basis", "nodes"
         (BASIS, lambda p: np.ones(p.free.size), "finite ones"),
         (BASIS, lambda p: np.full((p.free.size, 2), np.nan), "finite ones"),
         (BASIS, lambda p: np.zeros((p.free.size, 0)), "finite ones"),
-        (BASIS, lambda p: 2 * np.eye(p.free.size)[:, p.free][:, :3], r"not orthonormal, by .*: return np\.linalg\.qr"),
+        (
+            BASIS,
+            lambda p: 2 * np.eye(p.free.size)[:, p.free][:, :3],
+            r"not orthonormal, by .*: return np\.linalg\.qr",
+        ),
         (BASIS, lambda p: np.eye(p.free.size), "moves imposed dofs"),
         (NODES, lambda p: [10**6], r"node 1000000 of <.*Made.*> is not in the mesh"),
         (NODES, lambda p: [-1], "node -1"),
@@ -374,13 +423,25 @@ def test_zones(coarse):
         (lambda: hhr.Recipe("pod"), r"basis = 'pod' must have modes"),
         (lambda: hhr.Recipe(nodes=hhr.Deim()), "must be a list of at least one choice"),
         (lambda: hhr.Recipe(nodes=()), "must be a list of at least one choice"),
-        (lambda: hhr.Recipe(nodes=(hhr.Deim,)), r"must have nodes\(problem, snapshots, basis\), as Deim\(\)"),
+        (
+            lambda: hhr.Recipe(nodes=(hhr.Deim,)),
+            r"must have nodes\(problem, snapshots, basis\), as Deim\(\)",
+        ),
         (lambda: hhr.Recipe(domain=2), "domain = 2 of a recipe must be .*Rid"),
         (lambda: hhr.Recipe(enrichment=3.0), r"enrichment = 3\.0 of a recipe must be .*Enrich"),
         (lambda: hhr.Recipe(trust=True), "trust = True of a recipe must be .*TrustLimits"),
-        (lambda: hhr.Recipe(indicator=EquilibriumResidual), r"must have prepared\(problem, basis, sets\)"),
-        *((lambda at=at: hhr.Pod(at), rf"tolerance = {at} of Pod must lie in \(0, 1\)") for at in (0.0, 1.0, np.nan)),
-        (lambda: hhr.Pod(1e-9, norm="H1"), "norm = 'H1' of a Pod is unknown: 'euclidean', 'energy' or 'l2'"),
+        (
+            lambda: hhr.Recipe(indicator=EquilibriumResidual),
+            r"must have prepared\(problem, basis, sets\)",
+        ),
+        *(
+            (lambda at=at: hhr.Pod(at), rf"tolerance = {at} of Pod must lie in \(0, 1\)")
+            for at in (0.0, 1.0, np.nan)
+        ),
+        (
+            lambda: hhr.Pod(1e-9, norm="H1"),
+            "norm = 'H1' of a Pod is unknown: 'euclidean', 'energy' or 'l2'",
+        ),
         (lambda: hhr.Pod(1e-9, relative="no"), "relative = 'no' of Pod must be True or False"),
         (lambda: hhr.Pod(1e-9, by_body=1), "by_body = 1 of Pod"),
         (lambda: hhr.ForceDeim(2.0), r"tolerance = 2\.0 of ForceDeim"),
@@ -398,11 +459,20 @@ def test_zones(coarse):
         *(
             pytest.param(*case, marks=needs("inelastic"))
             for case in (
-                (lambda: hhr.StressDeim(0.0), r"tolerance = 0\.0 of StressDeim must lie in \(0, 1\)"),
+                (
+                    lambda: hhr.StressDeim(0.0),
+                    r"tolerance = 0\.0 of StressDeim must lie in \(0, 1\)",
+                ),
                 (lambda: hhr.StressDeim(np.nan), "tolerance = nan of StressDeim"),
                 (lambda: hhr.FlowDeim("1e-6"), "tolerance = 1e-6 of FlowDeim"),
-                (lambda: hhr.Recipe.flowing(tangents=0.1), r"tangents = 0\.1 of a recipe must be .*Tangents"),
-                (lambda: hhr.FlowLimits(warn_stress=0.5), "warn_stress = 0.5 of TrustLimits lies beyond"),
+                (
+                    lambda: hhr.Recipe.flowing(tangents=0.1),
+                    r"tangents = 0\.1 of a recipe must be .*Tangents",
+                ),
+                (
+                    lambda: hhr.FlowLimits(warn_stress=0.5),
+                    "warn_stress = 0.5 of TrustLimits lies beyond",
+                ),
                 (lambda: hhr.Tangents(states=0), "states = 0 of Tangents"),
                 (lambda: hhr.Tangents(least=1.0), r"least = 1\.0 of Tangents"),
                 (lambda: hhr.Tangents(least="a"), "least = a of Tangents"),
@@ -426,20 +496,31 @@ def test_training_of_the_other_kind(coarse, flowing_models):
 
 
 def distances(problem, columns, basis, gram):
-    """Squared distance of all columns from the span of the first modes, in a norm, by the number of modes."""
+    """Squared distance of all columns from the span of the first modes, in a norm, by the number of
+    modes.
+    """
     found = []
     for count in range(1, basis.shape[1]):
         modes = basis[:, :count]
-        rest = columns - modes @ np.linalg.solve(modes.T @ (gram @ modes), modes.T @ (gram @ columns))
+        rest = columns - modes @ np.linalg.solve(
+            modes.T @ (gram @ modes), modes.T @ (gram @ columns)
+        )
         found.append(np.einsum("ns,ns->", rest, gram @ rest))
     return np.array(found)
 
 
 def test_norms_of_a_pod(coarse):
-    """With all modes kept the space is the same; its first modes are the best there are in the norm asked for."""
+    """With all modes kept the space is the same.
+
+    Its first modes are the best there are in the norm asked for.
+    """
     full, snapshots = coarse
     problem, few = full.problem, snapshots.take([0, 4, 8, 11, 14])
-    grams = {"euclidean": np.eye(problem.free.size), "energy": problem.stiffness, "l2": problem.mass}
+    grams = {
+        "euclidean": np.eye(problem.free.size),
+        "energy": problem.stiffness,
+        "l2": problem.mass,
+    }
     bases = {norm: hhr.Pod(1e-11, norm=norm).modes(problem, few) for norm in grams}
     for norm, basis in bases.items():
         assert basis.shape[1] == 5 and basis.T @ basis == pytest.approx(np.eye(5), abs=1e-12)
@@ -448,7 +529,10 @@ def test_norms_of_a_pod(coarse):
         ours = distances(problem, columns, basis, grams[norm])
         for other in set(bases) - {norm}:
             theirs = distances(problem, columns, bases[other], grams[norm])
-            assert (ours <= theirs * (1 + 1e-9)).all() and (ours < theirs * (1 - 1e-6)).any(), (norm, other)
+            assert (ours <= theirs * (1 + 1e-9)).all() and (ours < theirs * (1 - 1e-6)).any(), (
+                norm,
+                other,
+            )
 
 
 @pytest.mark.parametrize(
@@ -457,8 +541,17 @@ def test_norms_of_a_pod(coarse):
         hhr.Recipe(),
         *([hhr.Recipe.flowing()] if present("inelastic") else []),
         hhr.Recipe.thesis(1e-8).as_it_is(),
-        hhr.Recipe(hhr.Pod(np.float64(1e-9)), (hhr.Deim(hhr.Pod(1e-6)), hhr.Zone(demo.scene)), hhr.Rid(np.int64(1))),
-        hhr.Recipe(EveryKth(2), (WholeSurface(), Made(len)), indicator=EquilibriumResidual(), enrichment=None),
+        hhr.Recipe(
+            hhr.Pod(np.float64(1e-9)),
+            (hhr.Deim(hhr.Pod(1e-6)), hhr.Zone(demo.scene)),
+            hhr.Rid(np.int64(1)),
+        ),
+        hhr.Recipe(
+            EveryKth(2),
+            (WholeSurface(), Made(len)),
+            indicator=EquilibriumResidual(),
+            enrichment=None,
+        ),
     ],
 )
 def test_a_recipe_is_described_in_plain_values(recipe):
@@ -481,7 +574,10 @@ def warnings_of(snapshots, held_out, full):
 
 
 def test_an_elastic_history_is_as_good_as_its_points():
-    """Off a path that was trained, forces were 60 % wrong without a word; each step is a point like any other."""
+    """Off a path that was trained, forces were 60 % wrong without a word.
+
+    Each step is a point like any other.
+    """
     full = hhr.FullOrderModel(contract.blocks())
     low, high = np.array([full.parameters.lower, full.parameters.upper])
     path = [(k / 30, low + k / 30 * (high - low)) for k in range(31)]
@@ -490,22 +586,32 @@ def test_an_elastic_history_is_as_good_as_its_points():
     one = hhr.SnapshotSet.of_histories([full.march([path[0], path[-1]])])
     points = hhr.compute_snapshots(full, full.parameters.grid([5, 5]))
     told = warnings_of(points, one, full)
-    assert "only 1 solutions were kept out of training" in told and "Give at least 20 as held_out" in told
+    assert (
+        "only 1 solutions were kept out of training" in told
+        and "Give at least 20 as held_out" in told
+    )
     assert "kept out of training" not in warnings_of(points, histories, full)
 
 
 @needs("inelastic")
 def test_histories_of_another_kind_of_scene(flowing_models):
     """As snapshots or held out, alone or beside others."""
-    full, elastic = flowing_models["full"], hhr.FullOrderModel(pressed_block("plane_strain", cells=8))
+    full, elastic = (
+        flowing_models["full"],
+        hhr.FullOrderModel(pressed_block("plane_strain", cells=8)),
+    )
     flows, stays = (model.march(ramp(0.1)) for model in (full, elastic))
     flowed, stayed = (hhr.SnapshotSet.of_histories([history]) for history in (flows, stays))
     mixed = hhr.SnapshotSet.of_histories([stays, flows])
     for snapshots, held_out in ((stayed, None), (mixed, None), (flowed, stayed)):
-        with pytest.raises(ReductionError, match=r"bodies of the model flow, and none of .* do: .* another scene"):
+        with pytest.raises(
+            ReductionError, match=r"bodies of the model flow, and none of .* do: .* another scene"
+        ):
             hhr.build(full, snapshots, None, held_out)
     for snapshots, held_out in ((flowed, None), (stayed, flowed)):
-        with pytest.raises(ReductionError, match="have laws, and none of the model do: they are of another scene"):
+        with pytest.raises(
+            ReductionError, match="have laws, and none of the model do: they are of another scene"
+        ):
             hhr.build(elastic, snapshots, hhr.Recipe(trust=None), held_out)
 
 

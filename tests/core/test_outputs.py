@@ -1,4 +1,6 @@
-"""Outputs by name: closed forms, one value from every model, exact derivatives, files, tables and the door."""
+"""Outputs by name: closed forms, one value from every model, exact derivatives, files, tables and
+the door.
+"""
 
 import dataclasses
 import pickle
@@ -40,7 +42,10 @@ if present("stress"):
     )
     WRONG_STRESSES = [
         (hhr.VonMises("a", 77), "output 'a': the cell tag 77 is none of the bodies"),
-        (hhr.VonMises("a", geometry.PELLET, where=((9.0, 9.0), (9.5, 9.5))), "no cell of body .* enlarge the box"),
+        (
+            hhr.VonMises("a", geometry.PELLET, where=((9.0, 9.0), (9.5, 9.5))),
+            "no cell of body .* enlarge the box",
+        ),
         (hhr.VonMises("a", geometry.PELLET, where=((9.0,), (9.5,))), "must have 2 coordinates"),
     ]
 OUTPUTS = (
@@ -65,7 +70,9 @@ def small_pellet(**changes):
 @pytest.fixture(scope="module")
 def varying():
     """The same with the elasticity of both bodies as parameters."""
-    box = hhr.ParameterSpace(tuple(POINT), (5, 0.6, 100e3, 0.2, 60e3, 0.25), (200, 6, 250e3, 0.4, 100e3, 0.4))
+    box = hhr.ParameterSpace(
+        tuple(POINT), (5, 0.6, 100e3, 0.2, 60e3, 0.25), (200, 6, 250e3, 0.4, 100e3, 0.4)
+    )
     bodies = (hhr.Body(geometry.PELLET, "E1", "nu1"), hhr.Body(geometry.CLADDING, "E2", "nu2"))
     return hhr.train(small_pellet(bodies=bodies, parameters=box), hhr.Sobol(120), held_out=5)
 
@@ -76,9 +83,13 @@ def constant():
 
 
 def pressed_stack(dim, outputs):
-    """Two blocks whose contact is everywhere under the pressure p; the upper one is twice as stiff."""
+    """Two blocks whose contact is everywhere under the pressure p; the upper one is twice as
+    stiff.
+    """
     bodies, hypothesis = ((YOUNG, 0.3), (2 * YOUNG, 0.3)), "plane_stress" if dim == 2 else "solid"
-    return stacked(dim, bodies=bodies, hypothesis=hypothesis, parameters=space(p=(0.5, 4.0)), outputs=outputs)
+    return stacked(
+        dim, bodies=bodies, hypothesis=hypothesis, parameters=space(p=(0.5, 4.0)), outputs=outputs
+    )
 
 
 @needs("floating")
@@ -103,12 +114,23 @@ def test_uniform_pressure_in_closed_form(dim):
     )
     found = hhr.FullOrderModel(pressed_stack(dim, outputs)).outputs(PRESSURE, gradient=True)
     closed = {
-        "peak": PRESSURE, "average": PRESSURE, "force": -PRESSURE,
-        "moment": (0.5 if dim == 3 else -0.5) * PRESSURE, "centred": 0.0, "width": 1.0, "lost": 0.0,
-        "gap": 0.0, "top": -1.5 * PRESSURE / YOUNG, "between": -PRESSURE / YOUNG, "mises": PRESSURE, "mean": PRESSURE,
+        "peak": PRESSURE,
+        "average": PRESSURE,
+        "force": -PRESSURE,
+        "moment": (0.5 if dim == 3 else -0.5) * PRESSURE,
+        "centred": 0.0,
+        "width": 1.0,
+        "lost": 0.0,
+        "gap": 0.0,
+        "top": -1.5 * PRESSURE / YOUNG,
+        "between": -PRESSURE / YOUNG,
+        "mises": PRESSURE,
+        "mean": PRESSURE,
         "energy": 0.75 * PRESSURE**2 / YOUNG,
-    }  # fmt: skip
-    assert dict(found) == pytest.approx(closed, rel=1e-11, abs=1e-12) and found.one_sided  # pressures are all equal
+    }
+    assert (
+        dict(found) == pytest.approx(closed, rel=1e-11, abs=1e-12) and found.one_sided
+    )  # pressures are all equal
     assert found.gradient["energy"] == pytest.approx(1.5 * PRESSURE / YOUNG, rel=1e-10)
     assert found.gradient["force"] == pytest.approx(-1.0, rel=1e-10)
 
@@ -120,8 +142,12 @@ def test_energy_counts_imposed_displacements(hypothesis):
     for push in (0.005, 0.06):
         answer = full.solve(push, gradient=True)
         field, found = answer.displacement(), answer.outputs()
-        assert found["energy"] == pytest.approx(field @ (full.problem.stiffness @ field) / 2, rel=1e-10, abs=1e-15)
-        assert found["mises"] == pytest.approx(von_mises(answer.stress()).max(), rel=1e-12, abs=1e-14)
+        assert found["energy"] == pytest.approx(
+            field @ (full.problem.stiffness @ field) / 2, rel=1e-10, abs=1e-15
+        )
+        assert found["mises"] == pytest.approx(
+            von_mises(answer.stress()).max(), rel=1e-12, abs=1e-14
+        )
         slopes = output_slopes(full, [push], "energy", step=1e-5)
         assert found.gradient["energy"] == pytest.approx(slopes["energy"], rel=1e-6, abs=1e-9)
 
@@ -129,11 +155,15 @@ def test_energy_counts_imposed_displacements(hypothesis):
 @needs("floating", "friction")
 @pytest.mark.parametrize("turn", [(0.0, 0.0, 1.0), (1.0, 2.0, -0.5)])
 def test_torque_in_closed_form(turn):
-    """A uniform pressure on a unit square about its middle: friction times the mean distance to the axis."""
+    """A uniform pressure on a unit square about its middle: friction times the mean distance to the
+    axis.
+    """
     outputs = (hhr.Torque("torque", 0, 0.2, (0.5, 0.5, 1.0), turn), hhr.LargestPressure("peak", 0))
     full = hhr.FullOrderModel(pressed_stack(3, outputs))
     problem, answer = full.problem, full.solve(PRESSURE)
-    turned = Rotation.align_vectors([(0.0, 0.0, 1.0)], [turn])[0].apply(problem.contact_points - (0.5, 0.5, 1.0))
+    turned = Rotation.align_vectors([(0.0, 0.0, 1.0)], [turn])[0].apply(
+        problem.contact_points - (0.5, 0.5, 1.0)
+    )
     mean = problem.contact_areas @ np.linalg.norm(turned[:, :2], axis=1)
     assert answer.outputs()["torque"] == pytest.approx(0.2 * PRESSURE * mean, rel=1e-11)
 
@@ -146,7 +176,9 @@ def test_stress_is_that_of_the_full_model_with_mean_dilatation_and_grading():
         answer = hhr.FullOrderModel(own).solve(0.05)
         values = von_mises(answer.stress())
         assert answer.outputs()["nearly"] == pytest.approx(values.max(), rel=1e-12)
-        assert answer.outputs()["mean"] == pytest.approx(values.mean(), rel=1e-12)  # cells of one size
+        assert answer.outputs()["mean"] == pytest.approx(
+            values.mean(), rel=1e-12
+        )  # cells of one size
 
 
 def test_values_are_those_of_the_fields(varying):
@@ -157,7 +189,9 @@ def test_values_are_those_of_the_fields(varying):
     assert found["peak"] == pytest.approx((forces / problem.contact_areas)[side].max(), rel=1e-14)
     assert found["radial"] == pytest.approx(-forces[side].sum(), rel=1e-12)
     if present("friction"):
-        assert found["torque"] == pytest.approx(0.3 * problem.contact_points[side, 0] @ forces[side], rel=1e-12)
+        assert found["torque"] == pytest.approx(
+            0.3 * problem.contact_points[side, 0] @ forces[side], rel=1e-12
+        )
     assert found["energy"] == pytest.approx(field @ (problem.stiffness @ field) / 2, rel=1e-11)
     assert found["largest"] == pytest.approx(values[bodies == 1].max(), rel=1e-12)
     assert 0 < found["lost"] < 1 and found.units["peak"] == "MPa" and found.gradient is None
@@ -167,7 +201,9 @@ def test_values_are_those_of_the_fields(varying):
 VARYING = [pytest.param(name, marks=needs("moduli")) for name in ("reduced", "interpolated")]
 
 
-@pytest.mark.parametrize("name", ["full", "full, constant", "exact", "exact with fields", "copied", *VARYING])
+@pytest.mark.parametrize(
+    "name", ["full", "full, constant", "exact", "exact with fields", "copied", *VARYING]
+)
 def test_derivatives_are_those_of_the_model_itself(name, varying, constant):
     known = constant.snapshots.known_statuses()
     models = {
@@ -196,7 +232,9 @@ def test_a_table_names_outputs_with_their_units(constant, tmp_path):
     answers = hhr.answer_points(model, np.vstack([points, [1e9, 1.0]]))
     assert hhr.write_answers(tmp_path / "answers.csv", model.parameters, answers) == 1
     rows = read_csv(tmp_path / "answers.csv")
-    assert float(rows[0]["peak [MPa]"]) == pytest.approx(model.outputs(points[0])["peak"], rel=1e-10)
+    assert float(rows[0]["peak [MPa]"]) == pytest.approx(
+        model.outputs(points[0])["peak"], rel=1e-10
+    )
     assert rows[3]["energy"] == "" and rows[3]["status"] != "ok"
 
 
@@ -223,9 +261,13 @@ def test_bodies_that_flow_answer_at_every_step():
     full, bodies = training.full_order, training.full_order.discretisation.cell_bodies()
     points = full.equilibrium.operator.points_of(np.flatnonzero(bodies == 0))
     history = training.snapshots.histories[0]
-    for answer, other in zip(history.answers, training.build(checked=False).march(history.path).answers, strict=True):
+    for answer, other in zip(
+        history.answers, training.build(checked=False).march(history.path).answers, strict=True
+    ):
         exact = answer._replace(fields=full).outputs()
-        assert exact["mises"] == pytest.approx(von_mises(answer.gauss.stress[points]).max(), rel=1e-14)
+        assert exact["mises"] == pytest.approx(
+            von_mises(answer.gauss.stress[points]).max(), rel=1e-14
+        )
         assert dict(other.outputs()) == pytest.approx(dict(exact), rel=0.05, abs=1e-3)
 
 
@@ -241,8 +283,15 @@ def test_bodies_that_flow_answer_at_every_step():
         (hhr.ContactForce("a", 0, (1.0, 0.0, 0.0)), "must have 2 components"),
         (hhr.ContactForce("a", 0, (0.0, 0.0)), "must not be zero"),
         (hhr.ContactMoment("a", 0, (0.0, 0.0)), "Ask for the Torque"),
-        *([(hhr.Torque("a", 0, 0.1, origin=(0.0, 0.0)), "leave out origin")] if present("friction") else []),
-        (hhr.LinearForm("a", lambda a: a.test[0] * a.test[1] * a.dx(geometry.PELLET)), "must be linear in v"),
+        *(
+            [(hhr.Torque("a", 0, 0.1, origin=(0.0, 0.0)), "leave out origin")]
+            if present("friction")
+            else []
+        ),
+        (
+            hhr.LinearForm("a", lambda a: a.test[0] * a.test[1] * a.dx(geometry.PELLET)),
+            "must be linear in v",
+        ),
     ],
 )
 def test_what_the_model_does_not_have_is_refused(output, message):
@@ -252,8 +301,12 @@ def test_what_the_model_does_not_have_is_refused(output, message):
 
 @needs("floating")
 def test_nodes_of_two_bodies_at_one_place_are_told_apart():
-    """Halfway between two nodes of one body its name helps nobody, and the place of one of them does."""
-    with pytest.raises(SceneError, match=r"2 nodes, of bodies \[1, 2\], are equally near .*: name the body, tag="):
+    """Halfway between two nodes of one body its name helps nobody, and the place of one of them
+    does.
+    """
+    with pytest.raises(
+        SceneError, match=r"2 nodes, of bodies \[1, 2\], are equally near .*: name the body, tag="
+    ):
         hhr.FullOrderModel(pressed_stack(2, (hhr.DisplacementAt("a", (0.0, 1.0), 1),)))
     output = hhr.DisplacementAt("a", (1 / 6, 1.0), 1, tag=SECOND)  # cells are 1/3 wide
     with pytest.raises(SceneError, match=r"2 nodes, of bodies \[2\], are equally near") as refused:
@@ -300,13 +353,27 @@ def test_a_scene_without_outputs_has_none():
         (("m", "Pa"), "mm", "m"),
         (("m", "Pa"), "mm²", "m^2"),
         (("in", "psi"), "N", "psi in^2"),
-        *(((length, stress), unit, None) for length, stress, unit in (
-            ("mm", "MPa", "N"), ("mm", "MPa", "N/mm"), ("mm", "MPa", "MPa"), ("mm", "MPa", "N/mm^2"),
-            ("mm", "MPa", "mm2"), ("mm", "MPa", "mJ"), ("m", "Pa", "J"), ("m", "Pa", "N m"), ("in", "psi", "lbf"),
-            ("m", "Pa", ""), ("m", "Pa", "%"), ("m", "Pa", "degrees"), ("m", "Pa", "1"), ("m", "kPa", "kN/m"),
-        )),
+        *(
+            ((length, stress), unit, None)
+            for length, stress, unit in (
+                ("mm", "MPa", "N"),
+                ("mm", "MPa", "N/mm"),
+                ("mm", "MPa", "MPa"),
+                ("mm", "MPa", "N/mm^2"),
+                ("mm", "MPa", "mm2"),
+                ("mm", "MPa", "mJ"),
+                ("m", "Pa", "J"),
+                ("m", "Pa", "N m"),
+                ("in", "psi", "lbf"),
+                ("m", "Pa", ""),
+                ("m", "Pa", "%"),
+                ("m", "Pa", "degrees"),
+                ("m", "Pa", "1"),
+                ("m", "kPa", "kN/m"),
+            )
+        ),
     ],
-)  # fmt: skip
+)
 def test_the_unit_of_an_output_is_compared_with_those_of_the_scene(units, unit, own):
     """Expected by hand: a newton is a pascal times a square metre."""
     assert hhr.Units(*units).conflict(unit) == own
@@ -314,5 +381,8 @@ def test_the_unit_of_an_output_is_compared_with_those_of_the_scene(units, unit, 
 
 def test_a_scene_warns_of_an_output_in_another_unit():
     outputs = (hhr.LargestPressure("peak", 0, unit="MPa"),)
-    with pytest.warns(SceneWarning, match="output 'peak' has the unit 'MPa', and numbers of scene 'pressed_solid' are"):
+    with pytest.warns(
+        SceneWarning,
+        match="output 'peak' has the unit 'MPa', and numbers of scene 'pressed_solid' are",
+    ):
         dataclasses.replace(pressed_block("solid"), units=hhr.Units("m", "Pa"), outputs=outputs)

@@ -18,22 +18,37 @@ from hhr_dolfinx.reduction.exact import exact_condensation
 def test_condensed_is_exact(hertz, hertz_snapshots, mu):
     exact = hertz.solve(mu)
     known = hertz_snapshots.known_statuses()
-    condensed, forces_only = (exact_condensation(hertz, known, field=field).solve(mu) for field in (True, False))
+    condensed, forces_only = (
+        exact_condensation(hertz, known, field=field).solve(mu) for field in (True, False)
+    )
     for answer in (condensed, forces_only):
         check_like(answer, exact, displacement=1e-11, forces=1e-11)
-    assert forces_only.unknown.size == 0 and np.array_equal(forces_only.forces(), condensed.forces())
+    assert forces_only.unknown.size == 0 and np.array_equal(
+        forces_only.forces(), condensed.forces()
+    )
 
 
 def test_statuses_of_something_else(hertz, hertz_snapshots):
     known = hertz_snapshots.known_statuses()
     other = hertz_snapshots.known_statuses(slice(0, -1))
-    for given in (None, hertz_snapshots, known.active, other, hertz_snapshots.take([]).known_statuses()):
-        with pytest.raises(SceneError, match=r"conditions of this scene at one point or more: snapshots\.known"):
+    for given in (
+        None,
+        hertz_snapshots,
+        known.active,
+        other,
+        hertz_snapshots.take([]).known_statuses(),
+    ):
+        with pytest.raises(
+            SceneError, match=r"conditions of this scene at one point or more: snapshots\.known"
+        ):
             hhr.exact_condensation(hertz, given)
 
 
 def test_greedy_cone():
-    """Picked by hand: the largest snapshot, then the one farthest from its cone; a multiple is never picked."""
+    """Picked by hand: the largest snapshot, then the one farthest from its cone.
+
+    a multiple is never picked.
+    """
     forces = np.array([[3.0, 6.0, 0.0, 1.0], [0.0, 0.0, 2.0, 1.0], [0.0, 0.0, 0.0, 0.5]])
     basis = cone_projected_greedy(forces, 10)
     assert basis[:, 0].tolist() == [1, 0, 0] and basis[:, 1].tolist() == [0, 1, 0]
@@ -51,7 +66,9 @@ def test_nonnegative_factors_rebuild_a_factorised_matrix():
 
 
 def test_dual_basis_model_with_all_unit_vectors_finds_the_forces(hertz, hertz_snapshots):
-    """With the whole dual space, supremizers make the model exact: it is condensation in disguise."""
+    """With the whole dual space, supremizers make the model exact: it is condensation in
+    disguise.
+    """
     model = DualBasisModel(hertz, hertz_snapshots, np.eye(55), modes=14)
     for mu in (0.168, 0.4321):
         check_like(model.solve(mu), hertz.solve(mu), displacement=1e-8, forces=1e-8)
@@ -61,10 +78,14 @@ def test_coarser_meshes_converge_to_the_fine_one(hertz):
     exact = hertz.solve(0.3)
     errors = []
     for segments, flat in ((14, 4), (28, 7), (56, 14)):
-        coarse = hhr.FullOrderModel(demo.scene(arc_segments=segments, flat_segments=flat), MPI.COMM_SELF)
+        coarse = hhr.FullOrderModel(
+            demo.scene(arc_segments=segments, flat_segments=flat), MPI.COMM_SELF
+        )
         answer = CoarserMesh(coarse, hertz.problem, hertz.problem.parameters.grid([3])).solve(0.3)
         pairs = (answer.displacement(), exact.displacement()), (answer.forces(), exact.forces())
-        errors.append([np.linalg.norm(found - known) / np.linalg.norm(known) for found, known in pairs])
+        errors.append(
+            [np.linalg.norm(found - known) / np.linalg.norm(known) for found, known in pairs]
+        )
     errors = np.array(errors)
     assert (errors[1] < 0.7 * errors[0]).all()
     assert errors[2].max() < 1e-10  # the same mesh

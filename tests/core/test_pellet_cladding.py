@@ -44,16 +44,23 @@ def test_whole_coverage_is_the_plain_pressure(small):
     plain = hhr.Pressure(geometry.CLADDING_OUTER, slope("P1"))
     tall = hhr.ParameterSpace(("P1", "h1"), (5.0, 0.6), (200.0, 7.0))
     with pytest.warns(SceneWarning, match=r"parameters \('h1',\) .* have no effect"):
-        problem = hhr.FullOrderModel(dataclasses.replace(scene, loads=(plain,), parameters=tall)).problem
+        problem = hhr.FullOrderModel(
+            dataclasses.replace(scene, loads=(plain,), parameters=tall)
+        ).problem
     reference = problem.loads @ problem.amplitudes(np.array([100.0, 7.0]))
     partial = small.problem.loads @ small.problem.amplitudes(np.array([100.0, 7.0]))
     assert partial == pytest.approx(reference, abs=1e-9 * np.abs(reference).max())
 
 
 def test_pellet_may_lift_off_or_not(small):
-    """The pellet is squeezed and stands on its support, so both bottoms give the same side forces."""
+    """The pellet is squeezed and stands on its support, so both bottoms give the same side
+    forces.
+    """
     point = (170.0, 3.2)
-    lifting, fixed = small.solve(point), hhr.FullOrderModel(demo.scene("held", **demo.QUICK_MESH)).solve(point)
+    lifting, fixed = (
+        small.solve(point),
+        hhr.FullOrderModel(demo.scene("held", **demo.QUICK_MESH)).solve(point),
+    )
     above, below = np.split(lifting.forces(), [21])
     assert above == pytest.approx(fixed.forces(), rel=1e-8, abs=1e-8 * fixed.forces().max())
     assert below.min() > 0
@@ -85,24 +92,34 @@ def test_extended_pod_keeps_the_rid(small, small_snapshots):
     nodes = (hhr.Deim(hhr.Pod(1e-5)), hhr.ForceDeim(1e-3), hhr.LoadNodes())
     recipe = hhr.Recipe.thesis(1e-5, nodes=nodes, trust=None)
     first = hhr.build(small, small_snapshots, recipe).offline
-    second = hhr.build(small, small_snapshots, dataclasses.replace(recipe, basis=hhr.Pod(1e-6))).offline
+    second = hhr.build(
+        small, small_snapshots, dataclasses.replace(recipe, basis=hhr.Pod(1e-6))
+    ).offline
     assert np.array_equal(first.sets.cells, second.sets.cells)
     modes = [r.basis.shape[1] - len(r.enrichment.added) for r in (first, second)]
     assert modes[0] < modes[1]
 
 
 def test_trust_check_grows_the_rid_or_refuses(small, small_snapshots):
-    """A limit that only a larger RID meets: the model grows and says what was refused on the way."""
+    """A limit that only a larger RID meets: the model grows and says what was refused on the
+    way.
+    """
     base = hhr.Recipe.thesis(1e-8, nodes=(hhr.Deim(), hhr.ForceDeim(1e-4), hhr.LoadNodes()))
     conditions = []
     for layers in (0, 3):
         recipe = dataclasses.replace(base, domain=hhr.Rid(layers, layers), trust=None)
         conditions.append(hhr.build(small, small_snapshots, recipe).offline.stability.cond_K)
     assert conditions[1] < conditions[0]
-    loose = dict.fromkeys(("refuse_primal", "refuse_dual", "warn_primal", "warn_dual", "warn_worst"), np.inf)
+    loose = dict.fromkeys(
+        ("refuse_primal", "refuse_dual", "warn_primal", "warn_dual", "warn_worst"), np.inf
+    )
     quiet = {"warn_cond_K": np.inf, "warn_definite": -np.inf, **loose}
-    between = TrustLimits(refuse_cond_K=np.sqrt(conditions[0] * conditions[1]), refuse_distortion=0.0, **quiet)
-    grown = hhr.build(small, small_snapshots, dataclasses.replace(base, trust=between, domain=hhr.Rid(0, 3))).offline
+    between = TrustLimits(
+        refuse_cond_K=np.sqrt(conditions[0] * conditions[1]), refuse_distortion=0.0, **quiet
+    )
+    grown = hhr.build(
+        small, small_snapshots, dataclasses.replace(base, trust=between, domain=hhr.Rid(0, 3))
+    ).offline
     assert grown.log.refused and grown.log.refused[0]["layers"] == 0 < grown.layers
     assert "cond(K~)" in grown.log.refused[0]["why"]
     with pytest.raises(UnstableModelError, match="add RID layers"):
@@ -116,20 +133,28 @@ def test_held_out_solutions_refuse_what_constants_let_pass(small, small_snapshot
     with pytest.raises(UnstableModelError, match="solutions compared"):
         hhr.build(small, poor, held_out=held_out)
     with pytest.warns(StabilityWarning, match="solutions compared"):
-        hhr.build(small, poor, hhr.Recipe(trust=TrustLimits(refuse_primal=1e9, refuse_dual=1e9)), held_out)
+        hhr.build(
+            small, poor, hhr.Recipe(trust=TrustLimits(refuse_primal=1e9, refuse_dual=1e9)), held_out
+        )
 
 
 def test_every_change_of_the_problem_gives_other_snapshots(small, tmp_path):
-    """Small numbers beside large ones count too: a force of 0.1 beside 1e11, a gap beside a unit lift."""
+    """Small numbers beside large ones count too: a force of 0.1 beside 1e11, a gap beside a unit
+    lift.
+    """
     point, store = np.array([100.0, 3.0]), hhr.SnapshotStore(tmp_path, small)
     store.save(small.solve(point))
     for owner, name in ((None, "forces"), (None, "gaps"), ("prolongation", "lifts")):
         changed = small.problem if owner is None else getattr(small.problem, owner)
         value = getattr(changed, name)
-        change = csc_matrix(([1e-9], ([value.shape[0] - 1], [value.shape[1] - 1])), shape=value.shape)
+        change = csc_matrix(
+            ([1e-9], ([value.shape[0] - 1], [value.shape[1] - 1])), shape=value.shape
+        )
         value = value + (change if issparse(value) else change.toarray())
         changed = dataclasses.replace(changed, **{name: value})
         other = copy(small)
-        other.problem = changed if owner is None else dataclasses.replace(small.problem, **{owner: changed})
+        other.problem = (
+            changed if owner is None else dataclasses.replace(small.problem, **{owner: changed})
+        )
         assert hhr.SnapshotStore(tmp_path, other).load(point) is None
     assert store.load(point) is not None

@@ -34,7 +34,9 @@ class Plasticity:
             raise SceneError(f"{self} is no law")
 
 
-Norton = make_dataclass("Norton", [("resistance", float | str), ("exponent", float | str)], frozen=True)
+Norton = make_dataclass(
+    "Norton", [("resistance", float | str), ("exponent", float | str)], frozen=True
+)
 Σ = make_dataclass("Σ", [("σ", np.ndarray)], frozen=True)
 
 
@@ -59,17 +61,30 @@ POSITIVE = st.floats(1e-300, 1e300)
 WHOLE = st.integers(-(2**63) + 1, 2**63 - 1)
 TABLES = st.sampled_from(["<f8", "<i8", "<i4", "?"]).flatmap(
     lambda dtype: arrays(
-        dtype, array_shapes(min_dims=0, max_dims=3, min_side=0), elements=None if dtype != "<f8" else REAL
+        dtype,
+        array_shapes(min_dims=0, max_dims=3, min_side=0),
+        elements=None if dtype != "<f8" else REAL,
     )
 )
-LINES = st.lists(REAL, min_size=2, max_size=5, unique=True).map(lambda places: np.array(sorted(places)))
+LINES = st.lists(REAL, min_size=2, max_size=5, unique=True).map(
+    lambda places: np.array(sorted(places))
+)
 PLENTY = st.lists(REAL).map(tuple)
 VALUES = st.one_of(
     st.builds(Plasticity, POSITIVE, st.floats(0.0, 1e300)),
     st.builds(Norton, POSITIVE, st.floats(1.0, 1e300)),
     st.builds(Bingham, st.integers(0, 10), POSITIVE),
     st.builds(Coverage, LINES, st.integers(0, 1), REAL, arrays("<f8", 2, elements=REAL)),
-    st.builds(Everything, REAL, WHOLE, st.booleans(), st.text(), PLENTY, st.tuples(st.text(), WHOLE), TABLES),
+    st.builds(
+        Everything,
+        REAL,
+        WHOLE,
+        st.booleans(),
+        st.text(),
+        PLENTY,
+        st.tuples(st.text(), WHOLE),
+        TABLES,
+    ),
 )
 
 
@@ -78,7 +93,11 @@ def same(one, other):
     if type(one) is not type(other):
         return False
     if isinstance(one, np.ndarray):
-        return one.dtype == other.dtype and one.shape == other.shape and one.tobytes() == other.tobytes()
+        return (
+            one.dtype == other.dtype
+            and one.shape == other.shape
+            and one.tobytes() == other.tobytes()
+        )
     if isinstance(one, tuple):
         return len(one) == len(other) and all(map(same, one, other))
     if hasattr(one, "__dataclass_fields__"):
@@ -133,7 +152,9 @@ def test_a_value_comes_back_from_a_file(value, tmp_path):
 
 def test_what_changes_its_own_arrays_is_refused_and_left_alone():
     value = Doubled(np.ones(3))
-    with pytest.raises(FileContentError, match=r"made of its own fields is another Doubled.*__post_init__"):
+    with pytest.raises(
+        FileContentError, match=r"made of its own fields is another Doubled.*__post_init__"
+    ):
         as_plain(value)
     assert np.all(value.table == 2)
 
@@ -142,7 +163,9 @@ def test_what_changes_its_own_arrays_is_refused_and_left_alone():
     "value", [namedtuple("Pair", "x")(1.0), csr_array(np.eye(2)), csr_matrix(np.eye(2, dtype=int))]
 )
 def test_what_would_come_back_as_another_type_is_refused(value):
-    with pytest.raises(FileContentError, match=r"frozen dataclass|no sparse matrix of floating-point"):
+    with pytest.raises(
+        FileContentError, match=r"frozen dataclass|no sparse matrix of floating-point"
+    ):
         as_plain(Loose(value))
 
 
@@ -171,7 +194,12 @@ def test_sparse_matrices_that_would_read_elsewhere_are_refused(part, change):
 
 @pytest.mark.parametrize(
     "shape, why",
-    [([1] * 70, "no shape"), ([0, 2**62], "no shape"), ([2**20, 2**20], "more zeros than"), ([2**24, 2], "more zeros")],
+    [
+        ([1] * 70, "no shape"),
+        ([0, 2**62], "no shape"),
+        ([2**20, 2**20], "more zeros than"),
+        ([2**24, 2], "more zeros"),
+    ],
 )
 def test_a_small_file_fills_no_memory(shape, why):
     table = np.zeros(200)
@@ -183,7 +211,9 @@ def test_a_small_file_fills_no_memory(shape, why):
 
 def test_a_header_that_could_not_be_read_is_not_written(tmp_path):
     with pytest.raises(FileContentError, match="keep many numbers in arrays"):
-        write_arrays(tmp_path / "value.npz", {"format": "a value", "version": 1, "value": "a" * 10**7}, {})
+        write_arrays(
+            tmp_path / "value.npz", {"format": "a value", "version": 1, "value": "a" * 10**7}, {}
+        )
     assert not list(tmp_path.iterdir())
 
 
@@ -200,14 +230,18 @@ def test_numbers_of_numpy_become_plain():
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=4),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=4), inner, max_size=3),
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=4), inner, max_size=3)
+    ),
     max_leaves=6,
 )
 
 
 @given(VALUES, JSON, st.data())
 def test_damage_is_refused_or_makes_a_value_of_the_right_types(value, junk, draw):
-    """One field or part replaced by anything that JSON can hold: one error, or a value that could have been saved."""
+    """One field or part replaced by anything that JSON can hold: one error, or a value that could
+    have been saved.
+    """
     data, tables = as_plain(value)
     place = draw.draw(st.sampled_from(["kind", "fields", *data["fields"]]))
     (data if place in data else data["fields"])[place] = junk
@@ -245,25 +279,49 @@ def test_any_other_data_are_refused(junk):
 UNUSUAL = "1 +", [1.0], True, None, float("nan"), float("inf"), 10**400
 NO_NAMES = "os.system", "__import__('os')", "", "Norton ", 3, None, ["Norton"]
 UNKNOWN = "eval", "dict", "type", "Loose"
-"""Names of builtins and of this module are nothing to a file, and a user's own class is to be passed."""
+"""Names of builtins and of this module are nothing to a file, and a user's own class is to be
+passed.
+"""
 
 
-@pytest.mark.parametrize("kind, numbers, why", [
-    *(("Plasticity", {"yield_stress": number, "hardening": 0.0}, None) for number in UNUSUAL),
-    *(("Plasticity", numbers, None) for numbers in ({"yield_stress": 1.0}, {"yield_stress": 1.0, "hardening": -1.0},
-      {"yield_stress": 1.0, "hardening": 0.0, "more": 1.0}, [1.0, 0.0])),
-    pytest.param("Bingham", {"yield_stress": -1, "viscosity": 0.0}, "Bingham refuses .*-1.* with SceneError: yield_str",
-                 marks=needs("inelastic")),
-    *((kind, {}, "no name of a class") for kind in NO_NAMES),
-    *((kind, {}, rf"holds a {kind}.*load_model\(path, known=\[{kind}\]\)") for kind in UNKNOWN),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "kind, numbers, why",
+    [
+        *(("Plasticity", {"yield_stress": number, "hardening": 0.0}, None) for number in UNUSUAL),
+        *(
+            ("Plasticity", numbers, None)
+            for numbers in (
+                {"yield_stress": 1.0},
+                {"yield_stress": 1.0, "hardening": -1.0},
+                {"yield_stress": 1.0, "hardening": 0.0, "more": 1.0},
+                [1.0, 0.0],
+            )
+        ),
+        pytest.param(
+            "Bingham",
+            {"yield_stress": -1, "viscosity": 0.0},
+            "Bingham refuses .*-1.* with SceneError: yield_str",
+            marks=needs("inelastic"),
+        ),
+        *((kind, {}, "no name of a class") for kind in NO_NAMES),
+        *((kind, {}, rf"holds a {kind}.*load_model\(path, known=\[{kind}\]\)") for kind in UNKNOWN),
+    ],
+)
 def test_wrong_kinds_and_numbers_are_refused(kind, numbers, why):
     refused(why, {"kind": kind, "fields": numbers})
 
 
-@pytest.mark.parametrize("table", [
-    np.array([0.0, np.nan]), np.array([1j]), np.array(["a"]), np.array([None]), 1.0, np.float32([1.0]),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "table",
+    [
+        np.array([0.0, np.nan]),
+        np.array([1j]),
+        np.array(["a"]),
+        np.array([None]),
+        1.0,
+        np.float32([1.0]),
+    ],
+)
 def test_wrong_arrays_are_refused(table):
     data, tables = as_plain(Coverage(np.arange(3.0), 0, 0.0, np.ones(2)))
     refused("positions", data, tables | {"positions": table})
@@ -279,12 +337,40 @@ class Speechless:
         raise RuntimeError
 
 
-@pytest.mark.parametrize("value", [
-    object(), Thawed(1.0), Plasticity, None, 3.0, lambda: None, *map(Loose, (
-        {}, 1j, np.nan, -np.inf, 2**63, np.longdouble(1), object(), len, ([1.0],), (object(),), [1.0],
-        np.array([None]), np.float32([1]), np.array([np.nan]), np.ma.masked_array([1.0]), np.datetime64("2020"),
-    )), Speechless({}), Everything(1.0, 2.5, True, "", (), ("", 1), np.zeros(1)),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "value",
+    [
+        object(),
+        Thawed(1.0),
+        Plasticity,
+        None,
+        3.0,
+        lambda: None,
+        *map(
+            Loose,
+            (
+                {},
+                1j,
+                np.nan,
+                -np.inf,
+                2**63,
+                np.longdouble(1),
+                object(),
+                len,
+                ([1.0],),
+                (object(),),
+                [1.0],
+                np.array([None]),
+                np.float32([1]),
+                np.array([np.nan]),
+                np.ma.masked_array([1.0]),
+                np.datetime64("2020"),
+            ),
+        ),
+        Speechless({}),
+        Everything(1.0, 2.5, True, "", (), ("", 1), np.zeros(1)),
+    ],
+)
 def test_what_no_file_holds_is_refused_when_saving(value):
     with pytest.raises(FileContentError, match=r"frozen dataclass|must be a"):
         as_plain(value)
@@ -317,11 +403,17 @@ def test_two_classes_of_one_name_are_refused():
             by_name([kind])
 
 
-@pytest.mark.parametrize("changed, why", [
-    ({"positions": np.array([0.0, 2.0, 1.0])}, "increase"), ({"positions": np.zeros(1)}, "at least two"),
-    ({"positions": np.zeros((2, 2))}, "increase"), ({"slopes": np.ones((1, 2))}, "slopes"),
-    ({"extent": 2}, "up to parameter 2"), ({"extent": -1}, "up to parameter -1"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    "changed, why",
+    [
+        ({"positions": np.array([0.0, 2.0, 1.0])}, "increase"),
+        ({"positions": np.zeros(1)}, "at least two"),
+        ({"positions": np.zeros((2, 2))}, "increase"),
+        ({"slopes": np.ones((1, 2))}, "slopes"),
+        ({"extent": 2}, "up to parameter 2"),
+        ({"extent": -1}, "up to parameter -1"),
+    ],
+)
 def test_a_partial_pressure_refuses_what_is_no_line_and_no_parameter(changed, why):
     given = {"positions": np.arange(3.0), "extent": 0, "constant": 0.0, "slopes": np.ones(2)}
     with pytest.raises(SceneError, match=why):
@@ -346,7 +438,9 @@ def test_values_within_a_value_come_back():
     assert not tables and same(restored(through_json(data), {}, NESTED_KINDS), NESTED)
     held = Loose(Everything(1.0, 2, True, "", (), ("", 1), np.arange(3.0)))
     data, tables = as_plain(held)
-    assert list(tables) == ["field.table"] and same(restored(data, tables, by_name([Loose, Everything])), held)
+    assert list(tables) == ["field.table"] and same(
+        restored(data, tables, by_name([Loose, Everything])), held
+    )
     assert restored(as_plain(Loose(None))[0], {}, by_name([Loose])) == Loose(None)
     data = as_plain(NESTED)[0]
     refused("pass the class", through_json(data), {}, by_name([Pairs, Norton]))
@@ -356,6 +450,9 @@ def test_what_nests_without_end_is_refused():
     deep, data = (), as_plain(NESTED)[0]["fields"]["law"]
     for _ in range(3000):
         deep, data = (deep,), {"kind": "Loose", "fields": {"field": data}}
-    for call in (lambda: as_plain(Loose(deep)), lambda: restored(data, {}, by_name([Loose, Norton]))):
+    for call in (
+        lambda: as_plain(Loose(deep)),
+        lambda: restored(data, {}, by_name([Loose, Norton])),
+    ):
         with pytest.raises(FileContentError, match="nests more than 16"):
             call()

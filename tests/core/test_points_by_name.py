@@ -1,4 +1,6 @@
-"""Whatever has names is read by name: mappings, structured arrays, named tuples, of points, tables and paths."""
+"""Whatever has names is read by name: mappings, structured arrays, named tuples, of points, tables
+and paths.
+"""
 
 from typing import NamedTuple
 
@@ -66,14 +68,23 @@ def test_a_table_is_read_by_its_names(name):
     assert np.array_equal(SPACE.points(TABLES[name]), ROWS)
 
 
-@pytest.mark.parametrize("point", [{"pull": 0.5, "push": 1.5}, STRUCTURED[0], Load(0.5, 1.5), [1.5, 0.5]])
+@pytest.mark.parametrize(
+    "point", [{"pull": 0.5, "push": 1.5}, STRUCTURED[0], Load(0.5, 1.5), [1.5, 0.5]]
+)
 def test_a_point_is_read_by_its_names(point):
     assert np.array_equal(SPACE.point(point), ROWS[0])
 
 
 def test_a_step_of_a_path_is_read_by_its_names():
-    steps = np.array([(0.0, 0.0, 0.0), (0.5, 1.5, 1.0)], dtype=[("pull", float), ("push", float), ("time", float)])
-    for path in (steps, [Step(0.0, 0.0, 0.0), Step(0.5, 1.5, 1.0)], [(0, [0, 0]), (1, Load(0.5, 1.5))]):
+    steps = np.array(
+        [(0.0, 0.0, 0.0), (0.5, 1.5, 1.0)],
+        dtype=[("pull", float), ("push", float), ("time", float)],
+    )
+    for path in (
+        steps,
+        [Step(0.0, 0.0, 0.0), Step(0.5, 1.5, 1.0)],
+        [(0, [0, 0]), (1, Load(0.5, 1.5))],
+    ):
         times, points = zip(*checked_path(SPACE, path), strict=True)
         assert times == (0.0, 1.0) and np.array_equal(points, [[0.0, 0.0], ROWS[0]])
     with pytest.raises(ParameterError, match="no 'time'"):
@@ -98,18 +109,29 @@ def test_names_that_do_not_match_are_refused(table, why):
 MASKED = {
     "a point": (SPACE.point, np.ma.array([1, 2], mask=[False, True])),
     "a value": (SPACE.point, {"push": 1.0, "pull": np.ma.masked}),
-    "a record": (SPACE.point, np.ma.array((1.0, 1.0), mask=(False, True), dtype=[("push", float), ("pull", float)])),
+    "a record": (
+        SPACE.point,
+        np.ma.array((1.0, 1.0), mask=(False, True), dtype=[("push", float), ("pull", float)]),
+    ),
     "a table": (SPACE.points, np.ma.array([[1.5, 0.5]], mask=[[False, True]])),
     "rows": (SPACE.points, [[1.0, 1.0], np.ma.array([1.5, 0.5], mask=[False, True])]),
     "a column": (SPACE.points, {"push": [1.0], "pull": np.ma.array([0.5], mask=[True])}),
-    "records": (SPACE.points, np.ma.array([(1.0, 1.0)], mask=[(0, 1)], dtype=[("push", float), ("pull", float)])),
-    "a path": (lambda path: checked_path(SPACE, path), [(0.0, np.ma.array([1.5, 0.5], mask=[False, True]))]),
+    "records": (
+        SPACE.points,
+        np.ma.array([(1.0, 1.0)], mask=[(0, 1)], dtype=[("push", float), ("pull", float)]),
+    ),
+    "a path": (
+        lambda path: checked_path(SPACE, path),
+        [(0.0, np.ma.array([1.5, 0.5], mask=[False, True]))],
+    ),
 }
 
 
 @pytest.mark.parametrize("kind", MASKED)
 def test_what_is_masked_is_missing(kind):
-    """Masked entries are missing or invalid, as the manual of numpy.ma says, whatever number is below the mask."""
+    """Masked entries are missing or invalid, as the manual of numpy.ma says, whatever number is
+    below the mask.
+    """
     read, values = MASKED[kind]
     with pytest.raises(ParameterError, match="pull = nan is not finite"):
         read(values)
@@ -117,8 +139,14 @@ def test_what_is_masked_is_missing(kind):
 
 
 def test_models_read_names():
-    """A block between two loads: every entry of the package gives the answer to the mapping, which has one meaning."""
-    lid, side, floor = block.side(1, upper=True), block.side(0, upper=True), block.side(1, upper=False)
+    """A block between two loads: every entry of the package gives the answer to the mapping, which
+    has one meaning.
+    """
+    lid, side, floor = (
+        block.side(1, upper=True),
+        block.side(0, upper=True),
+        block.side(1, upper=False),
+    )
     scene = block_scene(
         "two_loads",
         {"push": (0.0, 2.0), "pull": (0.0, 2.0)},
@@ -132,12 +160,18 @@ def test_models_read_names():
     training = hhr.train(scene, TABLES["columns"], held_out=2)
     model = training.build()
     right = model.solve({"push": 1.5, "pull": 0.5}).outputs()["force"]
-    assert model.solve([0.5, 1.5], outside="ignore").outputs()["force"] != pytest.approx(right, rel=0.1)
+    assert model.solve([0.5, 1.5], outside="ignore").outputs()["force"] != pytest.approx(
+        right, rel=0.1
+    )
     for table in TABLES.values():
         assert model.solve_many(table).outputs()["force"][0] == pytest.approx(right, rel=1e-9)
     for table in (TABLES["rows"], TABLES["structured"]):
-        assert training.full_order.solve_many(table).outputs()["force"][0] == pytest.approx(right, rel=1e-9)
+        assert training.full_order.solve_many(table).outputs()["force"][0] == pytest.approx(
+            right, rel=1e-9
+        )
         assert np.array_equal(hhr.compute_snapshots(training.full_order, table).points, ROWS)
     assert training.snapshots.points.tolist() == ROWS.tolist()
     assert model.outputs(STRUCTURED[0], gradient=True)["force"] == pytest.approx(right, rel=1e-9)
-    assert model.march([(0, [0, 0]), (1, Load(0.5, 1.5))]).answers[-1].outputs()["force"] == pytest.approx(right)
+    assert model.march([(0, [0, 0]), (1, Load(0.5, 1.5))]).answers[-1].outputs()[
+        "force"
+    ] == pytest.approx(right)

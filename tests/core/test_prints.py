@@ -24,8 +24,16 @@ def training():
 @pytest.fixture(scope="module")
 def values(training):
     condensed, reduced = training.condense(), training.build(checked=False)
-    found = {"full": training.full_order, "condensed": condensed, "reduced": reduced, "training": training}
-    found |= {"snapshots": training.snapshots, "history": condensed.march([(0.0, [0.0]), (1.0, [0.05])])}
+    found = {
+        "full": training.full_order,
+        "condensed": condensed,
+        "reduced": reduced,
+        "training": training,
+    }
+    found |= {
+        "snapshots": training.snapshots,
+        "history": condensed.march([(0.0, [0.0]), (1.0, [0.05])]),
+    }
     for name in ("full", "condensed", "reduced"):
         found[f"answer of {name}"] = found[name].solve(0.05)
         found[f"answers of {name}"] = found[name].solve_many([[0.04], [0.05]])
@@ -43,7 +51,9 @@ def test_notebooks_show_the_same_as_a_table(values):
     for name, value in values.items():
         table = value._repr_html_()
         cells = [unescape(text) for text in re.split("<[^>]*>", table)]
-        assert set(value.facts().values()) <= set(cells) and table.count("<tr>") == len(value.facts()), name
+        assert set(value.facts().values()) <= set(cells) and table.count("<tr>") == len(
+            value.facts()
+        ), name
 
 
 @needs("differences")
@@ -52,20 +62,27 @@ def test_lines_say_what_is_there(values, training):
     touching = int(answer.active.sum())
     assert touching > 0
     assert repr(answer) == (
-        f"<Answer: at (0.05), converged after {answer.iterations} iteration{'s' * (answer.iterations > 1)}, "
-        f"{touching} of {answer.active.size} contact conditions active>"
+        f"<Answer: at (0.05), converged after {answer.iterations} "
+        f"iteration{'s' * (answer.iterations > 1)}, {touching} of {answer.active.size} contact "
+        "conditions active>"
     )
-    assert repr(values["answers of condensed"]) == "<ManyAnswers: 2 answers, 2 converged, 1 parameter>"
+    assert (
+        repr(values["answers of condensed"]) == "<ManyAnswers: 2 answers, 2 converged, 1 parameter>"
+    )
     assert repr(values["history"]).startswith("<History: 1 step, t = 0 to 1 s, ")
     assert repr(values["history"]).endswith(", time error 0>")
     assert "scene 'pressed_plane_strain', 4 full answers, 5 held out" in repr(training)
     assert repr(training.snapshots).startswith("<SnapshotSet: 4 answers, 1 parameter, ")
-    assert "1 parameter (push)" in repr(values["condensed"]) and "exact" in repr(values["condensed"])
+    assert "1 parameter (push)" in repr(values["condensed"]) and "exact" in repr(
+        values["condensed"]
+    )
     assert repr(values["reduced"]).endswith("errors: bound>")
 
 
 def test_an_answer_without_a_solution_says_so(values):
-    assert ", iteration limit after " in repr(values["answer of full"]._replace(status=Status.ITERATION_LIMIT))
+    assert ", iteration limit after " in repr(
+        values["answer of full"]._replace(status=Status.ITERATION_LIMIT)
+    )
 
 
 def test_a_notebook_escapes_what_users_wrote():
@@ -89,7 +106,9 @@ def test_a_scene_prints_as_a_list():
 
 
 def test_pressures_are_those_of_a_uniform_strip(values, training):
-    """E / (1 - nu^2) (push - gap) / 2, the uniform stress of ``scenes.pressed_block``: cells of any size are exact."""
+    """E / (1 - nu^2) (push - gap) / 2, the uniform stress of ``scenes.pressed_block``: cells of any
+    size are exact.
+    """
     areas = training.full_order.problem.contact_areas
     for name in ("full", "condensed", "reduced"):
         answer = values[f"answer of {name}"]
@@ -103,9 +122,13 @@ def test_a_copy_needs_the_full_model_for_pressures(values, training):
     for name in ("condensed", "reduced"):
         for model in (copy.deepcopy(values[name]), pickle.loads(pickle.dumps(values[name]))):
             answer = model.solve(0.05)
-            with pytest.raises(NotOfferedError, match=r"give the full model, full=hhr.FullOrderModel\(scene\)"):
+            with pytest.raises(
+                NotOfferedError, match=r"give the full model, full=hhr.FullOrderModel\(scene\)"
+            ):
                 answer.pressure()
-            with pytest.raises(NotOfferedError, match="a picture needs the mesh: give the full model"):
+            with pytest.raises(
+                NotOfferedError, match="a picture needs the mesh: give the full model"
+            ):
                 answer.plot()
             known = values[f"answer of {name}"].pressure()
             np.testing.assert_allclose(answer.pressure(training.full_order), known, rtol=1e-12)
@@ -132,14 +155,19 @@ def test_tables_go_to_pandas_and_xarray_in_one_call(values):
     pandas, xarray = pytest.importorskip("pandas"), pytest.importorskip("xarray")
     model = values["condensed"]
     known = values["answers of condensed"].forces()
-    frame = hhr.to_pandas(model, pandas.DataFrame({"other": [1.0, 2.0, 3.0], "push": [0.04, 0.05, 7.0]}))
+    frame = hhr.to_pandas(
+        model, pandas.DataFrame({"other": [1.0, 2.0, 3.0], "push": [0.04, 0.05, 7.0]})
+    )
     assert list(frame.columns[:3]) == ["push", "status", "total_force"] and len(frame) == 3
     assert frame.status[:2].tolist() == ["ok", "ok"] and "push" in frame.status[2]
     np.testing.assert_allclose(frame.total_force[:2], known.sum(axis=1), rtol=1e-12)
     assert np.isnan(frame.total_force[2]) and not any(name.startswith("force_") for name in frame)
     assert f"force_{known.shape[1] - 1}" in hhr.to_pandas(model, [[0.04]], forces=True)
     data = hhr.to_xarray(model, [[0.04], [0.05]])
-    assert isinstance(data, xarray.Dataset) and dict(data.sizes) == {"point": 2, "condition": known.shape[1]}
+    assert isinstance(data, xarray.Dataset) and dict(data.sizes) == {
+        "point": 2,
+        "condition": known.shape[1],
+    }
     np.testing.assert_allclose(data["forces"].to_numpy(), known, rtol=1e-12)
     assert data.coords["push"].to_numpy().tolist() == [0.04, 0.05]
 

@@ -13,7 +13,10 @@ from hhr_dolfinx.reduction.projection import project, reduced_domain
 
 
 def test_index_sets_follow_their_definitions(hertz, hertz_reduction):
-    """(1.35), (1.36), (1.45), (1.55), (1.58), (1.59), each by brute force; the RID holds the nodes that DEIM picks."""
+    """(1.35), (1.36), (1.45), (1.55), (1.58), (1.59), each by brute force.
+
+    The RID holds the nodes that DEIM picks.
+    """
     problem, sets = hertz.problem, hertz_reduction.offline.sets
     check_closed(problem, deim(hertz_reduction.offline.basis) // 2, sets)
     nodes_outside = np.unique(np.delete(problem.cell_nodes, sets.cells, axis=0))
@@ -31,18 +34,33 @@ def test_layers_only_add_cells(hertz):
 
 def test_projection_equals_the_unrestricted_formula(hertz, hertz_reduction):
     """(1.61) with restricted rows and columns is (1.57) with V zeroed outside A."""
-    problem, basis, sets = hertz.problem, hertz_reduction.offline.basis, hertz_reduction.offline.sets
+    problem, basis, sets = (
+        hertz.problem,
+        hertz_reduction.offline.basis,
+        hertz_reduction.offline.sets,
+    )
     test_functions = np.zeros_like(basis)
     test_functions[sets.A] = basis[sets.A]
     reduced = project(problem, basis, sets)
-    assert reduced.stiffness == pytest.approx(test_functions.T @ (problem.stiffness @ basis), abs=1e-12)
-    assert reduced.contact_trial == pytest.approx((problem.contact @ basis)[sets.A_lambda], abs=1e-14)
-    assert reduced.contact_test == pytest.approx((problem.contact @ test_functions)[sets.A_lambda], abs=1e-14)
-    assert np.abs(reduced.stiffness - reduced.stiffness.T).max() > 1e-3, "a Petrov-Galerkin K~ is not symmetric"
+    assert reduced.stiffness == pytest.approx(
+        test_functions.T @ (problem.stiffness @ basis), abs=1e-12
+    )
+    assert reduced.contact_trial == pytest.approx(
+        (problem.contact @ basis)[sets.A_lambda], abs=1e-14
+    )
+    assert reduced.contact_test == pytest.approx(
+        (problem.contact @ test_functions)[sets.A_lambda], abs=1e-14
+    )
+    assert np.abs(reduced.stiffness - reduced.stiffness.T).max() > 1e-3, (
+        "a Petrov-Galerkin K~ is not symmetric"
+    )
 
 
 def test_full_basis_on_the_whole_domain_is_the_full_order(hertz, hertz_snapshots):
-    """Nothing reduced, nothing lost: 1e-10, round-off times cond(K) ~ 1e4; contact conditions hold for both."""
+    """Nothing reduced, nothing lost: 1e-10, round-off times cond(K) ~ 1e4.
+
+    Contact conditions hold for both.
+    """
     problem = hertz.problem
     basis = np.eye(problem.free.size)[:, problem.free]
     sets = whole_domain(problem)
@@ -65,11 +83,16 @@ def test_full_snapshot_basis_reproduces_the_training_points(hertz, hertz_snapsho
     """With all modes each snapshot lies in the space, and a consistent RID model returns it."""
     reduction = hhr.build(hertz, hertz_snapshots, hhr.Recipe.thesis(1e-25).as_it_is())
     for point, field, forces in zip(
-        hertz_snapshots.points, hertz_snapshots.displacements.T, hertz_snapshots.forces.T, strict=True
+        hertz_snapshots.points,
+        hertz_snapshots.displacements.T,
+        hertz_snapshots.forces.T,
+        strict=True,
     ):
         solution = reduction.solve(point)
         assert reduction.offline.basis @ solution.unknown == pytest.approx(field, abs=1e-9)
-        assert solution.multipliers == pytest.approx(forces[reduction.offline.sets.A_lambda], abs=1e-9)
+        assert solution.multipliers == pytest.approx(
+            forces[reduction.offline.sets.A_lambda], abs=1e-9
+        )
 
 
 @pytest.mark.parametrize("start", ["nearest", None])
@@ -81,9 +104,16 @@ def test_reduced_contact_conditions(hertz_reduction, start):
         theta = model.fields.amplitudes(np.array([mu]))
         slack = reduced.gaps @ theta - reduced.contact_trial @ solution.unknown
         load = reduced.loads @ theta
-        residual = reduced.stiffness @ solution.unknown + reduced.contact_test.T @ solution.multipliers - load
+        residual = (
+            reduced.stiffness @ solution.unknown
+            + reduced.contact_test.T @ solution.multipliers
+            - load
+        )
         assert np.abs(residual).max() < 1e-12 * np.abs(load).max()
-        assert solution.multipliers.min() >= -1e-11 * solution.multipliers.max() and slack.min() > -1e-11
+        assert (
+            solution.multipliers.min() >= -1e-11 * solution.multipliers.max()
+            and slack.min() > -1e-11
+        )
         assert np.abs(slack * solution.multipliers).max() < 1e-11
 
 

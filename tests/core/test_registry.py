@@ -1,4 +1,7 @@
-"""Manifests: what is left out, and why; each plug-in of ours is registered, and what it registers is there."""
+"""Manifests: what is left out, and why.
+
+Each plug-in of ours is registered, and what it registers is there.
+"""
 
 import dataclasses
 import importlib
@@ -24,7 +27,9 @@ from hhr_dolfinx.registry import Bounds, Plugin, Stage, Way
 from hhr_dolfinx.study.training.train import Training
 
 ROOT = Path(__file__).parents[2]
-FOLDERS = sorted(path.parent.name for path in (ROOT / "hhr_dolfinx" / "plugins").glob("*/__init__.py"))
+FOLDERS = sorted(
+    path.parent.name for path in (ROOT / "hhr_dolfinx" / "plugins").glob("*/__init__.py")
+)
 NAMES = [pytest.param(name, marks=needs(name)) for name in OURS]
 """Our plug-ins, those that were deleted too."""
 
@@ -64,15 +69,33 @@ def registered(monkeypatch):
 @pytest.mark.parametrize(
     ("entry", "why"),
     [
-        (Entry(ImportError, "torn"), "'torn' is left out: somewhere:torn cannot be loaded: ImportError: no such"),
+        (
+            Entry(ImportError, "torn"),
+            "'torn' is left out: somewhere:torn cannot be loaded: ImportError: no such",
+        ),
         (Entry(SystemExit, "leaves"), "cannot be loaded: SystemExit"),
         (Entry({"name": "b"}, "untyped"), "is a dict and no hhr_dolfinx.registry.Plugin"),
         (Entry(Plugin("lonely", needs=("nobody",))), "'lonely' is left out: it needs nobody"),
-        (Entry(Plugin("good", commands={"x": "a:b"})), "'good' is left out: somewhere:any has the name of another"),
-        (Entry(Plugin("odd", public={"m": 5})), "'any' is left out: somewhere:any cannot be loaded: TypeError"),
-        (Entry(Plugin("late", public={"n": "g"})), "'late' .* registers 'g' among public, which is m:g of .* 'good'"),
-        (Entry(Plugin("late", parts={"laws": {"L": "n:L"}})), "'late' .* 'L' among laws, which is m:L of .* 'good'"),
-        (Entry(Plugin("late", switches={"n": "s"})), "'late' .* 's' among switches, which is m:s of .* 'good'"),
+        (
+            Entry(Plugin("good", commands={"x": "a:b"})),
+            "'good' is left out: somewhere:any has the name of another",
+        ),
+        (
+            Entry(Plugin("odd", public={"m": 5})),
+            "'any' is left out: somewhere:any cannot be loaded: TypeError",
+        ),
+        (
+            Entry(Plugin("late", public={"n": "g"})),
+            "'late' .* registers 'g' among public, which is m:g of .* 'good'",
+        ),
+        (
+            Entry(Plugin("late", parts={"laws": {"L": "n:L"}})),
+            "'late' .* 'L' among laws, which is m:L of .* 'good'",
+        ),
+        (
+            Entry(Plugin("late", switches={"n": "s"})),
+            "'late' .* 's' among switches, which is m:s of .* 'good'",
+        ),
     ],
 )
 def test_a_plug_in_that_cannot_be_used_is_left_out_with_the_reason(registered, entry, why):
@@ -95,7 +118,9 @@ def test_a_plug_in_of_ours_keeps_its_name_whatever_comes_first(registered):
     """Entry points come in the order of their packages."""
     ours = Entry(Plugin("same", public={"m": "f"}), "ours")
     ours.value = f"{registry.GROUP}.same:PLUGIN"
-    with pytest.warns(PluginWarning, match="'same' is left out: somewhere:any has the name of another plug-in"):
+    with pytest.warns(
+        PluginWarning, match="'same' is left out: somewhere:any has the name of another plug-in"
+    ):
         assert registered(Entry(Plugin("same", public={"n": "f"})), ours)["same"] is ours.found
 
 
@@ -105,7 +130,10 @@ def fails(*given):
 
 def test_a_wanted_that_raises_counts_as_no():
     for item in (Way("m:a", fails), Bounds("m:a", fails), Stage("m:a", "", fails)):
-        with pytest.warns(PluginWarning, match="m:a is left out: its 'wanted' raised ZeroDivisionError: of a manifest"):
+        with pytest.warns(
+            PluginWarning,
+            match="m:a is left out: its 'wanted' raised ZeroDivisionError: of a manifest",
+        ):
             assert not registry.wants(item, None)
 
 
@@ -113,7 +141,10 @@ def test_a_wanted_that_raises_ends_no_condensation(registered):
     full = hhr.FullOrderModel(pressed_block("plane_strain", cells=2))
     way, bounds, stage = Way("m:Way", fails), Bounds("m:bounds", fails), Stage("m:stage", "", fails)
     registered(Entry(Plugin("a", reductors={"w": way}, bounds=(bounds,), stages=(stage,))))
-    with pytest.warns(PluginWarning, match="m:Way is left out: its 'wanted' raised ZeroDivisionError: of a manifest"):
+    with pytest.warns(
+        PluginWarning,
+        match="m:Way is left out: its 'wanted' raised ZeroDivisionError: of a manifest",
+    ):
         model = hhr.condense(full)
     assert model.solve(0.05).forces().sum() > 0
     with pytest.warns(PluginWarning, match="m:(bounds|stage) is left out") as caught:
@@ -135,12 +166,16 @@ def test_a_command_that_cannot_be_loaded_ends_no_other(registered):
 
 def test_a_training_option_that_cannot_be_loaded_is_left_out(registered):
     registered(Entry(Plugin("a", trainings={"torn": "no_such_module:torn", "there": "json:dumps"})))
-    with pytest.warns(PluginWarning, match="'torn' of no_such_module:torn is left out: ModuleNotFoundError"):
+    with pytest.warns(
+        PluginWarning, match="'torn' of no_such_module:torn is left out: ModuleNotFoundError"
+    ):
         assert list(registry.loadable("trainings")) == ["there"]
 
 
 def test_templates_may_be_imported_before_the_package():
-    """Models asked for manifests as they were imported: a plug-in that imports them was left out as half loaded."""
+    """Models asked for manifests as they were imported: a plug-in that imports them was left out as
+    half loaded.
+    """
     template = ROOT / "extension_templates" / "reductor"
     source = f"""
 import importlib.metadata, sys, warnings
@@ -175,14 +210,19 @@ def test_the_core_knows_the_plug_in_of_each_name(name):
 @pytest.mark.parametrize(("name", "plugin"), OF_OURS["public"].items())
 def test_a_public_name_of_a_plug_in_that_is_not_there_names_it(name, plugin, monkeypatch):
     monkeypatch.delitem(vars(hhr), name, raising=False)
-    with pytest.raises(AttributeError, match=f"no '{name}': it belongs to the plug-in '{plugin}', which is not inst"):
+    with pytest.raises(
+        AttributeError,
+        match=f"no '{name}': it belongs to the plug-in '{plugin}', which is not inst",
+    ):
         getattr(hhr, name)
 
 
 @pytest.mark.usefixtures("without")
 def test_what_a_scene_needs_of_a_plug_in_that_is_not_there_is_named(tmp_path):
     def said(plugin):
-        return pytest.raises((HHRError, AttributeError), match=f"plug-in '{plugin}', which is not installed")
+        return pytest.raises(
+            (HHRError, AttributeError), match=f"plug-in '{plugin}', which is not installed"
+        )
 
     scene = pressed_block("plane_strain", cells=2)
     with said("friction"):
@@ -217,16 +257,24 @@ def test_what_a_scene_needs_of_a_plug_in_that_is_not_there_is_named(tmp_path):
 @pytest.mark.parametrize(("name", "plugin"), OF_OURS["commands"].items())
 def test_a_command_of_a_plug_in_that_is_not_there_names_it(name, plugin):
     code, output = invoke(name, "--help")
-    assert code == 2 and f"no command '{name}': it belongs to the plug-in '{plugin}', which is not inst" in output
+    assert (
+        code == 2
+        and f"no command '{name}': it belongs to the plug-in '{plugin}', which is not inst"
+        in output
+    )
 
 
 def test_a_tool_that_no_plug_in_has_is_named(registered):
     registered(Entry(Plugin("a", tools={"writing": "json:dumps"})))
     assert registry.tool("writing", "a note")([1]) == "[1]"
     scene = pressed_block("plane_strain", cells=2)
-    for what, drawn in (("a scene", scene), ("an answer", hhr.FullOrderModel(scene).solve({"push": 0.05}))):
+    for what, drawn in (
+        ("a scene", scene),
+        ("an answer", hhr.FullOrderModel(scene).solve({"push": 0.05})),
+    ):
         with pytest.raises(
-            NotOfferedError, match=f"a figure of {what} needs a plug-in with the tool 'drawing', and none"
+            NotOfferedError,
+            match=f"a figure of {what} needs a plug-in with the tool 'drawing', and none",
         ):
             drawn.plot()
 
@@ -250,8 +298,13 @@ def read_by_a_test(path):
     return RawMesh(points, "triangle", np.array([[0, 1, 2]]), {name: np.array([0])})
 
 
-def test_the_reader_of_a_plug_in_is_asked_for_files_of_its_ending(registered, monkeypatch, tmp_path):
-    """Before those of the core, whatever the file begins with; errors list the endings of all readers."""
+def test_the_reader_of_a_plug_in_is_asked_for_files_of_its_ending(
+    registered, monkeypatch, tmp_path
+):
+    """Before those of the core, whatever the file begins with.
+
+    Errors list the endings of all readers.
+    """
     monkeypatch.setattr(registry, "read_by_a_test", read_by_a_test, raising=False)
     place = "hhr_dolfinx.registry:read_by_a_test"
     registered(Entry(Plugin("a", readers={".tri": place, ".three": place})))
@@ -261,15 +314,24 @@ def test_the_reader_of_a_plug_in_is_asked_for_files_of_its_ending(registered, mo
     assert found.bodies.keys() == {"*NODE"} and found.points[0].tolist() == [-2.0, 0.5]
     for text, name in (("*NODE a b", "mesh.three"), ("nothing", "mesh.dat")):
         (tmp_path / name).write_text(text)
-        with pytest.raises(FileContentError, match=rf"{name} .* in another format: .*\.cgns, \.tri, \.three$"):
+        with pytest.raises(
+            FileContentError, match=rf"{name} .* in another format: .*\.cgns, \.tri, \.three$"
+        ):
             hhr.MeshFile(tmp_path / name).read()
-    with pytest.warns(PluginWarning, match=r"'b' is left out: it registers '\.tri' among readers, which is"):
-        registered(Entry(Plugin("a", readers={".tri": place})), Entry(Plugin("b", readers={".tri": "json:load"})))
+    with pytest.warns(
+        PluginWarning, match=r"'b' is left out: it registers '\.tri' among readers, which is"
+    ):
+        registered(
+            Entry(Plugin("a", readers={".tri": place})),
+            Entry(Plugin("b", readers={".tri": "json:load"})),
+        )
     assert hhr.MeshFile(path).read().bodies.keys() == {"*NODE"}
 
 
 def test_our_plug_ins_register_as_those_of_others_do():
-    entries = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"][registry.GROUP]
+    entries = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"][
+        registry.GROUP
+    ]
     assert entries == {name: f"hhr_dolfinx.plugins.{name}:PLUGIN" for name in FOLDERS}
     assert present(*FOLDERS) and set(FOLDERS) <= set(OURS)
 

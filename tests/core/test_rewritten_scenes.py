@@ -1,7 +1,9 @@
-"""What can be written in two ways has one meaning: scenes are drawn at random and rewritten, and answers compared.
+"""What can be written in two ways has one meaning: scenes are drawn at random and rewritten, and
+answers compared.
 
-No expected value of ours: a scene written differently is the same problem, so that its answers are the same numbers
-but for the order of sums. 1e-11 of the largest is a hundred times what was seen; of Profile and Circle see there.
+No expected value of ours: a scene written differently is the same problem, so that its answers are
+the same numbers but for the order of sums. 1e-11 of the largest is a hundred times what was seen;
+of Profile and Circle see there.
 """
 
 from dataclasses import dataclass, field, replace
@@ -46,7 +48,10 @@ class Drawn:
         return hhr.Amplitude(constant, {name: factor})
 
     def obstacle(self, surface):
-        """The floor, once with a normal of length one; ``scaled`` multiplies the whole equation of the plane."""
+        """The floor, once with a normal of length one.
+
+        ``scaled`` multiplies the whole equation of the plane.
+        """
         gap = self.numbers["gap"]
         if "profile" in self.ways:
             return hhr.Profile(surface, ((-3.0, -gap), (5.0, -gap)), smooth=False)
@@ -62,14 +67,24 @@ class Drawn:
     def opening(self):
         """The floor goes down by ``lowered``: openings of all pairs."""
         pairs = range(len(self.contacts()))
-        return tuple(hhr.Opening(k, hhr.Amplitude(0.0, {"lowered": self.numbers["down"]})) for k in pairs)
+        return tuple(
+            hhr.Opening(k, hhr.Amplitude(0.0, {"lowered": self.numbers["down"]})) for k in pairs
+        )
 
     def loads(self):
-        """A pressure on the lid and a traction at the right end; ``split`` gives the pressure in two parts."""
+        """A pressure on the lid and a traction at the right end.
+
+        ``split`` gives the pressure in two parts.
+        """
         constant, factor = self.numbers["constant"], self.numbers["pressure"]
         parts = (0.25, 0.75) if "split" in self.ways else (1.0,)
-        pressures = (hhr.Pressure(LID, self.amplitude("push", share * constant, share * factor)) for share in parts)
-        aside = hhr.Traction(RIGHT, (0.0, 1.0), self.amplitude("pull", 0.0, self.numbers["traction"]))
+        pressures = (
+            hhr.Pressure(LID, self.amplitude("push", share * constant, share * factor))
+            for share in parts
+        )
+        aside = hhr.Traction(
+            RIGHT, (0.0, 1.0), self.amplitude("pull", 0.0, self.numbers["traction"])
+        )
         both = (*pressures, aside)
         return both[::-1] if "order" in self.ways else both
 
@@ -81,7 +96,13 @@ class Drawn:
             name="drawn",
             geometry=partial(geometry, halves="halves" in self.ways),
             hypothesis="plane_strain",
-            bodies=(hhr.Body(block.SOLID, young=f"{young!r}" if "formula" in self.ways else young, poisson=0.3),),
+            bodies=(
+                hhr.Body(
+                    block.SOLID,
+                    young=f"{young!r}" if "formula" in self.ways else young,
+                    poisson=0.3,
+                ),
+            ),
             contacts=self.contacts(),
             parameters=hhr.ParameterSpace(names, (0.0,) * 3, (1.0,) * 3),
             displacements=(
@@ -94,7 +115,9 @@ class Drawn:
 
 
 RADIUS = 1e6
-"""Of a circle beside a block of length 2: its sagitta, 2e-6 of the length, is 1e-4 of the smallest gap."""
+"""Of a circle beside a block of length 2: its sagitta, 2e-6 of the length, is 1e-4 of the smallest
+gap.
+"""
 
 
 def geometry(comm, halves=False):
@@ -112,9 +135,15 @@ def drawn_numbers(seed):
     """Numbers of a scene in which contact opens and closes in the box."""
     random = np.random.default_rng(seed)
     low_and_high = {
-        "young": (5.0, 20.0), "gap": (0.02, 0.05), "length": (0.2, 5.0), "pressure": (0.3, 0.8), "constant": (0.0, 0.1),
-        "traction": (-0.2, 0.3), "moved": (-0.02, 0.02), "down": (0.0, 0.03),
-    }  # fmt: skip
+        "young": (5.0, 20.0),
+        "gap": (0.02, 0.05),
+        "length": (0.2, 5.0),
+        "pressure": (0.3, 0.8),
+        "constant": (0.0, 0.1),
+        "traction": (-0.2, 0.3),
+        "moved": (-0.02, 0.02),
+        "down": (0.0, 0.03),
+    }
     return {name: float(random.uniform(*ends)) for name, ends in low_and_high.items()}
 
 
@@ -146,13 +175,17 @@ def test_a_scene_written_in_another_way_has_the_same_answers(seed, ways, point):
     assert max(differences(solved(first.scene(), point), solved(rewritten.scene(), point))) < SAME
 
 
-@pytest.mark.parametrize("way", [pytest.param(way, marks=needs(*OF_PLUGINS.get(way, ()))) for way in WAYS])
+@pytest.mark.parametrize(
+    "way", [pytest.param(way, marks=needs(*OF_PLUGINS.get(way, ()))) for way in WAYS]
+)
 def test_each_way_alone_where_contact_is_partly_open(way):
     first = Drawn(drawn_numbers(3))
     point = {"push": 0.6, "pull": 0.8, "lowered": 0.4}
     known = solved(first.scene(), point)
     assert 0 < np.count_nonzero(known[1]) < len(known[1])
-    assert max(differences(known, solved(replace(first, ways=frozenset([way])).scene(), point))) < SAME
+    assert (
+        max(differences(known, solved(replace(first, ways=frozenset([way])).scene(), point))) < SAME
+    )
 
 
 @needs("obstacles")
@@ -160,9 +193,15 @@ def test_each_way_alone_where_contact_is_partly_open(way):
 def test_a_curve_without_a_bend_is_the_plane(way, bar):
     """The circle's sagitta of 2e-6 moves forces by up to 1.4e-4 of the largest."""
     first = Drawn(drawn_numbers(3))
-    for point in ({"push": 0.6, "pull": 0.8, "lowered": 0.4}, {"push": 0.9, "pull": 0.1, "lowered": 0.0}):
+    for point in (
+        {"push": 0.6, "pull": 0.8, "lowered": 0.4},
+        {"push": 0.9, "pull": 0.1, "lowered": 0.0},
+    ):
         known = solved(first.scene(), point)
-        assert max(differences(known, solved(replace(first, ways=frozenset([way])).scene(), point))) < bar
+        assert (
+            max(differences(known, solved(replace(first, ways=frozenset([way])).scene(), point)))
+            < bar
+        )
 
 
 def tables(point):
@@ -180,13 +219,18 @@ def test_names_count_and_not_places():
     """For one point and for many, in full and reduced models, with outputs and gradients."""
     pandas = pytest.importorskip("pandas")
     scene = replace(
-        Drawn(drawn_numbers(5)).scene(), outputs=(hhr.LargestPressure("peak", 0), hhr.ContactForce("force", 0, (0, 1)))
+        Drawn(drawn_numbers(5)).scene(),
+        outputs=(hhr.LargestPressure("peak", 0), hhr.ContactForce("force", 0, (0, 1))),
     )
     model = hhr.condense(scene)
     points = scene.parameters.random(5, seed=2)
     known = model.solve_many(points).outputs()
     frame = pandas.DataFrame(points, columns=list(NAMES))[sorted(NAMES)]
-    for columns in (frame, {name: frame[name].to_numpy() for name in sorted(NAMES)}, frame.to_dict("records")):
+    for columns in (
+        frame,
+        {name: frame[name].to_numpy() for name in sorted(NAMES)},
+        frame.to_dict("records"),
+    ):
         for name, values in model.solve_many(columns).outputs().items():
             np.testing.assert_array_equal(values, known[name], err_msg=f"{type(columns)} {name}")
     for row, point in enumerate(points):
@@ -214,8 +258,12 @@ def parted(comm, cells, split):
 
 
 def stacked(pairing, cells, split):
-    """The upper block pressed and bent by its lid, on one pair or on two whose slaves share a node."""
-    slaves, masters = (SPLIT[tag] if split else (tag,) for tag in (side(SECOND, 1, False), side(FIRST, 1, True)))
+    """The upper block pressed and bent by its lid, on one pair or on two whose slaves share a
+    node.
+    """
+    slaves, masters = (
+        SPLIT[tag] if split else (tag,) for tag in (side(SECOND, 1, False), side(FIRST, 1, True))
+    )
     sides = [side(SECOND, 0, False), side(SECOND, 1, True)]
     return hhr.Scene(
         name="stacked",
@@ -224,7 +272,10 @@ def stacked(pairing, cells, split):
         bodies=(hhr.Body(FIRST, young=1e3, poisson=0.2), hhr.Body(SECOND, young=5e2, poisson=0.3)),
         contacts=tuple(map(pairing, slaves, masters)),
         parameters=hhr.ParameterSpace(("press", "bend"), (0.0, 0.0), (10.0, 10.0)),
-        displacements=(*hhr.Displacement.clamp(side(FIRST, 1, False), 2), hhr.Displacement(sides[0], 0)),
+        displacements=(
+            *hhr.Displacement.clamp(side(FIRST, 1, False), 2),
+            hhr.Displacement(sides[0], 0),
+        ),
         loads=(
             hhr.Pressure(sides[1], hhr.Amplitude(slopes={"press": 1.0})),
             hhr.Traction(side(SECOND, 0, True), (0.0, 1.0), hhr.Amplitude(slopes={"bend": 1.0})),
@@ -234,18 +285,27 @@ def stacked(pairing, cells, split):
 
 
 PAIRINGS = [
-    pytest.param(lambda s, m: hhr.NodeToNode(s, m, (0, -1)), (8, 8), id="NodeToNode", marks=needs("floating")),
     pytest.param(
-        lambda s, m: hhr.NodeToSurface(s, m), (6, 8), id="NodeToSurface", marks=needs("floating", "nonmatching")
+        lambda s, m: hhr.NodeToNode(s, m, (0, -1)), (8, 8), id="NodeToNode", marks=needs("floating")
     ),
-    pytest.param(lambda s, m: hhr.Mortar(s, m), (6, 8), id="Mortar", marks=needs("floating", "mortar")),
+    pytest.param(
+        lambda s, m: hhr.NodeToSurface(s, m),
+        (6, 8),
+        id="NodeToSurface",
+        marks=needs("floating", "nonmatching"),
+    ),
+    pytest.param(
+        lambda s, m: hhr.Mortar(s, m), (6, 8), id="Mortar", marks=needs("floating", "mortar")
+    ),
 ]
 
 
 @needs("shared_nodes")
 @pytest.mark.parametrize(("pairing", "cells"), PAIRINGS)
 def test_an_interface_stated_as_two_pairs_is_one(pairing, cells):
-    """Conditions at the shared node are one, whose force both pairs share: nothing is lost or counted twice."""
+    """Conditions at the shared node are one, whose force both pairs share: nothing is lost or
+    counted twice.
+    """
     point = {"press": 6.0, "bend": 4.0}
     known = solved(stacked(pairing, cells, split=False), point)
     halves = stacked(pairing, cells, split=True)

@@ -1,4 +1,6 @@
-"""The comparison of two commits itself: what differs by one bit, or is missing, fails and is named."""
+"""The comparison of two commits itself: what differs by one bit, or is missing, fails and is
+named.
+"""
 
 import importlib.metadata
 import sys
@@ -29,11 +31,19 @@ def ended(tmp_path):
     """Exit code and print of a comparison of these arrays with changed ones."""
 
     def run(changes=(), errors=ERRORS, allow="", every=False):
-        arrays = {name: array for name, array in (ARRAYS | dict(changes)).items() if array is not None}
+        arrays = {
+            name: array for name, array in (ARRAYS | dict(changes)).items() if array is not None
+        }
         same.Dump(ARRAYS, ERRORS).write(tmp_path / "a.npz")
         same.Dump(arrays, errors).write(tmp_path / "b.npz")
         (tmp_path / "allow.txt").write_text(allow)
-        words = ["compare", str(tmp_path / "a.npz"), str(tmp_path / "b.npz"), "--allow", str(tmp_path / "allow.txt")]
+        words = [
+            "compare",
+            str(tmp_path / "a.npz"),
+            str(tmp_path / "b.npz"),
+            "--allow",
+            str(tmp_path / "allow.txt"),
+        ]
         found = CliRunner().invoke(same.main, [*words, *(["--all"] if every else [])])
         return found.exit_code, found.output
 
@@ -47,7 +57,12 @@ def last_bit(name):
     return {name: array}
 
 
-FORCES, SLIP, SIZE, MATRIX = "HHR/solve 0/forces", "HHR/march/step 0/memory/slip", "HHR/file/bytes", "fields.S"
+FORCES, SLIP, SIZE, MATRIX = (
+    "HHR/solve 0/forces",
+    "HHR/march/step 0/memory/slip",
+    "HHR/file/bytes",
+    "fields.S",
+)
 
 
 @pytest.mark.parametrize(("name", "by"), [(FORCES, "5.6e-17"), (SLIP, "1.5e-16")])
@@ -116,9 +131,7 @@ def test_the_package_of_another_place_is_not_believed(tmp_path, monkeypatch):
 
 def test_plug_ins_are_those_of_the_tree(tmp_path, monkeypatch):
     """The environment may have been installed from another one."""
-    text = (
-        '[project]\nname = "hhr_dolfinx"\nversion = "7"\n[project.entry-points."a group"]\nwear = "somewhere:PLUGIN"\n'
-    )
+    text = '[project]\nname = "hhr_dolfinx"\nversion = "7"\n[project.entry-points."a group"]\nwear = "somewhere:PLUGIN"\n'
     (tmp_path / "pyproject.toml").write_text(text)
     monkeypatch.setattr(sys, "meta_path", [same.TreeFinder(tmp_path), *sys.meta_path])
     points = importlib.metadata.entry_points(group="a group")

@@ -1,4 +1,6 @@
-"""Without the columns of K^-1 B^T: the same answers, by one more solution where a displacement is asked for."""
+"""Without the columns of K^-1 B^T: the same answers, by one more solution where a displacement is
+asked for.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +26,14 @@ from hhr_dolfinx.models.starts import KnownStatuses
 
 SCENES = {
     "constant": (contract.blocks, contract.MIDDLE),
-    "moduli of whole bodies": (lambda: contract.blocks(("E1", 0.3), box=contract.MODULI), contract.VARIED),
-    "Poisson's ratios": (lambda: contract.blocks((3.0, "n"), box={"n": (0.1, 0.4)}), {**contract.MIDDLE, "n": 0.25}),
+    "moduli of whole bodies": (
+        lambda: contract.blocks(("E1", 0.3), box=contract.MODULI),
+        contract.VARIED,
+    ),
+    "Poisson's ratios": (
+        lambda: contract.blocks((3.0, "n"), box={"n": (0.1, 0.4)}),
+        {**contract.MIDDLE, "n": 0.25},
+    ),
     "floating": (lambda: contract.blocks(free=True), contract.PRESSED),
     "friction": (lambda: contract.blocks(friction=0.2), contract.MIDDLE),
     "second_order": (lambda: dataclasses.replace(contract.blocks(), order=2), contract.MIDDLE),
@@ -39,7 +47,9 @@ def both(make, monkeypatch):
     return kept, hhr.FullOrderModel(make(), MPI.COMM_SELF)
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=needs(*{name} & set(OURS))) for name in SCENES])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=needs(*{name} & set(OURS))) for name in SCENES]
+)
 def test_answers_are_the_same(name, monkeypatch):
     make, mu = SCENES[name]
     kept, lean = both(make, monkeypatch)
@@ -48,8 +58,13 @@ def test_answers_are_the_same(name, monkeypatch):
     exact, found = kept.solve(mu, gradient=True), lean.solve(mu, gradient=True)
     check_like(found, exact, forces=1e-10, displacement=1e-10)
     for name in ("unknown", "multipliers"):
-        assert largest_difference(getattr(found.gradient, name), getattr(exact.gradient, name)) < 1e-10
-    assert largest_difference(*([*answer.outputs().values.values()] for answer in (found, exact))) < 1e-10
+        assert (
+            largest_difference(getattr(found.gradient, name), getattr(exact.gradient, name)) < 1e-10
+        )
+    assert (
+        largest_difference(*([*answer.outputs().values.values()] for answer in (found, exact)))
+        < 1e-10
+    )
     assert lean.keeps_columns or not lean.stiffness.has_response
 
 
@@ -68,9 +83,13 @@ def test_exact_condensation_keeps_rows_of_outputs_only(monkeypatch, tmp_path):
         exact, found = whole.solve(point, gradient=True), model.solve(point, gradient=True)
         check_like(found, exact, displacement=1e-11, stress=1e-10)
         one, other = found.outputs(), exact.outputs()
-        np.testing.assert_allclose(list(one.values.values()), list(other.values.values()), rtol=1e-9)
+        np.testing.assert_allclose(
+            list(one.values.values()), list(other.values.values()), rtol=1e-9
+        )
         for key, slopes in other.gradient.items():
-            np.testing.assert_allclose(one.gradient[key], slopes, rtol=1e-8, atol=1e-9 * np.abs(slopes).max())
+            np.testing.assert_allclose(
+                one.gradient[key], slopes, rtol=1e-8, atol=1e-9 * np.abs(slopes).max()
+            )
     hhr.save_model(tmp_path / "model.npz", model)
     again = hhr.load_model(tmp_path / "model.npz").solve(point)
     np.testing.assert_allclose(again.forces(), exact.forces(), rtol=1e-9, atol=1e-12)
@@ -85,25 +104,33 @@ PAIRING = mortar if present("mortar") else node_to_surface
 
 def pressed_sphere(*outputs, cells=8, moduli=False):
     """A scene in space of some hundred conditions."""
-    made = sphere_on_block.scene(PAIRING, sphere_cells=(cells, cells // 2), block_cells=(cells - 2, cells // 2))
+    made = sphere_on_block.scene(
+        PAIRING, sphere_cells=(cells, cells // 2), block_cells=(cells - 2, cells // 2)
+    )
     scene = dataclasses.replace(made, outputs=outputs)
     if not moduli:
         return scene
     bodies = tuple(dataclasses.replace(body, young=f"E{k}") for k, body in enumerate(scene.bodies))
     box = scene.parameters
-    space = hhr.ParameterSpace((*box.names, "E0", "E1"), (*box.lower, 1e5, 5e4), (*box.upper, 3e5, 9e4))
+    space = hhr.ParameterSpace(
+        (*box.names, "E0", "E1"), (*box.lower, 1e5, 5e4), (*box.upper, 3e5, 9e4)
+    )
     return dataclasses.replace(scene, bodies=bodies, parameters=space)
 
 
 @needs("nonmatching", "stress")
 def test_reduced_models_and_estimates_need_no_columns(monkeypatch):
-    """Hyper-reduction and its estimates take a solution for each mode in the place of one for each row."""
+    """Hyper-reduction and its estimates take a solution for each mode in the place of one for each
+    row.
+    """
     tag = sphere_on_block.geometry.SPHERE
     outputs = (hhr.DisplacementAt("u", (0.0, 0.0, 0.0), 2, tag), hhr.VonMises("stress", tag))
     kept, lean = both(lambda: pressed_sphere(*outputs, cells=12), monkeypatch)
     point = kept.parameters.middle
     snapshots = hhr.compute_snapshots(kept, kept.parameters.random(12, 0))
-    one, other = (hhr.build(full, snapshots, contract.AS_IT_IS).solve(point) for full in (kept, lean))
+    one, other = (
+        hhr.build(full, snapshots, contract.AS_IT_IS).solve(point) for full in (kept, lean)
+    )
     np.testing.assert_allclose(other.forces(), one.forces(), atol=1e-9 * one.forces().max())
     mine, theirs = one.estimate(), other.estimate()
     for name in ("primal", "dual", "forces_euclid", "pressure"):
@@ -114,8 +141,12 @@ def test_reduced_models_and_estimates_need_no_columns(monkeypatch):
 
 @needs("nonmatching", "stress")
 def test_outputs_with_many_rows_are_read_at_displacements(monkeypatch):
-    """A largest stress has six rows for each cell: values and derivatives by one more solution each."""
-    kept, lean = both(lambda: pressed_sphere(hhr.VonMises("stress", sphere_on_block.geometry.SPHERE)), monkeypatch)
+    """A largest stress has six rows for each cell: values and derivatives by one more solution
+    each.
+    """
+    kept, lean = both(
+        lambda: pressed_sphere(hhr.VonMises("stress", sphere_on_block.geometry.SPHERE)), monkeypatch
+    )
     nothing = KnownStatuses(kept.problem.middle[None], np.zeros((1, kept.conditions), dtype=bool))
     one, other = (hhr.exact_condensation(full, nothing) for full in (kept, lean))
     assert not other.fields.measured_per_force.size
@@ -127,7 +158,9 @@ def test_outputs_with_many_rows_are_read_at_displacements(monkeypatch):
 
 @needs("moduli")
 def test_a_model_of_forces_alone_is_read_from_a_file(tmp_path):
-    """In a scene whose outputs need displacements: forces are there, and what is not is refused by name."""
+    """In a scene whose outputs need displacements: forces are there, and what is not is refused by
+    name.
+    """
     outputs = (*contract.blocks().outputs, hhr.DisplacementAt("u", (1.7, 1.6), 0))
     scene = dataclasses.replace(contract.blocks(("E1", 0.3), box=contract.MODULI), outputs=outputs)
     model = hhr.condense(hhr.FullOrderModel(scene, MPI.COMM_SELF), fields=False)
@@ -203,38 +236,54 @@ def test_factors_that_are_let_go_are_made_anew(monkeypatch):
     monkeypatch.setattr(components, "LARGE", 0)
     destroyed = []
     plain = sparse.FreeCholesky.release
-    monkeypatch.setattr(sparse.FreeCholesky, "release", lambda factors: destroyed.append(plain(factors)))
+    monkeypatch.setattr(
+        sparse.FreeCholesky, "release", lambda factors: destroyed.append(plain(factors))
+    )
     full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
     exact = [full.solve(point) for point in full.parameters.random(4, 1)]
     model = hhr.condense(full, fields=True)
-    assert len(destroyed) >= 5  # of two components, where S is made, and its fields, and of the full model
+    assert (
+        len(destroyed) >= 5
+    )  # of two components, where S is made, and its fields, and of the full model
     for before in exact:
         again = full.solve(before.parameter)
         np.testing.assert_allclose(again.displacement(), before.displacement(), rtol=0, atol=1e-14)
         answer, known = model.solve(before.parameter), kept.solve(before.parameter)
-        np.testing.assert_allclose(answer.forces(), known.forces(), rtol=0, atol=1e-12 * known.forces().max())
+        np.testing.assert_allclose(
+            answer.forces(), known.forces(), rtol=0, atol=1e-12 * known.forces().max()
+        )
         np.testing.assert_allclose(answer.displacement(), known.displacement(), rtol=0, atol=1e-10)
-        assert answer.estimate().forces_euclid == pytest.approx(known.estimate().forces_euclid, rel=1e-3)
+        assert answer.estimate().forces_euclid == pytest.approx(
+            known.estimate().forces_euclid, rel=1e-3
+        )
 
 
 @needs("checks", "nonmatching", "ranks")
 def test_a_check_says_what_a_large_scene_takes(tmp_path):
-    """Measured on one core: 96,288 dofs and 1089 conditions .64 GB and 9 s for factors, .010 s a column."""
+    """Measured on one core: 96,288 dofs and 1089 conditions .64 GB and 9 s for factors, .010 s a
+    column.
+    """
     from hhr_dolfinx.plugins.checks.check import check_scene
 
     def told(cells):
-        scene = sphere_on_block.scene(PAIRING, sphere_cells=(cells, cells // 2), block_cells=(cells, cells // 2))
+        scene = sphere_on_block.scene(
+            PAIRING, sphere_cells=(cells, cells // 2), block_cells=(cells, cells // 2)
+        )
         texts = [finding.text for finding in check_scene(scene).findings]
         return next(text for text in texts if "conditions of contact" in text)
 
     assert "a full model takes" not in told(8)
     large = told(22)
-    assert re.search(r"\d+ dofs and 529 conditions of contact: a full model takes about 0\.\d+ GB and \d", large), large
+    assert re.search(
+        r"\d+ dofs and 529 conditions of contact: a full model takes about 0\.\d+ GB and \d", large
+    ), large
 
 
 @pytest.fixture
 def told_to_compress(monkeypatch):
-    """A full model whose factors MUMPS compresses, of which nothing is left out of so small a problem."""
+    """A full model whose factors MUMPS compresses, of which nothing is left out of so small a
+    problem.
+    """
     monkeypatch.setattr(sparse, "LOW_RANK", ((0, 1e-10),))
     full = hhr.FullOrderModel(pressed_sphere(), MPI.COMM_SELF)
     factors = full.store.first._factors._ksp.getPC().getFactorMatrix()
@@ -243,7 +292,10 @@ def told_to_compress(monkeypatch):
 
 
 def put_off(solver, stiffness, part):
-    """Make the factors those of a matrix some part of which is another one; returns that which is solved with."""
+    """Make the factors those of a matrix some part of which is another one.
+
+    Returns that which is solved with.
+    """
     changed = stiffness.copy()
     changed.data = changed.data * (1 + part)
     solver._factors._ksp.getPC().setReusePreconditioner(True)
@@ -253,7 +305,9 @@ def put_off(solver, stiffness, part):
 
 @needs("nonmatching")
 def test_solutions_by_inexact_factors_are_refined(told_to_compress):
-    """Factors a thousandth off: vectors and columns to round-off, blocks of S as the factors are."""
+    """Factors a thousandth off: vectors and columns to round-off, blocks of S as the factors
+    are.
+    """
     full = told_to_compress
     problem = full.problem
     changed = put_off(full.store.first, problem.stiffness, 1e-3)
@@ -276,10 +330,11 @@ def test_refinement_that_gets_nowhere_is_no_answer(told_to_compress):
 @needs("moduli", "nonmatching")
 @pytest.mark.parametrize("part", [1e-6, 1e-8])
 def test_bounds_know_what_compressed_factors_leave_out(part, monkeypatch):
-    """Random forces probe S: the bound of a condensed model is larger than its error, and goes with it.
+    """Random forces probe S: the bound of a condensed model is larger than its error, and goes with
+    it.
 
-    MUMPS compresses nothing of so small a problem: in its place S, by blocks that are not refined or by what is
-    eliminated last, is too soft by a part.
+    MUMPS compresses nothing of so small a problem: in its place S, by blocks that are not refined
+    or by what is eliminated last, is too soft by a part.
     """
     from hhr_dolfinx.plugins.moduli import least_response
 
@@ -292,15 +347,18 @@ def test_bounds_know_what_compressed_factors_leave_out(part, monkeypatch):
     whole, lean = both(lambda: pressed_sphere(cells=12, moduli=True), monkeypatch)
     exact_forces = [whole.solve(point).forces() for point in whole.parameters.random(4, 0)]
     monkeypatch.setattr(sparse.FreeCholesky, "solved_blocks", softer)
-    monkeypatch.setattr(sparse.FreeCholesky, "between_last", lambda *given: between(*given) * (1 + part))
+    monkeypatch.setattr(
+        sparse.FreeCholesky, "between_last", lambda *given: between(*given) * (1 + part)
+    )
     model = hhr.condense(lean, fields=True)
     for point, exact in zip(whole.parameters.random(4, 0), exact_forces, strict=True):
         answer = model.solve(point)
         error = np.linalg.norm(answer.forces() - exact) / np.linalg.norm(exact)
         known = answer.estimate().forces_euclid_relative
         assert 0.1 * part < error < known < 1e4 * part, (error, known)
-        # by the factor of the middle, as of large S: pressures are bounded by more than by that of weights next to
-        # those of the point, which is wider by the root of a step at most, and by the root of the ratio of the moduli
+        # by the factor of the middle, as of large S: pressures are bounded by more than by that of
+        # weights next to those of the point, which is wider by the root of a step at most, and by
+        # the root of the ratio of the moduli
         with monkeypatch.context() as large:
             large.setattr(least_response, "FACTORED", 0)
             coarse = answer.estimate()
@@ -311,7 +369,9 @@ def test_bounds_know_what_compressed_factors_leave_out(part, monkeypatch):
 
 @needs("nonmatching")
 def test_options_count_more_than_the_usual_compression(monkeypatch):
-    """PETSc options take the prefix of the scene, as documented, for whole and for compressed factors."""
+    """PETSc options take the prefix of the scene, as documented, for whole and for compressed
+    factors.
+    """
     scene = dataclasses.replace(pressed_sphere(), name="told_apart")
     told = PETSc.Options("hhr_told_apart_")
     told["mat_mumps_cntl_7"] = 1e-5

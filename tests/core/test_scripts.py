@@ -1,4 +1,6 @@
-"""Scripts of demos and benchmarks: all names that they import exist, and each of them runs at its smallest size."""
+"""Scripts of demos and benchmarks: all names that they import exist, and each of them runs at its
+smallest size.
+"""
 
 import ast
 import importlib.util
@@ -22,15 +24,23 @@ NEEDED = {"calculix": "ccx"}
 
 
 def missing_names(path):
-    """Names that a file imports from the package, inside of functions too, and that are not there."""
+    """Names that a file imports from the package, inside of functions too, and that are not
+    there.
+    """
     for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("hhr_dolfinx"):
+        if (
+            isinstance(node, ast.ImportFrom)
+            and node.module
+            and node.module.startswith("hhr_dolfinx")
+        ):
             plugin = re.match(r"hhr_dolfinx\.plugins\.(\w+)", node.module)
             if plugin and not present(plugin[1]):
                 continue
             module = importlib.import_module(node.module)
             for name in (alias.name for alias in node.names):
-                inner = hasattr(module, "__path__") and importlib.util.find_spec(f"{node.module}.{name}")
+                inner = hasattr(module, "__path__") and importlib.util.find_spec(
+                    f"{node.module}.{name}"
+                )
                 if not (hasattr(module, name) or inner):
                     yield f"{path.name}:{node.lineno}: {node.module}.{name}"
 
@@ -42,21 +52,28 @@ def test_all_names_that_scripts_import_exist():
 
 
 def test_an_import_inside_of_a_function_is_seen(tmp_path):
-    (tmp_path / "one.py").write_text("def f():\n    from hhr_dolfinx.timing import timed, plot_fields\n")
+    (tmp_path / "one.py").write_text(
+        "def f():\n    from hhr_dolfinx.timing import timed, plot_fields\n"
+    )
     assert list(missing_names(tmp_path / "one.py")) == ["one.py:2: hhr_dolfinx.timing.plot_fields"]
 
 
 def check_friction(reports, folder):
-    """Both models keep all conditions: what remains is round-off, and interpolation between walls, measured as 3e-7.
+    """Both models keep all conditions: what remains is round-off, and interpolation between walls,
+    measured as 3e-7.
 
-    Errors of an increment whose force is small are over a thousandth of the largest force: 1e-3 bounds them.
+    Errors of an increment whose force is small are over a thousandth of the largest force: 1e-3
+    bounds them.
     """
     report = reports["report"]
     assert {"scene", "seed", "versions", "machine"} <= set(report)
     assert report["sizes"]["N"] > 1000 and report["sizes"]["N_lambda"] > 100
     times, friction = report["times"], report["friction"]
     ratio = times["fom_best"]["median"] / times["online"]["median"]
-    assert report["ratios"]["fom_best/online"] == pytest.approx(ratio, rel=0.5) and times["offline"] > 0
+    assert (
+        report["ratios"]["fom_best/online"] == pytest.approx(ratio, rel=0.5)
+        and times["offline"] > 0
+    )
     assert {"increments", "iterations", "fallbacks", "mu_kappa", "reference"} <= set(friction)
     assert set(friction["errors"]) == {"normal", "tangential", "slip"}
     for error in friction["errors"].values():
@@ -66,16 +83,32 @@ def check_friction(reports, folder):
 
 def check_pellet(reports, folder):
     report = reports["report"]
-    assert report["errors"]["dual_full_floored"]["max"] < 0.05 and report["errors"]["unconverged"] == 0
+    assert (
+        report["errors"]["dual_full_floored"]["max"] < 0.05 and report["errors"]["unconverged"] == 0
+    )
     methods = {row["method"] for row in report["work_precision"]}
-    assert {"HHR", "condensed", "cone-projected greedy", "NNMF", "coarser mesh", "fom_best", "fom_naive"} <= methods
+    assert {
+        "HHR",
+        "condensed",
+        "cone-projected greedy",
+        "NNMF",
+        "coarser mesh",
+        "fom_best",
+        "fom_naive",
+    } <= methods
     assert report["thesis_size"]["ell_bar"] <= 60 and report["thesis_size"]["N_lambda_C"] <= 40
 
 
 def check_plastic(reports, folder):
     report = reports["report"]
     assert report["stability"]["tangent"] > 0 and report["errors"]["primal_euclid"]["max"] < 0.05
-    for name in ("fields.vtu", "fields.png", "pressures.png", "contact_force.png", "iterations_of_a_step.png"):
+    for name in (
+        "fields.vtu",
+        "fields.png",
+        "pressures.png",
+        "contact_force.png",
+        "iterations_of_a_step.png",
+    ):
         assert (folder / name).stat().st_size > 5000
 
 
@@ -86,36 +119,67 @@ def check_nonmatching(reports, folder):
 
 def check_sphere(reports, folder):
     report = reports["report"]
-    assert report["errors"]["dual_full_floored"]["median"] < 0.02 and report["ratios"]["fom_best/online"] > 10
+    assert (
+        report["errors"]["dual_full_floored"]["median"] < 0.02
+        and report["ratios"]["fom_best/online"] > 10
+    )
     assert abs(report["hertz"][2]["peak"]) < 0.1
 
 
 def check_extreme_cases(reports, folder):
-    """No silent wrong answer: each case is right, warned of or refused, and these are what they are."""
+    """No silent wrong answer: each case is right, warned of or refused, and these are what they
+    are.
+    """
     rows = reports["extreme_cases"]
-    assert {row["outcome"] for row in rows} <= {"right", "warned", "refused"} and all(row["why"] for row in rows)
+    assert {row["outcome"] for row in rows} <= {"right", "warned", "refused"} and all(
+        row["why"] for row in rows
+    )
     full, known, reduced = (
         {row["case"]: row["outcome"] for row in rows if row["model"] == model}
         for model in ("full", "known answer", "reduced")
     )
     # the last but one is a fluid: locked, it seemed to bear the pressure
-    refused = {"pellet held by contact only", "H < 0", "Norton K times 1e-3", "tube beyond its limit load"}
-    assert {name: outcome for name, outcome in full.items() if outcome != "right"} == dict.fromkeys(refused, "refused")
+    refused = {
+        "pellet held by contact only",
+        "H < 0",
+        "Norton K times 1e-3",
+        "tube beyond its limit load",
+    }
+    assert {name: outcome for name, outcome in full.items() if outcome != "right"} == dict.fromkeys(
+        refused, "refused"
+    )
     warned = {"overlap of the sag of facets", "Norton tube of triangles"}
-    assert {name: outcome for name, outcome in known.items() if outcome != "right"} == dict.fromkeys(warned, "warned")
+    assert {
+        name: outcome for name, outcome in known.items() if outcome != "right"
+    } == dict.fromkeys(warned, "warned")
     assert len(known) == 7
-    stiff = "pellet 1e-6 times as stiff", "pellet 1e6 times as stiff", "far obstacle at 1e8", "stresses in GPa"
+    stiff = (
+        "pellet 1e-6 times as stiff",
+        "pellet 1e6 times as stiff",
+        "far obstacle at 1e8",
+        "stresses in GPa",
+    )
     for name in (*stiff, "press fit, contact never opens", "three shrink-fitted rings"):
         assert reduced[name] == "right", name
     untrained = [name for name in reduced if name.startswith("not trained: ")]
-    assert len(untrained) == 4 and {reduced[name] for name in (*untrained, "half-discs, thesis recipe")} == {"warned"}
-    assert any("no training solution has contact" in row["why"] for row in rows if row["model"] == "reduced")
+    assert len(untrained) == 4 and {
+        reduced[name] for name in (*untrained, "half-discs, thesis recipe")
+    } == {"warned"}
+    assert any(
+        "no training solution has contact" in row["why"]
+        for row in rows
+        if row["model"] == "reduced"
+    )
     cases = reports["report"]["cases"]
-    assert [(row["case"], row["outcome"]) for row in cases] == [(row["case"], row["outcome"]) for row in rows]
+    assert [(row["case"], row["outcome"]) for row in cases] == [
+        (row["case"], row["outcome"]) for row in rows
+    ]
 
 
 def check_preload(reports, folder):
-    """A preload that creeps, with friction, from a cold start in which nothing flows: small models are near."""
+    """A preload that creeps, with friction, from a cold start in which nothing flows: small models
+    are near.
+    """
     found = reports["report"]["preload"]
     assert found["largest error of the small model [N]"] < 0.002 * found["preload, cold [N]"]
     assert 0.3 < found["after two campaigns, cold [N]"] / found["preload, cold [N]"] < 0.99
@@ -128,23 +192,35 @@ def check_power(reports, folder):
 
 
 def check_flange(reports, folder):
-    """Ten minutes in all; the reduction is exact, and the faces bear what the bolt has over the pressure."""
+    """Ten minutes in all; the reduction is exact, and the faces bear what the bolt has over the
+    pressure.
+    """
     report = reports["report"]
     assert report["minutes"]["in all"] < 10
     found = report["errors"]
     assert found["force of the bolt"] < 1e-6 and found["contact forces"] < 1e-6
     assert found["balance of forces"] < 1e-5
     forces = [report["starts"][name] for name in ("0.03", "0.06", "0.12")]
-    assert forces[1:] == pytest.approx([2 * forces[0], 4 * forces[0]], rel=1e-3) and 12e3 < forces[0] < 20e3
+    assert (
+        forces[1:] == pytest.approx([2 * forces[0], 4 * forces[0]], rel=1e-3)
+        and 12e3 < forces[0] < 20e3
+    )
     assert "modelDescription.xml" in zipfile.ZipFile(folder / "flange.fmu").namelist()
-    assert (folder / "flange.html").stat().st_size > 1e5 and (folder / "diagram.png").stat().st_size > 5000
+    assert (folder / "flange.html").stat().st_size > 1e5 and (
+        folder / "diagram.png"
+    ).stat().st_size > 5000
 
 
 def check_compose(reports, folder):
-    """All that can be compared is right, of the empty scene and of two pairs; two hypotheses exclude each other."""
+    """All that can be compared is right, of the empty scene and of two pairs.
+
+    Two hypotheses exclude each other.
+    """
     rows = reports["report"]["compose"]
     assert {row["outcome"] for row in rows} == {"works", "none", "excluded"}
-    assert {tuple(row["capabilities"]) for row in rows if row["outcome"] == "excluded"} == {("axisymmetric", "solid")}
+    assert {tuple(row["capabilities"]) for row in rows if row["outcome"] == "excluded"} == {
+        ("axisymmetric", "solid")
+    }
     assert {row["verb"] for row in rows} >= {"full", "condense", "HHR", "page", "C", "gradient"}
     changes = [row["neutral"] for row in rows if row["neutral"] is not None]
     assert len(changes) == 2 and max(changes) < 1e-6
@@ -165,27 +241,58 @@ CHECKS = {
 }
 """What reports must hold besides, and the folder where they lie."""
 OF_PLUGINS = {
-    "benchmarks": ("mortar", "second_order"), "bolt_preload": ("friction", "inelastic", "mortar", "volume_loads"),
-    "calculix": ("exporters", "mortar", "second_order"), "calibrate": ("moduli",),
+    "benchmarks": ("mortar", "second_order"),
+    "bolt_preload": ("friction", "inelastic", "mortar", "volume_loads"),
+    "calculix": ("exporters", "mortar", "second_order"),
+    "calibrate": ("moduli",),
     "certified": ("fallback", "moduli", "mortar", "shapes", "theorems", "volume_loads"),
     "compose": ("conformance", "exporters", "friction", "moduli", "pages", "volume_loads"),
     "contact_patch_test": ("mortar",),
-    "contract": ("baselines", "fallback", "friction", "inelastic", "local", "moduli", "shapes", "sliding", "tables"),
+    "contract": (
+        "baselines",
+        "fallback",
+        "friction",
+        "inelastic",
+        "local",
+        "moduli",
+        "shapes",
+        "sliding",
+        "tables",
+    ),
     "extreme_cases": ("baselines", "inelastic", "mortar"),
-    "flange": ("constraints", "decks", "exporters", "mortar", "one_call", "pages", "places", "second_order"),
-    "fretting": ("friction",), "friction": ("friction",),
-    "friction_flow": ("friction", "inelastic", "nonmatching"), "friction_pellet": ("friction", "moduli"),
-    "friction_random": ("friction",), "fuel_rod": ("moduli", "volume_loads"), "greedy_training": ("greedy", "moduli"),
-    "history_indicator": ("inelastic", "nonmatching"), "indentation": ("inelastic", "mortar"),
+    "flange": (
+        "constraints",
+        "decks",
+        "exporters",
+        "mortar",
+        "one_call",
+        "pages",
+        "places",
+        "second_order",
+    ),
+    "fretting": ("friction",),
+    "friction": ("friction",),
+    "friction_flow": ("friction", "inelastic", "nonmatching"),
+    "friction_pellet": ("friction", "moduli"),
+    "friction_random": ("friction",),
+    "fuel_rod": ("moduli", "volume_loads"),
+    "greedy_training": ("greedy", "moduli"),
+    "history_indicator": ("inelastic", "nonmatching"),
+    "indentation": ("inelastic", "mortar"),
     "local_models": ("greedy", "local", "moduli", "theorems"),
     "one_call": ("friction", "inelastic", "moduli", "mortar", "one_call", "shapes", "volume_loads"),
-    "pellet_cladding_nonmatching": ("nonmatching",), "pellet_power": ("inelastic", "volume_loads"),
-    "pellet_cladding_plastic": ("inelastic", "nonmatching"), "pellet_materials": ("moduli",),
+    "pellet_cladding_nonmatching": ("nonmatching",),
+    "pellet_power": ("inelastic", "volume_loads"),
+    "pellet_cladding_plastic": ("inelastic", "nonmatching"),
+    "pellet_materials": ("moduli",),
     "press_fit": ("moduli", "mortar", "shapes", "volume_loads"),
-    "press_fit_torque": ("friction", "mortar", "shapes", "volume_loads"), "random_recipes": ("baselines",),
-    "scale": ("moduli", "mortar"), "second_order": ("mortar", "second_order"), "sliding_punch": ("sliding", "friction"),
+    "press_fit_torque": ("friction", "mortar", "shapes", "volume_loads"),
+    "random_recipes": ("baselines",),
+    "scale": ("moduli", "mortar"),
+    "second_order": ("mortar", "second_order"),
+    "sliding_punch": ("sliding", "friction"),
     "sphere_on_block": ("mortar",),
-}  # fmt: skip
+}
 """Plug-ins that scripts need, besides that of studies."""
 
 
@@ -198,7 +305,11 @@ OF_DEMO = "bolted_joint", "hertz_half_discs"
 def test_all_scripts_have_one_interface():
     """``--out``, ``--quick``, ``--seed``, as `demo_parser` adds them, and a report."""
     assert [name for name, path in PROGRAMS.items() if "demo_parser(" not in path.read_text()] == []
-    missing = [name for name, path in PROGRAMS.items() if "[--out DIR] [--quick] [--seed N]" not in path.read_text()]
+    missing = [
+        name
+        for name, path in PROGRAMS.items()
+        if "[--out DIR] [--quick] [--seed N]" not in path.read_text()
+    ]
     assert missing == []
 
 
@@ -225,7 +336,10 @@ def test_a_script_runs_at_its_smallest(name, tmp_path):
 @needs("studies")
 @pytest.mark.parametrize(("name", "ending"), [("leaf_spring", ".msh"), ("joint", ".step")])
 def test_the_file_that_a_demo_reads_is_made_by_its_script(name, ending, tmp_path):
-    """Under the name that the demo reads; with the cells of that file if it is not asked to be quick."""
+    """Under the name that the demo reads.
+
+    With the cells of that file if it is not asked to be quick.
+    """
     python(PROGRAMS[name], "--out", tmp_path)
     made, kept = (folder / f"{name}{ending}" for folder in (tmp_path, ROOT / "demos/meshes"))
     assert made.stat().st_size == pytest.approx(kept.stat().st_size, rel=0.02)

@@ -1,4 +1,7 @@
-"""The site: the reference has all public names, messages all errors, links lead somewhere; the tutorial runs."""
+"""The site: the reference has all public names, messages all errors, links lead somewhere.
+
+The tutorial runs.
+"""
 
 import ast
 import re
@@ -34,8 +37,14 @@ def test_the_reference_has_every_public_name_once():
 
 def test_every_error_and_warning_has_a_line_that_says_what_to_do():
     classes = [name for name, item in vars(errors).items() if isinstance(item, type)]
-    rows = [line for line in (DOCS / "messages.md").read_text().splitlines() if line.startswith("| `")]
-    missing = [name for name in classes if name != "HHRError" and not any(f"`{name}`" in row for row in rows)]
+    rows = [
+        line for line in (DOCS / "messages.md").read_text().splitlines() if line.startswith("| `")
+    ]
+    missing = [
+        name
+        for name in classes
+        if name != "HHRError" and not any(f"`{name}`" in row for row in rows)
+    ]
     assert len(classes) > 30 and not missing
 
 
@@ -63,7 +72,18 @@ def test_the_site_is_built_without_a_warning(tmp_path):
     """As `make docs` does: demos on the site are run, and what the reference lists is imported."""
     pytest.importorskip("myst_nb")
     pytest.importorskip("furo")
-    command = [sys.executable, "-m", "sphinx", "--quiet", "--keep-going", "-W", "--builder", "html", DOCS, tmp_path]
+    command = [
+        sys.executable,
+        "-m",
+        "sphinx",
+        "--quiet",
+        "--keep-going",
+        "-W",
+        "--builder",
+        "html",
+        DOCS,
+        tmp_path,
+    ]
     built = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert built.returncode == 0, built.stderr[-3000:]
     assert (tmp_path / "index.html").exists() and len([*tmp_path.glob("reference/*.html")]) > 5
@@ -72,13 +92,20 @@ def test_the_site_is_built_without_a_warning(tmp_path):
 def rows_of_fidelity():
     """Cells of the table of what the thesis prints."""
     lines = (DOCS / "fidelity.md").read_text().splitlines()
-    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("| ")]
+    cells = [
+        [cell.strip() for cell in line.strip("|").split("|")]
+        for line in lines
+        if line.startswith("| ")
+    ]
     return [row for row in cells if row[0] != "printed"]
 
 
 @needs(*OURS)
 def test_places_of_the_thesis_exist():
-    """Files, and classes, functions and methods in them, that the table names; each row says what differs."""
+    """Files, and classes, functions and methods in them, that the table names.
+
+    Each row says what differs.
+    """
     lost = []
     for printed, places, differs in rows_of_fidelity():
         assert printed and differs
@@ -95,23 +122,35 @@ def test_places_of_the_thesis_exist():
 
 @needs(*OURS)
 def test_what_the_code_quotes_of_the_thesis_is_in_the_table():
-    """Numbers of equations and algorithms in words of the code; a call such as ``Enrich(2.0)`` is none."""
+    """Numbers of equations and algorithms in words of the code.
+
+    a call such as ``Enrich(2.0)`` is none.
+    """
     listed = "\n".join(row[0] + row[2] for row in rows_of_fidelity())
     quoted = set()
-    for file in (file for folder in ("hhr_dolfinx", "forms") for file in (ROOT / folder).rglob("*.py")):
+    for file in (
+        file for folder in ("hhr_dolfinx", "forms") for file in (ROOT / folder).rglob("*.py")
+    ):
         for pattern in (r"(?<![\w`])\(([1-6]\.[1-9]\d*)\)", r"Alg\. [1-6]\.\d"):
             quoted |= set(re.findall(pattern, file.read_text()))
-    missing = sorted(item for item in quoted if not re.search(rf"(?<![\d.]){re.escape(item)}(?!\d)", listed))
+    missing = sorted(
+        item for item in quoted if not re.search(rf"(?<![\d.]){re.escape(item)}(?!\d)", listed)
+    )
     assert len(quoted) > 60 and not missing
 
 
 @needs(*OURS)
 def test_the_tutorial_says_what_it_is_told(tmp_path, monkeypatch, capsys):
-    """All its cells, as printed, but for the folder; and figures in its words, against what they were told."""
+    """All its cells, as printed, but for the folder.
+
+    And figures in its words, against what they were told.
+    """
     pyplot = pytest.importorskip("matplotlib.pyplot")
     pyplot.switch_backend("Agg")
     monkeypatch.chdir(tmp_path)
-    cells = re.findall(r"```\{code-cell\} ipython3\n(.*?)```", (DOCS / "tutorial.md").read_text(), re.DOTALL)
+    cells = re.findall(
+        r"```\{code-cell\} ipython3\n(.*?)```", (DOCS / "tutorial.md").read_text(), re.DOTALL
+    )
     names: dict = {}
     for cell in cells:
         code = re.sub(r"^(:tags:|%cd).*\n", "", cell, flags=re.MULTILINE)

@@ -34,7 +34,16 @@ def run(folder, *options):
     # a session within this one: it is no run of continuous integration, whose skipped tests fail
     environment = {name: value for name, value in os.environ.items() if name != "HHR_CI"}
     environment["PYTHONPATH"] = str(Path(slow_suite.__file__).parent)
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *options, str(folder)]
+    command = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        *options,
+        str(folder),
+    ]
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
 
 
@@ -45,13 +54,19 @@ def test_a_record_counts_each_test_once_by_file(workers, tmp_path):
     assert (record["passed"], record["failed"], record["skipped"]) == (6, 4, 2)
     assert record["minutes"] < 2 and len(record["commit"].rstrip("+")) in (0, 40)
     row = record["files"]["test_one.py"]
-    assert {name: row[name] for name in ("passed", "failed", "skipped")} == {"passed": 3, "failed": 2, "skipped": 1}
+    assert {name: row[name] for name in ("passed", "failed", "skipped")} == {
+        "passed": 3,
+        "failed": 2,
+        "skipped": 1,
+    }
     assert row["seconds"] < 60
 
 
 def test_slices_have_all_tests_once(tmp_path):
     """Tests of one file stay together: they share fixtures."""
-    collected = [run(tmp_path, "--slice", f"{index}/2", "--collect-only").stdout for index in range(2)]
+    collected = [
+        run(tmp_path, "--slice", f"{index}/2", "--collect-only").stdout for index in range(2)
+    ]
     listed = [{line for line in text.splitlines() if "::" in line} for text in collected]
     assert sum(map(len, listed)) == len(set.union(*listed)) == 12
     for tests in listed:
@@ -65,23 +80,38 @@ def test_a_text_that_is_no_slice_is_refused(text):
 
 
 def test_slices_take_about_as_long():
-    """What the dearest first leaves uneven is less than the dearest of all; a plan does not change with the order."""
+    """What the dearest first leaves uneven is less than the dearest of all.
+
+    a plan does not change with the order.
+    """
     seconds = {f"tests/core/test_{number}.py": float(number % 40) ** 1.5 for number in range(120)}
     slices = slow_suite.planned(seconds, 6)
-    totals = [sum(seconds[name] for name, index in slices.items() if index == one) for one in range(6)]
+    totals = [
+        sum(seconds[name] for name, index in slices.items() if index == one) for one in range(6)
+    ]
     assert slices.keys() == seconds.keys() and max(totals) - min(totals) < 0.05 * max(totals)
     assert slow_suite.planned(dict(reversed(seconds.items())), 6) == slices
 
 
 def test_the_last_record_makes_even_slices():
-    """Of six none has more than a quarter above its share: continuous integration has minutes for one."""
+    """Of six none has more than a quarter above its share: continuous integration has minutes for
+    one.
+    """
     seconds = slow_suite.recorded()
     slices = slow_suite.planned(seconds, 6)
-    totals = [sum(seconds[name] for name, index in slices.items() if index == one) for one in range(6)]
+    totals = [
+        sum(seconds[name] for name, index in slices.items() if index == one) for one in range(6)
+    ]
     assert max(totals) < 1.25 * sum(totals) / 6
 
 
 def test_files_that_no_record_has_are_in_one_slice_each():
-    """Of 600 names none of six slices has less than half or more than one and a half of its share: five sigma."""
-    counts = Counter(slow_suite.slice_by_hash(f"tests/core/test_{number}.py", 6) for number in range(600))
-    assert 50 < min(counts.values()) and max(counts.values()) < 150 and counts.keys() == set(range(6))
+    """Of 600 names none of six slices has less than half or more than one and a half of its share:
+    five sigma.
+    """
+    counts = Counter(
+        slow_suite.slice_by_hash(f"tests/core/test_{number}.py", 6) for number in range(600)
+    )
+    assert (
+        50 < min(counts.values()) and max(counts.values()) < 150 and counts.keys() == set(range(6))
+    )

@@ -22,7 +22,10 @@ def spd(size, rng):
 
 
 def test_inf_sup_is_the_infimum_of_suprema():
-    """sup_v q^T R v / |v| = |L^-1 R^T q| for |v|^2 = v^T G v; no q gives less, and one gives exactly this."""
+    """sup_v q^T R v / |v| = |L^-1 R^T q| for |v|^2 = v^T G v.
+
+    No q gives less, and one gives exactly this.
+    """
     rng = np.random.default_rng(0)
     rows, primal, dual = rng.normal(size=(4, 7)), spd(7, rng), spd(4, rng)
     beta = inf_sup(rows, primal, dual)
@@ -41,7 +44,10 @@ def test_singular_values_of_a_matrix_that_is_not_symmetric():
 
 @needs("theorems")
 def test_constants_of_the_half_discs(hertz, hertz_reduction):
-    """B is nodal, so kappa(B) = 1 and beta_h = sqrt(2); with all its constants positive the model is solvable."""
+    """B is nodal, so kappa(B) = 1 and beta_h = sqrt(2).
+
+    With all its constants positive the model is solvable.
+    """
     stability = hertz_reduction.offline.stability
     assert stability.euclidean.beta_h == pytest.approx(math.sqrt(2), rel=1e-12)
     assert stability.sigma_max / stability.sigma_min == pytest.approx(stability.kappa_B)
@@ -55,27 +61,39 @@ def test_constants_of_the_half_discs(hertz, hertz_reduction):
 
 @needs("theorems")
 def test_energy_constant_of_the_full_model(hertz, hertz_reduction):
-    """beta_h^2 is the smallest eigenvalue of B K^-1 B^T in the L2 norm of the pressure: checked densely."""
+    """beta_h^2 is the smallest eigenvalue of B K^-1 B^T in the L2 norm of the pressure: checked
+    densely.
+    """
     problem = hertz.problem
     free = problem.free
     contact = problem.contact[:, free].toarray()
     schur = contact @ np.linalg.solve(problem.stiffness[free][:, free].toarray(), contact.T)
     root = np.sqrt(problem.contact_areas)
     smallest = np.linalg.eigvalsh(root[:, None] * schur * root)[0]
-    assert hertz_reduction.offline.stability.energy.beta_h == pytest.approx(math.sqrt(smallest), rel=1e-8)
+    assert hertz_reduction.offline.stability.energy.beta_h == pytest.approx(
+        math.sqrt(smallest), rel=1e-8
+    )
 
 
 @needs("theorems")
 def test_energy_constants_do_not_depend_on_units(hertz, hertz_reduction):
-    """beta scales with sqrt(1/E) in the energy norm; in the Euclidean norm it does not depend on E."""
+    """beta scales with sqrt(1/E) in the energy norm; in the Euclidean norm it does not depend on
+    E.
+    """
     scene = demo.scene()
     bodies = tuple(dataclasses.replace(body, young=4 * body.young) for body in scene.bodies)
     stiff = hhr.FullOrderModel(dataclasses.replace(scene, bodies=bodies))
     snapshots = hhr.compute_snapshots(stiff, stiff.problem.parameters.grid([31]))
     stability = hhr.build(stiff, snapshots, THESIS.as_it_is()).offline.stability
-    assert stability.energy.beta_h == pytest.approx(hertz_reduction.offline.stability.energy.beta_h / 2, rel=1e-8)
-    assert stability.energy.beta_HR == pytest.approx(hertz_reduction.offline.stability.energy.beta_HR / 2, rel=1e-6)
-    assert stability.euclidean.beta_HR == pytest.approx(hertz_reduction.offline.stability.euclidean.beta_HR, rel=1e-6)
+    assert stability.energy.beta_h == pytest.approx(
+        hertz_reduction.offline.stability.energy.beta_h / 2, rel=1e-8
+    )
+    assert stability.energy.beta_HR == pytest.approx(
+        hertz_reduction.offline.stability.energy.beta_HR / 2, rel=1e-6
+    )
+    assert stability.euclidean.beta_HR == pytest.approx(
+        hertz_reduction.offline.stability.euclidean.beta_HR, rel=1e-6
+    )
 
 
 @pytest.mark.parametrize(

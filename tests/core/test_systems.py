@@ -1,4 +1,6 @@
-"""A system of a user's own: the full order answers it, and nothing that reads K reduces it as if it were not there."""
+"""A system of a user's own: the full order answers it, and nothing that reads K reduces it as if it
+were not there.
+"""
 
 import dataclasses
 from contextlib import nullcontext
@@ -22,7 +24,9 @@ pytestmark = needs("systems")
 
 def scene(**others):
     given = {"outputs": (hhr.ContactForce("force", 0, (0.0, 1.0)),), "system": Foundation} | others
-    return pressed_pair("plane_strain", ((3.0, 0.3), (4.0, 0.3)), {"k": (0.0, 20.0)}, cells=4, **given)
+    return pressed_pair(
+        "plane_strain", ((3.0, 0.3), (4.0, 0.3)), {"k": (0.0, 20.0)}, cells=4, **given
+    )
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +42,10 @@ def elastic():
 
 
 def saddle(problem, point, active, mass=None):
-    """Displacement without lift and forces for some statuses, (N + m,), by one dense matrix; complex points too."""
+    """Displacement without lift and forces for some statuses, (N + m,), by one dense matrix.
+
+    Complex points too.
+    """
     theta, k = problem.amplitudes(point), point[problem.parameters.names.index("k")]
     free, rows = problem.free, problem.contact[active].toarray()
     stiffness, mass = problem.stiffness.toarray(), problem.mass.toarray() if mass is None else mass
@@ -47,18 +54,27 @@ def saddle(problem, point, active, mass=None):
     loads = problem.loads @ theta - k * (mass @ (problem.lifts @ theta))
     solved = np.linalg.solve(whole, np.concatenate([loads[free], (problem.gaps @ theta)[active]]))
     found = np.zeros(free.size + active.size, dtype=solved.dtype)
-    found[: free.size][free], found[free.size :][active] = solved[: free.sum()], solved[free.sum() :]
+    found[: free.size][free], found[free.size :][active] = (
+        solved[: free.sum()],
+        solved[free.sum() :],
+    )
     return found
 
 
 def test_the_full_order_answers_it(full, elastic):
-    """Values and derivatives of a dense saddle matrix, by complex steps; the foundation counts for a third and more."""
+    """Values and derivatives of a dense saddle matrix, by complex steps.
+
+    The foundation counts for a third and more.
+    """
     problem = elastic.problem
     for point in full.parameters.random(6, 1):
         answer = full.solve(point, gradient=True)
         expected = saddle(problem, point, answer.active)
         assert largest_difference(np.append(answer.unknown, answer.multipliers), expected) <= 1e-8
-        slack = problem.gaps @ problem.amplitudes(point) - problem.contact @ expected[: answer.unknown.size]
+        slack = (
+            problem.gaps @ problem.amplitudes(point)
+            - problem.contact @ expected[: answer.unknown.size]
+        )
         assert slack.min() > -1e-10 and expected[answer.unknown.size :].min() > -1e-10
         slopes = np.vstack([answer.gradient.unknown, answer.gradient.multipliers])
         for axis in range(point.size):
@@ -106,10 +122,14 @@ READERS = {
     "condense a scene": lambda full, path: hhr.condense(scene()),
     "exact condensation": lambda full, path: hhr.exact_condensation(full, statuses(full)),
     "condense a training": lambda full, path: training().condense(),
-    "build": lambda full, path: hhr.build(full, hhr.compute_snapshots(full, full.parameters.random(8, 0))),
+    "build": lambda full, path: hhr.build(
+        full, hhr.compute_snapshots(full, full.parameters.random(8, 0))
+    ),
     "build a training": lambda full, path: training().build(),
     "store of snapshots": lambda full, path: hhr.SnapshotStore(path, full),
-    "energy": lambda full, path: energy_minimum(full.problem, full.solve(full.problem.middle).displacement(), None),
+    "energy": lambda full, path: energy_minimum(
+        full.problem, full.solve(full.problem.middle).displacement(), None
+    ),
     "all rows": lambda full, path: full.problem.stiffness,
 }
 OF_PLUGINS = {
@@ -118,7 +138,9 @@ OF_PLUGINS = {
     "one_call": lambda full, path: hhr.reduce(scene(), 0.1, comm=MPI.COMM_SELF),
     "sliding": lambda full, path: hhr.slide(scene(matching=False, openings=(), outputs=())),
     "greedy": lambda full, path: hhr.train(scene(), hhr.Greedy(), comm=MPI.COMM_SELF),
-    "studies": lambda full, path: hhr.study_scene(full.scene, hhr.StudySettings(training=hhr.Sobol(8)), path),
+    "studies": lambda full, path: hhr.study_scene(
+        full.scene, hhr.StudySettings(training=hhr.Sobol(8)), path
+    ),
     "baselines": lambda full, path: naive(full).solve(full.problem.middle),
     "checks": lambda full, path: hhr.mesh_error(full, full.solve(full.problem.middle)),
     "stress": lambda full, path: hhr.FullOrderModel(scene(outputs=(hhr.ElasticEnergy("energy"),))),
@@ -126,19 +148,27 @@ OF_PLUGINS = {
 """Readers of plug-ins."""
 
 
-@pytest.mark.parametrize("reader", [*READERS, *(pytest.param(name, marks=needs(name)) for name in OF_PLUGINS)])
+@pytest.mark.parametrize(
+    "reader", [*READERS, *(pytest.param(name, marks=needs(name)) for name in OF_PLUGINS)]
+)
 @pytest.mark.filterwarnings("ignore")
 def test_what_reads_k_refuses_it(reader, full, tmp_path):
-    with pytest.raises(NotOfferedError, match="is not offered for a user-defined system without parts"):
+    with pytest.raises(
+        NotOfferedError, match="is not offered for a user-defined system without parts"
+    ):
         (READERS | OF_PLUGINS)[reader](full, tmp_path)
 
 
 @needs("exporters", "inelastic")
 def test_a_deck_and_bodies_with_a_law_refuse_it(full, tmp_path):
-    with pytest.raises(SceneError, match=r"K is that of a user's system .* which a deck cannot say"):
+    with pytest.raises(
+        SceneError, match=r"K is that of a user's system .* which a deck cannot say"
+    ):
         deck(full, tmp_path)
     flowing = hhr.Body(two_blocks.FIRST, 3.0, 0.3, hhr.Plasticity(0.1))
-    with pytest.raises(SceneError, match="a law states the stress of its body, and a system K of all bodies"):
+    with pytest.raises(
+        SceneError, match="a law states the stress of its body, and a system K of all bodies"
+    ):
         dataclasses.replace(scene(), bodies=(flowing, scene().bodies[1]))
 
 
@@ -166,7 +196,9 @@ def test_what_is_no_system_is_refused(system):
 
 @needs("moduli")
 def test_a_system_with_parts_is_reduced():
-    """Condensed to the tolerance of its grid, and hyper-reduced on all cells to that of its basis."""
+    """Condensed to the tolerance of its grid, and hyper-reduced on all cells to that of its
+    basis.
+    """
     trained = hhr.train(scene(system=Parted), hhr.Sobol(48), held_out=4, comm=MPI.COMM_SELF)
     full, condensed = trained.full_order, trained.condense()
     reduced = trained.build(hhr.Recipe(hhr.Pod(1e-12), domain=hhr.Rid(20, 20)).as_it_is())
@@ -198,13 +230,19 @@ class Lifted(Parted):
         return dataclasses.replace(problem, gaps=1.1 * problem.gaps), stiffness, loads
 
 
-PARTS = {Understated: "K of its equations", Pushed: "the loads of its equations", Lifted: "the gaps of its equations"}
+PARTS = {
+    Understated: "K of its equations",
+    Pushed: "the loads of its equations",
+    Lifted: "the gaps of its equations",
+}
 
 
 @pytest.mark.parametrize("system", PARTS)
 def test_parts_that_are_not_what_is_assembled_are_refused(system):
     """Reductors read the parts alone: half of the foundation was 31 % off under a bound of 3e-7."""
-    with pytest.raises(SceneError, match=f"states parts, and {PARTS[system]} differ from their sum by"):
+    with pytest.raises(
+        SceneError, match=f"states parts, and {PARTS[system]} differ from their sum by"
+    ):
         hhr.FullOrderModel(scene(system=system))
 
 
@@ -220,7 +258,8 @@ class Upright(Foundation):
 @pytest.mark.parametrize("system", [Foundation, Upright])
 @needs("floating")
 def test_a_foundation_holds_a_body_that_nothing_else_holds(system):
-    """Displacement and forces of the dense saddle matrix: its kernel is that of K with the foundation.
+    """Displacement and forces of the dense saddle matrix: its kernel is that of K with the
+    foundation.
 
     Motions sideways, which Upright leaves and no load drives, are those of least size.
     """

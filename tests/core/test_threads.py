@@ -1,4 +1,6 @@
-"""Models and factors shared by threads, handed to workers, used where PETSc is missing: the same bits everywhere."""
+"""Models and factors shared by threads, handed to workers, used where PETSc is missing: the same
+bits everywhere.
+"""
 
 import multiprocessing
 import pickle
@@ -34,7 +36,10 @@ def answers(model, points):
 
 
 def check_threads(models, points):
-    """Each thread asks its model for the points in another order; every answer is that of one thread alone."""
+    """Each thread asks its model for the points in another order.
+
+    Every answer is that of one thread alone.
+    """
     expected = answers(models[0], points)
 
     def job(k):
@@ -59,7 +64,8 @@ def reduced(pellet):
 
 
 def test_models_are_shared(pellet, reduced):
-    """The full one, of whose points there are fewer, exact condensation, and reduced ones: one, and twins of it.
+    """The full one, of whose points there are fewer, exact condensation, and reduced ones: one, and
+    twins of it.
 
     Twins have the same arrays, and factors of their own.
     """
@@ -82,18 +88,24 @@ def small_flow():
 def history_bits(model, gap, steps, settings=None):
     """All that the steps of a history left behind, as bytes."""
     history = model.march(demo.path(gap, steps), settings or hhr.MarchSettings(outside="ignore"))
-    parts = [(a.unknown, a.multipliers, a.displacement(), a.forces(), a.stress()) for a in history.answers]
+    parts = [
+        (a.unknown, a.multipliers, a.displacement(), a.forces(), a.stress())
+        for a in history.answers
+    ]
     return [part.tobytes() for step in parts for part in step]
 
 
 @needs("inelastic", "nonmatching")
 @pytest.mark.parametrize(
-    ("kind", "search", "steps"), [("full", "frozen", 12), ("full", "elastic", 6), ("reduced", "elastic", 6)]
+    ("kind", "search", "steps"),
+    [("full", "frozen", 12), ("full", "elastic", 6), ("reduced", "elastic", 6)],
 )
 def test_histories_on_one_model(kind, search, steps, small_flow):
     """The tangents of one history are not solved with the factors of another."""
     model, settings = small_flow[kind], hhr.MarchSettings(search, iterations=300, outside="ignore")
-    jobs = [lambda gap=gap: history_bits(model, gap, steps, settings) for gap in (5.0, 8.0, 10.0, 12.0)]
+    jobs = [
+        lambda gap=gap: history_bits(model, gap, steps, settings) for gap in (5.0, 8.0, 10.0, 12.0)
+    ]
     assert [job() for job in jobs] == at_once(jobs)
 
 
@@ -104,7 +116,11 @@ def test_an_operator_outlives_the_next_one(small_flow):
     theta, material = model.amplitudes(np.array([100.0, 0.9, 4e-3])), model.material
     strain = model.strain(np.zeros(model.size), theta)
     tangents = material.update(strain, material.at_rest(), 1.0, tangent=True).tangents
-    residual, x, active = full.problem.loads @ theta, np.zeros(model.size), np.ones(model.conditions, dtype=bool)
+    residual, x, active = (
+        full.problem.loads @ theta,
+        np.zeros(model.size),
+        np.ones(model.conditions, dtype=bool),
+    )
     first = model.linearised(tangents)
     before = first.correct(residual, x, theta, active)
     model.linearised(2 * tangents).correct(residual, x, theta, active)
@@ -134,7 +150,9 @@ def test_petsc_options_are_heeded_whenever_they_are_set():
 
 
 def test_memory_of_kept_factors_is_bounded():
-    """Sets of all sizes of 120 conditions: 16 k^2 bytes of factors and 8 k m of columns each, 16 MB in all."""
+    """Sets of all sizes of 120 conditions: 16 k^2 bytes of factors and 8 k m of columns each, 16 MB
+    in all.
+    """
     m, rng = 120, np.random.default_rng(0)
     root = rng.normal(size=(m, m))
     schur, free_slack = root @ root.T / m + np.eye(m), rng.normal(size=m)
@@ -146,7 +164,9 @@ def test_memory_of_kept_factors_is_bounded():
         active[rng.permutation(m)[:size]] = True
         forces, slack = equalities(active, free_slack)
         # cond(S) is about 5: round-off
-        assert slack + 0.0 == pytest.approx(np.where(active, 0.0, free_slack + schur @ forces), abs=1e-11)
+        assert slack + 0.0 == pytest.approx(
+            np.where(active, 0.0, free_slack + schur @ forces), abs=1e-11
+        )
         sizes = [entry[0].size for entry in equalities._entries.values()]
         most = max(most, sum(16 * k * k + 8 * k * m for k in sizes))
     # what is left is of use: the bound is filled, not emptied
@@ -160,7 +180,10 @@ def test_memory_of_kept_factors_is_bounded():
 
 
 def test_prepared_statuses_factor_nothing():
-    """What fits is factored beforehand, behind one that is too large too; answers are those of factors made anew."""
+    """What fits is factored beforehand, behind one that is too large too.
+
+    Answers are those of factors made anew.
+    """
     made = []
 
     def factorise(block):
@@ -198,7 +221,9 @@ def test_workers_of_a_pool(pellet, reduced, small_flow):
     points = pellet[2][:8]
     with multiprocessing.get_context("spawn").Pool(2) as pool:
         found = pool.map(reduced.solve, list(points))
-        histories = pool.starmap(history_bits, [(small_flow["reduced"], gap, 6) for gap in (8.0, 10.0)])
+        histories = pool.starmap(
+            history_bits, [(small_flow["reduced"], gap, 6) for gap in (8.0, 10.0)]
+        )
     for there, here in zip(found, map(reduced.solve, points), strict=True):
         assert np.array_equal(there.displacement(), here.displacement())
         assert np.array_equal(there.forces(), here.forces())
@@ -214,19 +239,29 @@ def test_petsc_asked_for_where_it_is_missing(monkeypatch):
 def test_a_full_model_and_its_answers_stay_in_their_process(hertz):
     """With what to hand on in their place."""
     for item in (hertz, hertz.solve(0.3)):
-        with pytest.raises(TypeError, match=r"belongs to this process: hand on .* answer\.displacement\(\)"):
+        with pytest.raises(
+            TypeError, match=r"belongs to this process: hand on .* answer\.displacement\(\)"
+        ):
             pickle.dumps(item)
 
 
 @needs("nonmatching", "shapes")
 def test_two_threads_at_two_shapes(monkeypatch):
-    """Each has the B of its own shape, that with imposed dofs too: it was once left where the other thread took it."""
+    """Each has the B of its own shape, that with imposed dofs too: it was once left where the other
+    thread took it.
+    """
     from hhr_dolfinx.plugins.shapes.reshaped import Reshaped
 
     x, y = coordinate_names("plane_strain")
     wider = hhr.Shape(two_blocks.SECOND, (f"1 + ({x} - 1) * (1 + wide)", y))
-    scene = pressed_pair("plane_strain", ((3.0, 0.3), (4.0, 0.3)), {"wide": (0.0, 0.2)}, matching=False,
-                         shapes=(wider,), cells=2)  # fmt: skip
+    scene = pressed_pair(
+        "plane_strain",
+        ((3.0, 0.3), (4.0, 0.3)),
+        {"wide": (0.0, 0.2)},
+        matching=False,
+        shapes=(wider,),
+        cells=2,
+    )
     alone, shared = (hhr.FullOrderModel(scene).problem for _ in range(2))
     points = [np.append(alone.middle[:-1], wide) for wide in (0.02, 0.18)]
     expected = [alone.reshaped(point) for point in points]
@@ -245,11 +280,17 @@ def test_two_threads_at_two_shapes(monkeypatch):
         assert abs(problem.contact - other.contact).max() == 0.0
 
 
-@pytest.fixture(params=[(0.3, {}), ("nu", {"nu": (0.1, 0.4)})], ids=["whole bodies", "Poisson's ratio"])
+@pytest.fixture(
+    params=[(0.3, {}), ("nu", {"nu": (0.1, 0.4)})], ids=["whole bodies", "Poisson's ratio"]
+)
 def varying_friction(request):
-    """Two blocks with friction of which both moduli vary: those of whole bodies, or Poisson's ratio too."""
+    """Two blocks with friction of which both moduli vary: those of whole bodies, or Poisson's ratio
+    too.
+    """
     ratio, box = request.param
-    return hhr.FullOrderModel(rubbing(cells=4, bodies=(("E", ratio), ("2 * E", 0.2)), box={"E": (2.0, 4.0), **box}))
+    return hhr.FullOrderModel(
+        rubbing(cells=4, bodies=(("E", ratio), ("2 * E", 0.2)), box={"E": (2.0, 4.0), **box})
+    )
 
 
 @needs("friction")
@@ -265,12 +306,16 @@ def test_a_contact_problem_outlives_that_of_another_point(varying_friction):
     contacts = list(map(full.contacts(), points))
     for contact, (unknown, derivatives) in zip(contacts, expected, strict=True):
         found = contact.at_fixed_forces(forces, unknown)
-        assert all(np.array_equal(mine, other) for mine, other in zip(found, derivatives, strict=True))
+        assert all(
+            np.array_equal(mine, other) for mine, other in zip(found, derivatives, strict=True)
+        )
 
 
 @needs("friction")
 def test_gradients_of_one_full_model_with_friction(varying_friction):
-    """Slopes of marches in threads are those of one thread, bit by bit, though each has a stiffness of its own."""
+    """Slopes of marches in threads are those of one thread, bit by bit, though each has a stiffness
+    of its own.
+    """
     full = varying_friction
 
     def job(k):
@@ -283,14 +328,17 @@ def test_gradients_of_one_full_model_with_friction(varying_friction):
     assert [job(k) for k in range(THREADS)] == at_once([lambda k=k: job(k) for k in range(THREADS)])
 
 
-# ---------------------------------------------------------------- stiffness as a value, and the store of factors
+# ---------------------------------------------------------------- stiffness as a value, and the
+# store of factors
 
 
 @pytest.fixture(scope="module")
 def full():
     """Two blocks, each with a modulus of its own."""
     return hhr.FullOrderModel(
-        pressed_pair("plane_strain", (("E1", 0.3), ("E2", 0.3)), {"E1": (2.0, 4.0), "E2": (2.0, 5.0)})
+        pressed_pair(
+            "plane_strain", (("E1", 0.3), ("E2", 0.3)), {"E1": (2.0, 4.0), "E2": (2.0, 5.0)}
+        )
     )
 
 
@@ -300,7 +348,9 @@ def matrices(full):
     problem, free = full.problem, full.problem.free
     found = [problem.at(point).own_stiffness for point in full.parameters.random(THREADS, 1)]
     rows = problem.contact[:, free].toarray()
-    return found, [rows @ np.linalg.solve(one.toarray()[np.ix_(free, free)], rows.T) for one in found]
+    return found, [
+        rows @ np.linalg.solve(one.toarray()[np.ix_(free, free)], rows.T) for one in found
+    ]
 
 
 def counting(full):
@@ -321,17 +371,24 @@ def stiffness(full, matrix, store, kind=SparseStiffness):
 @needs("elasticity")
 @pytest.mark.parametrize("most", [1, 2, THREADS])
 def test_threads_share_a_store(most, full, matrices):
-    """Each solves with its own matrix, bit by bit as one thread, and S is that of dense algebra; the store has room."""
+    """Each solves with its own matrix, bit by bit as one thread, and S is that of dense algebra.
+
+    The store has room.
+    """
     make, made = counting(full)
     store, loads = FactorStore(make, most), np.linspace(-1.0, 1.0, full.problem.free.size)
 
     def job(k):
         one = stiffness(full, matrices[0][k], store)
         solved = [one.solve(loads) for _ in range(4)]
-        return np.concatenate([*solved, one.schur.ravel(), one.response_to_forces(np.ones(full.conditions))])
+        return np.concatenate(
+            [*solved, one.schur.ravel(), one.response_to_forces(np.ones(full.conditions))]
+        )
 
     expected = [job(k) for k in range(THREADS)]
-    for found, known in zip(at_once([lambda k=k: job(k) for k in range(THREADS)]), expected, strict=True):
+    for found, known in zip(
+        at_once([lambda k=k: job(k) for k in range(THREADS)]), expected, strict=True
+    ):
         assert found.tobytes() == known.tobytes()
     for k, schur in enumerate(matrices[1]):
         found = stiffness(full, matrices[0][k], store).schur
@@ -348,7 +405,10 @@ def test_what_is_in_the_store_is_not_factored_again(full, matrices):
     for matrix in (first, second, first):
         with store.of(matrix):
             pass
-    assert [item.holds(matrix) for item, matrix in zip(made, (first, second), strict=True)] == [True, True]
+    assert [item.holds(matrix) for item, matrix in zip(made, (first, second), strict=True)] == [
+        True,
+        True,
+    ]
     with store.of(third) as factors:
         assert factors is made[1] and factors.holds(third)
     with store.of(first) as factors:
@@ -357,13 +417,19 @@ def test_what_is_in_the_store_is_not_factored_again(full, matrices):
 
 @needs("elasticity")
 def test_a_thread_leases_one_matrix_at_a_time(full, matrices):
-    """The same one again within its lease; another one is refused, since threads would wait for each other."""
+    """The same one again within its lease.
+
+    Another one is refused, since threads would wait for each other.
+    """
     store = FactorStore(counting(full)[0], 2)
     one, other = matrices[0][:2]
     with store.of(one) as factors:
         with store.of(one) as again:
             assert again is factors
-        with pytest.raises(RuntimeError, match="factors of two matrices are leased"), store.of(other):
+        with (
+            pytest.raises(RuntimeError, match="factors of two matrices are leased"),
+            store.of(other),
+        ):
             pass
         assert factors.holds(one)
     with store.of(other) as factors:
@@ -394,7 +460,11 @@ def test_lazy_columns_are_those_of_s(full, matrices):
     active = np.arange(full.conditions) < 3
     forces, slack = lazy.equalities(active, -np.ones(full.conditions))
     known = stiffness(full, matrices[0][0], store)
-    for mine, other in zip((forces, slack), known.equalities(active, -np.ones(full.conditions)), strict=True):
+    for mine, other in zip(
+        (forces, slack), known.equalities(active, -np.ones(full.conditions)), strict=True
+    ):
         assert np.abs(mine - other).max() <= 1e-12 * np.abs(other).max()
     expected = known.response_to_forces(forces)
-    assert np.abs(lazy.response_to_forces(forces) - expected).max() <= 1e-12 * np.abs(expected).max()
+    assert (
+        np.abs(lazy.response_to_forces(forces) - expected).max() <= 1e-12 * np.abs(expected).max()
+    )

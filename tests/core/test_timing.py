@@ -25,8 +25,14 @@ def test_a_build_tells_its_stages(caplog):
     told = [(record.levelno, record.getMessage()) for record in caplog.records]
     for stage in ("basis", "rid", "projection", "stability", "validation"):
         assert (logging.INFO, f"{stage} begins") in told
-        assert any(level == logging.INFO and text.startswith(f"{stage} ends after ") for level, text in told)
-    assert any(level == logging.DEBUG and text.startswith("indicator is left out: ") for level, text in told)
+        assert any(
+            level == logging.INFO and text.startswith(f"{stage} ends after ")
+            for level, text in told
+        )
+    assert any(
+        level == logging.DEBUG and text.startswith("indicator is left out: ")
+        for level, text in told
+    )
     assert {record.name.split(".")[0] for record in caplog.records} == {"hhr_dolfinx"}
 
 

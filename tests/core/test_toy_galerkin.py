@@ -1,4 +1,6 @@
-"""A user's own reductors get comparison, refinement, record and file from the driver, which believes no claim."""
+"""A user's own reductors get comparison, refinement, record and file from the driver, which
+believes no claim.
+"""
 
 import dataclasses
 import pickle
@@ -61,7 +63,10 @@ def test_it_is_compared_and_refined(training, tmp_path):
     record = model.offline
     assert isinstance(record, Record) and record.level in (1e-8, 1e-12)
     assert record.comparison.dual.max() <= 1e-3 and record.facts["modes"] > 4
-    assert record.log.refused[0]["level"] == 1e-4 and "times what is small enough" in record.log.refused[0]["why"]
+    assert (
+        record.log.refused[0]["level"] == 1e-4
+        and "times what is small enough" in record.log.refused[0]["why"]
+    )
     hhr.save_model(tmp_path / "toy.npz", model)
     again = hhr.load_model(tmp_path / "toy.npz", [GalerkinFields])
     point = training.full_order.problem.middle
@@ -69,13 +74,19 @@ def test_it_is_compared_and_refined(training, tmp_path):
 
 
 def test_dense_condensation_answers_as_the_full_order_does():
-    """Many at once, along a path and copied, beside an output of a user's own; check_reductor does all else."""
+    """Many at once, along a path and copied, beside an output of a user's own.
+
+    check_reductor does all else.
+    """
     training = hhr.train(pair(outputs=(SmoothPeak("smooth", 0),)), hhr.Sobol(16), held_out=5)
     model, points = training.build(DenseCondensation()), training.full_order.parameters.random(6, 3)
     exact = np.array([training.full_order.solve(point).forces() for point in points])
     for one in (model, pickle.loads(pickle.dumps(model))):
         along = one.march([(float(k), point) for k, point in enumerate(points)]).answers
-        for found, known in ((one.solve_many(points).forces(), exact), ([a.forces() for a in along], exact[1:])):
+        for found, known in (
+            (one.solve_many(points).forces(), exact),
+            ([a.forces() for a in along], exact[1:]),
+        ):
             assert (np.abs(found - known).max(axis=1) <= 1e-9 * known.max(axis=1)).all()
 
 
@@ -105,7 +116,11 @@ def test_what_a_way_to_reduce_may_return(training):
     model = training.condense()
     assert training.build(returning(model)) is model
     other = hhr.FullOrderModel(pair(cells=4))
-    for found, why in ((None, "must return a model"), ("model", "must return a model"), (other, "of the same scene")):
+    for found, why in (
+        (None, "must return a model"),
+        ("model", "must return a model"),
+        (other, "of the same scene"),
+    ):
         with pytest.raises(errors.ReductionError, match=why):
             training.build(returning(found))
 
@@ -123,14 +138,20 @@ def test_it_keeps_the_contract_which_wrong_claims_break():
 @pytest.mark.parametrize("liar", LIES)
 @pytest.mark.parametrize("held_out", [True, False])
 def test_a_claim_that_the_comparison_denies_is_refused_by_name(training, liar, held_out):
-    """Without validation two fresh answers of the full model deny it: its own training, of all modes, would not."""
+    """Without validation two fresh answers of the full model deny it: its own training, of all
+    modes, would not.
+    """
     apart = training if held_out else replace(training, held_out=None)
-    with pytest.raises(errors.ClaimError, match="Lying: its model calls itself exact and is off by"):
+    with pytest.raises(
+        errors.ClaimError, match="Lying: its model calls itself exact and is off by"
+    ):
         apart.build(liar)
 
 
 class Bounding(GalerkinFields):
-    """Fields with an estimate of their own: one of its numbers is far too small, the others are honest."""
+    """Fields with an estimate of their own: one of its numbers is far too small, the others are
+    honest.
+    """
 
     kind = "bound"
     said: ClassVar[dict[str, float]] = {}
@@ -146,17 +167,25 @@ def bounding(kind="bound", **said):
 
 
 BOUNDS = {
-    "primal": "displacement in energy", "primal_relative": "displacement in energy, relative",
-    "forces_euclid": "contact forces", "forces_euclid_relative": "contact forces, relative", "pressure": "pressure",
+    "primal": "displacement in energy",
+    "primal_relative": "displacement in energy, relative",
+    "forces_euclid": "contact forces",
+    "forces_euclid_relative": "contact forces, relative",
+    "pressure": "pressure",
     "pressure_relative": "pressure, relative",
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("number", BOUNDS)
 def test_a_bound_that_an_answer_exceeds_is_refused(training, number):
-    """Held-out answers deny it, or training ones without these; an estimate of the same numbers is no claim."""
+    """Held-out answers deny it, or training ones without these.
+
+    An estimate of the same numbers is no claim.
+    """
     for apart in (training, replace(training, held_out=None)):
-        with pytest.raises(errors.ClaimError, match=f"a bound of 1e-12 of the {BOUNDS[number]}, and the error is"):
+        with pytest.raises(
+            errors.ClaimError, match=f"a bound of 1e-12 of the {BOUNDS[number]}, and the error is"
+        ):
             apart.build(bounding(**{number: 1e-12}))
     assert training.build(bounding("estimate", **{number: 1e-12})).offline.comparison is not None
 
@@ -172,7 +201,9 @@ def test_a_bound_of_an_output_that_an_answer_exceeds_is_refused():
 def test_a_bound_along_a_path_that_an_answer_exceeds_is_refused():
     """Of laws that remember too: what was not compared was believed."""
     contact = hhr.NodeToNode(side(1, 1, True), side(2, 1, False), (0.0, 1.0), friction=0.3)
-    points = np.array([[0.005, 0, 0, 0], [0.02, 0, 0.01, 0], [0.05, 0.019, 0.02, 0], [0.03, 0.019, 0, 0]])
+    points = np.array(
+        [[0.005, 0, 0, 0], [0.02, 0, 0.01, 0], [0.05, 0.019, 0.02, 0], [0.03, 0.019, 0, 0]]
+    )
     paths = [[(float(k), scale * point) for k, point in enumerate(points)] for scale in (1.0, 1.05)]
     training = hhr.train(pair(contacts=(contact,)), paths[:1], held_out=paths[1:])
     exact = training.condense()
@@ -188,8 +219,12 @@ def test_a_bound_along_a_path_that_an_answer_exceeds_is_refused():
         def estimate(self, answer):
             return Estimate("bound", **(dict.fromkeys(NUMBERS, 1e3) | {"forces_euclid": 1e-9}))
 
-    fields = Weaker(**{one.name: getattr(exact.fields, one.name) for one in dataclasses.fields(exact.fields)})
-    with pytest.raises(errors.ClaimError, match="a bound of 1e-09 of the contact forces, and the error is"):
+    fields = Weaker(
+        **{one.name: getattr(exact.fields, one.name) for one in dataclasses.fields(exact.fields)}
+    )
+    with pytest.raises(
+        errors.ClaimError, match="a bound of 1e-09 of the contact forces, and the error is"
+    ):
         training.build(returning(exact.changed(fields=fields)))
 
 
@@ -198,15 +233,23 @@ def test_a_bound_that_holds_is_granted(training):
 
 
 def test_round_off_of_an_answer_near_zero_denies_no_bound(training, monkeypatch):
-    """Errors are over the largest answer: those of grazing contact are round-off of the others, and no lie."""
+    """Errors are over the largest answer: those of grazing contact are round-off of the others, and
+    no lie.
+    """
     exact = SimpleNamespace(estimate=lambda: Estimate("bound", **dict.fromkeys(NUMBERS, 1e-12)))
     errors_of = iter([{"contact forces": (0.0, 1.0)}, {"contact forces": (5e-10, 1e-9)}])
     # a name that is looked up at each call, so that the second iterator counts too
     monkeypatch.setattr(claims, "_errors", lambda *given: next(errors_of))
-    claims._check_bounds("Honest", training.full_order, [(exact, exact, "loaded"), (exact, exact, "grazing")])
+    claims._check_bounds(
+        "Honest", training.full_order, [(exact, exact, "loaded"), (exact, exact, "grazing")]
+    )
     errors_of = iter([{"contact forces": (0.0, 1.0)}, {"contact forces": (5e-6, 1e-9)}])
-    with pytest.raises(errors.ClaimError, match="a bound of 1e-12 of the contact forces, and the error is 5e-06"):
-        claims._check_bounds("Lying", training.full_order, [(exact, exact, "loaded"), (exact, exact, "grazing")])
+    with pytest.raises(
+        errors.ClaimError, match="a bound of 1e-12 of the contact forces, and the error is 5e-06"
+    ):
+        claims._check_bounds(
+            "Lying", training.full_order, [(exact, exact, "loaded"), (exact, exact, "grazing")]
+        )
 
 
 def test_a_claim_that_is_true_is_granted(training):
@@ -220,23 +263,34 @@ def test_a_claim_that_is_true_is_granted(training):
 @needs("one_call")
 @pytest.mark.parametrize("liar", LIES)
 def test_a_search_does_not_believe_a_claim(monkeypatch, liar):
-    """Four answers within the target would do for an exact model; with a target of 90 % all models are within."""
+    """Four answers within the target would do for an exact model.
+
+    With a target of 90 % all models are within.
+    """
     monkeypatch.setattr("hhr_dolfinx.plugins.one_call.search.ways", lambda full: [WAY])
     from hhr_dolfinx.plugins.one_call.proposals import of_more_answers
 
-    monkeypatch.setattr(Galerkin, "proposals", lambda self, search: of_more_answers(liar, search), raising=False)
+    monkeypatch.setattr(
+        Galerkin, "proposals", lambda self, search: of_more_answers(liar, search), raising=False
+    )
     # as if its own comparison had met none of its errors
     monkeypatch.setattr("hhr_dolfinx.reduction.reductor._check_claim", lambda *_: None)
     with pytest.raises(errors.StudyError, match="calls itself exact") as caught:
         hhr.reduce(pair(), 0.9, of="forces")
-    assert all(row.outcome.startswith("refused: galerkin") for row in vars(caught.value)["reduction"].tried)
+    assert all(
+        row.outcome.startswith("refused: galerkin") for row in vars(caught.value)["reduction"].tried
+    )
 
 
 @needs("one_call")
 def test_it_has_rows_of_a_search(monkeypatch):
     monkeypatch.setattr("hhr_dolfinx.plugins.one_call.search.ways", lambda full: [WAY])
     rows = hhr.reduce(pair(), 0.01, of="forces").reduction.tried
-    assert {row.method for row in rows} == {"galerkin"} and rows[-1].met and "40 fresh answers" in rows[-1].known
+    assert (
+        {row.method for row in rows} == {"galerkin"}
+        and rows[-1].met
+        and "40 fresh answers" in rows[-1].known
+    )
 
 
 # ---------------------------------------------------------------- the loop
@@ -274,20 +328,26 @@ def test_warnings_of_the_scene_survive_refused_attempts(training):
     """Those of a refused model do not."""
     model, texts = said(training, {"one": None, "two": 1.0})
     assert texts == ["the scene, seen by one", "the scene, seen by two", "the model of two"]
-    assert model.offline.level == "two" and [item["step"] for item in model.offline.log.refused] == ["one"]
+    assert model.offline.level == "two" and [
+        item["step"] for item in model.offline.log.refused
+    ] == ["one"]
 
 
 def test_warnings_of_the_scene_survive_if_all_is_refused(training):
     with collected() as caught, pytest.raises(errors.UnstableModelError, match="two is refused"):
         training.build(Scripted(script={"one": None, "two": None}))
-    assert {"the scene, seen by one", "the scene, seen by two"} <= {str(item.message) for item in caught}
+    assert {"the scene, seen by one", "the scene, seen by two"} <= {
+        str(item.message) for item in caught
+    }
 
 
 def test_the_best_attempt_is_returned_if_none_is_good_enough(training, monkeypatch):
     off = iter([3.0, 2.0, 5.0])
     monkeypatch.setattr(Scripted, "off", lambda self, comparison: next(off))
     model, texts = said(training, dict.fromkeys("abc", 1.0))
-    assert model.offline.level == "b" and "the model of b" in texts and "the model of a" not in texts
+    assert (
+        model.offline.level == "b" and "the model of b" in texts and "the model of a" not in texts
+    )
     assert len(model.offline.log.refused) == 3
 
 
@@ -296,7 +356,10 @@ def test_an_error_that_is_no_refusal_ends_the_loop_with_its_warnings():
         warn("of the scene", errors.SceneWarning)
         raise ValueError(candidate)
 
-    with pytest.warns(errors.SceneWarning, match="of the scene"), pytest.raises(ValueError, match="one"):
+    with (
+        pytest.warns(errors.SceneWarning, match="of the scene"),
+        pytest.raises(ValueError, match="one"),
+    ):
         list(outcomes(["one", "two"], make, (errors.UnstableModelError,)))
 
 
@@ -318,7 +381,10 @@ COUNTED = []
 
 def test_a_plug_in_adds_a_stage(training, monkeypatch):
     last = "hhr_dolfinx.reduction.build:assemble"
-    stages = (Stage("test_toy_galerkin:counted", last), Stage("missing:never", last, lambda full, recipe: False))
+    stages = (
+        Stage("test_toy_galerkin:counted", last),
+        Stage("missing:never", last, lambda full, recipe: False),
+    )
     COUNTED.clear()
     monkeypatch.setattr(registry, "installed", lambda: {"own": Plugin("own", stages=stages)})
     training.build()
@@ -332,13 +398,22 @@ def test_a_plug_in_adds_a_stage(training, monkeypatch):
 def test_a_scene_loads_the_stages_that_it_wants(training):
     places = building.stages_of(training.full_order, building.usual_recipe(training.full_order))
     assert [place.partition(":")[2] for place in places] == [
-        "choose_domain", "enrich_basis", "project_problem", "assess_projection",
-        *(["measure"] if present("theorems") else []), "check_constants", "reconstruct", "assemble", "start_along",
-    ]  # fmt: skip
+        "choose_domain",
+        "enrich_basis",
+        "project_problem",
+        "assess_projection",
+        *(["measure"] if present("theorems") else []),
+        "check_constants",
+        "reconstruct",
+        "assemble",
+        "start_along",
+    ]
 
 
 def test_a_range_and_a_missing_validation_count_for_anybody(training):
-    """The driver limits models that say nothing of their range, and warns where nothing was held out."""
+    """The driver limits models that say nothing of their range, and warns where nothing was held
+    out.
+    """
     with pytest.warns(errors.UncheckedWarning):
         model = hhr.build(training.full_order, training.snapshots, Galerkin())
     assert isinstance(model.trained, TrainedRange)

@@ -1,4 +1,6 @@
-"""What users get is what is checked: forces on the whole surface, the worst point named, nothing silent."""
+"""What users get is what is checked: forces on the whole surface, the worst point named, nothing
+silent.
+"""
 
 import dataclasses
 import math
@@ -29,19 +31,32 @@ COARSE = {"arc_segments": 28, "flat_segments": 7}
 def press_fit():
     """The pellet pressed into its cladding: contact never opens in training."""
     mesh = {"radial_cells": 12, "axial_cells": 40, "cladding_radial_cells": 2}
-    return hhr.train(demo.scene("held", gap=-0.01, **mesh), [12, 10], held_out=30, comm=MPI.COMM_SELF)
+    return hhr.train(
+        demo.scene("held", gap=-0.01, **mesh), [12, 10], held_out=30, comm=MPI.COMM_SELF
+    )
 
 
 @needs("studies")
 def test_forces_outside_the_rid_where_contact_never_opens(press_fit):
-    """Gaps measured by the largest slack, which is round-off there, made closed contact count as open: 82 %."""
+    """Gaps measured by the largest slack, which is round-off there, made closed contact count as
+    open: 82 %.
+    """
     reduction = press_fit.build(hhr.Recipe(domain=hhr.Rid(0)), checked=False)
     problem, snapshots = press_fit.full_order.problem, press_fit.snapshots
-    assert len(reduction.offline.sets.A_lambda) < problem.contact.shape[0], "some forces are completed"
-    slack = problem.amplitudes.sum_columns(problem.gaps, snapshots.points) - problem.contact @ snapshots.displacements
+    assert len(reduction.offline.sets.A_lambda) < problem.contact.shape[0], (
+        "some forces are completed"
+    )
+    slack = (
+        problem.amplitudes.sum_columns(problem.gaps, snapshots.points)
+        - problem.contact @ snapshots.displacements
+    )
     assert slack.max() < 1e-12, "contact never opens"
     points = problem.parameters.random(30, 5)
-    off = references_at(points, press_fit.full_order, snapshots).errors(reduction).values["dual_full_floored"]
+    off = (
+        references_at(points, press_fit.full_order, snapshots)
+        .errors(reduction)
+        .values["dual_full_floored"]
+    )
     # measured 4.6 %, and 5.2 % at the worst
     assert np.percentile(off, 95) < 0.1
 
@@ -53,13 +68,16 @@ def test_two_contacts_on_one_node_are_named():
     both = (*scene.contacts, hhr.Obstacle(scene.contacts[0].first, (0.0, 1.0), 1.004))
     training = hhr.train(dataclasses.replace(scene, contacts=both), hhr.Sobol(16), held_out=0)
     with pytest.raises(
-        errors.NotSolvableError, match=r"contacts 0 and 1 hold the same node .* 4 places in all.*Leave out"
+        errors.NotSolvableError,
+        match=r"contacts 0 and 1 hold the same node .* 4 places in all.*Leave out",
     ):
         training.build(hhr.Recipe(enrichment=None).as_it_is())
 
 
 def test_snapshots_span_the_cone_of_all():
-    """Independent columns are not enough: e1, e2 span the plane of e1 + e2 and e1 - 0.5 e2, not their cone."""
+    """Independent columns are not enough: e1, e2 span the plane of e1 + e2 and e1 - 0.5 e2, not
+    their cone.
+    """
     rng = np.random.default_rng(3)
     for _ in range(20):
         rays = rng.uniform(size=(6, 4)) * (rng.uniform(size=(6, 4)) < 0.6)
@@ -77,21 +95,31 @@ def test_snapshots_span_the_cone_of_all():
 
 
 def test_forces_of_three_rings_are_reproduced_at_training_points(press_fit):
-    """With thinned snapshots a training solution itself could not be completed: now its forces come back."""
+    """With thinned snapshots a training solution itself could not be completed: now its forces come
+    back.
+    """
     snapshots = press_fit.snapshots
     reduction = press_fit.build(hhr.Recipe(domain=hhr.Rid(0)), checked=False)
     answer = reduction.solve(snapshots.points[0])
     for k in range(0, len(snapshots.points), 7):
         gamma = reduction.offline.basis.T @ snapshots.displacements[:, k]
         inside = snapshots.forces[reduction.offline.sets.A_lambda, k]
-        forces = answer._replace(parameter=snapshots.points[k], unknown=gamma, multipliers=inside).forces()
-        assert np.linalg.norm(forces - snapshots.forces[:, k]) < 2e-3 * np.linalg.norm(snapshots.forces[:, k])
+        forces = answer._replace(
+            parameter=snapshots.points[k], unknown=gamma, multipliers=inside
+        ).forces()
+        assert np.linalg.norm(forces - snapshots.forces[:, k]) < 2e-3 * np.linalg.norm(
+            snapshots.forces[:, k]
+        )
 
 
 def test_the_whole_surface_is_checked_and_the_worst_point_named(hertz, hertz_snapshots):
-    """The thesis' recipe: 0.06 % in the RID, 22 % on the surface, which the trust check sees and says."""
+    """The thesis' recipe: 0.06 % in the RID, 22 % on the surface, which the trust check sees and
+    says.
+    """
     held_out = hhr.compute_snapshots(hertz, np.linspace(0.1505, 0.449, 100)[:, None])
-    with pytest.warns(errors.StabilityWarning, match=r"the worst is at mu = 0\.1\d+, where it is [12]\d%"):
+    with pytest.warns(
+        errors.StabilityWarning, match=r"the worst is at mu = 0\.1\d+, where it is [12]\d%"
+    ):
         hhr.build(hertz, hertz_snapshots, THESIS, held_out)
 
 
@@ -120,21 +148,29 @@ def test_points_held_out_look_where_contact_grazes():
     training = hhr.train(scene, [20, 16], held_out=50, seed=5, comm=MPI.COMM_SELF)
     points, forces = training.held_out.points, np.linalg.norm(training.held_out.forces, axis=0)
     assert len(points) == 50
-    assert np.array_equal(points[:40], scene.parameters.random(50, 2005)[:40]), "four fifths are uniform"
+    assert np.array_equal(points[:40], scene.parameters.random(50, 2005)[:40]), (
+        "four fifths are uniform"
+    )
     # uniform points have one chance in thirty each
     assert (forces[40:] < np.linalg.norm(training.snapshots.forces, axis=0).max() * 0.02).sum() >= 4
-    assert not {tuple(point) for point in points} & {tuple(point) for point in training.snapshots.points}
+    assert not {tuple(point) for point in points} & {
+        tuple(point) for point in training.snapshots.points
+    }
 
 
 def test_contact_that_is_never_seen_is_said():
-    full_order = hhr.FullOrderModel(dataclasses.replace(hertz_demo.scene(**COARSE), parameters=space(mu=(0.01, 0.05))))
+    full_order = hhr.FullOrderModel(
+        dataclasses.replace(hertz_demo.scene(**COARSE), parameters=space(mu=(0.01, 0.05)))
+    )
     snapshots = hhr.compute_snapshots(full_order, full_order.problem.parameters.grid([6]))
     with pytest.warns(errors.StabilityWarning, match="no training solution has contact"):
         hhr.build(full_order, snapshots, held_out=snapshots)
 
 
 def test_residuals_of_exact_and_of_spoiled_answers(hertz):
-    """Equilibrium, penetration and sign are zero for the full order, and what was put in for spoiled answers."""
+    """Equilibrium, penetration and sign are zero for the full order, and what was put in for
+    spoiled answers.
+    """
     problem, solution = hertz.problem, hertz.solve(0.3)
     displacement, forces = solution.displacement(), solution.forces()
     theta = problem.theta(0.3)
@@ -143,8 +179,11 @@ def test_residuals_of_exact_and_of_spoiled_answers(hertz):
     pulling[~solution.active] = -0.5 * forces.max()
     assert contact_residuals(problem, displacement, pulling, theta).sign == pytest.approx(0.5)
     # half of the forces taken away: what is left over is as large as what remains
-    assert contact_residuals(problem, displacement, forces / 2, theta).equilibrium == pytest.approx(1.0)
-    # twice the motion: too deep by the gap of 0.1 at the apex, beside motions of 1 at the ends of the arcs
+    assert contact_residuals(problem, displacement, forces / 2, theta).equilibrium == pytest.approx(
+        1.0
+    )
+    # twice the motion: too deep by the gap of 0.1 at the apex, beside motions of 1 at the ends of
+    # the arcs
     twice = 2 * displacement - problem.lifts @ theta
     assert 0.05 < contact_residuals(problem, twice, forces, theta).penetration < 0.2
 
@@ -167,7 +206,9 @@ def test_what_was_not_trained_is_warned_of_refused_or_ignored(half_discs_coarse)
         return model.solve_many([[0.3], [mu]], outside=outside)
 
     for answering in (model.solve, marched, tabulated):
-        with pytest.warns(errors.OutsideTrainingWarning, match=r"mu = 0\.44 \(trained 0\.19 to 0\.41\)"):
+        with pytest.warns(
+            errors.OutsideTrainingWarning, match=r"mu = 0\.44 \(trained 0\.19 to 0\.41\)"
+        ):
             answering(0.44)
         with pytest.raises(errors.OutsideTrainingError, match="Train there"):
             answering(0.44, outside="refuse")
@@ -178,10 +219,13 @@ def test_what_was_not_trained_is_warned_of_refused_or_ignored(half_discs_coarse)
 
 
 @pytest.mark.parametrize(
-    ("carried", "poisson"), [(1e4, None), (1e8, None), pytest.param(0.0, 0.4999999999, marks=needs("elasticity"))]
+    ("carried", "poisson"),
+    [(1e4, None), (1e8, None), pytest.param(0.0, 0.4999999999, marks=needs("elasticity"))],
 )
 def test_contact_is_no_round_off(carried, poisson):
-    """Half-discs carried away: loads K lift grow with it, and contact counted as noise beside them."""
+    """Half-discs carried away: loads K lift grow with it, and contact counted as noise beside
+    them.
+    """
     scene = hertz_demo.scene(**COARSE)
     moved = tuple(
         dataclasses.replace(item, amplitude=hhr.Amplitude(carried)) if item.component == 0 else item
@@ -189,10 +233,15 @@ def test_contact_is_no_round_off(carried, poisson):
     )
     still = with_bodies(scene, poisson=poisson) if poisson else scene
     with ignored(errors.LockingWarning):
-        models = [hhr.FullOrderModel(one) for one in (dataclasses.replace(still, displacements=moved), still)]
+        models = [
+            hhr.FullOrderModel(one)
+            for one in (dataclasses.replace(still, displacements=moved), still)
+        ]
     sets = [hhr.compute_snapshots(model, model.problem.parameters.grid([5])) for model in models]
     largest = np.linalg.norm(sets[1].forces, axis=0).max()
-    assert np.linalg.norm(sets[0].forces, axis=0).max() == pytest.approx(largest, rel=1e-14 * carried + 1e-9)
+    assert np.linalg.norm(sets[0].forces, axis=0).max() == pytest.approx(
+        largest, rel=1e-14 * carried + 1e-9
+    )
     assert 0 < round_off_force(models[0].problem, sets[0]) < (1e-2 if poisson else 0.02) * largest
 
 
@@ -200,7 +249,12 @@ def test_contact_is_no_round_off(carried, poisson):
     "points, empty",
     [
         (np.stack([np.linspace(0, 1, 12)] * 2, axis=1), True),
-        (np.array([[t, 0.0] for t in np.linspace(0, 1, 8)] + [[0.0, t] for t in np.linspace(0, 1, 8)]), True),
+        (
+            np.array(
+                [[t, 0.0] for t in np.linspace(0, 1, 8)] + [[0.0, t] for t in np.linspace(0, 1, 8)]
+            ),
+            True,
+        ),
         (space(a=(0.0, 1.0), b=(0.0, 9.0)).grid([2, 20]), False),
         (space(a=(0.0, 1.0), b=(0.0, 9.0)).grid([25, 20]), False),
         (space(a=(0.0, 1.0), b=(0.0, 1.0), c=(0.0, 1.0)).random(60, 1), False),
@@ -208,7 +262,9 @@ def test_contact_is_no_round_off(carried, poisson):
     ],
 )
 def test_training_points_that_leave_their_box_empty(points, empty):
-    """On a diagonal, or one parameter at a time, the box of the training says nothing: 28 % were wrong inside."""
+    """On a diagonal, or one parameter at a time, the box of the training says nothing: 28 % were
+    wrong inside.
+    """
     with collected() as caught:
         warn_of_gaps_in_training(points)
     assert bool(caught) is empty
@@ -224,13 +280,25 @@ def half_discs_coarse():
 @pytest.mark.parametrize(
     "spoil, words",
     [
-        (lambda s: dataclasses.replace(s, forces=s.forces[:-1]), "forces of snapshots have the shape"),
-        (lambda s: dataclasses.replace(s, displacements=s.displacements.T), "displacements of snapshots"),
+        (
+            lambda s: dataclasses.replace(s, forces=s.forces[:-1]),
+            "forces of snapshots have the shape",
+        ),
+        (
+            lambda s: dataclasses.replace(s, displacements=s.displacements.T),
+            "displacements of snapshots",
+        ),
         (lambda s: dataclasses.replace(s, points=s.points.ravel()), "points of snapshots"),
         (lambda s: s.take([]), "points of snapshots"),
         (lambda s: dataclasses.replace(s, forces=s.forces + 1j), "finite real numbers"),
-        (lambda s: dataclasses.replace(s, points=s.points * np.nan), "points of snapshots are not finite"),
-        (lambda s: dataclasses.replace(s, active=s.active.astype(float)), "active of snapshots holds float64"),
+        (
+            lambda s: dataclasses.replace(s, points=s.points * np.nan),
+            "points of snapshots are not finite",
+        ),
+        (
+            lambda s: dataclasses.replace(s, active=s.active.astype(float)),
+            "active of snapshots holds float64",
+        ),
         (lambda s: None, "must be a SnapshotSet"),
     ],
 )

@@ -1,4 +1,6 @@
-"""Condensation without a training: forces as the full model has them, fields if they are asked for."""
+"""Condensation without a training: forces as the full model has them, fields if they are asked
+for.
+"""
 
 import numpy as np
 import pytest
@@ -25,8 +27,11 @@ def scene(name, **changes):
     if name == "shape":
         x, y = coordinate_names("plane_strain")
         box = {"wide": (0.0, 0.05)}
-        more |= {"matching": False, "shapes": (hhr.Shape(two_blocks.SECOND, (f"1 + ({x} - 1) * (1 + wide)", y)),),
-                 "cells": 2}  # fmt: skip
+        more |= {
+            "matching": False,
+            "shapes": (hhr.Shape(two_blocks.SECOND, (f"1 + ({x} - 1) * (1 + wide)", y)),),
+            "cells": 2,
+        }
     return pressed_pair("plane_strain", bodies, box, **more | changes)
 
 
@@ -64,7 +69,12 @@ def test_fields_are_refused_by_name_until_they_are_asked_for(untrained):
     name, full, model = untrained
     answer = model.solve(full.problem.middle)
     if name == "constant":
-        assert largest_difference(answer.displacement(), full.solve(full.problem.middle).displacement()) < 1e-11
+        assert (
+            largest_difference(
+                answer.displacement(), full.solve(full.problem.middle).displacement()
+            )
+            < 1e-11
+        )
         return
     with pytest.raises(HHRError, match=r"condensed for contact forces.*fields=True"):
         answer.displacement()

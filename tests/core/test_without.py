@@ -44,7 +44,16 @@ def run_rest(gone, tests):
     Raises:
         AssertionError: with the end of what they print, if they fail.
     """
-    command = [sys.executable, str(SCRIPT), *gone, "--", "-q", "-m", "not slow and not needs", *tests]
+    command = [
+        sys.executable,
+        str(SCRIPT),
+        *gone,
+        "--",
+        "-q",
+        "-m",
+        "not slow and not needs",
+        *tests,
+    ]
     result = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert result.returncode == 0, (result.stdout[-4000:], result.stderr[-2000:])
     assert " passed" in result.stdout

@@ -1,7 +1,7 @@
 """Elimination of gamma from a reduced problem whose stiffness is a sum of parts with moduli.
 
-Bodies joined by contact alone share no entries of K~ if each mode moves one of them. K~ then falls apart into blocks
-that are factored one by one, a quarter of the work for two of them.
+Bodies joined by contact alone share no entries of K~ if each mode moves one of them. K~ then falls
+apart into blocks that are factored one by one, a quarter of the work for two of them.
 """
 
 from __future__ import annotations
@@ -46,7 +46,10 @@ class _Kept(NamedTuple):
 
 @dataclass(frozen=True)
 class BlockElimination(Rebuilt, Elimination):
-    """Eliminates the unknown of a reduced problem whose stiffness is a sum of parts; plain data, for files."""
+    """Eliminates the unknown of a reduced problem whose stiffness is a sum of parts.
+
+    Plain data, for files.
+    """
 
     problem: ReducedProblem  # the reduced problem, with the terms of its stiffness
     amplitudes: Amplitudes  # θ as a function of the parameters
@@ -57,7 +60,10 @@ class BlockElimination(Rebuilt, Elimination):
         return blocks_of(self.problem)
 
     def __call__(self, point: np.ndarray, kept: _Kept | None = None) -> CondensedContact:
-        """Eliminate at a point, (P,); ``kept`` has S of its stiffness if known. SingularError: K~ is singular there."""
+        """Eliminate at a point, (P,); ``kept`` has S of its stiffness if known.
+
+        SingularError: K~ is singular there.
+        """
         weights, loads = self._weights_and_loads(point)
         if kept is None:
             kept = self._kept(weights)
@@ -87,7 +93,10 @@ class BlockElimination(Rebuilt, Elimination):
         m = len(self.problem.gaps)
         schur = np.zeros((m, m))
         factors = [factored(block, weights[block.parts]) for block in self.blocks]
-        per_force = [dgetrs(*factor, block.test)[0] for block, factor in zip(self.blocks, factors, strict=True)]
+        per_force = [
+            dgetrs(*factor, block.test)[0]
+            for block, factor in zip(self.blocks, factors, strict=True)
+        ]
         for block, columns in zip(self.blocks, per_force, strict=True):
             schur += block.trial @ columns
         return _Kept(weights, schur, factors, per_force)
@@ -95,7 +104,9 @@ class BlockElimination(Rebuilt, Elimination):
     @cached_property
     def _terms(self) -> ReducedTerms:
         if self.problem.terms is None:
-            raise ValueError("a problem whose stiffness is constant is eliminated once, by Responses.eliminate")
+            raise ValueError(
+                "a problem whose stiffness is constant is eliminated once, by Responses.eliminate"
+            )
         return self.problem.terms
 
     @cached_property
@@ -127,7 +138,12 @@ class BlockElimination(Rebuilt, Elimination):
         return found
 
     def _changes(
-        self, point: np.ndarray, weights: np.ndarray, factors: list, forces: np.ndarray, unknown: np.ndarray
+        self,
+        point: np.ndarray,
+        weights: np.ndarray,
+        factors: list,
+        forces: np.ndarray,
+        unknown: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives from K~ gamma' = f' - K~' gamma, and those of the slack."""
         right, slack = self.problem.changes(self.amplitudes, point, weights, unknown)
@@ -165,4 +181,6 @@ def _block(problem: ReducedProblem, terms: ReducedTerms, modes: np.ndarray) -> B
     touching = np.flatnonzero(np.abs(parts).max(axis=(1, 2)) > ROUND_OFF * largest)
     entries = np.ascontiguousarray(parts[touching].transpose(0, 2, 1)).reshape(touching.size, -1)
     test = np.asfortranarray(problem.contact_test[:, modes].T)
-    return Block(modes, touching, entries, test, np.ascontiguousarray(problem.contact_trial[:, modes]))
+    return Block(
+        modes, touching, entries, test, np.ascontiguousarray(problem.contact_trial[:, modes])
+    )

@@ -1,8 +1,9 @@
 """Elimination for a constant stiffness: one factorisation serves all points.
 
-With fixed statuses the solution is affine in the parameters. These maps, the critical regions of multi-parametric
-programming (Bemporad, Morari, Dua and Pistikopoulos, Automatica 38, 2002), are tabulated. If the map of the nearest
-training statuses gives non-negative forces and slacks, it is the solution, and no problem is solved online.
+With fixed statuses the solution is affine in the parameters. These maps, the critical regions of
+multi-parametric programming (Bemporad, Morari, Dua and Pistikopoulos, Automatica 38, 2002), are
+tabulated. If the map of the nearest training statuses gives non-negative forces and slacks, it is
+the solution, and no problem is solved online.
 """
 
 from __future__ import annotations
@@ -18,16 +19,25 @@ from hhr_dolfinx.contact.active_set import SchurEqualities, Status
 from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.linear.dense import Factorise, LapackLU, dense_factors
 from hhr_dolfinx.models.answer import Answer, ModelFields, SeveralAnswers
-from hhr_dolfinx.models.eliminations.elimination import AnswerTable, CondensedContact, Elimination, Responses
+from hhr_dolfinx.models.eliminations.elimination import (
+    AnswerTable,
+    CondensedContact,
+    Elimination,
+    Responses,
+)
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.plain import CODE, Rebuilt
 
 Region = tuple[np.ndarray, np.ndarray] | None
 
 ENTRIES = 2_000_000
-"""Most numbers (16 MB) in the tabulated critical regions of one model; larger tables are not kept."""
+"""Most numbers (16 MB) in the tabulated critical regions of one model; larger tables are not
+kept.
+"""
 PREPARED_BYTES = 16 * 2**20
-"""Memory for factors of training statuses without regions: a query that starts from them factors nothing."""
+"""Memory for factors of training statuses without regions: a query that starts from them factors
+nothing.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,25 +46,34 @@ class ConstantElimination(Rebuilt, Elimination):
 
     responses: Responses  # of the eliminated unknown
     amplitudes: Amplitudes  # θ as a function of the parameters
-    factorise: Factorise = field(default=dense_factors, metadata=CODE)  # factors a dense block; files do not keep it
+    factorise: Factorise = field(
+        default=dense_factors, metadata=CODE
+    )  # factors a dense block; files do not keep it
 
     shares_factors = True
 
     def __post_init__(self) -> None:
-        """Put slack and unknown into one array, so that one product computes both; ``responses`` has views of it."""
+        """Put slack and unknown into one array, so that one product computes both.
+
+        ``responses`` has views of it.
+        """
         given = self.responses
         response = np.asfortranarray(np.vstack([given.free_slack, given.free_primal]))
         free_slack, free_primal = np.split(response, [len(given.schur)])
         per_force = np.ascontiguousarray(given.primal_per_force)
         object.__setattr__(self, "response", response)
-        object.__setattr__(self, "responses", Responses(free_primal, per_force, free_slack, given.schur))
+        object.__setattr__(
+            self, "responses", Responses(free_primal, per_force, free_slack, given.schur)
+        )
 
     # free slack followed by the free primal unknown, (m + n, 1 + T)
     response: np.ndarray = field(init=False, repr=False)
 
     @classmethod
     def from_file(cls, **parts: Any) -> ConstantElimination:
-        """Rebuild from a file, with LAPACK's factors, so that answers are the same on all machines."""
+        """Rebuild from a file, with LAPACK's factors, so that answers are the same on all
+        machines.
+        """
         return cls(**parts, factorise=LapackLU)
 
     @cached_property
@@ -82,31 +101,44 @@ class ConstantElimination(Rebuilt, Elimination):
         return changes[: len(self.responses.schur)], changes[len(self.responses.schur) :]
 
     def table_of(self, known: KnownStatuses) -> AnswerTable | None:
-        """Critical regions of the training statuses; if there are none, factor these statuses in advance."""
+        """Critical regions of the training statuses.
+
+        If there are none, factor these statuses in advance.
+        """
         return CriticalRegions.of(self, known)
 
     def answers(self, model: object, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
         """Answers to many points; equal statuses share factors."""
         from hhr_dolfinx.models.many import answers_by_statuses
 
-        return answers_by_statuses(model, self.amplitudes, self.responses, self.response, points, raise_on_failure)
+        return answers_by_statuses(
+            model, self.amplitudes, self.responses, self.response, points, raise_on_failure
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class CriticalRegions:
-    """Affine map mu -> (forces, slacks, unknown) of each training status: values at mu = 0 and slopes, or None."""
+    """Affine map mu -> (forces, slacks, unknown) of each training status: values at mu = 0 and
+    slopes, or None.
+    """
 
     known: KnownStatuses
     maps: list[Region]
 
     @classmethod
     def of(cls, eliminated: ConstantElimination, known: KnownStatuses) -> CriticalRegions | None:
-        """Regions of a constant stiffness; None if amplitudes are not affine, or tables would be too large."""
+        """Regions of a constant stiffness.
+
+        None if amplitudes are not affine, or tables would be too large.
+        """
         distinct, which = np.unique(known.active, axis=0, return_inverse=True)
         theta = eliminated.amplitudes
         response = eliminated.response
         m = known.active.shape[1]
-        if theta.nonaffine or len(distinct) * (m + len(response)) * (1 + known.points.shape[1]) > ENTRIES:
+        if (
+            theta.nonaffine
+            or len(distinct) * (m + len(response)) * (1 + known.points.shape[1]) > ENTRIES
+        ):
             eliminated.equalities.prepare(distinct, PREPARED_BYTES)
             return None
         # columns: the value at mu = 0, then the slope along each parameter
@@ -126,7 +158,9 @@ class CriticalRegions:
         values = constant + slopes @ point
         # the ufunc itself: its wrapper takes as long again
         if np.minimum.reduce(values[: 2 * m]) >= 0:
-            return Answer(point, values[2 * m :], values[:m], active, 1, Status.CONVERGED, False, fields)
+            return Answer(
+                point, values[2 * m :], values[:m], active, 1, Status.CONVERGED, False, fields
+            )
         return None
 
 
@@ -138,5 +172,11 @@ def _region(eliminated: ConstantElimination, active: np.ndarray, columns: np.nda
     except SingularError:  # the active set may still find a solution
         return None
     forces, slack = (np.stack(item, axis=1) for item in zip(*found, strict=True))
-    values = np.vstack([forces, slack, columns[m:] - eliminated.responses.primal_per_force @ forces])
-    return (values[:, 0].copy(), np.ascontiguousarray(values[:, 1:])) if np.isfinite(values).all() else None
+    values = np.vstack(
+        [forces, slack, columns[m:] - eliminated.responses.primal_per_force @ forces]
+    )
+    return (
+        (values[:, 0].copy(), np.ascontiguousarray(values[:, 1:]))
+        if np.isfinite(values).all()
+        else None
+    )

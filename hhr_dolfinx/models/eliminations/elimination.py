@@ -4,9 +4,10 @@ With K factored, the primal unknown of thesis (1.21) or (1.61) is
 
     primal(mu, lambda) = free_primal - primal_per_force lambda,
 
-and the contact conditions become slack = free_slack + S lambda with S = B K^-1 B^T, thesis (5.23). Eliminations return
-this :class:`CondensedContact` for a point. K may be constant, factored at each point, interpolated or of another shape;
-the kernel of K stays an unknown. Active set, gradients and models need nothing else.
+and the contact conditions become slack = free_slack + S lambda with S = B K^-1 B^T, thesis (5.23).
+Eliminations return this :class:`CondensedContact` for a point. K may be constant, factored at each
+point, interpolated or of another shape; the kernel of K stays an unknown. Active set, gradients and
+models need nothing else.
 """
 
 from __future__ import annotations
@@ -39,20 +40,25 @@ class HasEqualities(Protocol):
 
 @dataclass(eq=False)  # one for each query: a frozen one takes a microsecond more to make
 class CondensedContact:
-    """The contact problem at one parameter without its primal unknown (n unknowns, m conditions)."""
+    """The contact problem at one parameter without its primal unknown (n unknowns, m
+    conditions).
+    """
 
     schur: np.ndarray  # S, (m, m)
     free_slack: np.ndarray  # slack without contact forces, (m,)
-    free: np.ndarray  # the unknown without contact forces, (n,); empty if fields are computed on request
+    free: (
+        np.ndarray
+    )  # the unknown without contact forces, (n,); empty if fields are computed on request
     # response of the unknown to contact forces, K^-1 B^T forces: (m,) or (m, k) to (n,) or (n, k)
     pushed: Callable[[np.ndarray], np.ndarray]
-    # maps forces and unknown to derivatives along the parameters at fixed forces: of the slack, (m, P), and of the
-    # unknown, (n, P)
+    # maps forces and unknown to derivatives along the parameters at fixed forces: of the slack, (m,
+    # P), and of the unknown, (n, P)
     at_fixed_forces: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
     symmetric: bool = False
     # motions of bodies that contact alone holds, which stay unknowns; None without any
     kernel: CondensedKernel | None = None
-    # stiffness that shares its equality problems on S with other points; None creates them on demand
+    # stiffness that shares its equality problems on S with other points; None creates them on
+    # demand
     factored: HasEqualities | None = None
 
     def unknown(self, forces: np.ndarray) -> np.ndarray:
@@ -74,17 +80,24 @@ AnswerTable = Callable[[np.ndarray, ModelFields], Answer | None]
 
 
 class Elimination(ABC):
-    """Elimination of the primal unknown at any parameter; subclasses share work between parameters."""
+    """Elimination of the primal unknown at any parameter; subclasses share work between
+    parameters.
+    """
 
-    shares_factors: ClassVar[bool] = False  # whether points with the same statuses share all factors
-    keeps_kernel: ClassVar[bool] = False  # whether motions of bodies that contact alone holds stay unknowns
+    shares_factors: ClassVar[bool] = (
+        False  # whether points with the same statuses share all factors
+    )
+    keeps_kernel: ClassVar[bool] = (
+        False  # whether motions of bodies that contact alone holds stay unknowns
+    )
 
     @abstractmethod
     def __call__(self, point: np.ndarray) -> CondensedContact:
         """Eliminate at a point, (P,).
 
         Raises:
-            NotSolvableError, ParameterError: if nothing can be factored, or surfaces slide off the known ones.
+            NotSolvableError, ParameterError: if nothing can be factored, or surfaces slide off the
+                known ones.
         """
 
     def along_path(self) -> Callable[[np.ndarray], CondensedContact]:
@@ -109,7 +122,9 @@ def answer_of(
     *,
     gradient: bool = False,
 ) -> Answer:
-    """Solve the condensed contact problem from given statuses, or with None from those of the free slack."""
+    """Solve the condensed contact problem from given statuses, or with None from those of the free
+    slack.
+    """
     free_slack = contact.free_slack
     start = free_slack < 0 if start is None else start
     if contact.kernel is not None:
@@ -122,7 +137,8 @@ def answer_of(
 def differentiated(contact: CondensedContact, answer: Answer) -> Answer:
     """An answer with its derivatives at its statuses; unchanged if it has no solution.
 
-    Slack(mu, lambda) = 0 is differentiated on the active set: one more right-hand side for each parameter.
+    Slack(mu, lambda) = 0 is differentiated on the active set: one more right-hand side for each
+    parameter.
     """
     if not answer.converged:
         return answer
@@ -133,7 +149,9 @@ def differentiated(contact: CondensedContact, answer: Answer) -> Answer:
     slack = contact.free_slack + contact.schur @ forces
     of_slack, of_unknown = contact.at_fixed_forces(forces, answer.unknown)
     changes, opened = contact.equalities.several(active, of_slack)
-    gradient = Gradient(of_unknown - contact.pushed(changes), changes, grazing(active, forces, slack), opened)
+    gradient = Gradient(
+        of_unknown - contact.pushed(changes), changes, grazing(active, forces, slack), opened
+    )
     return answer._replace(gradient=gradient)
 
 
@@ -141,16 +159,24 @@ def differentiated(contact: CondensedContact, answer: Answer) -> Answer:
 class Responses:
     """Responses of the eliminated unknown (n unknowns, m conditions, 1 + T terms)."""
 
-    free_primal: Annotated[Floats, "unknowns", "terms"]  # primal unknown without contact forces, (n, 1 + T)
+    free_primal: Annotated[
+        Floats, "unknowns", "terms"
+    ]  # primal unknown without contact forces, (n, 1 + T)
     primal_per_force: Annotated[Floats, "unknowns", "m"]  # K^-1 B^T, (n, m)
     free_slack: Annotated[Floats, "m", "terms"]  # slack without contact forces, (m, 1 + T)
     schur: Annotated[Floats, "m", "m"]  # S = B K^-1 B^T, (m, m)
 
     @classmethod
     def eliminate(
-        cls, factor: Factor, loads: np.ndarray, gaps: np.ndarray, test: np.ndarray, trial: np.ndarray
+        cls,
+        factor: Factor,
+        loads: np.ndarray,
+        gaps: np.ndarray,
+        test: np.ndarray,
+        trial: np.ndarray,
     ) -> Responses:
-        """Eliminate the unknown of K x + test^T lambda = loads θ, trial x <= gaps θ, with a factor of K.
+        """Eliminate the unknown of K x + test^T lambda = loads θ, trial x <= gaps θ, with a factor
+        of K.
 
         Loads are (n, 1 + T), gaps (m, 1 + T), test and trial rows (m, n).
         """

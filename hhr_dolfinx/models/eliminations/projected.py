@@ -41,10 +41,11 @@ class ReducedTerms:
 
 @dataclass(frozen=True)
 class ReducedProblem:
-    """Find gamma and lambda >= 0 with K~ gamma + B~1^T lambda = loads θ, B~2 gamma <= gaps θ, thesis (5.23).
+    """Find gamma and lambda >= 0 with K~ gamma + B~1^T lambda = loads θ, B~2 gamma <= gaps θ,
+    thesis (5.23).
 
-    A generalised saddle point (5.27): B~1 and B~2 differ if conditions of the RID touch its interface; otherwise they
-    are equal and it is (1.61).
+    A generalised saddle point (5.27): B~1 and B~2 differ if conditions of the RID touch its
+    interface; otherwise they are equal and it is (1.61).
     """
 
     # K~ = V[A]^T K[A, A u I] V[A u I], (1.63), (ell, ell), not symmetric
@@ -55,11 +56,15 @@ class ReducedProblem:
     contact_trial: Annotated[Floats, "conditions", "modes"]
     loads: Annotated[Floats, "modes", "terms"]  # V[A]^T loads[A], (ell, 1 + T)
     gaps: Annotated[Floats, "conditions", "terms"]  # gaps[A_lambda], (N_lambda_C, 1 + T)
-    pairs: Annotated[Integers, "conditions"]  # number of the contact pair of each condition, (N_lambda_C,)
-    # parts of the stiffness if it depends on parameters; `stiffness` and `loads` are then those in the middle of the
-    # box. None for a constant stiffness
+    pairs: Annotated[
+        Integers, "conditions"
+    ]  # number of the contact pair of each condition, (N_lambda_C,)
+    # parts of the stiffness if it depends on parameters; `stiffness` and `loads` are then those in
+    # the middle of the box. None for a constant stiffness
     terms: ReducedTerms | None = None
-    motions: int = 0  # number of modes, the first ones, that are rigid motions of bodies held by contact alone
+    motions: int = (
+        0  # number of modes, the first ones, that are rigid motions of bodies held by contact alone
+    )
 
     def __post_init__(self) -> None:
         lay_out(self)
@@ -68,7 +73,11 @@ class ReducedProblem:
         """Faults of modes that are not rigid motions."""
         count = self.motions
         ell = len(self.stiffness)
-        if count and not (0 < count < ell and not self.stiffness[:, :count].any() and not self.stiffness[:count].any()):
+        if count and not (
+            0 < count < ell
+            and not self.stiffness[:, :count].any()
+            and not self.stiffness[:count].any()
+        ):
             yield f"{count} of {ell} modes are no rigid motions"
 
     @property
@@ -95,7 +104,9 @@ class ReducedProblem:
     def changes(
         self, amplitudes: Amplitudes, point: np.ndarray, weights: np.ndarray, unknown: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """f' - K~' gamma, (ell, P), and derivatives of the gaps, (m, P), for weights of the parts of K~, (Q,)."""
+        """f' - K~' gamma, (ell, P), and derivatives of the gaps, (m, P), for weights of the parts
+        of K~, (Q,).
+        """
         assert self.terms is not None
         theta = amplitudes(point)
         acting, slopes = amplitudes.slopes_at(point)
@@ -107,7 +118,9 @@ class ReducedProblem:
         return right, self.gaps[:, acting] @ slopes
 
     def weighted(self, weights: np.ndarray) -> ReducedProblem:
-        """The problem of constant stiffness for weights of its parts, (Q,); itself without parts."""
+        """The problem of constant stiffness for weights of its parts, (Q,); itself without
+        parts.
+        """
         if self.terms is None:
             return self
         stiffness = np.tensordot(weights, self.terms.stiffness, 1)

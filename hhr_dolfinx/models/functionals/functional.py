@@ -1,7 +1,9 @@
-"""Named outputs of a model: numbers that depend on the contact forces, on a few rows of the displacement, on the point.
+"""Named outputs of a model: numbers that depend on the contact forces, on a few rows of the
+displacement, on the point.
 
-They are plain data, so that a model file keeps them, and need no field: a model multiplies the rows with its basis
-once. Derivatives are exact. At a kink, as a largest value has where two are equal, they hold on one side only.
+They are plain data, so that a model file keeps them, and need no field: a model multiplies the rows
+with its basis once. Derivatives are exact. At a kink, as a largest value has where two are equal,
+they hold on one side only.
 """
 
 from __future__ import annotations
@@ -28,14 +30,18 @@ _NOWHERE = np.zeros(0, dtype=np.int64)
 
 @dataclass(frozen=True)
 class Outputs:
-    """Values of the outputs of a scene at one parameter; read like a mapping from names to numbers."""
+    """Values of the outputs of a scene at one parameter; read like a mapping from names to
+    numbers.
+    """
 
     values: dict[str, float]  # by name; NaN without an answer
     units: dict[str, str]  # as the scene gives them
-    # derivatives along the parameters by name, (P,) each, of outputs that have any; None unless they were requested
+    # derivatives along the parameters by name, (P,) each, of outputs that have any; None unless
+    # they were requested
     gradient: dict[str, np.ndarray] | None = None
     one_sided: bool = False  # whether some of the derivatives hold on one side only
-    note: str = ""  # path that values and derivatives belong to, and how far they have converged; empty without one
+    # path that values and derivatives belong to, and how far they have converged; empty without one
+    note: str = ""
 
     def __getitem__(self, name: str) -> float:
         if name not in self.values:
@@ -62,7 +68,8 @@ class _Gradient(dict[str, np.ndarray]):
 
     def __missing__(self, name: str) -> np.ndarray:
         raise NotOfferedError(
-            f"output {name!r} has no derivatives along a history: its value is there, or difference it"
+            f"output {name!r} has no derivatives along a history: its value is there, or "
+            "difference it"
         )
 
 
@@ -81,7 +88,9 @@ class AllOutputs(ABC):
         """Rows of the outputs ``here`` times the displacement of an answer, (K,)."""
         return answer.fields.measured(answer, theta)
 
-    def read_changes(self, here: Functionals, answer: Any, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def read_changes(
+        self, here: Functionals, answer: Any, changes: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of all contact forces, (N_lambda, P), and of these products, (K, P)."""
         return answer.fields.measured_changes(answer, changes)
 
@@ -122,7 +131,9 @@ class Functional:
     name: str  # of the output
     unit: str
     count: int  # k, number of its rows
-    rows: Annotated[Integers, "entries"]  # these and the next two: the sparse matrix of its rows, (k, N)
+    rows: Annotated[
+        Integers, "entries"
+    ]  # these and the next two: the sparse matrix of its rows, (k, N)
     columns: Annotated[Integers, "entries"]
     entries: Annotated[Floats, "entries"]
 
@@ -132,14 +143,20 @@ class Functional:
 
     def value(self, state: State) -> float:
         """Value of the output."""
-        raise NotImplementedError(f"{type(self).__name__} must have value(state), which returns a number")
+        raise NotImplementedError(
+            f"{type(self).__name__} must have value(state), which returns a number"
+        )
 
     def slopes(self, state: State) -> Slopes:
         """Partial derivatives of the output."""
-        raise NotImplementedError(f"{type(self).__name__} must have slopes(state), or differentiable = False")
+        raise NotImplementedError(
+            f"{type(self).__name__} must have slopes(state), or differentiable = False"
+        )
 
     def followed(self, state: State, there: Functional, shifted: State) -> float:
-        """Value of the same output on another shape, on the smooth piece that is active at ``state``."""
+        """Value of the same output on another shape, on the smooth piece that is active at
+        ``state``.
+        """
         return there.value(shifted)
 
     def indices(self) -> dict[str, np.ndarray]:
@@ -181,7 +198,11 @@ class Functionals(AllOutputs):
 
     def check(self, space: ParameterSpace, conditions: int, gauss_points: int) -> None:
         """Raise SceneError for parts that do not fit a model; files may be wrong."""
-        sizes = {"conditions": conditions, "terms": self.amplitudes.firsts[-1], "points": gauss_points}
+        sizes = {
+            "conditions": conditions,
+            "terms": self.amplitudes.firsts[-1],
+            "points": gauss_points,
+        }
         point = space.middle
         for item in self.items:
             if not isinstance(item, Functional):
@@ -192,20 +213,34 @@ class Functionals(AllOutputs):
                 if index.size and not (index.min() >= 0 and index.max() < size):
                     raise SceneError(f"output '{item.name}' has {what} outside 0 .. {size - 1}")
             stress = np.zeros((gauss_points, 4))
-            tried = State(np.ones(conditions), np.ones(item.count), point, np.ones(sizes["terms"]), stress.copy)
+            tried = State(
+                np.ones(conditions),
+                np.ones(item.count),
+                point,
+                np.ones(sizes["terms"]),
+                stress.copy,
+            )
             try:
                 item.value(tried)
                 item.matrix(self.size)
             except (ValueError, IndexError) as error:
-                raise SceneError(f"output '{item.name}' has arrays of sizes that do not fit: {error}") from None
+                raise SceneError(
+                    f"output '{item.name}' has arrays of sizes that do not fit: {error}"
+                ) from None
 
 
 def outputs_of(answer: Any) -> Outputs:
-    """Outputs at an answer, with derivatives if the answer has any; HHRError for a model of a scene without outputs."""
+    """Outputs at an answer, with derivatives if the answer has any.
+
+    HHRError for a model of a scene without outputs.
+    """
     fields: Any = answer.fields
     whole: Any = fields.functionals
     if whole is None:
-        raise HHRError("this model has no outputs: name them in the scene, Scene(..., outputs=(...,)), and build again")
+        raise HHRError(
+            "this model has no outputs: name them in the scene, Scene(..., outputs=(...,)), and "
+            "build again"
+        )
     units = {item.name: item.unit for item in whole.items}
     if not answer.converged:
         return Outputs(dict.fromkeys(units, np.nan), units)
@@ -215,11 +250,15 @@ def outputs_of(answer: Any) -> Outputs:
     theta = amplitudes.dense(point)
     forces = fields.forces(answer) if functionals.uses_forces else _NOTHING
     measured = _NOTHING
-    if functionals.places and functionals.places[-1].stop:  # outputs of forces alone need no displacement
+    if (
+        functionals.places and functionals.places[-1].stop
+    ):  # outputs of forces alone need no displacement
         measured = whole.read(functionals, answer, theta)
     rest = answer.stress, answer.memory
     states = [State(forces, measured[place], point, theta, *rest) for place in functionals.places]
-    values = {item.name: item.value(state) for item, state in zip(functionals.items, states, strict=True)}
+    values = {
+        item.name: item.value(state) for item, state in zip(functionals.items, states, strict=True)
+    }
     if answer.gradient is None:
         return Outputs(values, units, note=answer.note)
     acting, slopes = amplitudes.slopes_at(point)
@@ -229,11 +268,17 @@ def outputs_of(answer: Any) -> Outputs:
     of_shape = whole.along_shapes(functionals, answer, states)
     gradient = _Gradient()
     one_sided = answer.gradient.one_sided
-    for item, state, place, explicit in zip(functionals.items, states, functionals.places, of_shape, strict=True):
+    for item, state, place, explicit in zip(
+        functionals.items, states, functionals.places, of_shape, strict=True
+    ):
         if not item.differentiable:
             continue
         part = item.slopes(state)
-        found = explicit + part.forces @ of_forces[part.conditions] if part.conditions.size else explicit
+        found = (
+            explicit + part.forces @ of_forces[part.conditions]
+            if part.conditions.size
+            else explicit
+        )
         for slope, change in ((part.measured, of_measured[place]), (part.theta, changes)):
             found = found + slope @ change if slope.size else found
         gradient[item.name] = found + part.point if part.point.size else found

@@ -1,4 +1,6 @@
-"""Kinds of outputs: a class for each way in which a number depends on forces, displacement and point."""
+"""Kinds of outputs: a class for each way in which a number depends on forces, displacement and
+point.
+"""
 
 from __future__ import annotations
 
@@ -12,10 +14,14 @@ from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.models.functionals.functional import Functional, Slopes, State
 
 TIE = 1e-9
-"""Relative difference below which two values both count as the largest; the derivative is then one-sided."""
+"""Relative difference below which two values both count as the largest.
+
+The derivative is then one-sided.
+"""
 LOADED = 1e-3
-"""Part of the largest pressure of a contact above which a condition is under load: smaller forces that a reduced
-model completes outside its domain are noise."""
+"""Part of the largest pressure of a contact above which a condition is under load: smaller forces
+that a reduced model completes outside its domain are noise.
+"""
 _NOTHING = np.zeros(0)
 _NOWHERE = np.zeros(0, dtype=np.int64)
 
@@ -42,16 +48,30 @@ class Linear(Functional):
         terms: np.ndarray = _NOWHERE,
         coefficients: np.ndarray = _NOTHING,
     ) -> Linear:
-        """Output from conditions and weights of their forces, one row of the displacement, (1, N), and amplitudes."""
+        """Output from conditions and weights of their forces, one row of the displacement, (1, N),
+        and amplitudes.
+        """
         matrix = (0, _NOWHERE, _NOWHERE, _NOTHING)
         along = _NOTHING
         if row is not None:
             entries = row.tocoo()
-            own = entries.row.astype(np.int64), entries.col.astype(np.int64), entries.data.astype(float)
+            own = (
+                entries.row.astype(np.int64),
+                entries.col.astype(np.int64),
+                entries.data.astype(float),
+            )
             matrix = (1, *own)
             along = np.ones(1)
         forces = conditions.astype(np.int64), np.asarray(weights, dtype=float)
-        return cls(name, unit, *matrix, *forces, along, terms.astype(np.int64), np.asarray(coefficients, dtype=float))
+        return cls(
+            name,
+            unit,
+            *matrix,
+            *forces,
+            along,
+            terms.astype(np.int64),
+            np.asarray(coefficients, dtype=float),
+        )
 
     @property
     def uses_forces(self) -> bool:  # type: ignore[override]
@@ -61,7 +81,9 @@ class Linear(Functional):
     def value(self, state: State) -> float:
         """The sum of all products."""
         value = state.measured @ self.along + state.theta[self.terms] @ self.coefficients
-        return float(value + state.forces[self.conditions] @ self.weights if self.uses_forces else value)
+        return float(
+            value + state.forces[self.conditions] @ self.weights if self.uses_forces else value
+        )
 
     def slopes(self, state: State) -> Slopes:
         """The weights."""
@@ -104,7 +126,9 @@ class Largest(OfPressures):
         """Slopes of the condition where the maximum is attained."""
         pressures = self.pressures(state)
         place = int(pressures.argmax())
-        return Slopes(self.conditions[[place]], 1 / self.areas[[place]], kink=tied(pressures, place))
+        return Slopes(
+            self.conditions[[place]], 1 / self.areas[[place]], kink=tied(pressures, place)
+        )
 
     def followed(self, state: State, there: Functional, shifted: State) -> float:
         """Pressure of the condition where the maximum is attained."""
@@ -115,7 +139,10 @@ class Largest(OfPressures):
 
 @dataclass(frozen=True, eq=False)
 class Loaded(OfPressures):
-    """Area under load times a factor and an offset; its derivatives are zero: it jumps when a condition is loaded."""
+    """Area under load times a factor and an offset.
+
+    Its derivatives are zero: it jumps when a condition is loaded.
+    """
 
     offset: float  # added to the area times the factor
     factor: float

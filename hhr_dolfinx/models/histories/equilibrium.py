@@ -1,6 +1,7 @@
 """Equilibrium of bodies whose answers depend on a path, and settings of histories.
 
-Warnings of time steps that are too long are here too: one for each history, or one for a whole training.
+Warnings of time steps that are too long are here too: one for each history, or one for a whole
+training.
 """
 
 from __future__ import annotations
@@ -56,19 +57,33 @@ class Histories(Protocol):
         known: Sequence[Answer] = (),
         keep: Callable[[Answer], None] = ...,
     ) -> History:
-        """History of a model along a checked path; ``known`` and ``keep`` as in :meth:`FullOrderModel.march`."""
+        """History of a model along a checked path.
+
+        ``known`` and ``keep`` as in :meth:`FullOrderModel.march`.
+        """
 
     def one_step(
-        self, model: Any, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool, **step: Any
+        self,
+        model: Any,
+        point: np.ndarray,
+        raise_on_failure: bool,
+        outside: str,
+        gradient: bool,
+        **step: Any,
     ) -> Answer:
-        """Answer of a model to a point, (P,), from rest; ``step``: further arguments of its ``solve``."""
+        """Answer of a model to a point, (P,), from rest.
+
+        ``step``: further arguments of its ``solve``.
+        """
 
     def known_error(self, known: str) -> str:
         """Line on the errors of answers, from that of unilateral contact of elastic bodies."""
 
 
 class Equilibrium(Histories, Protocol):
-    """Equilibrium of bodies with laws, of a full or a small model: the plug-in that reads the laws makes it."""
+    """Equilibrium of bodies with laws, of a full or a small model: the plug-in that reads the laws
+    makes it.
+    """
 
     @property
     def reader(self) -> str:
@@ -93,7 +108,9 @@ _COLLECTED: ContextVar[list[float] | None] = ContextVar("time errors of a traini
 
 
 def warn_of_time_error(estimate: float, tolerance: float | None) -> None:
-    """Warn of a large time error, unless a tolerance was given, or :func:`told_once` collects the warnings."""
+    """Warn of a large time error, unless a tolerance was given, or :func:`told_once` collects the
+    warnings.
+    """
     collected = _COLLECTED.get()
     if collected is not None:
         collected.append(estimate)
@@ -103,7 +120,10 @@ def warn_of_time_error(estimate: float, tolerance: float | None) -> None:
 
 @contextmanager
 def told_once(what: str = "") -> Iterator[None]:
-    """Collect the time errors of histories in a block and warn once at its end, as ``what``; never without a name."""
+    """Collect the time errors of histories in a block and warn once at its end, as ``what``.
+
+    Never without a name.
+    """
     collected = _COLLECTED.get()
     if collected is not None:  # the outermost block warns
         yield
@@ -122,9 +142,9 @@ def told_once(what: str = "") -> Iterator[None]:
 
 def _said(estimate: float) -> str:
     return (
-        f"make errors of {100 * estimate:.2g} % of the largest stress or displacement by estimate, and "
-        f"{100 * ACCEPTED:g} % is much: "
-        "take more of them where loads are put on or held, or MarchSettings(time_tolerance=0.01)"
+        f"make errors of {100 * estimate:.2g} % of the largest stress or displacement by "
+        f"estimate, and {100 * ACCEPTED:g} % is much: take more of them where loads are put on or "
+        "held, or MarchSettings(time_tolerance=0.01)"
     )
 
 
@@ -138,25 +158,31 @@ class MarchSettings:
     """Settings of the solution of histories.
 
     Attributes:
-        search: operator of the linearisation. ``tangent`` is renewed in each iteration. ``frozen`` is the elastic one
-            until a step takes many iterations, then the tangent at the start of a step until another step does.
-            ``elastic`` never changes. The latter two have Anderson's acceleration.
-        relative_stress: ε_r of (6.19). Instead of R_σ (6.18), the error of the last prediction, the criterion uses the
-            change by the next one, H : ε(δ).
-        floor_stress: ε_a of (6.19) as a fraction of the largest root mean square of the stress so far, without a unit.
-        relative_force: residual over the size of the forces; the stress criterion alone only measures the change of
-            iterates.
+        search: operator of the linearisation. ``tangent`` is renewed in each iteration. ``frozen``
+            is the elastic one until a step takes many iterations, then the tangent at the start of
+            a step until another step does. ``elastic`` never changes. The latter two have
+            Anderson's acceleration.
+        relative_stress: ε_r of (6.19). Instead of R_σ (6.18), the error of the last prediction, the
+            criterion uses the change by the next one, H : ε(δ).
+        floor_stress: ε_a of (6.19) as a fraction of the largest root mean square of the stress so
+            far, without a unit.
+        relative_force: residual over the size of the forces; the stress criterion alone only
+            measures the change of iterates.
         iterations: most iterations of a step before it is cut.
         cuts: how often a step that does not converge may be halved.
-        time_tolerance: largest estimated error of the time steps, see :attr:`Answer.time_error`. A step of the path is
-            solved in as many parts as that takes, and answered at its end. None does not cut steps.
-        outside: policy for a step outside the training range of a reduced model: ``warn``, ``refuse`` or ``ignore``.
-        gradient: compute derivatives of each answer along the parameters, each shifted by the same at all times, as a
-            constant of the whole history.
-        limit: with friction, derivatives of the limit of small increments, in which a contact sticks where it closes,
-            instead of those of the increments themselves, in which it sticks to where it was at the start of one.
-        time_error: estimate the error of the time steps of inelastic bodies by a second solution in half steps, which
-            takes twice the time of the history; with a time tolerance there is an estimate in any case.
+        time_tolerance: largest estimated error of the time steps, see :attr:`Answer.time_error`. A
+            step of the path is solved in as many parts as that takes, and answered at its end. None
+            does not cut steps.
+        outside: policy for a step outside the training range of a reduced model: ``warn``,
+            ``refuse`` or ``ignore``.
+        gradient: compute derivatives of each answer along the parameters, each shifted by the same
+            at all times, as a constant of the whole history.
+        limit: with friction, derivatives of the limit of small increments, in which a contact
+            sticks where it closes, instead of those of the increments themselves, in which it
+            sticks to where it was at the start of one.
+        time_error: estimate the error of the time steps of inelastic bodies by a second solution in
+            half steps, which takes twice the time of the history; with a time tolerance there is an
+            estimate in any case.
     """
 
     search: str = "frozen"
@@ -174,7 +200,9 @@ class MarchSettings:
     def __post_init__(self):
         for name, choices in (("search", SEARCHES), ("outside", OUTSIDE)):
             if getattr(self, name) not in choices:
-                raise ParameterError(f"{name} '{getattr(self, name)}' is unknown, one of {', '.join(choices)}")
+                raise ParameterError(
+                    f"{name} '{getattr(self, name)}' is unknown, one of {', '.join(choices)}"
+                )
         for name in ("relative_stress", "floor_stress", "relative_force"):
             if not (isinstance(getattr(self, name), Real) and 0 < getattr(self, name) < 1):
                 raise ParameterError(f"{name} = {getattr(self, name)} must be a fraction in (0, 1)")
@@ -183,18 +211,21 @@ class MarchSettings:
                 raise ParameterError(f"{name} = {getattr(self, name)!r} must be True or False")
         if not (is_whole(self.iterations, 1) and is_whole(self.cuts, 0)):
             raise ParameterError(
-                f"iterations = {self.iterations} must be a whole number from 1, and cuts = {self.cuts} one from 0"
+                f"iterations = {self.iterations} must be a whole number from 1, and cuts = "
+                f"{self.cuts} one from 0"
             )
 
         tolerance = self.time_tolerance
         if not (tolerance is None or (is_number(tolerance) and LEAST_TOLERANCE <= tolerance < 1)):
             raise ParameterError(
-                f"time_tolerance = {tolerance!r} must be a fraction from {LEAST_TOLERANCE:g} to 1, as 0.01 is, or None"
+                f"time_tolerance = {tolerance!r} must be a fraction from {LEAST_TOLERANCE:g} to "
+                "1, as 0.01 is, or None"
             )
         if self.gradient and tolerance is not None:
             raise ParameterError(
-                f"steps cut by a time_tolerance of {tolerance:g} have no gradient: march along the path in more steps, "
-                "without a tolerance, until History.time_error is small enough"
+                f"steps cut by a time_tolerance of {tolerance:g} have no gradient: march along "
+                "the path in more steps, without a tolerance, until History.time_error is small "
+                "enough"
             )
 
 

@@ -17,27 +17,36 @@ from hhr_dolfinx.parameters import ParameterSpace, named_values
 def check_settings(settings: object) -> None:
     """Raise ParameterError for settings of a history that are no MarchSettings."""
     if not isinstance(settings, MarchSettings):
-        raise ParameterError(f"the settings {settings!r} of a history must be MarchSettings, or left out")
+        raise ParameterError(
+            f"the settings {settings!r} of a history must be MarchSettings, or left out"
+        )
 
 
 def checked_path(parameters: ParameterSpace, path: Iterable[tuple[float, Any]]) -> Path:
     """Check a whole path before any of it is solved.
 
     Raises:
-        ParameterError: if it is empty, a parameter is not finite or outside the box, or times do not increase.
+        ParameterError: if it is empty, a parameter is not finite or outside the box, or times do
+            not increase.
     """
     try:
         pairs = [(float(time), target) for time, target in map(_pair, path)]
     except ParameterError:  # a ValueError too
         raise
     except (TypeError, ValueError):
-        raise ParameterError("a path is a list of pairs: a time in seconds and the parameters there") from None
+        raise ParameterError(
+            "a path is a list of pairs: a time in seconds and the parameters there"
+        ) from None
     checked = [(time, parameters.point(target)) for time, target in pairs]
     if not checked:
-        raise ParameterError("the path is empty: its first time and parameter are where the model is at rest")
+        raise ParameterError(
+            "the path is empty: its first time and parameter are where the model is at rest"
+        )
     times = np.array([time for time, _ in checked])
     if not np.isfinite(times).all():
-        raise ParameterError(f"times must be finite, and number {int(np.argmin(np.isfinite(times)))} is not")
+        raise ParameterError(
+            f"times must be finite, and number {int(np.argmin(np.isfinite(times)))} is not"
+        )
     late = np.flatnonzero(np.diff(times) <= 0)
     if late.size:
         before, after = times[late[0] : late[0] + 2]
@@ -46,18 +55,25 @@ def checked_path(parameters: ParameterSpace, path: Iterable[tuple[float, Any]]) 
 
 
 def _pair(step: Any) -> Any:
-    """Time and parameters of a step of a path; of one that has the name ``time``, the other names are parameters."""
+    """Time and parameters of a step of a path.
+
+    Of one that has the name ``time``, the other names are parameters.
+    """
     named = None if type(step) is tuple else named_values(step)
     if named is None:
         return step
     if "time" not in named:
-        raise ParameterError(f"a step of a path names {list(named)} and no 'time': give pairs, or name its time")
+        raise ParameterError(
+            f"a step of a path names {list(named)} and no 'time': give pairs, or name its time"
+        )
     return named.pop("time"), named
 
 
 @contextmanager
 def left_with(history: History) -> Iterator[None]:
-    """Give what ends a block, a keyboard interrupt too, an attribute ``history`` with the steps before."""
+    """Give what ends a block, a keyboard interrupt too, an attribute ``history`` with the steps
+    before.
+    """
     try:
         yield
     except BaseException as stop:  # a law may raise anything, and a user may interrupt
@@ -77,13 +93,22 @@ class Walk(Protocol):
 
 
 def walked(
-    walk: Walk, path: Path, history: History, known: Sequence[Answer], keep: Callable[[Answer], None]
+    walk: Walk,
+    path: Path,
+    history: History,
+    known: Sequence[Answer],
+    keep: Callable[[Answer], None],
 ) -> History:
-    """Answer a checked path into a history: known steps first; ``keep`` is called with each new one."""
+    """Answer a checked path into a history: known steps first.
+
+    ``keep`` is called with each new one.
+    """
     with left_with(history):
         for number, (time, point) in enumerate(path[1:], start=1):
             new = number > len(known)
-            answer = walk.solved(number, time, point) if new else walk.known(number, known[number - 1])
+            answer = (
+                walk.solved(number, time, point) if new else walk.known(number, known[number - 1])
+            )
             history.cuts += answer.parts > 1
             history.answers.append(answer)
             if new:
@@ -121,9 +146,11 @@ def solve_along(
     known: Sequence[Answer] = (),
     keep: Callable[[Answer], None] = lambda answer: None,
 ) -> History:
-    """History of an elastic model along a checked path: every point is solved from the statuses of the one before.
+    """History of an elastic model along a checked path: every point is solved from the statuses of
+    the one before.
 
-    Of the settings ``outside`` and ``gradient`` count; ``known`` and ``keep`` as in :meth:`FullOrderModel.march`.
+    Of the settings ``outside`` and ``gradient`` count; ``known`` and ``keep`` as in
+    :meth:`FullOrderModel.march`.
     """
     check_settings(settings)
     return walked(_PointByPoint(model, settings), path, History(*path[0]), known, keep)

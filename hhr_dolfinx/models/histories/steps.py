@@ -1,4 +1,6 @@
-"""What answers paths: the law of the contact conditions, by its facet ``steps``, or bodies with laws."""
+"""What answers paths: the law of the contact conditions, by its facet ``steps``, or bodies with
+laws.
+"""
 
 from __future__ import annotations
 
@@ -20,9 +22,12 @@ if TYPE_CHECKING:
 
 
 class Steps:
-    """Base of the facet: what a law does not override is refused, never answered as if the law were not there."""
+    """Base of the facet: what a law does not override is refused, never answered as if the law were
+    not there.
+    """
 
-    # whether it completes the memory of hyper-reduced models on the whole surface; else facet ``range`` solves these
+    # whether it completes the memory of hyper-reduced models on the whole surface; else facet
+    # ``range`` solves these
     completes: ClassVar[bool] = False
 
     def march(self, model: Any, path: Path, settings: MarchSettings, **how: Any) -> History:
@@ -30,17 +35,30 @@ class Steps:
         raise NotOfferedError(f"histories are not built in with {model.law.name}")
 
     def one_step(
-        self, model: Any, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool, **step: Any
+        self,
+        model: Any,
+        point: np.ndarray,
+        raise_on_failure: bool,
+        outside: str,
+        gradient: bool,
+        **step: Any,
     ) -> Answer:
         """See :class:`~hhr_dolfinx.models.histories.equilibrium.Histories`."""
         raise NotOfferedError(f"answers to single points are not built in with {model.law.name}")
 
     def increments(self, model: Any, settings: MarchSettings) -> Any:
-        """Solver of the increments of a history of elastic bodies, for a model whose law remembers."""
-        raise NotOfferedError(f"increments of elastic bodies are not built in with {model.law.name}")
+        """Solver of the increments of a history of elastic bodies, for a model whose law
+        remembers.
+        """
+        raise NotOfferedError(
+            f"increments of elastic bodies are not built in with {model.law.name}"
+        )
 
-    def step_contact(self, model: Any, before: Answer, point: np.ndarray, time: float, last: Any = None) -> StepContact:
-        """Solver of contact problems of a step of bodies with laws, from an answer to a point, (P,), at a time.
+    def step_contact(
+        self, model: Any, before: Answer, point: np.ndarray, time: float, last: Any = None
+    ) -> StepContact:
+        """Solver of contact problems of a step of bodies with laws, from an answer to a point,
+        (P,), at a time.
 
         Factors of ``last``, that of another step on the same S, may serve again.
         """
@@ -55,7 +73,9 @@ class Steps:
         return lambda answer: None
 
     def coupling(self, model: object, point: np.ndarray) -> float:
-        """Strength of the coupling of the rows at a point, (P,), see :meth:`AnsweringModel.coupling`; here unknown."""
+        """Strength of the coupling of the rows at a point, (P,), see
+        :meth:`AnsweringModel.coupling`; here unknown.
+        """
         return math.nan
 
     def known_error(self, known: str) -> str:
@@ -70,7 +90,9 @@ class UnilateralSteps(Steps):
         """Point by point."""
         return solve_along(model, path, settings, **how)
 
-    def step_contact(self, model: Any, before: Answer, point: np.ndarray, time: float, last: Any = None) -> StepContact:
+    def step_contact(
+        self, model: Any, before: Answer, point: np.ndarray, time: float, last: Any = None
+    ) -> StepContact:
         """By the active set."""
         return UNILATERAL_STEP
 
@@ -86,5 +108,7 @@ def steps_of(law: ContactLaw) -> Steps:
     """The facet of a law; NotOfferedError if its plug-in does not have it."""
     if not law.plugin:
         return _UNILATERAL
-    found: Steps = registry.facet(law.plugin, "steps", f"what contacts with {law.name} do along a path")
+    found: Steps = registry.facet(
+        law.plugin, "steps", f"what contacts with {law.name} do along a path"
+    )
     return found

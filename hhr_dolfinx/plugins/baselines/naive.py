@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 class NaiveFullOrder(AnsweringModel):
     """Full-order model that stores nothing between queries.
 
-    Each query assembles K, and each active-set iteration factors the saddle-point matrix ((K, B^T), (B, 0)) of its
-    active contacts. Serial.
+    Each query assembles K, and each active-set iteration factors the saddle-point matrix ((K, B^T),
+    (B, 0)) of its active contacts. Serial.
 
     Args:
         full_order: model whose scene is solved.
@@ -37,8 +37,8 @@ class NaiveFullOrder(AnsweringModel):
             raise SceneError("the naive baseline is serial: give a full model on MPI.COMM_SELF")
         if full_order.equilibrium is not None:
             raise SceneError(
-                f"bodies of scene '{full_order.scene.name}' flow, and the naive baseline solves elastic ones only: ask "
-                "the full model"
+                f"bodies of scene '{full_order.scene.name}' flow, and the naive baseline solves "
+                "elastic ones only: ask the full model"
             )
         full_order.problem.require_no_memory("the naive baseline")
         self._full = full_order
@@ -51,7 +51,9 @@ class NaiveFullOrder(AnsweringModel):
         """Sizes of answers of the full model."""
         return self._full.sizes
 
-    def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
+    def _answered(
+        self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool
+    ) -> Answer:
         """Assemble and factor everything for this point."""
         if gradient:
             raise NotOfferedError("the naive baseline has no gradient: ask the full model")
@@ -60,7 +62,8 @@ class NaiveFullOrder(AnsweringModel):
         theta = problem.amplitudes(point)
         free = np.flatnonzero(problem.free)
         stiffness = (problem.stiffness if varies else self._assembled())[free][:, free]
-        # rows and forces are scaled to the size of K: otherwise LU loses digits if E is large or small
+        # rows and forces are scaled to the size of K: otherwise LU loses digits if E is large or
+        # small
         scale = stiffness.diagonal().mean()
         loads = problem.loads[free] @ theta
         gaps = problem.gaps @ theta

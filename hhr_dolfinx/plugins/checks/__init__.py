@@ -1,4 +1,7 @@
-"""Checks of scenes before they are solved, and of the installation; the error of a mesh; figures and fields."""
+"""Checks of scenes before they are solved, and of the installation; the error of a mesh.
+
+Figures and fields.
+"""
 
 from hhr_dolfinx.registry import Plugin
 

@@ -1,4 +1,6 @@
-"""Pairs of surfaces of a mesh file that can be contacts: those of pieces that share no node, which face each other."""
+"""Pairs of surfaces of a mesh file that can be contacts: those of pieces that share no node, which
+face each other.
+"""
 
 from __future__ import annotations
 
@@ -56,7 +58,9 @@ class OuterFacets:
 
     @cached_property
     def _row_of(self) -> dict[tuple[int, ...], int]:
-        return {tuple(corners): row for row, corners in enumerate(np.sort(self.facets, axis=1).tolist())}
+        return {
+            tuple(corners): row for row, corners in enumerate(np.sort(self.facets, axis=1).tolist())
+        }
 
     def rows(self, facets: np.ndarray) -> list[int]:
         """Rows of the facets of a surface, (f, k), in order; facets within a body have none."""
@@ -68,10 +72,13 @@ class OuterFacets:
         return self.corners.mean(axis=1)
 
     def gaps(self, rows: Sequence[int], others: Sequence[int]) -> np.ndarray:
-        """Gaps of the corners and of the middle of each facet from other facets, (f, k + 1); inf without one in front.
+        """Gaps of the corners and of the middle of each facet from other facets, (f, k + 1).
 
-        A gap is the distance along the normal of a near facet that looks back. It is negative for an overlap, which
-        is no deeper than ``DEEP`` of the smaller piece: two sides that look away from each other do not face.
+        Inf without one in front.
+
+        A gap is the distance along the normal of a near facet that looks back. It is negative for
+        an overlap, which is no deeper than ``DEEP`` of the smaller piece: two sides that look away
+        from each other do not face.
         """
         points = np.concatenate([self.corners[rows], self._middles[rows][:, None]], axis=1)
         normals = self.normals[others]
@@ -91,7 +98,8 @@ class OuterFacets:
     def _inside(self, points: np.ndarray, rows: Sequence[int]) -> np.ndarray:
         """True for points, (f, p, dim), that lie inside of the pieces of some facets.
 
-        The nearest outer facet tells: a point beyond a thin piece is near its other side, and in front of that.
+        The nearest outer facet tells: a point beyond a thin piece is near its other side, and in
+        front of that.
         """
         of_pieces = np.flatnonzero(np.isin(self.pieces, self.pieces[rows]))
         nearest = of_pieces[cKDTree(self._middles[of_pieces]).query(points)[1]]
@@ -100,7 +108,9 @@ class OuterFacets:
 
 
 def contact_candidates(raw: RawMesh) -> list[tuple[str, float]]:
-    """Names of pairs of surfaces with their smallest gap, negative for an overlap, from the smallest gap on."""
+    """Names of pairs of surfaces with their smallest gap, negative for an overlap, from the
+    smallest gap on.
+    """
     if raw.points.shape[1] > raw.dim:  # shells have no outside
         return []
     outside = OuterFacets.of(raw)
@@ -126,9 +136,15 @@ def _box(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def outward(corners: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """Unit normals, (f, dim), of facets with corners (f, k, dim) that point away from a point of their cells."""
+    """Unit normals, (f, dim), of facets with corners (f, k, dim) that point away from a point of
+    their cells.
+    """
     edges = corners[:, 1:3] - corners[:, :1]
-    normals = np.cross(edges[:, 0], edges[:, 1]) if edges.shape[1] == 2 else edges[:, 0, ::-1] * (1.0, -1.0)
+    normals = (
+        np.cross(edges[:, 0], edges[:, 1])
+        if edges.shape[1] == 2
+        else edges[:, 0, ::-1] * (1.0, -1.0)
+    )
     signs = np.sign(np.einsum("fd,fd->f", normals, corners.mean(axis=1) - inside))
     # collapsed facets have no normal, and face nothing
     return normals * (signs / np.maximum(np.linalg.norm(normals, axis=1), 1e-300))[:, None]

@@ -1,4 +1,6 @@
-"""Checks of a scene before anything is solved: mesh, pairing, supports and loads, parts without effect."""
+"""Checks of a scene before anything is solved: mesh, pairing, supports and loads, parts without
+effect.
+"""
 
 from __future__ import annotations
 
@@ -18,20 +20,28 @@ from hhr_dolfinx.loads import Load, Terms, checked_terms
 from hhr_dolfinx.pairings.surface import Surface
 from hhr_dolfinx.parameters import PointLike
 from hhr_dolfinx.plugins.checks.findings import MISTAKE, SceneCheck
-from hhr_dolfinx.plugins.checks.mesh import depth_inside, look_at_common_nodes, look_at_joints, look_at_mesh
+from hhr_dolfinx.plugins.checks.mesh import (
+    depth_inside,
+    look_at_common_nodes,
+    look_at_joints,
+    look_at_mesh,
+)
 from hhr_dolfinx.scene import Scene
 
 TOUCHING = 1e-6
 """Gaps below so many times the sag of facets count as zero: the bodies touch as drawn."""
 SMALL_GAP = 2.0
-"""Gaps below so many times the sag of facets come from the mesh rather than from the bodies: a round side that touches
-between two of its nodes is off by the sag."""
+"""Gaps below so many times the sag of facets come from the mesh rather than from the bodies: a
+round side that touches between two of its nodes is off by the sag.
+"""
 LARGE_IN_SPACE = 20_000
 """Number of dofs above which the expected time of a full model in space is reported."""
 MOST_LEFT_OUT = 5
 """Most left-out names of a mesh file that are listed."""
 OVERLAP = 2.0
-"""Overlaps beyond so many times the sag of facets come from the bodies rather than from the mesh."""
+"""Overlaps beyond so many times the sag of facets come from the bodies rather than from the
+mesh.
+"""
 
 
 def check_scene(scene: Scene, point: PointLike | None = None) -> SceneCheck:
@@ -86,8 +96,9 @@ def _units(found: SceneCheck) -> None:
         expected = units.conflict(labels.get(name, ""))
         if expected is not None:
             found.note(
-                f"parameter {name} is said to be in {labels[name]}, and numbers of the scene are in {expected}: a "
-                "label converts nothing. Give its box in that unit, unless its formulas convert it"
+                f"parameter {name} is said to be in {labels[name]}, and numbers of the scene are "
+                f"in {expected}: a label converts nothing. Give its box in that unit, unless its "
+                "formulas convert it"
             )
 
 
@@ -114,30 +125,44 @@ def _size(found: SceneCheck, problem: ContactProblem) -> None:
 
 def _places_of(constraint: Any) -> list[Any]:
     """Surfaces, sets and places that a constraint names."""
-    own = [getattr(constraint, name, None) for name in ("place", "slave", "master", "follower", "leader", "section")]
+    own = [
+        getattr(constraint, name, None)
+        for name in ("place", "slave", "master", "follower", "leader", "section")
+    ]
     return own + [place for place, *_ in getattr(constraint, "terms", ())]
 
 
 def _names(found: SceneCheck) -> None:
     scene = found.scene
     discretisation = found.meshed
-    used: set[Any] = {item.tag for item in scene.displacements} | {tag for item in scene.contacts for tag in item.tags}
+    used: set[Any] = {item.tag for item in scene.displacements} | {
+        tag for item in scene.contacts for tag in item.tags
+    }
     used |= {getattr(load, "tag", getattr(load, "place", None)) for load in scene.loads}
     used |= {place for item in scene.constraints for place in _places_of(item)}
     # the other side of a cut has the name of the section with an ending
     cuts = [item.section for item in scene.constraints if hasattr(item, "section")]
     facets = discretisation.names.facets
     # a set of all nodes has the facets of all surfaces
-    named = {number for tag in used if isinstance(tag, int | str) for number in facets.get(tag, (tag,))}
-    idle = sorted(name for name, own in facets.items() if isinstance(name, str) and not named & set(own))
+    named = {
+        number for tag in used if isinstance(tag, int | str) for number in facets.get(tag, (tag,))
+    }
+    idle = sorted(
+        name for name, own in facets.items() if isinstance(name, str) and not named & set(own)
+    )
     idle = [name for name in idle if not any(name.startswith(f"{cut}_") for cut in cuts)]
     if idle:
         found.note(f"the mesh has surfaces that nothing names: {', '.join(idle)}")
     left_out = [f"{name}: {why}" for name, why in discretisation.names.summary.left_out.items()]
     if left_out:
-        more = f"; and {len(left_out) - MOST_LEFT_OUT} more" if len(left_out) > MOST_LEFT_OUT else ""
+        more = (
+            f"; and {len(left_out) - MOST_LEFT_OUT} more" if len(left_out) > MOST_LEFT_OUT else ""
+        )
         said = "; ".join(left_out[:MOST_LEFT_OUT])
-        found.note(f"the mesh file has what is left out: {said}{more}. `hhr check` of the file itself lists all")
+        found.note(
+            f"the mesh file has what is left out: {said}{more}. `hhr check` of the file itself "
+            "lists all"
+        )
 
 
 def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None:
@@ -145,15 +170,19 @@ def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None
     theta = problem.amplitudes(point)
     gaps = problem.gaps @ theta
     # before imposed displacements close them
-    still = gaps if problem.whole_contact is None else gaps + problem.whole_contact @ (problem.lifts @ theta)
+    still = (
+        gaps
+        if problem.whole_contact is None
+        else gaps + problem.whole_contact @ (problem.lifts @ theta)
+    )
     unit = found.length
     for place, (surfaces, made) in enumerate(found.pairs):
         rows = problem.pressing_of(place)
         names = " and ".join(repr(surface.tag) for surface in surfaces)
         if not rows.size:
             found.note(
-                f"contact {place} of {names}: displacements are imposed on all of its nodes, and it does "
-                "nothing. Leave it out, or hold other surfaces"
+                f"contact {place} of {names}: displacements are imposed on all of its nodes, and "
+                "it does nothing. Leave it out, or hold other surfaces"
             )
             continue
         sag = max(sag_of(surface) for surface in surfaces)
@@ -163,7 +192,9 @@ def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None
         by_law = "" if law is None else f", {law.words}"
         first = surfaces[0]
         idle = 0 if made is None else np.setdiff1d(first.nodes, made.slaves).size
-        left_out = f", {idle} of {first.nodes.size} nodes of {first.tag!r} face nothing" if idle else ""
+        left_out = (
+            f", {idle} of {first.nodes.size} nodes of {first.tag!r} face nothing" if idle else ""
+        )
         if not np.allclose(own, gaps[rows], rtol=1e-9, atol=1e-9 * np.abs(own).max()):
             low = gaps[rows].min()
             high = gaps[rows].max()
@@ -172,16 +203,21 @@ def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None
                 f"{found.scene.parameters.described(point)}"
             )
         found.say(
-            f"contact {place} of {names}: {own.size} conditions, gaps from {own.min():.3g} to {own.max():.3g}{unit}"
-            f"{closed}, {f'facets sag by {sag:.2g}{unit}' if sag else 'facets are flat'}{by_law}{left_out}"
+            f"contact {place} of {names}: {own.size} conditions, gaps from {own.min():.3g} to "
+            f"{own.max():.3g}{unit}{closed}, "
+            f"{f'facets sag by {sag:.2g}{unit}' if sag else 'facets are flat'}{by_law}{left_out}"
         )
         _overlap(found, place, -float(still[rows].min()), sag, point)
-        small = [float(own.min()), float(problem.amplitudes.least(problem.gaps[rows], problem.parameters)[0].min())]
+        small = [
+            float(own.min()),
+            float(problem.amplitudes.least(problem.gaps[rows], problem.parameters)[0].min()),
+        ]
         small = [gap for gap in small if TOUCHING * sag < gap < SMALL_GAP * sag]
         if small:
             found.note(
-                f"contact {place} of {names}: the smallest gap, {small[0]:.3g}{unit}, is below twice the sag of "
-                f"facets, {sag:.2g}{unit}: which nodes touch first is made by the mesh. Refine the curved surfaces"
+                f"contact {place} of {names}: the smallest gap, {small[0]:.3g}{unit}, is below "
+                f"twice the sag of facets, {sag:.2g}{unit}: which nodes touch first is made by "
+                "the mesh. Refine the curved surfaces"
             )
 
 
@@ -201,16 +237,18 @@ def _overlap(found: SceneCheck, place: int, depth: float, sag: float, point: np.
             why = inside if count else ", by its opening"
     if depth > OVERLAP * max(sag, 1e-12):
         found.note(
-            f"contact {place} of {names}: bodies overlap by {depth:.3g}{found.length} before anything moves{why}. Move "
-            "them apart in the mesh, or by an Opening; leave it where a press fit is meant"
+            f"contact {place} of {names}: bodies overlap by {depth:.3g}{found.length} before "
+            f"anything moves{why}. Move them apart in the mesh, or by an Opening; leave it where "
+            "a press fit is meant"
         )
 
 
 def sag_of(surface: Surface) -> float:
-    """Largest distance of the facets of a surface from the arcs that they approximate, by their neighbours.
+    """Largest distance of the facets of a surface from the arcs that they approximate, by their
+    neighbours.
 
-    An arc that turns by 2 a along a facet of length h is h a / 4 away from it; a is the angle from the normal of the
-    facet to that at its corners, which is averaged except at edges of the body.
+    An arc that turns by 2 a along a facet of length h is h a / 4 away from it; a is the angle from
+    the normal of the facet to that at its corners, which is averaged except at edges of the body.
     """
     if not surface.facets.size:
         return 0.0
@@ -225,8 +263,8 @@ def _supports(found: SceneCheck, problem: ContactProblem) -> None:
     free = free_bodies(found.scene, problem, found.meshed.cell_bodies(), found.meshed.springs)
     for body in free:
         found.note(
-            f"{body.name} is held by contact alone: without contact it {body.described(body.left)}. If that is not "
-            "meant, hold it by a Displacement"
+            f"{body.name} is held by contact alone: without contact it "
+            f"{body.described(body.left)}. If that is not meant, hold it by a Displacement"
         )
     if not free:
         found.say(
@@ -244,26 +282,40 @@ def _load(found: SceneCheck, load: Load, point: np.ndarray) -> None:
     name = f"{type(load).__name__} on {getattr(load, 'tag', getattr(load, 'place', 'the scene'))!r}"
     columns = [csc_matrix(term.columns) for term in terms]
     if not any(part.nnz for part in columns):
-        found.say(f"{name} reaches nothing: its nodal forces are zero. Name another tag, or leave it out", MISTAKE)
+        found.say(
+            f"{name} reaches nothing: its nodal forces are zero. Name another tag, or leave it out",
+            MISTAKE,
+        )
         return
     amplitudes = [term.amplitude for term in terms]
     listed = Terms(found.scene.parameters, loads=terms)
     forces = listed.columns("loads", discretisation.size) @ listed.amplitudes()(point)
     found.forces.append((name, forces.reshape(-1, dim)))
-    still = all(isinstance(one, Amplitude) and not one.constant and not any(one.slopes.values()) for one in amplitudes)
+    still = all(
+        isinstance(one, Amplitude) and not one.constant and not any(one.slopes.values())
+        for one in amplitudes
+    )
     if still and hasattr(load, "stiffness"):
         found.say(f"{name}: a spring to a ground that does not move")
         return
     if still:
-        found.note(f"{name} has the amplitude 0 for all parameters, and does nothing: give it another, or leave it out")
+        found.note(
+            f"{name} has the amplitude 0 for all parameters, and does nothing: give it another, "
+            "or leave it out"
+        )
         return
     if all(part.shape[1] == 1 for part in columns):
         total = np.sum([part.toarray().reshape(-1, dim).sum(axis=0) for part in columns], axis=0)
         # balanced forces leave round-off
         total[np.abs(total) < 1e-12 * sum(abs(part).sum() for part in columns)] = 0.0
-        found.say(f"{name}: resultant [{', '.join(f'{value:.6g}' for value in total)}] for the amplitude 1")
+        found.say(
+            f"{name}: resultant [{', '.join(f'{value:.6g}' for value in total)}] for the "
+            "amplitude 1"
+        )
     else:
-        found.say(f"{name}: {sum(part.shape[1] for part in columns)} columns that depend on parameters")
+        found.say(
+            f"{name}: {sum(part.shape[1] for part in columns)} columns that depend on parameters"
+        )
 
 
 def _outputs(found: SceneCheck, problem: ContactProblem, laws: BodiesWithLaws | None) -> None:

@@ -14,7 +14,9 @@ with extra("study", "the command hhr"):
     import click
 
 PICTURES = (".png", ".pdf", ".svg")
-MESHES = frozenset(".msh .inp .e .ex2 .exo .xdmf .vtk .vtu .med .unv .bdf .nas .cgns .su2 .mesh".split())
+MESHES = frozenset(
+    ".msh .inp .e .ex2 .exo .xdmf .vtk .vtu .med .unv .bdf .nas .cgns .su2 .mesh".split()
+)
 """Endings of mesh files, which are never scenes."""
 MOST_NAMES = 1000
 """Bodies, surfaces and sets of a mesh file that are listed."""
@@ -22,17 +24,30 @@ MOST_PAIRS = 20
 """Pairs of surfaces that are listed, those with the smallest gaps."""
 
 
-@click.command(epilog=examples("hhr check my_scene.py", "hhr check my_scene.py --at load=3", "hhr check part.msh"))
+@click.command(
+    epilog=examples(
+        "hhr check my_scene.py", "hhr check my_scene.py --at load=3", "hhr check part.msh"
+    )
+)
 @SCENE
 @AT
-@click.option("--picture", type=click.Path(path_type=Path), help="where to draw it; scenes as [<scene>_check.png]")
-@click.option("--mesh-error", is_flag=True, help="solve once in full, and estimate how far the mesh is off")
+@click.option(
+    "--picture",
+    type=click.Path(path_type=Path),
+    help="where to draw it; scenes as [<scene>_check.png]",
+)
+@click.option(
+    "--mesh-error", is_flag=True, help="solve once in full, and estimate how far the mesh is off"
+)
 @guarded
 def check(scene: str, words: tuple[str, ...], picture: Path | None, mesh_error: bool) -> None:
-    """Look at a scene without solving it: tags, supports, surfaces, gaps, loads, parameters; with a picture.
+    """Look at a scene without solving it: tags, supports, surfaces, gaps, loads, parameters.
 
-    SCENE may be a mesh file too, or a deck: its bodies, surfaces and sets are listed, what is left out of it, and which
-    surfaces can be contacts, since they face each other; with --picture they are drawn.
+    With a picture.
+
+    SCENE may be a mesh file too, or a deck: its bodies, surfaces and sets are listed, what is left
+    out of it, and which surfaces can be contacts, since they face each other; with --picture they
+    are drawn.
 
     With --mesh-error it is solved once, in full, and the error of the mesh is estimated.
     """
@@ -74,7 +89,9 @@ def _is_mesh(name: str) -> bool:
 
 
 def _contents_of(name: str, picture: Path | None) -> str:
-    """Contents of a mesh file, which may be drawn, pairs of surfaces for contacts, and how a scene refers to it."""
+    """Contents of a mesh file, which may be drawn, pairs of surfaces for contacts, and how a scene
+    refers to it.
+    """
     from hhr_dolfinx.geometries.mesh_file import MeshFile
     from hhr_dolfinx.geometries.summary import summary_of
     from hhr_dolfinx.plugins.checks.candidates import contact_candidates
@@ -82,16 +99,23 @@ def _contents_of(name: str, picture: Path | None) -> str:
     raw = MeshFile(name).read()
     found = summary_of(raw, Path(name)).text(MOST_NAMES)
     gaps = contact_candidates(raw)
-    pairs = [f"    {names}: {'gap' if gap >= 0 else 'overlap'} {abs(gap):.3g}" for names, gap in gaps]
+    pairs = [
+        f"    {names}: {'gap' if gap >= 0 else 'overlap'} {abs(gap):.3g}" for names, gap in gaps
+    ]
     if pairs:
         more = f"\n    and {len(pairs) - MOST_PAIRS} more" if len(pairs) > MOST_PAIRS else ""
         lines = "\n".join(pairs[:MOST_PAIRS])
         title = "surfaces that face each other, for contacts, with the smallest gaps of flat facets"
         found = f"{found}\n  {title}:\n{lines}{more}"
     elif raw.points.shape[1] > raw.dim:
-        found = f"{found}\n  the cells are shells in space, which are not supported: mesh the volume of the bodies"
+        found = (
+            f"{found}\n  the cells are shells in space, which are not supported: "
+            "mesh the volume of the bodies"
+        )
     elif not raw.all_surfaces():
-        found = f"{found}\n  no surface has a name: `hhr start {name}` names the sides of the bodies"
+        found = (
+            f"{found}\n  no surface has a name: `hhr start {name}` names the sides of the bodies"
+        )
     geometry = f"its geometry, hhr.MeshFile({name!r})"
     if (folded := offered("folded")) and (said := folded(raw, name)):
         found = f"{found}\n{said}"

@@ -20,7 +20,9 @@ SECONDS = 60
 
 @dataclass(frozen=True)
 class Found:
-    """A library or a program: its version, empty if it is missing, and missing features with their consequences."""
+    """A library or a program: its version, empty if it is missing, and missing features with their
+    consequences.
+    """
 
     name: str
     version: str
@@ -70,11 +72,17 @@ pc.setUp()
 
 
 def mumps() -> Found:
-    """Check MUMPS in a separate process: it prints its version on the console, and may be missing."""
+    """Check MUMPS in a separate process: it prints its version on the console, and may be
+    missing.
+    """
     run = _output_of([sys.executable, "-c", _FACTORS])
     lacks = re.search(r"^lacks (.*)$", run, re.MULTILINE)
     if lacks is None:
-        return Found("MUMPS", "", "large models and several ranks need it: take a PETSc that was built with MUMPS")
+        return Found(
+            "MUMPS",
+            "",
+            "large models and several ranks need it: take a PETSc that was built with MUMPS",
+        )
     version = re.search(r"MUMPS (\d[\w.]*)", run)
     return Found("MUMPS", version[1] if version else "of unknown version", lacks[1].strip())
 
@@ -92,8 +100,14 @@ def gmsh() -> Found:
     said = re.search(r"^gmsh (\S+) (\w+)$", run, re.MULTILINE)
     if said is None:
         why = run.strip().splitlines()[-1:] or ["no word"]
-        return Found("gmsh", "", f"geometries of this package and most mesh files need it ({why[0]})")
-    return Found("gmsh", said[1], "" if said[2] == "True" else "MED, so that .med files are refused: write .msh")
+        return Found(
+            "gmsh", "", f"geometries of this package and most mesh files need it ({why[0]})"
+        )
+    return Found(
+        "gmsh",
+        said[1],
+        "" if said[2] == "True" else "MED, so that .med files are refused: write .msh",
+    )
 
 
 def program(name: str, commands: tuple[str, ...], use: str) -> Found:
@@ -110,10 +124,16 @@ def examined() -> list[Found]:
     return [
         *solvers(),
         gmsh(),
-        program("compiler", ("cc", "gcc"), "DOLFINx compiles forms with it: install gcc and libc6-dev"),
+        program(
+            "compiler", ("cc", "gcc"), "DOLFINx compiles forms with it: install gcc and libc6-dev"
+        ),
         program("mpirun", ("mpirun", "mpiexec"), "only runs on several ranks need it"),
         program("node", ("node", "nodejs"), "only tests of pages need it"),
-        program("chromium", ("chromium", "chromium-browser", "google-chrome"), "only tests of pages need it"),
+        program(
+            "chromium",
+            ("chromium", "chromium-browser", "google-chrome"),
+            "only tests of pages need it",
+        ),
     ]
 
 

@@ -26,7 +26,9 @@ ARROWS = ("crimson", "purple", "darkorange", "teal", "olive", "navy")
 LENGTH = 0.07
 FAINT = 0.02
 MOST = 20
-"""Length of arrows over the mesh size, part of the largest force below which none is drawn, most arrows of a load."""
+"""Length of arrows over the mesh size, part of the largest force below which none is drawn, most
+arrows of a load.
+"""
 MOST_SURFACES = 20
 """Surfaces of a mesh file that are drawn."""
 HELD = "^sDvp*h"
@@ -46,7 +48,9 @@ def figure_of_scene(found: SceneCheck) -> Figure:
     for place, body in enumerate(bodies):
         cells = look.cells[look.owner == place, : look.corners]
         cells = cells[:, TENSOR[kind]] if kind in TENSOR else cells
-        _draw_cells(axes, look.points, kind, cells, {"facecolor": f"C{place}", "label": f"body {body.tag}"})
+        _draw_cells(
+            axes, look.points, kind, cells, {"facecolor": f"C{place}", "label": f"body {body.tag}"}
+        )
     for place, (surfaces, _) in enumerate(found.pairs):
         label = f"contact {place}: " + " and ".join(str(surface.tag) for surface in surfaces)
         facets = [facet for surface in surfaces for facet in surface.points[surface.facets]]
@@ -60,7 +64,10 @@ def figure_of_scene(found: SceneCheck) -> Figure:
 
 
 def figure_of_mesh(raw: RawMesh, title: str) -> Figure:
-    """Bodies and surfaces of a mesh file by name; each cell and each facet is drawn once, in the smallest set."""
+    """Bodies and surfaces of a mesh file by name.
+
+    Each cell and each facet is drawn once, in the smallest set.
+    """
     figure, axes = _new_figure(raw.points)
     free = np.ones(len(raw.cells), dtype=bool)
     # sets of all cells come last, and names before their numbers
@@ -78,7 +85,9 @@ def figure_of_mesh(raw: RawMesh, title: str) -> Figure:
     known: set[tuple[int, ...]] = set()
     count = 0
     # large sets, such as the outside of a body, would hide what is in them
-    for name, facets in sorted(raw.all_surfaces().items(), key=lambda item: (isinstance(item[0], int), len(item[1]))):
+    for name, facets in sorted(
+        raw.all_surfaces().items(), key=lambda item: (isinstance(item[0], int), len(item[1]))
+    ):
         keys = list(map(tuple, np.sort(facets, axis=1).tolist()))
         rest = [corners for key, corners in zip(keys, facets, strict=True) if key not in known]
         known.update(keys)
@@ -92,20 +101,34 @@ def figure_of_mesh(raw: RawMesh, title: str) -> Figure:
 
 def _new_figure(points: np.ndarray) -> tuple[Figure, Axes]:
     figure = Figure(figsize=(9, 6.5), layout="constrained")
-    return figure, figure.subplots() if points.shape[1] == 2 else figure.add_subplot(projection="3d")
+    return figure, figure.subplots() if points.shape[1] == 2 else figure.add_subplot(
+        projection="3d"
+    )
 
 
-def _draw_cells(axes: Axes, points: np.ndarray, kind: str, cells: np.ndarray, style: dict[str, str]) -> None:
-    """Cells of a plane body, or the outside of one in space; their corners are in the order of files."""
+def _draw_cells(
+    axes: Axes, points: np.ndarray, kind: str, cells: np.ndarray, style: dict[str, str]
+) -> None:
+    """Cells of a plane body, or the outside of one in space.
+
+    Their corners are in the order of files.
+    """
     if points.shape[1] == 2:
-        axes.add_collection(PolyCollection(points[cells], linewidth=0.2, alpha=0.5, edgecolor="white", **style))
+        axes.add_collection(
+            PolyCollection(points[cells], linewidth=0.2, alpha=0.5, edgecolor="white", **style)
+        )
     else:
         faces = points[cells if DIMENSION[kind] == 2 else outer_faces(kind, cells)]
-        axes.add_collection3d(Poly3DCollection(faces, linewidth=0.1, alpha=0.25, edgecolor="white", **style))
+        axes.add_collection3d(
+            Poly3DCollection(faces, linewidth=0.1, alpha=0.25, edgecolor="white", **style)
+        )
 
 
 def _draw_facets(axes: Axes, facets: list[np.ndarray], colour: str, label: str) -> None:
-    """Facets of a surface, with their corners in circular order; a surface within glued bodies has none."""
+    """Facets of a surface, with their corners in circular order.
+
+    a surface within glued bodies has none.
+    """
     if not facets:
         return
     if facets[0].shape[1] == 2:
@@ -123,7 +146,12 @@ def _frame(figure: Figure, axes: Axes, points: np.ndarray, unit: str, title: str
     else:
         low = points.min(axis=0)
         high = points.max(axis=0)
-        axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]), zlabel=f"z{unit}")
+        axes.set(
+            xlim=(low[0], high[0]),
+            ylim=(low[1], high[1]),
+            zlim=(low[2], high[2]),
+            zlabel=f"z{unit}",
+        )
         axes.set_box_aspect(high - low)
     figure.legend(loc="outside lower center", ncols=3, fontsize=8)
 
@@ -134,10 +162,22 @@ def _draw_supports(found: SceneCheck, axes: Axes, size: float) -> None:
     points = discretisation._points()
     items = found.scene.displacements
     for place, tag in enumerate(dict.fromkeys(item.tag for item in items)):
-        which = ", ".join("xyz"[k] for k in sorted({item.component for item in items if item.tag == tag}) if k < 3)
+        which = ", ".join(
+            "xyz"[k] for k in sorted({item.component for item in items if item.tag == tag}) if k < 3
+        )
         nodes = points[discretisation._tagged_dofs(tag, 0) // points.shape[1]]
-        look: dict[str, Any] = {"marker": HELD[place % len(HELD)], "color": "black", "fillstyle": "none"}
-        axes.plot(*nodes.T, linestyle="none", markersize=size, label=f"displacement {tag}: {which}", **look)
+        look: dict[str, Any] = {
+            "marker": HELD[place % len(HELD)],
+            "color": "black",
+            "fillstyle": "none",
+        }
+        axes.plot(
+            *nodes.T,
+            linestyle="none",
+            markersize=size,
+            label=f"displacement {tag}: {which}",
+            **look,
+        )
 
 
 def _draw_loads(found: SceneCheck, axes: Axes) -> None:
@@ -153,11 +193,23 @@ def _draw_loads(found: SceneCheck, axes: Axes) -> None:
         loaded = loaded[np.lexsort(points[loaded].T)]
         shown = loaded[np.unique(np.linspace(0, loaded.size - 1, MOST).round().astype(int))]
         ways = length * forces[shown] / sizes[shown, None]
-        look: dict[str, Any] = {"color": ARROWS[place % len(ARROWS)], "label": f"load {place}: {name}"}
+        look: dict[str, Any] = {
+            "color": ARROWS[place % len(ARROWS)],
+            "label": f"load {place}: {name}",
+        }
         starts = points[shown] - ways
         if points.shape[1] == 3:
             axes.quiver(*starts.T, *ways.T, arrow_length_ratio=0.3, linewidth=1, **look)
         else:
-            axes.quiver(*starts.T, *ways.T, angles="xy", scale_units="xy", scale=1, width=0.0035, zorder=5, **look)
+            axes.quiver(
+                *starts.T,
+                *ways.T,
+                angles="xy",
+                scale_units="xy",
+                scale=1,
+                width=0.0035,
+                zorder=5,
+                **look,
+            )
             # arrows outside the bodies count for the limits
             axes.update_datalim(starts)

@@ -1,4 +1,6 @@
-"""Fields of answers on their mesh, for ParaView: ``.vtkhdf`` or ``.vtu``, a file for each step of a history."""
+"""Fields of answers on their mesh, for ParaView: ``.vtkhdf`` or ``.vtu``, a file for each step of a
+history.
+"""
 
 from __future__ import annotations
 
@@ -31,16 +33,19 @@ ENDINGS = (".vtkhdf", ".vtu")
 
 
 def write_fields(path: str | Path, full: AnsweringModel, answer: Answer | History) -> list[Path]:
-    """Write displacement, contact pressure and gap at nodes, stress and body of cells, and what laws of contacts add.
+    """Write displacement, contact pressure and gap at nodes, stress and body of cells, and what
+    laws of contacts add.
 
-    Of a model from a file with the mesh beside it, ``scenery.npz``, gaps, what laws of contacts add, and stress tensors
-    of elastic bodies are left out; von Mises' stress of elastic bodies is there in the plane.
+    Of a model from a file with the mesh beside it, ``scenery.npz``, gaps, what laws of contacts
+    add, and stress tensors of elastic bodies are left out; von Mises' stress of elastic bodies is
+    there in the plane.
 
     Args:
-        path: with the ending ``.vtkhdf`` (VTK >= 9.3) or ``.vtu``. Steps of a history have numbers in their names, and
-            are listed with their times in a collection next to them, ``.pvd``, or ``.vtkhdf.series``.
-        full: the full model, on one rank, or any model that has its mesh, in memory or beside its file; the answers may
-            be those of another model of its scene.
+        path: with the ending ``.vtkhdf`` (VTK >= 9.3) or ``.vtu``. Steps of a history have numbers
+            in their names, and are listed with their times in a collection next to them, ``.pvd``,
+            or ``.vtkhdf.series``.
+        full: the full model, on one rank, or any model that has its mesh, in memory or beside its
+            file; the answers may be those of another model of its scene.
         answer: an answer, or a history.
 
     Returns:
@@ -57,8 +62,9 @@ def write_fields(path: str | Path, full: AnsweringModel, answer: Answer | Histor
     meshed = full.fields.full if isinstance(full, AnsweringModel) else None
     if meshed is None:
         raise SceneError(
-            f"fields need a mesh, and a {type(full).__name__} has none: give FullOrderModel(scene) of its scene. The "
-            "answer may be that of any model of the scene, one from a file too"
+            f"fields need a mesh, and a {type(full).__name__} has none: give "
+            "FullOrderModel(scene) of its scene. The answer may be that of any model of the "
+            "scene, one from a file too"
         )
     if _is_full(meshed) and meshed.comm.size > 1:
         raise SceneError("fields are written on one rank: give a full model on MPI.COMM_SELF")
@@ -75,11 +81,20 @@ def write_fields(path: str | Path, full: AnsweringModel, answer: Answer | Histor
 
 
 def _collection(path: Path, times: Mapping[str, float]) -> Path:
-    """Write the list of the files of steps with their times; ParaView reads no ``.vtkhdf`` from a ``.pvd``."""
+    """Write the list of the files of steps with their times.
+
+    ParaView reads no ``.vtkhdf`` from a ``.pvd``.
+    """
     if path.suffix == ".vtu":
         collection = path.with_suffix(".pvd")
-        rows = [f'<DataSet timestep="{time:.17g}" file={quoteattr(name)}/>\n' for name, time in times.items()]
-        text = f'<VTKFile type="Collection" version="0.1"><Collection>\n{"".join(rows)}</Collection></VTKFile>\n'
+        rows = [
+            f'<DataSet timestep="{time:.17g}" file={quoteattr(name)}/>\n'
+            for name, time in times.items()
+        ]
+        text = (
+            f'<VTKFile type="Collection" version="0.1"><Collection>\n{"".join(rows)}'
+            "</Collection></VTKFile>\n"
+        )
     else:
         collection = path.with_name(f"{path.name}.series")
         files = [{"name": name, "time": time} for name, time in times.items()]
@@ -96,7 +111,9 @@ def _written(path: Path, grid: pyvista.UnstructuredGrid) -> Path:
         grid.save(part)
         os.replace(part, path)
     except (OSError, ValueError) as error:
-        raise FileError(f"{path} cannot be written ({error}): try the ending .vtu, or another folder") from error
+        raise FileError(
+            f"{path} cannot be written ({error}): try the ending .vtu, or another folder"
+        ) from error
     finally:
         part.unlink(missing_ok=True)
     return path
@@ -121,8 +138,9 @@ def grid_of(meshed: Meshed, answer: Answer) -> pyvista.UnstructuredGrid:
     areas = meshed.areas(answer.parameter)
     if len(forces) != len(areas):
         raise SceneError(
-            f"the answer has {len(forces)} forces, and {mesh.name} {len(areas)} contact conditions: it is of another "
-            "scene, or of bodies that slide past their mesh, whose fields are not built in"
+            f"the answer has {len(forces)} forces, and {mesh.name} {len(areas)} contact "
+            "conditions: it is of another scene, or of bodies that slide past their mesh, whose "
+            "fields are not built in"
         )
     pressing = mesh.pressing
     np.add.at(pressure, mesh.slaves[pressing], forces[pressing] / areas[pressing])
@@ -135,7 +153,9 @@ def grid_of(meshed: Meshed, answer: Answer) -> pyvista.UnstructuredGrid:
     return grid
 
 
-def _add_contact(grid: pyvista.UnstructuredGrid, full: FullOrderModel, answer: Answer, mesh: AnswerMesh) -> None:
+def _add_contact(
+    grid: pyvista.UnstructuredGrid, full: FullOrderModel, answer: Answer, mesh: AnswerMesh
+) -> None:
     """Gaps at nodes, and what laws of contacts add."""
     problem = full.problem.at(answer.parameter)
     theta = problem.amplitudes(answer.parameter)
@@ -149,9 +169,16 @@ def _add_contact(grid: pyvista.UnstructuredGrid, full: FullOrderModel, answer: A
             grid.point_data[name] = values
 
 
-def _add_stress(grid: pyvista.UnstructuredGrid, meshed: Meshed, answer: Answer, mesh: AnswerMesh) -> None:
-    """Stress of cells, and von Mises' stress; without a full model what the files beside a model have of them."""
-    if _is_full(meshed) and meshed.equilibrium is None:  # a model from a file has no stress without the mesh
+def _add_stress(
+    grid: pyvista.UnstructuredGrid, meshed: Meshed, answer: Answer, mesh: AnswerMesh
+) -> None:
+    """Stress of cells, and von Mises' stress.
+
+    Without a full model what the files beside a model have of them.
+    """
+    if (
+        _is_full(meshed) and meshed.equilibrium is None
+    ):  # a model from a file has no stress without the mesh
         stress = meshed.stress_of(answer.displacement(), answer.parameter)
     elif mesh.von_mises is not None:
         grid.cell_data["von_mises"] = mesh.von_mises(answer.displacement(), answer.parameter)

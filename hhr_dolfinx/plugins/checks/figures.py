@@ -1,4 +1,7 @@
-"""Figures for ``scene.plot()`` and ``answer.plot()``; those of answers need no DOLFINx. Imported on demand."""
+"""Figures for ``scene.plot()`` and ``answer.plot()``; those of answers need no DOLFINx.
+
+Imported on demand.
+"""
 
 from __future__ import annotations
 
@@ -24,11 +27,15 @@ if TYPE_CHECKING:
 CORNERS = {5: 3, 69: 3, 9: 4, 70: 4}
 """Corners of plane cells by VTK's numbers, of linear and Lagrange triangles and quadrilaterals."""
 SHIFT = 0.1
-"""Limit of drawn displacements, over the extent of the mesh: smaller ones are magnified by a power of ten up to it."""
+"""Limit of drawn displacements, over the extent of the mesh: smaller ones are magnified by a power
+of ten up to it.
+"""
 
 
 def figure_of(value: Scene | Answer, path: str | Path | None, full: Meshed | None = None) -> Figure:
-    """Figure of a scene, or of an answer on the mesh of a full model or a file; saved if a path is given.
+    """Figure of a scene, or of an answer on the mesh of a full model or a file.
+
+    Saved if a path is given.
 
     Raises:
         SceneError: for a scene whose mesh cannot be generated.
@@ -75,14 +82,18 @@ def _with_area(mesh: AnswerMesh, pressures: np.ndarray) -> list[np.ndarray]:
     return [conditions[np.isfinite(pressures[conditions])] for conditions in mesh.contacts]
 
 
-def _draw_pressures(axes: Axes, pressures: np.ndarray, mesh: AnswerMesh, names: tuple[str, str]) -> None:
+def _draw_pressures(
+    axes: Axes, pressures: np.ndarray, mesh: AnswerMesh, names: tuple[str, str]
+) -> None:
     """Curves of the pressure over the coordinate along which each contact extends most."""
     labels = set()
     for contact, conditions in enumerate(_with_area(mesh, pressures)):
         points = mesh.contact_points[conditions]
         along = int(np.ptp(points, axis=0).argmax())
         order = np.argsort(points[:, along], kind="stable")
-        axes.plot(points[order, along], pressures[conditions][order], ".-", label=f"contact {contact}")
+        axes.plot(
+            points[order, along], pressures[conditions][order], ".-", label=f"contact {contact}"
+        )
         labels.add(names[along])
     axes.set(
         xlabel=f"{' or '.join(sorted(labels))}{_in(mesh.length)}",
@@ -92,8 +103,12 @@ def _draw_pressures(axes: Axes, pressures: np.ndarray, mesh: AnswerMesh, names: 
     axes.legend()
 
 
-def _draw_bodies(figure: Figure, axes: Axes, answer: Answer, mesh: AnswerMesh, names: tuple[str, str]) -> None:
-    """Cells at their displaced positions, magnified if displacements are small, coloured by their magnitude."""
+def _draw_bodies(
+    figure: Figure, axes: Axes, answer: Answer, mesh: AnswerMesh, names: tuple[str, str]
+) -> None:
+    """Cells at their displaced positions, magnified if displacements are small, coloured by their
+    magnitude.
+    """
     displacement = mesh.nodal(answer.displacement())
     lengths = np.linalg.norm(displacement, axis=1)
     limit = SHIFT * float(np.ptp(mesh.points, axis=0).max())
@@ -101,7 +116,9 @@ def _draw_bodies(figure: Figure, axes: Axes, answer: Answer, mesh: AnswerMesh, n
     factor = max(1.0, 10.0 ** np.floor(np.log10(limit / largest))) if largest > 0 else 1.0
     cells = mesh.cells[:, : CORNERS[mesh.kind]]
     drawn = PolyCollection(
-        (mesh.points + factor * displacement)[cells], array=lengths[cells].mean(axis=1), edgecolor="face"
+        (mesh.points + factor * displacement)[cells],
+        array=lengths[cells].mean(axis=1),
+        edgecolor="face",
     )
     axes.add_collection(drawn)
     unit = _in(mesh.length)

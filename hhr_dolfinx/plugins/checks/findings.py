@@ -22,7 +22,9 @@ MISTAKE = "mistake"
 
 
 class Finding(NamedTuple):
-    """One sentence about a scene, the finding and its remedy, and its level: ``ok``, ``note`` or ``mistake``."""
+    """One sentence about a scene, the finding and its remedy, and its level: ``ok``, ``note`` or
+    ``mistake``.
+    """
 
     level: str
     text: str
@@ -32,8 +34,8 @@ class Finding(NamedTuple):
 class SceneCheck:
     """Findings of a check of a scene, in their order, each once, and its mesh; None if it has none.
 
-    Of each contact pair its surfaces and rows, none if they were refused; of each load its name and its nodal forces at
-    the checked parameter, (nodes, dim).
+    Of each contact pair its surfaces and rows, none if they were refused; of each load its name and
+    its nodal forces at the checked parameter, (nodes, dim).
     """
 
     scene: Scene
@@ -59,7 +61,9 @@ class SceneCheck:
         return "" if self.scene.units is None else f" {self.scene.units.length}"
 
     def say(self, text: str, level: str = OK) -> None:
-        """Add a finding, unless it is there already: a pair is checked separately and with all others."""
+        """Add a finding, unless it is there already: a pair is checked separately and with all
+        others.
+        """
         finding = Finding(level, text)
         if finding not in self.findings:
             self.findings.append(finding)

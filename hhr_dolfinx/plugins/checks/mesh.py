@@ -1,4 +1,6 @@
-"""Checks of the mesh of a scene: sizes, shapes of cells, bodies in several pieces, merged, or inside each other."""
+"""Checks of the mesh of a scene: sizes, shapes of cells, bodies in several pieces, merged, or
+inside each other.
+"""
 
 from __future__ import annotations
 
@@ -27,16 +29,21 @@ LARGE = 50.0
 """Extent of a mesh in m beyond which its unit may be another one than the scene states."""
 SOFT = 1e9
 STIFF = 1.2e12
-"""Moduli in Pa: structural plastics are stiffer than the first, and diamond is the stiffest material."""
+"""Moduli in Pa: structural plastics are stiffer than the first, and diamond is the stiffest
+material.
+"""
 APART = 1e6
-"""Ratio of the moduli of two bodies above which one may be in another unit: steel is 1e5 times as stiff as rubber."""
+"""Ratio of the moduli of two bodies above which one may be in another unit: steel is 1e5 times as
+stiff as rubber.
+"""
 SAME_PLACE = 1e-9
 """Distance of two nodes over the extent of the mesh below which they coincide."""
 
 
 @dataclass(frozen=True)
 class MeshLook:
-    """Points, (nodes, dim), and nodes of the cells, (cells, k), of a whole mesh, with the number of corners of a cell.
+    """Points, (nodes, dim), and nodes of the cells, (cells, k), of a whole mesh, with the number of
+    corners of a cell.
 
     ``owner`` is the index in the scene of the body of each cell, (cells,).
     """
@@ -51,7 +58,12 @@ class MeshLook:
         """Nodes and cells of a scene with a mesh."""
         discretisation = found.meshed
         corners = CORNERS[discretisation.mesh.topology.cell_name()]
-        return cls(discretisation._points(), discretisation._cell_nodes(), discretisation.cell_bodies(), corners)
+        return cls(
+            discretisation._points(),
+            discretisation._cell_nodes(),
+            discretisation.cell_bodies(),
+            corners,
+        )
 
     @property
     def extent(self) -> float:
@@ -65,7 +77,10 @@ class MeshLook:
         return inside
 
     def pieces_of(self, body: int) -> np.ndarray:
-        """Connected component of a body that each node belongs to, from 0; -1 for other nodes, (nodes,)."""
+        """Connected component of a body that each node belongs to, from 0.
+
+        -1 for other nodes, (nodes,).
+        """
         part = components_of_nodes(len(self.points), self.cells[self.owner == body])
         inside = self.nodes_of(body)
         pieces = np.full(len(part), -1)
@@ -101,12 +116,17 @@ COARSE = 0.1
 
 
 def look_at_mesh_error(found: SceneCheck, point: PointLike | None = None) -> None:
-    """Solve in full once, at a parameter or in the middle of the box, and report the estimated error of the mesh."""
+    """Solve in full once, at a parameter or in the middle of the box, and report the estimated
+    error of the mesh.
+    """
     from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.plugins.checks.mesh_error import mesh_error
 
     if found.scene.reader or any(map(found.scene.own_stress, found.scene.bodies)):
-        found.note("the error of the mesh is estimated for elastic bodies alone, and some have laws of their own")
+        found.note(
+            "the error of the mesh is estimated for elastic bodies alone, and some have laws of "
+            "their own"
+        )
         return
     with found.heard():
         full = FullOrderModel(found.scene, MPI.COMM_SELF)
@@ -125,11 +145,22 @@ def look_at_joints(found: SceneCheck) -> None:
     tags = [body.tag for body in found.scene.bodies]
     inside = [look.nodes_of(place) for place in range(len(tags))]
     paired = set()  # bodies in contact, by their indices, the smaller one first
-    joins = [(found.meshed.assembler(one), one) for one in found.scene.constraints if hasattr(one, "slave")]
+    joins = [
+        (found.meshed.assembler(one), one)
+        for one in found.scene.constraints
+        if hasattr(one, "slave")
+    ]
     tied = [[of.surface(tag) for tag in (one.slave, one.master)] for of, one in joins]
     for surfaces in (*(surfaces for surfaces, _ in found.pairs), *tied):
-        sides = [[k for k, own in enumerate(inside) if own[surface.nodes].any()] for surface in surfaces]
-        paired |= {(min(k, m), max(k, m)) for one, other in combinations(sides, 2) for k in one for m in other}
+        sides = [
+            [k for k, own in enumerate(inside) if own[surface.nodes].any()] for surface in surfaces
+        ]
+        paired |= {
+            (min(k, m), max(k, m))
+            for one, other in combinations(sides, 2)
+            for k in one
+            for m in other
+        }
     twins = cKDTree(look.points).query_pairs(SAME_PLACE * look.extent, output_type="ndarray")
     cuts = [item for item in found.scene.constraints if hasattr(item, "section")]
     cut = [found.meshed.assembler(item).surface(item.section).nodes for item in cuts]
@@ -140,21 +171,26 @@ def look_at_joints(found: SceneCheck) -> None:
         if len(own) and (place, place) not in paired:
             found.note(
                 f"body {tag!r} falls apart: {len(own)} of its nodes are there twice, e.g. at "
-                f"{rounded(look.points[own[0, 0]])}, and its cells do not hang together there. Merge these nodes, in "
-                "gmsh by removeDuplicateNodes or by a fragment of its volumes before they are meshed"
+                f"{rounded(look.points[own[0, 0]])}, and its cells do not hang together there. "
+                "Merge these nodes, in gmsh by removeDuplicateNodes or by a fragment of its "
+                "volumes before they are meshed"
             )
         elif pieces.max() > 0:
             found.say(f"body {tag!r} is made of {pieces.max() + 1} pieces")
     for one, other in combinations(range(len(tags)), 2):
         common = np.flatnonzero(inside[one] & inside[other])
         if common.size:
-            found.say(f"bodies {tags[one]!r} and {tags[other]!r} share {common.size} nodes: they are glued there")
+            found.say(
+                f"bodies {tags[one]!r} and {tags[other]!r} share {common.size} nodes: they are "
+                "glued there"
+            )
         between = (inside[one][twins] & inside[other][twins][:, ::-1]).any(axis=1)
         if between.any() and (one, other) not in paired:
             found.note(
-                f"bodies {tags[one]!r} and {tags[other]!r} touch at {int(between.sum())} nodes, e.g. at "
-                f"{rounded(look.points[twins[between][0, 0]])}, and no contact pair is between them: they go through "
-                "each other. Give their surfaces a contact pair, or merge these nodes to glue them"
+                f"bodies {tags[one]!r} and {tags[other]!r} touch at {int(between.sum())} nodes, "
+                f"e.g. at {rounded(look.points[twins[between][0, 0]])}, and no contact pair is "
+                "between them: they go through each other. Give their surfaces a contact pair, or "
+                "merge these nodes to glue them"
             )
 
 
@@ -165,38 +201,49 @@ def look_at_common_nodes(found: SceneCheck) -> None:
             common = np.isin(first.nodes, second.nodes)
             if common.any():
                 found.note(
-                    f"contact {place}: surfaces {first.tag!r} and {second.tag!r} share {int(common.sum())} nodes, e.g. "
-                    f"at {rounded(first.points[common][0])}: they are glued there and cannot open. Give each body "
-                    "nodes of its own, in gmsh without a fragment or removeDuplicateNodes"
+                    f"contact {place}: surfaces {first.tag!r} and {second.tag!r} share "
+                    f"{int(common.sum())} nodes, e.g. at {rounded(first.points[common][0])}: they "
+                    "are glued there and cannot open. Give each body nodes of its own, in gmsh "
+                    "without a fragment or removeDuplicateNodes"
                 )
 
 
 def depth_inside(found: SceneCheck, first: Surface, second: Surface) -> tuple[int, float]:
-    """Number of nodes of a surface inside the body of another one as drawn, and the depth of the deepest.
+    """Number of nodes of a surface inside the body of another one as drawn, and the depth of the
+    deepest.
 
     Depths are those below the nearest facet of the other surface.
     """
     look = MeshLook.of(found)
     mesh = found.meshed.mesh
-    bodies = [place for place in range(len(found.scene.bodies)) if look.nodes_of(place)[second.nodes].all()]
+    bodies = [
+        place
+        for place in range(len(found.scene.bodies))
+        if look.nodes_of(place)[second.nodes].all()
+    ]
     points = np.zeros((len(first.nodes), 3))
     points[:, : look.points.shape[1]] = first.points
     near = geometry.compute_collisions_points(geometry.bb_tree(mesh, mesh.topology.dim), points)
     hits = geometry.compute_colliding_cells(mesh, near, points)
     _, nearest = cKDTree(second.corners.mean(axis=1)).query(first.points)
-    heights = np.einsum("nd,nd->n", second.outward[nearest], first.points - second.corners.mean(axis=1)[nearest])
+    heights = np.einsum(
+        "nd,nd->n", second.outward[nearest], first.points - second.corners.mean(axis=1)[nearest]
+    )
     depths = []
     for number, node in enumerate(first.nodes):
         cells = hits.links(number)
         # a node of both bodies lies in cells of both
-        others = cells[np.isin(look.owner[cells], bodies) & ~(look.cells[cells] == node).any(axis=1)]
+        others = cells[
+            np.isin(look.owner[cells], bodies) & ~(look.cells[cells] == node).any(axis=1)
+        ]
         if others.size and heights[number] < 0:
             depths.append(-float(heights[number]))
     return len(depths), max(depths, default=0.0)
 
 
 def worst_cell(corners: np.ndarray) -> tuple[float, np.ndarray]:
-    """Smallest scaled Jacobian of cells, (c, k, dim), and its position: volume at a corner over its edges.
+    """Smallest scaled Jacobian of cells, (c, k, dim), and its position: volume at a corner over its
+    edges.
 
     Stretched bricks have 1, a sliver nearly 0.
     """
@@ -204,7 +251,11 @@ def worst_cell(corners: np.ndarray) -> tuple[float, np.ndarray]:
     numbers = range(count)
     worst = np.ones(len(corners))
     for at in numbers:
-        others = [n for n in numbers if n != at] if count == dim + 1 else [at ^ (1 << axis) for axis in range(dim)]
+        others = (
+            [n for n in numbers if n != at]
+            if count == dim + 1
+            else [at ^ (1 << axis) for axis in range(dim)]
+        )
         edges = corners[:, others] - corners[:, [at]]
         lengths = np.linalg.norm(edges, axis=2).prod(axis=1)
         worst = np.minimum(worst, np.abs(np.linalg.det(edges)) / lengths)
@@ -232,10 +283,16 @@ def _modulus(found: SceneCheck, body: Body) -> None:
     pascals = units.pascals(young)
     unit = f"give E in {units.stress}, the unit of stress of the scene"
     if pascals < SOFT:
-        text = f"is softer than plastics (1 GPa), as rubber and foam are: where a stiffer one is meant, {unit}"
+        text = (
+            "is softer than plastics (1 GPa), as rubber and foam are: where a stiffer one is "
+            f"meant, {unit}"
+        )
         found.note(f"body {body.tag!r}: E = {young:g} {units.stress} {text}")
     elif pascals > STIFF:
-        found.note(f"body {body.tag!r}: E = {young:g} {units.stress} is stiffer than diamond (1200 GPa): {unit}")
+        found.note(
+            f"body {body.tag!r}: E = {young:g} {units.stress} is stiffer than diamond (1200 GPa): "
+            f"{unit}"
+        )
 
 
 def _stiffness_apart(found: SceneCheck) -> None:
@@ -249,8 +306,8 @@ def _stiffness_apart(found: SceneCheck) -> None:
     if stiff > APART * soft:
         found.note(
             f"body {stiffest} with E = {stiff:g} is {stiff / soft:.2g} times as stiff as body "
-            f"{softest} with E = {soft:g}: give both in one unit; where that is meant, take the stiff one as "
-            "rigid, an Obstacle or imposed displacements"
+            f"{softest} with E = {soft:g}: give both in one unit; where that is meant, take the "
+            "stiff one as rigid, an Obstacle or imposed displacements"
         )
 
 
@@ -259,18 +316,27 @@ def _unit_of_length(found: SceneCheck, look: MeshLook) -> None:
     if units is None or SMALL <= units.metres(look.extent) <= LARGE:
         return
     made = found.scene.geometry
-    what = f"the mesh of file {made.path}" if isinstance(made, MeshFile) else f"the mesh of scene '{found.scene.name}'"
+    what = (
+        f"the mesh of file {made.path}"
+        if isinstance(made, MeshFile)
+        else f"the mesh of scene '{found.scene.name}'"
+    )
     found.note(
-        f"{what} is {_size(look.points)} {units.length}: where that is not meant, its coordinates are in another unit. "
-        "Say by what they are to be multiplied, MeshFile(path, scale=...), or give the scene the Units of the mesh"
+        f"{what} is {_size(look.points)} {units.length}: where that is not meant, its coordinates "
+        "are in another unit. Say by what they are to be multiplied, MeshFile(path, scale=...), "
+        "or give the scene the Units of the mesh"
     )
 
 
 def _large_motions(found: SceneCheck, look: MeshLook) -> None:
     space = found.scene.parameters
     box = np.array([space.lower, space.upper], dtype=float)
-    named = [(f"the displacement on {item.tag!r}", item.amplitude) for item in found.scene.displacements]
-    named += [(f"the opening of contact {item.contact}", item.amplitude) for item in found.scene.openings]
+    named = [
+        (f"the displacement on {item.tag!r}", item.amplitude) for item in found.scene.displacements
+    ]
+    named += [
+        (f"the opening of contact {item.contact}", item.amplitude) for item in found.scene.openings
+    ]
     for what, amplitude in named:
         amplitude = bound(amplitude, space)
         if isinstance(amplitude, Amplitude):
@@ -280,6 +346,7 @@ def _large_motions(found: SceneCheck, look: MeshLook) -> None:
         largest = float(np.abs(reached).max())
         if largest > look.extent:
             found.note(
-                f"{what} reaches {largest:.4g}{found.length}, and the whole mesh is {look.extent:.4g}{found.length} "
-                "long: bring parameters and mesh to one unit, by MeshFile(path, scale=...) or by the slopes"
+                f"{what} reaches {largest:.4g}{found.length}, and the whole mesh is "
+                f"{look.extent:.4g}{found.length} long: bring parameters and mesh to one unit, by "
+                "MeshFile(path, scale=...) or by the slopes"
             )

@@ -1,9 +1,9 @@
 """Discretisation error of a full-order answer: recovered stresses.
 
-Reduction errors refer to the full order on the same mesh; this is the error of both. Stresses of cells jump between
-cells. Their projection on continuous functions of the degree of the displacement, body by body, is closer to the
-exact ones, and the difference estimates the error (O. C. Zienkiewicz and J. Z. Zhu, Int. J. Numer. Methods
-Eng. 24, 1987). It is an estimate, not a bound.
+Reduction errors refer to the full order on the same mesh; this is the error of both. Stresses of
+cells jump between cells. Their projection on continuous functions of the degree of the
+displacement, body by body, is closer to the exact ones, and the difference estimates the error (O.
+C. Zienkiewicz and J. Z. Zhu, Int. J. Numer. Methods Eng. 24, 1987). It is an estimate, not a bound.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ class MeshError(NamedTuple):
 
     Attributes:
         energy: error of the stress over the stress, both in energy.
-        peak_pressure: difference between the peak pressure of contact and the recovered stress there, over it; NaN
-            without contact.
+        peak_pressure: difference between the peak pressure of contact and the recovered stress
+            there, over it; NaN without contact.
     """
 
     energy: float
@@ -45,11 +45,15 @@ class MeshError(NamedTuple):
         """One sentence."""
         none = math.isnan(self.peak_pressure)
         peak = "no contact there" if none else f"{self.peak_pressure:.2%} of the peak pressure"
-        return f"mesh: off by {self.energy:.2%} of the stress in energy and {peak}, estimated by recovered stresses"
+        return (
+            f"mesh: off by {self.energy:.2%} of the stress in energy and {peak}, estimated by "
+            "recovered stresses"
+        )
 
 
 def mesh_error(full: FullOrderModel, answer: Answer) -> MeshError:
-    """Estimate the discretisation error of an answer, (N,) displacement and forces, of any model of the scene.
+    """Estimate the discretisation error of an answer, (N,) displacement and forces, of any model of
+    the scene.
 
     Args:
         full: the full model of the scene, on one rank.
@@ -57,26 +61,40 @@ def mesh_error(full: FullOrderModel, answer: Answer) -> MeshError:
 
     Raises:
         ParameterError: for an invalid answer, or one of another scene.
-        NotOfferedError: for bodies with laws, bodies with a user-defined stress, or a model on several ranks.
+        NotOfferedError: for bodies with laws, bodies with a user-defined stress, or a model on
+            several ranks.
     """
     if not hasattr(full, "discretisation") or not isinstance(answer, Answer):
         raise ParameterError(
-            "mesh_error needs the full model of a scene and an answer, mesh_error(full, full.solve(mu))"
+            "mesh_error needs the full model of a scene and an answer, mesh_error(full, "
+            "full.solve(mu))"
         )
     full.problem.require_parts("an estimate of the error of the mesh")
     discretisation = full.discretisation
     scene = full.scene
-    if full.comm.size > 1 or full.equilibrium is not None or any(map(scene.own_stress, scene.bodies)):
+    if (
+        full.comm.size > 1
+        or full.equilibrium is not None
+        or any(map(scene.own_stress, scene.bodies))
+    ):
         raise NotOfferedError(
-            "the error of the mesh is estimated for elastic bodies, on one rank: give a model on MPI.COMM_SELF, of a "
-            "scene without user-defined laws"
+            "the error of the mesh is estimated for elastic bodies, on one rank: give a model on "
+            "MPI.COMM_SELF, of a scene without user-defined laws"
         )
     point = answer.parameter
-    if len(answer.displacement()) != full.problem.free.size or len(answer.forces()) != full.conditions:
-        raise ParameterError(f"the answer is of another scene or mesh than '{scene.name}', of which the full model is")
+    if (
+        len(answer.displacement()) != full.problem.free.size
+        or len(answer.forces()) != full.conditions
+    ):
+        raise ParameterError(
+            f"the answer is of another scene or mesh than '{scene.name}', of which the full model "
+            "is"
+        )
     with discretisation.shape.at(point):
         field = field_of(discretisation, answer.displacement())
-        parts = np.array([_energies(full, place, field, point) for place in range(len(scene.bodies))])
+        parts = np.array(
+            [_energies(full, place, field, point) for place in range(len(scene.bodies))]
+        )
         bearing = _nodal_forces(full, field, point)
     error, size = parts.sum(axis=0)
     energy = float(np.sqrt(error / (size + error))) if size + error > 0 else 0.0
@@ -84,19 +102,27 @@ def mesh_error(full: FullOrderModel, answer: Answer) -> MeshError:
 
 
 def _nodal_forces(full: FullOrderModel, field: fem.Function, point: np.ndarray) -> np.ndarray:
-    """Nodal forces of the stress of all bodies, (N,): the sum of all that acts on the nodes from outside."""
+    """Nodal forces of the stress of all bodies, (N,): the sum of all that acts on the nodes from
+    outside.
+    """
     discretisation = full.discretisation
     test = ufl.TestFunction(field.function_space)
     weight = elasticity.volume_weight(discretisation.mesh, full.scene.hypothesis)
     virtual = elasticity.strain(test, full.scene.hypothesis)
     total = np.zeros(full.problem.free.size)
     for k, body in enumerate(full.scene.bodies):
-        work = weight * ufl.inner(discretisation.elasticity.stress(discretisation, k, field, point), virtual)
-        total += np.real(fem.assemble_vector(fem.form(work * discretisation.cells(body.tag))).array)[: total.size]
+        work = weight * ufl.inner(
+            discretisation.elasticity.stress(discretisation, k, field, point), virtual
+        )
+        total += np.real(
+            fem.assemble_vector(fem.form(work * discretisation.cells(body.tag))).array
+        )[: total.size]
     return total
 
 
-def _energies(full: FullOrderModel, place: int, field: fem.Function, point: np.ndarray) -> tuple[float, float]:
+def _energies(
+    full: FullOrderModel, place: int, field: fem.Function, point: np.ndarray
+) -> tuple[float, float]:
     """Energies of the error of the stress of a body, by its index, and of the stress."""
     discretisation = full.discretisation
     scene = full.scene
@@ -108,35 +134,55 @@ def _energies(full: FullOrderModel, place: int, field: fem.Function, point: np.n
     scalars = fem.functionspace(mesh, ("Lagrange", discretisation.order))
     trial = ufl.TrialFunction(scalars)
     test = ufl.TestFunction(scalars)
-    mass = csr_matrix(fem.assemble_matrix(compat.jitted(fem.form, weight * trial * test * dx)).to_scipy())
+    mass = csr_matrix(
+        fem.assemble_matrix(compat.jitted(fem.form, weight * trial * test * dx)).to_scipy()
+    )
     recovered: dict[tuple[int, int], Any] = {}
-    for i, j in [(0, 0), (1, 1), (2, 2), (0, 1), *([(0, 2), (1, 2)] if scene.hypothesis == "solid" else [])]:
+    for i, j in [
+        (0, 0),
+        (1, 1),
+        (2, 2),
+        (0, 1),
+        *([(0, 2), (1, 2)] if scene.hypothesis == "solid" else []),
+    ]:
         component = fem.Function(scalars)
         component.x.array[:] = _projected(
-            mass, fem.assemble_vector(compat.jitted(fem.form, weight * sigma[i, j] * test * dx)).array
+            mass,
+            fem.assemble_vector(compat.jitted(fem.form, weight * sigma[i, j] * test * dx)).array,
         )
         recovered[i, j] = recovered[j, i] = component
     tensor = ufl.as_tensor([[recovered.get((i, j), 0.0) for j in range(3)] for i in range(3)])
     names = scene.parameters.names
-    young, poisson = (discretisation.constant(_number(value, names, point)) for value in (body.young, body.poisson))
+    young, poisson = (
+        discretisation.constant(_number(value, names, point))
+        for value in (body.young, body.poisson)
+    )
     if body.grading is not None:  # a factor of the modulus
         weight = weight / body.grading(ufl.SpatialCoordinate(mesh))
     error, size = (
-        float(np.real(fem.assemble_scalar(compat.jitted(fem.form, weight * _energy(part, young, poisson) * dx))))
+        float(
+            np.real(
+                fem.assemble_scalar(
+                    compat.jitted(fem.form, weight * _energy(part, young, poisson) * dx)
+                )
+            )
+        )
         for part in (tensor - sigma, sigma)
     )
     return error, size
 
 
 def _peak_error(full: FullOrderModel, answer: Answer, bearing: np.ndarray) -> float:
-    """Difference between the largest pressure of contact and the mean stress of the cells at its node, over it.
+    """Difference between the largest pressure of contact and the mean stress of the cells at its
+    node, over it.
 
-    Loads and springs that act on the same facets are in the stress and not in the pressure. They are the part of the
-    nodal forces of the stress, (N,), that contact does not bear, and are subtracted.
+    Loads and springs that act on the same facets are in the stress and not in the pressure. They
+    are the part of the nodal forces of the stress, (N,), that contact does not bear, and are
+    subtracted.
 
-    On a block under a bowl (``bowl`` in benchmarks/second_order.py) it was 0.073, 0.038 and 0.028 with linear functions
-    and the error of the peak 0.068, 0.044 and 0.038. With quadratic ones it was 0.195, 0.056 and 0.022, and the error
-    0.157, 0.024 and 0.002.
+    On a block under a bowl (``bowl`` in benchmarks/second_order.py) it was 0.073, 0.038 and 0.028
+    with linear functions and the error of the peak 0.068, 0.044 and 0.038. With quadratic ones it
+    was 0.195, 0.056 and 0.022, and the error 0.157, 0.024 and 0.002.
     """
     problem = full.problem.at(answer.parameter)
     rows = np.arange(len(problem.gaps))[problem.pressing]
@@ -156,12 +202,16 @@ def _peak_error(full: FullOrderModel, answer: Answer, bearing: np.ndarray) -> fl
     stress = full.stress_of(answer.displacement(), answer.parameter)[around].mean(axis=0)
     peak = float(pressures.max())
     # n·σ n in Kelvin's notation, (4,) or (6,)
-    shear = np.sqrt(2) * np.array([normal[0] * normal[1], normal[0] * normal[2], normal[1] * normal[2]])
+    shear = np.sqrt(2) * np.array(
+        [normal[0] * normal[1], normal[0] * normal[2], normal[1] * normal[2]]
+    )
     along = float(stress @ np.append(normal**2, shear)[: stress.size])
     others = np.where(
         problem.free, bearing + problem.whole_contact.T @ answer.forces(), 0.0
     )  # no reactions of supports
-    beside = float(others[dim * node : dim * node + dim] @ normal[:dim]) / problem.contact_areas[worst]
+    beside = (
+        float(others[dim * node : dim * node + dim] @ normal[:dim]) / problem.contact_areas[worst]
+    )
     return float(abs(beside - along - peak) / peak)
 
 
@@ -186,5 +236,7 @@ def _projected(mass: csr_matrix, loads: np.ndarray) -> np.ndarray:
     found = np.zeros(inside.size)
     found[inside], failed = cg(own, loads[inside], rtol=PRECISE, M=diags(1 / own.diagonal()))
     if failed:
-        raise ConvergenceError("stresses could not be recovered: cells of the mesh are too flat. Mend them")
+        raise ConvergenceError(
+            "stresses could not be recovered: cells of the mesh are too flat. Mend them"
+        )
     return found

@@ -2,7 +2,10 @@
 
 from hhr_dolfinx.registry import Plugin
 
-_CHECKS = "check_contact_law check_load check_output check_pairing check_reductor check_system pressed_blocks"
+_CHECKS = (
+    "check_contact_law check_load check_output check_pairing check_reductor check_system "
+    "pressed_blocks"
+)
 
 _SWITCHES = (
     "axisymmetric field_of_motion graded obstacle opening own_elasticity plane_stress poisson "

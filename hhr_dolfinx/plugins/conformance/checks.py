@@ -1,4 +1,6 @@
-"""Checks of pairings, loads, outputs, systems, laws of contacts and reductors, see :mod:`hhr_dolfinx.testing`."""
+"""Checks of pairings, loads, outputs, systems, laws of contacts and reductors, see
+:mod:`hhr_dolfinx.testing`.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,13 @@ from hhr_dolfinx.amplitudes import Amplitude, Amplitudes
 from hhr_dolfinx.body import Body
 from hhr_dolfinx.contact.law import ContactLaw
 from hhr_dolfinx.declared import check_layout
-from hhr_dolfinx.errors import ClaimError, FileContentError, HHRError, NotOfferedError, PairingWarning
+from hhr_dolfinx.errors import (
+    ClaimError,
+    FileContentError,
+    HHRError,
+    NotOfferedError,
+    PairingWarning,
+)
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.geometries import two_blocks
@@ -65,25 +73,57 @@ if TYPE_CHECKING:
     from hhr_dolfinx.plugins.contact_laws.ranges import RangeSolver, RangeStep
 
 LEFT_OUT = 1e-14
-"""Part of the squared answers that the modes of a hyper-reduced model of the whole mesh leave out."""
+"""Part of the squared answers that the modes of a hyper-reduced model of the whole mesh leave
+out.
+"""
 RESUMED = 1e-13
-"""Relative difference of a history that goes on from known steps, whose slack is that of their displacement again."""
+"""Relative difference of a history that goes on from known steps, whose slack is that of their
+displacement again.
+"""
 WRONG = {
     "file": OTHER_IN_A_FILE,
     "nodes": "rows or `slaves` name nodes that are on none of its surfaces: take `surface.nodes`",
-    "rows": "each condition needs a place, (m, 2), an area >= 0 and a row that is not zero, the same at every call",
-    "gap": "gap {} grows by {:.6g} per unit that surface {} moves outward, and its row says {:.6g}: correct one",
-    "patch": "forces of the size of `areas` are off a uniform pressure by {:.3g}: correct areas or rows (patch test)",
-    "partner": "rows see displacements that touching bodies share: pair each slave with the place where it lies",
+    "rows": (
+        "each condition needs a place, (m, 2), an area >= 0 and a row that is not zero, the same "
+        "at every call"
+    ),
+    "gap": (
+        "gap {} grows by {:.6g} per unit that surface {} moves outward, and its row says {:.6g}: "
+        "correct one"
+    ),
+    "patch": (
+        "forces of the size of `areas` are off a uniform pressure by {:.3g}: correct areas or "
+        "rows (patch test)"
+    ),
+    "partner": (
+        "rows see displacements that touching bodies share: pair each slave with the place where "
+        "it lies"
+    ),
     "force": "it has no force anywhere in the box: check tag, direction and amplitude",
-    "sum": "its forces sum up to {} on one mesh and to {} on a finer one: integrate a density, do not load each node",
-    "derivative": "`derivative` of its amplitude is not what differences give: correct it, or leave it out",
+    "sum": (
+        "its forces sum up to {} on one mesh and to {} on a finer one: integrate a density, do "
+        "not load each node"
+    ),
+    "derivative": (
+        "`derivative` of its amplitude is not what differences give: correct it, or leave it out"
+    ),
     "name": "its functional is {} in {!r}, and the output {} in {!r}: hand name and unit on",
-    "value": "its values at points of the box are {}: return a finite number that depends on the answer",
-    "condensed": "a condensed model has other values than the full one: declare `uses_forces` and all rows it reads",
+    "value": (
+        "its values at points of the box are {}: return a finite number that depends on the answer"
+    ),
+    "condensed": (
+        "a condensed model has other values than the full one: declare `uses_forces` and all rows "
+        "it reads"
+    ),
     "slopes": "its derivatives are {}, and differences of its value give {}: correct `slopes`",
-    "schur": "K or S = B K^-1 B^T is not symmetric, or S not that of K: make K by `made`, of a symmetric matrix",
-    "explicit": "`explicit` is not the derivative of `equations` along {}: differentiate all that depends on it there",
+    "schur": (
+        "K or S = B K^-1 B^T is not symmetric, or S not that of K: make K by `made`, of a "
+        "symmetric matrix"
+    ),
+    "explicit": (
+        "`explicit` is not the derivative of `equations` along {}: differentiate all that depends "
+        "on it there"
+    ),
     "point": "a point has other equations after another one: make new arrays for each point",
     "parts": "parts() with their weights do not add up to K: return all of them, or None",
     "reduced": "it has no parts() and is reduced all the same: leave `problem` as it is given",
@@ -91,30 +131,74 @@ WRONG = {
     "bound": "its model is off by more than its bound at {}: call that an estimate, or correct it",
     "law": "`attached` must return a law of the same plug-in",
     "rows of a law": "`pressing` and `distinct` must return one bool for each condition",
-    "within": "`within` must be the law of the conditions that it is given, in their order: take all arrays there",
-    "range memory": "its memory of {} conditions has other arrays than `layout`: give them the size of the range",
+    "within": (
+        "`within` must be the law of the conditions that it is given, in their order: take all "
+        "arrays there"
+    ),
+    "range memory": (
+        "its memory of {} conditions has other arrays than `layout`: give them the size of the "
+        "range"
+    ),
     "range size": "`linearised` of {} conditions must return as many values for each of its parts",
-    "projection": "`off` must be x - p(x - c s) of one function p: it has two values at one x - c s",
-    "monotone": "its projection moves by more than x - c s, or against it: the force must not fall as the gap closes",
-    "newton": "`on_forces`, `on_slack` and `right` are not Newton's rows of `off` by differences: off by {:.2g}",
+    "projection": (
+        "`off` must be x - p(x - c s) of one function p: it has two values at one x - c s"
+    ),
+    "monotone": (
+        "its projection moves by more than x - c s, or against it: the force must not fall as the "
+        "gap closes"
+    ),
+    "newton": (
+        "`on_forces`, `on_slack` and `right` are not Newton's rows of `off` by differences: off "
+        "by {:.2g}"
+    ),
     "range slopes": "`slopes` are not the derivatives of `off` along the parameters: off by {:.2g}",
-    "carried": "`carried` is not the derivative of the next `shift`, which differences give: off by {:.2g}",
-    "beyond": "its projection depends on its memory by more than `shift`, which gradients of histories leave out: "
-    "raise NotOfferedError in `carried`, or state the law by the slack alone",
-    "memory": "`stored`, `restored` and `layout` do not keep its memory: name each array in all of them",
+    "carried": (
+        "`carried` is not the derivative of the next `shift`, which differences give: off by {:.2g}"
+    ),
+    "beyond": (
+        "its projection depends on its memory by more than `shift`, which gradients of histories "
+        "leave out: raise NotOfferedError in `carried`, or state the law by the slack alone"
+    ),
+    "memory": (
+        "`stored`, `restored` and `layout` do not keep its memory: name each array in all of them"
+    ),
     "kernel": "functions of its facet `kernel` are not those of a law in C: {}",
     "forces in C": "its functions in C give other forces than Python: off by {:.2g} of the largest",
-    "parts of a law": "`parts` must return what its answers depend on: folders of snapshots would mix two laws",
-    "constants": "its answers depend on `{}`, and its `parts` do not: folders of snapshots would mix two laws",
-    "opened": "bodies overlap by {:.2g} of their motion with `opened` of its memory: that must be all that their law "
-    "closes, and `after` must keep it",
-    "equilibrium": "K u + B^T λ is off the loads by {:.2g}, or a time is missing: take `contact.unknown(forces)`",
-    "no gradient": "a gradient is asked for and there is none: return it, or refuse it by NotOfferedError",
-    "condensed law": "a condensed model has other histories than the full one: read S and the free slack alone",
-    "known": "a history that goes on from known steps is another one: `going_on` must restore all that a step reads",
-    "cut": "steps that are cut by a tolerance have no error or no answer: return a finite `difference`",
-    "reduced law": "a hyper-reduced model of the whole mesh has other histories: `within` must leave out no data",
-    "gradient": "the gradient of its forces is not what differences give: correct it, or refuse gradients",
+    "parts of a law": (
+        "`parts` must return what its answers depend on: folders of snapshots would mix two laws"
+    ),
+    "constants": (
+        "its answers depend on `{}`, and its `parts` do not: folders of snapshots would mix two "
+        "laws"
+    ),
+    "opened": (
+        "bodies overlap by {:.2g} of their motion with `opened` of its memory: that must be all "
+        "that their law closes, and `after` must keep it"
+    ),
+    "equilibrium": (
+        "K u + B^T λ is off the loads by {:.2g}, or a time is missing: take "
+        "`contact.unknown(forces)`"
+    ),
+    "no gradient": (
+        "a gradient is asked for and there is none: return it, or refuse it by NotOfferedError"
+    ),
+    "condensed law": (
+        "a condensed model has other histories than the full one: read S and the free slack alone"
+    ),
+    "known": (
+        "a history that goes on from known steps is another one: `going_on` must restore all that "
+        "a step reads"
+    ),
+    "cut": (
+        "steps that are cut by a tolerance have no error or no answer: return a finite `difference`"
+    ),
+    "reduced law": (
+        "a hyper-reduced model of the whole mesh has other histories: `within` must leave out no "
+        "data"
+    ),
+    "gradient": (
+        "the gradient of its forces is not what differences give: correct it, or refuse gradients"
+    ),
 }
 """What a check says of a part: what is wrong, and what to do."""
 
@@ -124,7 +208,8 @@ def _require(fits: bool | np.bool_, wrong: str, *given: Any) -> None:
 
 
 def pressed_blocks(parameters: Bounds | None = None, *, cells: int = 4, **changes: Any) -> Scene:
-    """Blocks of so many cells per axis: the lower one is clamped, the upper one is pressed down and slides.
+    """Blocks of so many cells per axis: the lower one is clamped, the upper one is pressed down and
+    slides.
 
     ``parameters`` are added to :data:`BOX`, and ``changes`` replace parts of the scene.
     """
@@ -133,7 +218,8 @@ def pressed_blocks(parameters: Bounds | None = None, *, cells: int = 4, **change
     clamped = two_blocks.side(LOWER_BODY, 1, False)
     top = two_blocks.side(UPPER_BODY, 1, True)
     imposed = [
-        Displacement(top, k, Amplitude(slopes=slope)) for k, slope in enumerate(({"slide": 1.0}, {"push": -1.0}))
+        Displacement(top, k, Amplitude(slopes=slope))
+        for k, slope in enumerate(({"slide": 1.0}, {"push": -1.0}))
     ]
     given: dict[str, Any] = {
         "name": "pressed_blocks",
@@ -151,9 +237,11 @@ def pressed_blocks(parameters: Bounds | None = None, *, cells: int = 4, **change
 
 @blaming
 def check_pairing(pairing: Any) -> None:
-    """Check a pairing of :data:`LOWER_SURFACE`, :data:`UPPER_SURFACE` or both: rows, gaps, and the patch test.
+    """Check a pairing of :data:`LOWER_SURFACE`, :data:`UPPER_SURFACE` or both: rows, gaps, and the
+    patch test.
 
-    The patch test needs uniform gaps. A gap to an obstacle may be a given number, which no motion changes.
+    The patch test needs uniform gaps. A gap to an obstacle may be a given number, which no motion
+    changes.
     """
     space = Discretisation(pressed_blocks(contacts=(pairing,)))
     surfaces = [space.surface(tag) for tag in pairing.tags]
@@ -161,7 +249,11 @@ def check_pairing(pairing: Any) -> None:
     again = pairing.rows(surfaces, space.size)
     nodes = np.concatenate([surface.nodes for surface in surfaces])
     _require(np.isin([*rows.slaves, *(rows.matrix.indices // 2)], nodes).all(), "nodes")
-    right = np.shape(rows.points) == (rows.gap.size, 2) and np.min(rows.areas) >= 0 and np.any(rows.areas)
+    right = (
+        np.shape(rows.points) == (rows.gap.size, 2)
+        and np.min(rows.areas) >= 0
+        and np.any(rows.areas)
+    )
     right = right and abs(rows.matrix).sum(axis=1).min() > 0
     same = np.array_equal(rows.gap, again.gap) and abs(rows.matrix - again.matrix).max() == 0
     _require(right and same, "rows")
@@ -173,7 +265,11 @@ def check_pairing(pairing: Any) -> None:
         for step in (-STEP, STEP):
             shifted = replace(surface, points=surface.points + step * normal)
             with ignored(PairingWarning):
-                gaps.append(pairing.rows([*surfaces[:place], shifted, *surfaces[place + 1 :]], space.size).gap)
+                gaps.append(
+                    pairing.rows(
+                        [*surfaces[:place], shifted, *surfaces[place + 1 :]], space.size
+                    ).gap
+                )
         if len(surfaces) > 1 or not np.array_equal(*gaps):  # not a given number
             found = (gaps[1] - gaps[0]) / (2 * STEP)
             expected = -(rows.matrix @ motion.ravel())
@@ -197,7 +293,9 @@ def check_pairing(pairing: Any) -> None:
 
 @blaming
 def check_load(load: object, parameters: Bounds | None = None) -> None:
-    """Check a load on tags of the blocks: its forces on two meshes, its amplitudes, their derivatives and files."""
+    """Check a load on tags of the blocks: its forces on two meshes, its amplitudes, their
+    derivatives and files.
+    """
     sums = []
 
     def force(point: np.ndarray) -> np.ndarray:
@@ -207,7 +305,9 @@ def check_load(load: object, parameters: Bounds | None = None) -> None:
         scene = pressed_blocks(parameters, cells=cells, loads=(load,))
         space = Discretisation(scene)
         terms = space.load_terms()
-        columns = csc_matrix(hstack([csc_matrix((space.size, 1)), *(term.columns for term in terms)]))
+        columns = csc_matrix(
+            hstack([csc_matrix((space.size, 1)), *(term.columns for term in terms)])
+        )
         amplitudes = Amplitudes.collect([term.amplitude for term in terms], scene.parameters)
         points = scene.parameters.random(6, 0)
         sums.append(np.array([force(point).reshape(-1, 2).sum(axis=0) for point in points]))
@@ -225,7 +325,9 @@ def check_load(load: object, parameters: Bounds | None = None) -> None:
 
 @blaming
 def check_output(output: Any, parameters: Bounds | None = None) -> None:
-    """Check an output of contact 0 or of the blocks: value, slopes and unit, in a condensed model and a file too."""
+    """Check an output of contact 0 or of the blocks: value, slopes and unit, in a condensed model
+    and a file too.
+    """
 
     def value(model: AnsweringModel, point: np.ndarray) -> float:
         return model.outputs(point)[output.name]
@@ -249,7 +351,9 @@ def check_output(output: Any, parameters: Bounds | None = None) -> None:
         # over the box, beside the round-off of values; at kinks there are two slopes
         widths = np.subtract(space.upper, space.lower)
         size = np.abs(values).max()
-        right = answer.one_sided or _near([*slopes * widths, size], [*expected * widths, size], OF_ANSWERS)
+        right = answer.one_sided or _near(
+            [*slopes * widths, size], [*expected * widths, size], OF_ANSWERS
+        )
         _require(right, "slopes", slopes, expected)
     kept = _saved(condensed, classes_in(item))
     _require([value(kept, point) for point in points] == found, "file")
@@ -257,7 +361,9 @@ def check_output(output: Any, parameters: Bounds | None = None) -> None:
 
 @blaming
 def check_system(system: Callable[..., Any], parameters: Bounds | None = None) -> None:
-    """Check what makes a System of the blocks, ``Scene(system=...)``; without parts, reductions refuse it by name.
+    """Check what makes a System of the blocks, ``Scene(system=...)``.
+
+    Without parts, reductions refuse it by name.
 
     The blocks are alone, and with an equation and a spring if the plug-ins of these are installed.
     """
@@ -266,10 +372,14 @@ def check_system(system: Callable[..., Any], parameters: Bounds | None = None) -
     if not {"Equation", "Springs"} <= known.keys():
         return
     equation, springs = (registry.load(known[name]) for name in ("Equation", "Springs"))
-    low, left, right = (Between(x, y - 0.1, y + 0.1) for x, y in ((1.0, 0.5), (1.0, 1.5), (2.0, 1.5)))
+    low, left, right = (
+        Between(x, y - 0.1, y + 0.1) for x, y in ((1.0, 0.5), (1.0, 1.5), (2.0, 1.5))
+    )
     joined = equation(((left, 0, 1.0), (right, 0, -1.0)), Amplitude(slopes={"slide": 0.1}))
     bedded = pressed_blocks(parameters, system=system, constraints=(joined,))
-    _check_system(replace(bedded, loads=(*bedded.loads, springs(low, 0, 1.0), springs(left, 0, 1.0))))
+    _check_system(
+        replace(bedded, loads=(*bedded.loads, springs(low, 0, 1.0), springs(left, 0, 1.0)))
+    )
 
 
 def _check_system(scene: Scene) -> None:
@@ -294,10 +404,14 @@ def _check_system(scene: Scene) -> None:
         own = at.problem.contact @ at.stiffness.response_to_forces(np.eye(len(schur)))
         matrix = getattr(at.stiffness, "matrix", schur)  # factors read one half of it
         symmetric = abs(matrix - matrix.T).max() <= ROUND_OFF * abs(matrix).max()
-        _require(symmetric and _near(schur, schur.T, ROUND_OFF) and _near(own, schur, ROUND_OFF), "schur")
+        _require(
+            symmetric and _near(schur, schur.T, ROUND_OFF) and _near(own, schur, ROUND_OFF), "schur"
+        )
         full.system.at(full.problem.middle)  # another point in between
         again = full.system.at(point)
-        same = np.array_equal(at.loads, again.loads) and np.array_equal(solved, again.stiffness.solve(tried))
+        same = np.array_equal(at.loads, again.loads) and np.array_equal(
+            solved, again.stiffness.solve(tried)
+        )
         _require(same, "point")
         unknown = respond(point)[: tried.size]
         left, slack = full.system.explicit(point, forces, unknown)
@@ -308,10 +422,16 @@ def _check_system(scene: Scene) -> None:
             _require(_near(found[:, place], expected[:, place], OF_ANSWERS), "explicit", name)
         if parts is not None:
             weights = [modulus.value(point) for modulus in parts[0]] or [1.0]
-            product = sum(weight * (part @ tried) for weight, part in zip(weights, parts[1], strict=True))
+            product = sum(
+                weight * (part @ tried) for weight, part in zip(weights, parts[1], strict=True)
+            )
             back = at.stiffness.solve(product * prolongation.free)
             _require(_near(back, prolongation.prolong(tried), ROUND_OFF), "parts")
-    for reduced in (condense, lambda full: build(full, compute_snapshots(full, points))) if parts is None else ():
+    for reduced in (
+        (condense, lambda full: build(full, compute_snapshots(full, points)))
+        if parts is None
+        else ()
+    ):
         try:
             reduced(full)
         except NotOfferedError:
@@ -321,11 +441,12 @@ def _check_system(scene: Scene) -> None:
 
 @blaming
 def check_contact_law(law: Any) -> None:
-    """Check a law of interfaces, a :class:`~hhr_dolfinx.contact.law.PairLaw` whose plug-in is installed.
+    """Check a law of interfaces, a :class:`~hhr_dolfinx.contact.law.PairLaw` whose plug-in is
+    installed.
 
-    Histories of the full model, of a condensed one and of its file agree, go on from known steps, and can be cut. A
-    hyper-reduced model of the whole mesh has the same, and so has a compiled C header, with the facet ``kernel`` and a
-    compiler. What the plug-in has no facet for is refused.
+    Histories of the full model, of a condensed one and of its file agree, go on from known steps,
+    and can be cut. A hyper-reduced model of the whole mesh has the same, and so has a compiled C
+    header, with the facet ``kernel`` and a compiler. What the plug-in has no facet for is refused.
     """
     pair = NodeToNode(LOWER_SURFACE, UPPER_SURFACE, (0.0, 1.0), law=law)
     full = FullOrderModel(pressed_blocks(contacts=(pair,)))
@@ -344,36 +465,54 @@ def check_contact_law(law: Any) -> None:
     exact = full.march(path).answers
     for (time, _), answer in zip(path[1:], exact, strict=True):
         residuals = kind_of(full).residuals(answer)
-        _require(residuals.equilibrium <= ROUND_OFF and answer.time == time, "equilibrium", residuals.equilibrium)
+        _require(
+            residuals.equilibrium <= ROUND_OFF and answer.time == time,
+            "equilibrium",
+            residuals.equilibrium,
+        )
         _require(residuals.penetration <= OF_FUNCTIONS, "opened", residuals.penetration)
         kept = own.stored(answer.memory)
         again = own.stored(own.restored({name: np.asarray(value) for name, value in kept.items()}))
-        same = kept.keys() == own.layout.keys() and all(np.array_equal(kept[name], again[name]) for name in kept)
+        same = kept.keys() == own.layout.keys() and all(
+            np.array_equal(kept[name], again[name]) for name in kept
+        )
         _require(same, "memory")
     _check_constants(pair, own, path, exact)
     condensed = condense(full)
     _require(_alike(own, exact, condensed.march(path).answers, ROUND_OFF), "condensed law")
     if compilable(law.plugin):
         _check_in_c(condensed, path)
-    _require(_alike(own, exact[2:], full.march(path, known=exact[:2]).answers[2:], RESUMED), "known")
+    _require(
+        _alike(own, exact[2:], full.march(path, known=exact[:2]).answers[2:], RESUMED), "known"
+    )
     with TemporaryDirectory() as folder:
-        stored = [compute_snapshots(full, [path], store=SnapshotStore(folder, full)).histories[0] for _ in range(2)]
+        stored = [
+            compute_snapshots(full, [path], store=SnapshotStore(folder, full)).histories[0]
+            for _ in range(2)
+        ]
         _require(_alike(own, stored[0].answers, stored[1].answers, 0.0), "memory")
     try:
-        _require(full.march(path, MarchSettings(gradient=True)).answers[-1].gradient is not None, "no gradient")
+        _require(
+            full.march(path, MarchSettings(gradient=True)).answers[-1].gradient is not None,
+            "no gradient",
+        )
     except NotOfferedError:
         pass
     found = condensed.march(path, MarchSettings(time_tolerance=0.05)).answers
     _require(all(answer.converged and np.isfinite(answer.time_error) for answer in found), "cut")
     kept_model = _saved(condensed, classes_in(own))
-    _require(_alike(own, condensed.march(path).answers, kept_model.march(path).answers, 0.0), "file")
+    _require(
+        _alike(own, condensed.march(path).answers, kept_model.march(path).answers, 0.0), "file"
+    )
     whole = Zone(lambda problem: np.arange(len(problem.points)))
     recipe = Recipe.of_paths(basis=Pod(LEFT_OUT), nodes=(whole,)).as_it_is()
     try:
         reduced = build(full, SnapshotSet.of_histories([full.march(path)]), recipe)
     except NotOfferedError:
         return
-    _require(_alike(own, exact, reduced.march(path).answers, 100 * np.sqrt(LEFT_OUT)), "reduced law")
+    _require(
+        _alike(own, exact, reduced.march(path).answers, 100 * np.sqrt(LEFT_OUT)), "reduced law"
+    )
 
 
 def _check_rows(full: FullOrderModel, plugin: str) -> None:
@@ -391,7 +530,9 @@ def _check_rows(full: FullOrderModel, plugin: str) -> None:
         check_range(full, plugin)
 
 
-def _check_constants(pair: NodeToNode, own: ContactLaw, path: list[Any], exact: Sequence[Answer]) -> None:
+def _check_constants(
+    pair: NodeToNode, own: ContactLaw, path: list[Any], exact: Sequence[Answer]
+) -> None:
     """Constants of a law on which answers along a path depend change its parts."""
     given: Any = pair.law
     for item in fields(given) if is_dataclass(given) else ():
@@ -402,7 +543,9 @@ def _check_constants(pair: NodeToNode, own: ContactLaw, path: list[Any], exact: 
         try:
             changed = replace(given, **{item.name: text or 1.25 * value})
             full = FullOrderModel(pressed_blocks(contacts=(replace(pair, law=changed),)))
-            same = not _same_parts(own, full.law) or _alike(own, exact, full.march(path).answers, OF_FUNCTIONS)
+            same = not _same_parts(own, full.law) or _alike(
+                own, exact, full.march(path).answers, OF_FUNCTIONS
+            )
         except HHRError:  # no admissible constant
             continue
         _require(same, "constants", item.name)
@@ -421,25 +564,32 @@ def _check_in_c(model: Any, path: list[tuple[float, np.ndarray]]) -> None:
 
 def _same_parts(one: ContactLaw, other: ContactLaw) -> bool:
     both = one.parts(), other.parts()
-    return len(both[0]) == len(both[1]) and all(np.array_equal(*pair) for pair in zip(*both, strict=True))
+    return len(both[0]) == len(both[1]) and all(
+        np.array_equal(*pair) for pair in zip(*both, strict=True)
+    )
 
 
 def check_range(full: FullOrderModel, plugin: str) -> None:
-    """Check the facet ``range`` of the law of a plug-in in a model, on all of its conditions and on a part of them."""
+    """Check the facet ``range`` of the law of a plug-in in a model, on all of its conditions and on
+    a part of them.
+    """
     from hhr_dolfinx.plugins.contact_laws.interface import Range
 
     own: Any = full.law
     whole = next((part for part in getattr(own, "ranges", ()) if part.law.plugin == plugin), None)
     whole = Range(own, np.arange(full.conditions)) if whole is None else whole
     nodes = full.problem.contact_slaves[whole.rows]
-    # the ends of the row have half of an area: no other order of the rows left, nor the first ones, have the same
+    # the ends of the row have half of an area: no other order of the rows left, nor the first ones,
+    # have the same
     some = np.roll(np.flatnonzero(nodes != nodes[0])[::-1], 1)
     part = Range(whole.law.within(some), whole.rows[some])
     back = np.argsort(some)
     again = whole.law.within(np.sort(some))
     _require(_same_parts(part.law.within(back), again), "within")
     contact_at = full.contacts()
-    largest = max(np.abs(contact_at(point).free_slack).max() for point in full.parameters.random(4, 2))
+    largest = max(
+        np.abs(contact_at(point).free_slack).max() for point in full.parameters.random(4, 2)
+    )
     afterwards = []
     for one, chosen in ((whole, np.arange(whole.rows.size)), (part, some)):
         drawn = np.random.default_rng(3)
@@ -476,9 +626,15 @@ def _check_size(part: Range, memory: Memory) -> None:
         _require(False, "range memory", part.rows.size)
 
 
-def _check_kept(part: Range, solver: RangeSolver, memory: Memory, point: np.ndarray, at: Iterate) -> None:
-    """A memory that a file restores adds the same to the gaps, and its next increment is the same."""
-    again = part.law.restored({name: np.asarray(value) for name, value in part.law.stored(memory).items()})
+def _check_kept(
+    part: Range, solver: RangeSolver, memory: Memory, point: np.ndarray, at: Iterate
+) -> None:
+    """A memory that a file restores adds the same to the gaps, and its next increment is the
+    same.
+    """
+    again = part.law.restored(
+        {name: np.asarray(value) for name, value in part.law.stored(memory).items()}
+    )
     states = []
     for one in (memory, again):
         step = solver.step(one if part.law.remembers else NO_MEMORY, point, 0.7)
@@ -490,11 +646,16 @@ Iterate = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Forces, slacks and stiffness of the rows of a range."""
 
 
-def _check_projection(step: RangeStep, at: Iterate, random: np.random.Generator, monotone: bool) -> None:
+def _check_projection(
+    step: RangeStep, at: Iterate, random: np.random.Generator, monotone: bool
+) -> None:
     """``off`` is less a projection of x - c s, which of a monotone law does not expand."""
     forces, slack, stiffness = at
     one = step.linearised(*at, 1)
-    sizes = {np.size(value) for value in (step.shift, one.off, one.on_forces, one.on_slack, one.right, one.active)}
+    sizes = {
+        np.size(value)
+        for value in (step.shift, one.off, one.on_forces, one.on_slack, one.right, one.active)
+    }
     _require(sizes == {forces.size}, "range size", forces.size)
     moved = np.abs(forces).max() * random.standard_normal(forces.size)
     other = step.linearised(forces + moved, slack + moved / stiffness, stiffness, 1)
@@ -502,27 +663,40 @@ def _check_projection(step: RangeStep, at: Iterate, random: np.random.Generator,
     _require(_near(forces + moved - other.off, projected, ROUND_OFF), "projection")
     if monotone:
         for way in np.diag(moved):
-            change = projected - (forces - step.linearised(forces, slack + way / stiffness, stiffness, 1).off)
+            change = projected - (
+                forces - step.linearised(forces, slack + way / stiffness, stiffness, 1).off
+            )
             _require(change @ way - change @ change >= -ROUND_OFF * way @ way, "monotone")
 
 
-def _check_derivatives(full: FullOrderModel, step: Callable[..., RangeStep], point: np.ndarray, at: Iterate) -> None:
-    """Newton's rows span those of differences, since rows of one law may be added to each other; and slopes."""
+def _check_derivatives(
+    full: FullOrderModel, step: Callable[..., RangeStep], point: np.ndarray, at: Iterate
+) -> None:
+    """Newton's rows span those of differences, since rows of one law may be added to each other.
+
+    And slopes.
+    """
     forces, slack, stiffness = at
     size = forces.size
     found = step(point).linearised(*at, 1)
     on_forces = np.diag(found.on_forces)
     if found.coupling is not None:
-        np.add.at(on_forces, (found.coupling.rows, found.coupling.columns), found.coupling.on_forces)
+        np.add.at(
+            on_forces, (found.coupling.rows, found.coupling.columns), found.coupling.on_forces
+        )
     given = np.hstack([on_forces, found.of_slack(np.eye(size) / stiffness), found.right[:, None]])
     unit = STEP * np.abs(forces).max() * np.eye(size)
 
     def off(forces: np.ndarray, slack: np.ndarray) -> np.ndarray:
         return step(point).linearised(forces, slack, stiffness, 1).off
 
-    exact = [(off(forces + one, slack) - off(forces - one, slack)) / (2 * one.max()) for one in unit]
+    exact = [
+        (off(forces + one, slack) - off(forces - one, slack)) / (2 * one.max()) for one in unit
+    ]
     exact += [
-        (off(forces, slack + one / stiffness) - off(forces, slack - one / stiffness)) / (2 * one.max()) for one in unit
+        (off(forces, slack + one / stiffness) - off(forces, slack - one / stiffness))
+        / (2 * one.max())
+        for one in unit
     ]
     both = np.array(exact).T
     right = both @ np.concatenate([forces, slack * stiffness]) - found.off
@@ -532,17 +706,27 @@ def _check_derivatives(full: FullOrderModel, step: Callable[..., RangeStep], poi
     error = float(np.abs(combined.T @ (given / scale) - expected / scale).max())
     _require(error <= OF_ANSWERS, "newton", error)
     slopes = np.broadcast_to(np.transpose(step(point).slopes(*at)), (point.size, size)).T
-    expected = full.parameters.differences(lambda there: step(there).linearised(*at, 1).off, point, STEP)
-    error = float(np.abs(slopes - expected).max() / (np.abs(expected).max() + ROUND_OFF * np.abs(forces).max()))
+    expected = full.parameters.differences(
+        lambda there: step(there).linearised(*at, 1).off, point, STEP
+    )
+    error = float(
+        np.abs(slopes - expected).max()
+        / (np.abs(expected).max() + ROUND_OFF * np.abs(forces).max())
+    )
     _require(error <= OF_ANSWERS or not np.abs(slopes - expected).any(), "range slopes", error)
 
 
 def _check_carried(solver: RangeSolver, point: np.ndarray, step: RangeStep, at: Iterate) -> None:
-    """The next shift changes with forces and slacks as ``carried`` says, and the memory acts by its shift alone."""
+    """The next shift changes with forces and slacks as ``carried`` says, and the memory acts by its
+    shift alone.
+    """
     forces, slack, _ = at
     active = step.linearised(*at, 1).active
     random = np.random.default_rng(4)
-    ways = [STEP * np.abs(value).max() * random.standard_normal((value.size, 1)) for value in (forces, slack)]
+    ways = [
+        STEP * np.abs(value).max() * random.standard_normal((value.size, 1))
+        for value in (forces, slack)
+    ]
 
     def shift(sign: float) -> np.ndarray:
         memory = step.after(forces + sign * ways[0][:, 0], slack + sign * ways[1][:, 0], active)
@@ -560,28 +744,44 @@ def _check_carried(solver: RangeSolver, point: np.ndarray, step: RangeStep, at: 
     _require(error <= OF_FUNCTIONS, "carried", error)
 
 
-def _alike(law: ContactLaw, one: Sequence[Answer], other: Sequence[Answer], tolerance: float) -> bool:
-    """True if answers have the same forces and memories, relative to the largest of each over all of them."""
-    arrays = [[{"forces": a.forces(), **law.stored(a.memory)} for a in answers] for answers in (one, other)]
+def _alike(
+    law: ContactLaw, one: Sequence[Answer], other: Sequence[Answer], tolerance: float
+) -> bool:
+    """True if answers have the same forces and memories, relative to the largest of each over all
+    of them.
+    """
+    arrays = [
+        [{"forces": a.forces(), **law.stored(a.memory)} for a in answers]
+        for answers in (one, other)
+    ]
     for name in arrays[0][0]:
         pair = [np.array([np.asarray(kept[name], float) for kept in answers]) for answers in arrays]
-        if np.abs(pair[0] - pair[1]).max(initial=0.0) > tolerance * np.abs(pair[0]).max(initial=0.0):
+        if np.abs(pair[0] - pair[1]).max(initial=0.0) > tolerance * np.abs(pair[0]).max(
+            initial=0.0
+        ):
             return False
     return True
 
 
 @blaming
-def check_reductor(reductor: object, known: Iterable[type] = (), *, tolerance: float = 0.05) -> None:
-    """Check a way to reduce, on blocks of constant stiffness and on blocks whose modulus is a parameter.
+def check_reductor(
+    reductor: object, known: Iterable[type] = (), *, tolerance: float = 0.05
+) -> None:
+    """Check a way to reduce, on blocks of constant stiffness and on blocks whose modulus is a
+    parameter.
 
-    Its model agrees with full answers that were held out: to round-off if it calls itself exact, else to ``tolerance``,
-    and within its bounds if it has any. It may refuse files, gradients and the varying modulus, with an error of the
-    package. ``known`` are your classes that its files hold, see :func:`hhr_dolfinx.load_model`.
+    Its model agrees with full answers that were held out: to round-off if it calls itself exact,
+    else to ``tolerance``, and within its bounds if it has any. It may refuse files, gradients and
+    the varying modulus, with an error of the package. ``known`` are your classes that its files
+    hold, see :func:`hhr_dolfinx.load_model`.
     """
     bodies = Body(LOWER_BODY, "young", 0.3), Body(UPPER_BODY, 5.0, 0.3)
     for scene in (pressed_blocks(), pressed_blocks({"young": (1.0, 4.0)}, bodies=bodies)):
         full = FullOrderModel(scene)
-        sets = [compute_snapshots(full, full.parameters.random(count, seed)) for count, seed in ((24, 0), (4, 1))]
+        sets = [
+            compute_snapshots(full, full.parameters.random(count, seed))
+            for count, seed in ((24, 0), (4, 1))
+        ]
         try:
             model = build(full, sets[0], reductor, sets[1])
         except HHRError as error:
@@ -593,7 +793,10 @@ def check_reductor(reductor: object, known: Iterable[type] = (), *, tolerance: f
             kept = _saved(model, known)
         except NotOfferedError:
             continue
-        pairs = [[one.solve(point, outside="ignore") for one in (model, kept)] for point in sets[1].points]
+        pairs = [
+            [one.solve(point, outside="ignore") for one in (model, kept)]
+            for point in sets[1].points
+        ]
         arrays = [[np.append(one.forces(), one.unknown) for one in pair] for pair in pairs]
         _require(all(np.array_equal(one, other) for one, other in arrays), "file")
 
@@ -604,7 +807,10 @@ def _check_answers(full: FullOrderModel, model: AnsweringModel, tolerance: float
     def forces(point: np.ndarray) -> np.ndarray:
         return model.solve(point, outside="ignore").multipliers
 
-    pairs = [(full.solve(point), model.solve(point, outside="ignore")) for point in full.parameters.random(8, 1)]
+    pairs = [
+        (full.solve(point), model.solve(point, outside="ignore"))
+        for point in full.parameters.random(8, 1)
+    ]
     both = [[(one.forces(), one.displacement()) for one in pair] for pair in pairs]
     sizes = [max(np.linalg.norm(there[k]) for there, _ in both) for k in (0, 1)]
     limit = ROUND_OFF if model.fields.exact else tolerance
@@ -615,7 +821,9 @@ def _check_answers(full: FullOrderModel, model: AnsweringModel, tolerance: float
         place = full.parameters.described(there.parameter)
         _require(error <= limit, "answer", claim, error, place)
         if (bound := here.estimate()) is not None and bound.kind == "bound":
-            energy = np.sqrt(max(off[1] @ (full.problem.at(there.parameter).stiffness @ off[1]), 0.0))
+            energy = np.sqrt(
+                max(off[1] @ (full.problem.at(there.parameter).stiffness @ off[1]), 0.0)
+            )
             held = np.linalg.norm(off[0]) <= bound.forces_euclid + ROUND_OFF * sizes[0]
             _require(held and energy <= bound.primal + ROUND_OFF * sizes[0], "bound", place)
         try:
@@ -629,7 +837,9 @@ def _check_answers(full: FullOrderModel, model: AnsweringModel, tolerance: float
 
 def _near(found: ArrayLike, expected: ArrayLike, tolerance: float) -> bool:
     """True if arrays agree relative to the largest entry."""
-    return bool(np.abs(np.subtract(found, expected)).max() <= tolerance * np.abs(expected).max() + 1e-14)
+    return bool(
+        np.abs(np.subtract(found, expected)).max() <= tolerance * np.abs(expected).max() + 1e-14
+    )
 
 
 def _saved(model: KeptModel, known: Iterable[type]) -> Any:

@@ -52,7 +52,9 @@ RIGHT = 4.0
 MIDDLE = 2.5
 """Ends of the lower block along x, in axisymmetry of the radius, and their mean."""
 BESIDE = 3.0
-"""Where outputs read displacements: in the middle that along x nearly vanishes, 1/400 of the other one."""
+"""Where outputs read displacements: in the middle that along x nearly vanishes, 1/400 of the other
+one.
+"""
 FAR = 100.0
 """Coordinate of what is too far away to be touched."""
 ROUNDNESS = 0.06
@@ -221,14 +223,22 @@ class Draft:
     @property
     def hookean(self) -> Body:
         """The first body that does not state its elasticity by itself."""
-        bodies = [body for body in self.bodies if body.stress is None and not getattr(body.law, "elastic", False)]
+        bodies = [
+            body
+            for body in self.bodies
+            if body.stress is None and not getattr(body.law, "elastic", False)
+        ]
         self.exclude(not bodies, "each body states its elasticity by itself")
         return bodies[0]
 
     def with_body_law(self, law: Law) -> Draft:
-        """The draft with a law of the first body that has none, and no formulas that the law would leave out."""
+        """The draft with a law of the first body that has none, and no formulas that the law would
+        leave out.
+        """
         left_out = getattr(law, "elastic", False)
-        without = [body.tag for body in self.bodies if body.law is None and not (left_out and body.varies)]
+        without = [
+            body.tag for body in self.bodies if body.law is None and not (left_out and body.varies)
+        ]
         self.exclude(not without, "both bodies have a law, and a body has one")
         return self.with_body(without[0], lambda body: replace(body, law=law))
 

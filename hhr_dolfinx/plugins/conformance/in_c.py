@@ -1,4 +1,6 @@
-"""C functions of a law of interfaces beside Python: a header is compiled, and answers along a path."""
+"""C functions of a law of interfaces beside Python: a header is compiled, and answers along a
+path.
+"""
 
 from __future__ import annotations
 
@@ -24,12 +26,14 @@ int ask(int count, const double *points, double *forces) {
     checked_path *work = checked_path_new();
     status = checked_rest(work, points);
     for (int k = 1; k < count && !status; k++)
-        status = checked_go(work, points + k * CHECKED_PARAMETERS, forces + (k - 1) * CHECKED_CONDITIONS, NULL);
+        status = checked_go(work, points + k * CHECKED_PARAMETERS,
+                                forces + (k - 1) * CHECKED_CONDITIONS, NULL);
     checked_path_free(work);
 #else
     checked_work *work = checked_new();
     for (int k = 1; k < count && !status; k++)
-        status = checked_solve(work, points + k * CHECKED_PARAMETERS, forces + (k - 1) * CHECKED_CONDITIONS, NULL);
+        status = checked_solve(work, points + k * CHECKED_PARAMETERS,
+                                forces + (k - 1) * CHECKED_CONDITIONS, NULL);
     checked_free(work);
 #endif
     return status;
@@ -44,7 +48,9 @@ def compilable(plugin: str) -> bool:
 
 
 def in_c(model: Any, path: Sequence[tuple[float, np.ndarray]]) -> np.ndarray | str:
-    """Forces of a compiled header in steps of a second, (steps, m), or what a compiler says that refuses it."""
+    """Forces of a compiled header in steps of a second, (steps, m), or what a compiler says that
+    refuses it.
+    """
     from hhr_dolfinx.plugins.exporters.c_header import write_c_header
 
     points = np.ascontiguousarray([point for _, point in path], dtype=float)
@@ -58,5 +64,7 @@ def in_c(model: Any, path: Sequence[tuple[float, np.ndarray]]) -> np.ndarray | s
         if done.returncode:
             return done.stderr[:500]
         ask = ctypes.CDLL(str(folder / "checked.so")).ask
-        status = ask(len(points), *(ctypes.c_void_p(array.ctypes.data) for array in (points, forces)))
+        status = ask(
+            len(points), *(ctypes.c_void_p(array.ctypes.data) for array in (points, forces))
+        )
     return f"a step of the path ends with status {status}" if status else forces

@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 
 
 def young(draft: Draft, neutral: bool) -> Draft:
-    """Young's modulus as a parameter: of the lower block, or of one that does not state it itself."""
+    """Young's modulus as a parameter: of the lower block, or of one that does not state it
+    itself.
+    """
     body = draft.hookean
     factor = float(body.young) / 3.0
     values = (2.0 * factor, 5.0 * factor, (3.0 if neutral else 3.9) * factor)

@@ -14,7 +14,9 @@ from hhr_dolfinx.full_order.free_bodies import ALMOST_NONE, FreeBody, rigid_moti
 
 @dataclass(frozen=True)
 class JoinedBody(FreeBody):
-    """Several components that constraints join and let move in parts, with all motions of the parts in their order."""
+    """Several components that constraints join and let move in parts, with all motions of the parts
+    in their order.
+    """
 
     parts: tuple[FreeBody, ...]
 
@@ -36,13 +38,17 @@ def joined_bodies(
     imposed: np.ndarray,
     hypothesis: str,
 ) -> list[FreeBody]:
-    """Bodies of components, with the motions that vanish on ``imposed`` dofs, (nodes, dim), and break no constraint."""
+    """Bodies of components, with the motions that vanish on ``imposed`` dofs, (nodes, dim), and
+    break no constraint.
+    """
     assert prolongation.map is not None
     groups = _groups(components, prolongation.map, points)
     return [_joined(group, prolongation, points, imposed, hypothesis) for group in groups]
 
 
-def _groups(components: list[FreeBody], coupling: csr_matrix, points: np.ndarray) -> list[list[FreeBody]]:
+def _groups(
+    components: list[FreeBody], coupling: csr_matrix, points: np.ndarray
+) -> list[list[FreeBody]]:
     """Components that constraints join."""
     owner = np.full(len(points), -1)
     for number, one in enumerate(components):
@@ -54,19 +60,28 @@ def _groups(components: list[FreeBody], coupling: csr_matrix, points: np.ndarray
 
 
 def _joined(
-    parts: list[FreeBody], prolongation: Prolongation, points: np.ndarray, imposed: np.ndarray, hypothesis: str
+    parts: list[FreeBody],
+    prolongation: Prolongation,
+    points: np.ndarray,
+    imposed: np.ndarray,
+    hypothesis: str,
 ) -> FreeBody:
     """One body of several components, whose motions satisfy the constraints.
 
-    They are those of the body as a whole, unless constraints let its parts move in more ways, as a hinge does.
+    They are those of the body as a whole, unless constraints let its parts move in more ways, as a
+    hinge does.
     """
     nodes = np.sort(np.concatenate([one.nodes for one in parts]))
     motions = rigid_motions(points[nodes], hypothesis)
     body = FreeBody(" with ".join(one.name for one in parts), nodes, motions, np.eye(len(motions)))
-    whole, apart = (np.hstack([one.columns(len(points)) for one in group]) for group in ([body], parts))
+    whole, apart = (
+        np.hstack([one.columns(len(points)) for one in group]) for group in ([body], parts)
+    )
     # combinations that vanish on imposed dofs and break no constraint
     held = imposed.ravel()
-    of_whole, of_parts = (vanishing(np.vstack([one[held], prolongation.broken(one)])) for one in (whole, apart))
+    of_whole, of_parts = (
+        vanishing(np.vstack([one[held], prolongation.broken(one)])) for one in (whole, apart)
+    )
     if len(of_parts) > len(of_whole):
         return JoinedBody(body.name, nodes, _at_nodes(apart, points, nodes), of_parts, tuple(parts))
     return replace(body, motions=_at_nodes(whole, points, nodes), left=of_whole)

@@ -1,4 +1,6 @@
-"""Couplings of nodes with a reference point: rigid and distributing ones, and forces on the point."""
+"""Couplings of nodes with a reference point: rigid and distributing ones, and forces on the
+point.
+"""
 
 from __future__ import annotations
 
@@ -27,22 +29,26 @@ EDGES = "edges"
 ANGLES = "angles"
 """Value of ``by_area`` for the mean of the angles by which nodes turn."""
 CORNERS = 4
-"""Number of corners of a quadrilateral of nine nodes, of which those of edges follow, and the middle is the last."""
+"""Number of corners of a quadrilateral of nine nodes, of which those of edges follow, and the
+middle is the last.
+"""
 TURNS = {2: ((0, 1),), 3: ((1, 2), (2, 0), (0, 1))}
 """Axes of the planes of rotations, by the dimension."""
 
 
 @dataclass(frozen=True)
 class RigidMotion:
-    """Some nodes move as a rigid body: a rigid coupling, which forces and displacements on its nodes then move.
+    """Some nodes move as a rigid body: a rigid coupling, which forces and displacements on its
+    nodes then move.
 
-    Equations that imposed displacements or other constraints imply are left out. The motion of a reference point is
-    imposed by :class:`MeanMotion` of the same place, and forces on it are a :class:`CoupledForce`.
+    Equations that imposed displacements or other constraints imply are left out. The motion of a
+    reference point is imposed by :class:`MeanMotion` of the same place, and forces on it are a
+    :class:`CoupledForce`.
 
     Attributes:
         place: set, surface or :class:`~hhr_dolfinx.parameters.Place`.
-        components: those that move so, ``(2,)``; None for all of them. A set that stays a plane has that along its
-            normal.
+        components: those that move so, ``(2,)``; None for all of them. A set that stays a plane has
+            that along its normal.
     """
 
     place: Tag | Place
@@ -54,22 +60,33 @@ class RigidMotion:
         _check_components(self)
 
     def equations(self, assembler: Assembler) -> Equations:
-        """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`; SceneError for too few nodes."""
+        """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`.
+
+        SceneError for too few nodes.
+        """
         nodes, points = nodes_at(assembler, self.place, self)
         dim = points.shape[1]
         if len(points) < 2 or assembler.hypothesis == "axisymmetric":
-            raise SceneError(f"{self!r} needs two nodes or more, and a mesh that is not axisymmetric")
+            raise SceneError(
+                f"{self!r} needs two nodes or more, and a mesh that is not axisymmetric"
+            )
         coupled = _coupled(self, dim)
-        motions = rigid_motions(points, assembler.hypothesis)[:, :, coupled].reshape(-1, len(points) * len(coupled))
+        motions = rigid_motions(points, assembler.hypothesis)[:, :, coupled].reshape(
+            -1, len(points) * len(coupled)
+        )
         # dofs that the motions follow from are the best of all; the others follow these
         _, triangle, order = qr(motions, mode="economic", pivoting=True)
         rank = int((np.abs(np.diag(triangle)) > 1e-9 * abs(triangle[0, 0])).sum())
         leading = order[:rank]
         rest = order[rank:]
-        follows = np.linalg.lstsq(motions[:, leading].T, np.eye(rank), rcond=None)[0].T @ motions[:, rest]
+        follows = (
+            np.linalg.lstsq(motions[:, leading].T, np.eye(rank), rcond=None)[0].T @ motions[:, rest]
+        )
         dofs = (dim * nodes[:, None] + coupled).ravel()
         count = rest.size
-        leads = [(-follows[k], np.arange(count), np.full(count, dofs[leading[k]])) for k in range(rank)]
+        leads = [
+            (-follows[k], np.arange(count), np.full(count, dofs[leading[k]])) for k in range(rank)
+        ]
         entries = [(np.ones(count), np.arange(count), dofs[rest]), *leads]
         return equations_of(entries, dofs[rest], assembler.size, loose=True)
 
@@ -82,10 +99,12 @@ def fit_of(
     coupled: np.ndarray,
     turns: Sequence[tuple[int, int]],
 ) -> np.ndarray | None:
-    """Coefficients, (n, dim), of the displacements of points in a component of the motion of a reference point.
+    """Coefficients, (n, dim), of the displacements of points in a component of the motion of a
+    reference point.
 
-    The displacement a and the rotation b of the point x minimise the sum of w |u_k - a - b x (x_k - x)|^2 over points,
-    (n, dim), in ``coupled`` components; ``weights`` w, (n,), have the sum 1. None if the component is undetermined.
+    The displacement a and the rotation b of the point x minimise the sum of w |u_k - a - b x (x_k -
+    x)|^2 over points, (n, dim), in ``coupled`` components; ``weights`` w, (n,), have the sum 1.
+    None if the component is undetermined.
     """
     dim = points.shape[1]
     size = np.ptp(points, axis=0).max() or 1.0
@@ -107,7 +126,9 @@ def fit_of(
 
 @dataclass(frozen=True)
 class _Coupled:
-    """Motion of a reference point by a fit to that of nodes, which is exact on nodes of a :class:`RigidMotion`."""
+    """Motion of a reference point by a fit to that of nodes, which is exact on nodes of a
+    :class:`RigidMotion`.
+    """
 
     place: Tag | Place
     component: int
@@ -123,11 +144,14 @@ class _Coupled:
             raise SceneError(f"by_area = {self.by_area!r} of {what} must be {known}")
         if self.by_area == ANGLES and (self.component < 3 or self.point or self.components):
             raise SceneError(
-                f"by_area = {ANGLES!r} of {what} is for a rotation in space, 3 to 5, about the centre alone"
+                f"by_area = {ANGLES!r} of {what} is for a rotation in space, 3 to 5, about the "
+                "centre alone"
             )
         check_place(what, self.place)
         if not is_whole(self.component, 0) or self.component > 5:
-            raise SceneError(f"component {self.component!r} of {what} must be 0 to 5, in the plane 0, 1 or 2")
+            raise SceneError(
+                f"component {self.component!r} of {what} must be 0 to 5, in the plane 0, 1 or 2"
+            )
         if self.point is not None:
             object.__setattr__(self, "point", as_tuple(f"the point of {what}", self.point))
             if not all(is_number(value) for value in self.point):
@@ -140,17 +164,27 @@ class _Coupled:
         nodes, points = nodes_at(assembler, self.place, self, whole=self.by_area in (True, EDGES))
         dim = points.shape[1]
         turns = () if assembler.hypothesis == "axisymmetric" else TURNS[dim]
-        if self.component >= dim + len(turns) or (self.point is not None and len(self.point) != dim):
+        if self.component >= dim + len(turns) or (
+            self.point is not None and len(self.point) != dim
+        ):
             raise SceneError(
-                f"component {self.component} of {self!r} does not exist in {dim} dimensions, or its point has another "
-                "number of coordinates; in axisymmetry there are no rotations"
+                f"component {self.component} of {self!r} does not exist in {dim} dimensions, or "
+                "its point has another number of coordinates; in axisymmetry there are no "
+                "rotations"
             )
         if self.by_area == ANGLES:
-            return (dim * nodes[:, None] + np.arange(dim)).ravel(), _angles(points, turns[self.component - dim]).ravel()
+            return (dim * nodes[:, None] + np.arange(dim)).ravel(), _angles(
+                points, turns[self.component - dim]
+            ).ravel()
         coupled = _coupled(self, dim)
-        found = fit_of(points, self._weights(assembler, nodes), self.component, self.point, coupled, turns)
+        found = fit_of(
+            points, self._weights(assembler, nodes), self.component, self.point, coupled, turns
+        )
         if found is None:
-            raise SceneError(f"the nodes of {self!r} leave component {self.component} undetermined: couple more nodes")
+            raise SceneError(
+                f"the nodes of {self!r} leave component {self.component} undetermined: couple "
+                "more nodes"
+            )
         return (dim * nodes[:, None] + np.arange(dim)).ravel(), found.ravel()
 
     def _weights(self, assembler: Assembler, nodes: np.ndarray) -> np.ndarray:
@@ -159,19 +193,28 @@ class _Coupled:
         if self.by_area in (True, EDGES) and isinstance(self.place, int | str):
             with suppress(SceneError):  # a set of nodes without facets
                 surface = assembler.surface(self.place)
-                weights = np.bincount(np.searchsorted(nodes, surface.nodes), surface.areas, nodes.size)
-                if surface.quadratic is not None:  # the integral of each function, whose corners have less than areas
+                weights = np.bincount(
+                    np.searchsorted(nodes, surface.nodes), surface.areas, nodes.size
+                )
+                if (
+                    surface.quadratic is not None
+                ):  # the integral of each function, whose corners have less than areas
                     (dim,) = assembler.test.ufl_shape
                     along = np.eye(dim)[-1].tolist()
-                    form = elasticity.traction(assembler.test, along, assembler.hypothesis, assembler.ds(self.place))
+                    form = elasticity.traction(
+                        assembler.test, along, assembler.hypothesis, assembler.ds(self.place)
+                    )
                     weights = assembler.vector(form)[dim * nodes + dim - 1]
                     if self.by_area == EDGES:
-                        weights = _of_edges(weights, np.searchsorted(nodes, surface.nodes)[surface.quadratic.nodes])
+                        weights = _of_edges(
+                            weights, np.searchsorted(nodes, surface.nodes)[surface.quadratic.nodes]
+                        )
         return weights / weights.sum()
 
 
 def _angles(points: np.ndarray, turn: tuple[int, int]) -> np.ndarray:
-    """Coefficients, (n, dim), of the displacements of points in the mean of their angles about the axis at the centre.
+    """Coefficients, (n, dim), of the displacements of points in the mean of their angles about the
+    axis at the centre.
 
     Points on the axis count as such that do not turn, as in CalculiX.
     """
@@ -186,7 +229,9 @@ def _angles(points: np.ndarray, turn: tuple[int, int]) -> np.ndarray:
 
 
 def _of_edges(weights: np.ndarray, facets: np.ndarray) -> np.ndarray:
-    """Weights of nodes, (n,), with those in the middle of facets, (F, K), by the functions of serendipity elements."""
+    """Weights of nodes, (n,), with those in the middle of facets, (F, K), by the functions of
+    serendipity elements.
+    """
     if facets.shape[1] <= 2 * CORNERS:
         return weights
     found = weights.copy()
@@ -201,22 +246,28 @@ def _of_edges(weights: np.ndarray, facets: np.ndarray) -> np.ndarray:
 class MeanMotion(_Coupled):
     """The mean motion of some nodes along a component is the amplitude: a distributing coupling.
 
-    It is the displacement or the rotation of a reference point, by the weighted fit of a rigid motion to that of the
-    nodes. On nodes that a :class:`RigidMotion` moves too, it is exact.
+    It is the displacement or the rotation of a reference point, by the weighted fit of a rigid
+    motion to that of the nodes. On nodes that a :class:`RigidMotion` moves too, it is exact.
 
     Attributes:
         place: set, surface or :class:`~hhr_dolfinx.parameters.Place`.
-        component: 0 to 2 of the displacement, 3 to 5 of the rotation in rad; in the plane 2 is the rotation.
+        component: 0 to 2 of the displacement, 3 to 5 of the rotation in rad; in the plane 2 is the
+            rotation.
         amplitude: the motion: a number, an Amplitude, or a formula of the parameters as text.
-        point: the reference point, (dim,); None for the centre of the nodes, whose displacement is their mean.
+        point: the reference point, (dim,); None for the centre of the nodes, whose displacement is
+            their mean.
         components: those of the nodes that are coupled; None for all of them.
-        by_area: True if nodes of a surface, or of a set that holds whole facets, count by their areas; False if alike.
-            With ``"edges"`` those in the middle of faces count for corners and edges, as in elements of 20 nodes. With
-            ``"angles"`` a rotation is the mean of those of all nodes about the axis at their centre: ``*MPC MEANROT``.
+        by_area: True if nodes of a surface, or of a set that holds whole facets, count by their
+            areas; False if alike. With ``"edges"`` those in the middle of faces count for corners
+            and edges, as in elements of 20 nodes. With ``"angles"`` a rotation is the mean of those
+            of all nodes about the axis at their centre: ``*MPC MEANROT``.
     """
 
     def equations(self, assembler: Assembler) -> Equations:
-        """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`; SceneError for undetermined motions."""
+        """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`.
+
+        SceneError for undetermined motions.
+        """
         dofs, found = self._fit(assembler)
         kept = found != 0
         entries = found[kept], np.zeros(int(kept.sum()), dtype=int), dofs[kept]
@@ -226,10 +277,11 @@ class MeanMotion(_Coupled):
 
 @dataclass(frozen=True)
 class CoupledForce(_Coupled):
-    """A force or a moment on a reference point that some nodes carry: the load of a rigid or distributing coupling.
+    """A force or a moment on a reference point that some nodes carry: the load of a rigid or
+    distributing coupling.
 
-    The forces on the nodes are those that do the same work as the force on the point, whose motion is that of
-    :class:`MeanMotion`; in axisymmetry they are those of all of the ring.
+    The forces on the nodes are those that do the same work as the force on the point, whose motion
+    is that of :class:`MeanMotion`; in axisymmetry they are those of all of the ring.
 
     Attributes:
         place: set, surface or :class:`~hhr_dolfinx.parameters.Place`.
@@ -237,9 +289,10 @@ class CoupledForce(_Coupled):
         amplitude: force or moment: a number, an Amplitude, or a formula of the parameters as text.
         point: the reference point, (dim,); None for the centre of the nodes.
         components: those of the nodes that are coupled; None for all of them.
-        by_area: True if nodes of a surface, or of a set that holds whole facets, count by their areas; False if alike.
-            With ``"edges"`` those in the middle of faces count for corners and edges, as in elements of 20 nodes. With
-            ``"angles"`` a rotation is the mean of those of all nodes about the axis at their centre: ``*MPC MEANROT``.
+        by_area: True if nodes of a surface, or of a set that holds whole facets, count by their
+            areas; False if alike. With ``"edges"`` those in the middle of faces count for corners
+            and edges, as in elements of 20 nodes. With ``"angles"`` a rotation is the mean of those
+            of all nodes about the axis at their centre: ``*MPC MEANROT``.
     """
 
     def terms(self, assembler: Assembler) -> list[Term]:
@@ -256,7 +309,8 @@ def _check_components(item: RigidMotion | _Coupled) -> None:
     given = as_tuple(f"components of {type(item).__name__}", given)
     if not given or not all(is_whole(one, 0) and one < 3 for one in given):
         raise SceneError(
-            f"components = {given} of the {type(item).__name__} of {item.place!r} must be among 0, 1 and 2"
+            f"components = {given} of the {type(item).__name__} of {item.place!r} must be among "
+            "0, 1 and 2"
         )
     object.__setattr__(item, "components", tuple(sorted(set(given))))
 

@@ -15,15 +15,19 @@ from hhr_dolfinx.parameters import as_tuple
 OTHER = "_other"
 """End of the name of the second side of a section."""
 FLAT = 1e-6
-"""Distance of a node from the plane of its section over the size of the section above which it is not flat."""
+"""Distance of a node from the plane of its section over the size of the section above which it is
+not flat.
+"""
 
 
 @dataclass(frozen=True)
 class CutMesh(MeshFile):
-    """A mesh file with bodies cut along flat sections: the sides are the surfaces ``name`` and ``name_other``.
+    """A mesh file with bodies cut along flat sections: the sides are the surfaces ``name`` and
+    ``name_other``.
 
     Attributes:
-        sections: names of surfaces or sets of nodes inside bodies, each across the whole of its body.
+        sections: names of surfaces or sets of nodes inside bodies, each across the whole of its
+            body.
     """
 
     sections: tuple[str, ...] = ()
@@ -33,7 +37,9 @@ class CutMesh(MeshFile):
         object.__setattr__(self, "sections", as_tuple("the sections of a CutMesh", self.sections))
 
     def read(self) -> RawMesh:
-        """See :class:`MeshFile`; FileContentError for a section that is missing, not flat, or outside of bodies."""
+        """See :class:`MeshFile`; FileContentError for a section that is missing, not flat, or
+        outside of bodies.
+        """
         raw = super().read()
         for name in self.sections:
             raw = cut(raw, name)
@@ -42,11 +48,19 @@ class CutMesh(MeshFile):
 
 def cut(raw: RawMesh, name: str) -> RawMesh:
     """The mesh in which cells on the upper side of a section have nodes of their own."""
-    nodes = np.unique(raw.surfaces[name]) if name in raw.surfaces else raw.nodes.get(name, np.zeros(0, dtype=int))
+    nodes = (
+        np.unique(raw.surfaces[name])
+        if name in raw.surfaces
+        else raw.nodes.get(name, np.zeros(0, dtype=int))
+    )
     if nodes.size < raw.dim:
-        raise FileContentError(f"there is no section {name!r} in the file: name a surface, or a set of nodes")
+        raise FileContentError(
+            f"there is no section {name!r} in the file: name a surface, or a set of nodes"
+        )
     inside = np.isin(raw.cells, nodes)
-    upper = inside.any(axis=1) & (_heights(raw, name, nodes, raw.points[raw.cells].mean(axis=1)) > 0)
+    upper = inside.any(axis=1) & (
+        _heights(raw, name, nodes, raw.points[raw.cells].mean(axis=1)) > 0
+    )
     lower = inside.any(axis=1) & ~upper
     doubled = nodes if raw.sides is None else np.union1d(nodes, _between(raw, raw.sides, inside))
     numbers = np.arange(len(raw.points))
@@ -55,11 +69,20 @@ def cut(raw: RawMesh, name: str) -> RawMesh:
     sides = None if raw.sides is None else np.where(upper[:, None], numbers[raw.sides], raw.sides)
     pair = []
     for part in (lower, upper):
-        faces = [cells[np.ix_(part & inside[:, face].all(axis=1), face)] for face in map(list, FACES[raw.kind])]
+        faces = [
+            cells[np.ix_(part & inside[:, face].all(axis=1), face)]
+            for face in map(list, FACES[raw.kind])
+        ]
         pair.append(np.concatenate(faces))
     if not all(map(len, pair)):
-        raise FileContentError(f"the section {name!r} has cells on one side alone: it must lie inside a body")
-    others = {key: _turned(raw, value, upper, numbers) for key, value in raw.surfaces.items() if key != name}
+        raise FileContentError(
+            f"the section {name!r} has cells on one side alone: it must lie inside a body"
+        )
+    others = {
+        key: _turned(raw, value, upper, numbers)
+        for key, value in raw.surfaces.items()
+        if key != name
+    }
     return replace(
         raw,
         points=np.vstack([raw.points, raw.points[doubled]]),
@@ -71,7 +94,9 @@ def cut(raw: RawMesh, name: str) -> RawMesh:
 
 
 def _heights(raw: RawMesh, name: str, nodes: np.ndarray, places: np.ndarray) -> np.ndarray:
-    """Distances of places, (n, dim), above the plane of a section, along the axis that it faces most."""
+    """Distances of places, (n, dim), above the plane of a section, along the axis that it faces
+    most.
+    """
     own = raw.points[nodes]
     middle = own.mean(axis=0)
     normal = np.linalg.svd(own - middle)[2][-1]

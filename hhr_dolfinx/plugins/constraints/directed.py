@@ -21,14 +21,17 @@ ON_AXIS = 1e-9
 
 @dataclass(frozen=True)
 class DirectedDisplacement:
-    """The component of the displacement of each node along a direction, as ``*TRANSFORM`` with ``*BOUNDARY`` of decks.
+    """The component of the displacement of each node along a direction, as ``*TRANSFORM`` with
+    ``*BOUNDARY`` of decks.
 
     Attributes:
         place: surface or set of nodes.
         direction: vector of any length, (dim,); or ``radial`` or ``tangential``, about the axis.
-        amplitude: displacement along it: a number, an Amplitude, or a formula of the parameters as text.
+        amplitude: displacement along it: a number, an Amplitude, or a formula of the parameters as
+            text.
         axis_point: a point of the axis, (dim,); None for the origin.
-        axis_direction: direction of the axis in space, (3,), of any length; in the plane it is the normal.
+        axis_direction: direction of the axis in space, (3,), of any length; in the plane it is the
+            normal.
     """
 
     place: Tag | Place
@@ -44,7 +47,9 @@ class DirectedDisplacement:
         for name in (*vectors, *(["axis_point"] if self.axis_point is not None else [])):
             vector = as_tuple(f"{name} of {what}", getattr(self, name))
             if not all(map(is_number, vector)) or (name in vectors and not any(vector)):
-                raise SceneError(f"{name} = {vector} of {what} must be finite numbers, and not all zero")
+                raise SceneError(
+                    f"{name} = {vector} of {what} must be finite numbers, and not all zero"
+                )
             object.__setattr__(self, name, tuple(map(float, vector)))
         check_amplitude(self, what, formulas=True)
 
@@ -52,7 +57,8 @@ class DirectedDisplacement:
         """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`.
 
         Raises:
-            SceneError: for a vector of another dimension, and for nodes on the axis of a round direction.
+            SceneError: for a vector of another dimension, and for nodes on the axis of a round
+                direction.
         """
         (dim,) = assembler.test.ufl_shape
         nodes, points = nodes_at(assembler, self.place, self)
@@ -67,11 +73,17 @@ class DirectedDisplacement:
         """Unit vectors at points, (n, dim) each."""
         if not isinstance(self.direction, str):
             if len(self.direction) != dim:
-                raise SceneError(f"the direction of {self!r} must have {dim} components, as the mesh")
-            return np.tile(np.array(self.direction) / np.linalg.norm(self.direction), (len(points), 1))
+                raise SceneError(
+                    f"the direction of {self!r} must have {dim} components, as the mesh"
+                )
+            return np.tile(
+                np.array(self.direction) / np.linalg.norm(self.direction), (len(points), 1)
+            )
         start = (0.0,) * dim if self.axis_point is None else self.axis_point
         if len(start) != dim or len(self.axis_direction) != 3:
-            raise SceneError(f"the axis of {self!r} needs a point of {dim} coordinates and a direction of 3")
+            raise SceneError(
+                f"the axis of {self!r} needs a point of {dim} coordinates and a direction of 3"
+            )
         axis = np.array(self.axis_direction if dim == 3 else (0.0, 0.0, 1.0))
         axis = axis / np.linalg.norm(axis)
         away = np.zeros((len(points), 3))
@@ -81,7 +93,8 @@ class DirectedDisplacement:
         if lengths.min() <= ON_AXIS * size:
             place = points[lengths.argmin()].tolist()
             raise SceneError(
-                f"{self!r}: the node at {place} is on the axis: leave it out, or hold it by a Displacement"
+                f"{self!r}: the node at {place} is on the axis: leave it out, or hold it by a "
+                "Displacement"
             )
         radial = away / lengths[:, None]
         return (radial if self.direction == "radial" else np.cross(axis, radial))[:, :dim]

@@ -1,7 +1,9 @@
-"""Linear constraints on the displacement: dofs that follow others, as in ties, couplings and equations of decks.
+"""Linear constraints on the displacement: dofs that follow others, as in ties, couplings and
+equations of decks.
 
-Each equation, sum of c_k u_k = g, determines one dof. With U = T V the displacement of all dofs follows from that of
-the others, and the contact problem (1.21) is one of V: T^T K T, B T and T^T F. The lift has the values g.
+Each equation, sum of c_k u_k = g, determines one dof. With U = T V the displacement of all dofs
+follows from that of the others, and the contact problem (1.21) is one of V: T^T K T, B T and T^T F.
+The lift has the values g.
 """
 
 from __future__ import annotations
@@ -33,7 +35,9 @@ SINGULAR = 1e-10
 ROUND_OFF = 1e-14
 """Part of the largest coefficient of a follower up to which a coefficient is round-off."""
 BROKEN = 1e-9
-"""Part of its imposed displacements by which an equation of imposed dofs alone may be off: values are formulas."""
+"""Part of its imposed displacements by which an equation of imposed dofs alone may be off: values
+are formulas.
+"""
 TRIED = 16
 """Random points of the box, in addition to its corners, at which such equations are checked."""
 AT_ONCE = 256
@@ -48,9 +52,10 @@ class Equations:
         rows: coefficients, (k, N).
         dependent: dof that each equation determines, (k,).
         values: right-hand sides for the amplitude 1, (k,).
-        loose: True if each equation may determine another one of its dofs, and those that other equations imply are
-            left out; else an equation is refused for this.
-        middle: True if contact conditions at the dependent nodes are parts of those at the nodes that these follow.
+        loose: True if each equation may determine another one of its dofs, and those that other
+            equations imply are left out; else an equation is refused for this.
+        middle: True if contact conditions at the dependent nodes are parts of those at the nodes
+            that these follow.
     """
 
     rows: csr_matrix
@@ -61,7 +66,9 @@ class Equations:
 
     def take(self, kept: np.ndarray) -> Equations:
         """Some of the equations, by a mask, (k,)."""
-        return replace(self, rows=self.rows[kept], dependent=self.dependent[kept], values=self.values[kept])
+        return replace(
+            self, rows=self.rows[kept], dependent=self.dependent[kept], values=self.values[kept]
+        )
 
 
 class Constraint(Protocol):
@@ -87,8 +94,8 @@ def eliminated(
     ``free`` dofs are not imposed, (N,) bool, and ``imposed`` are the lifts of those that are.
 
     Raises:
-        SceneError: for equations that determine the same dof twice, depend on each other, or are broken by
-            displacements that are imposed.
+        SceneError: for equations that determine the same dof twice, depend on each other, or are
+            broken by displacements that are imposed.
     """
     found = []
     middle = None
@@ -99,7 +106,14 @@ def eliminated(
         amplitude = bound(_amplitude_of(item), scene.parameters)
         alone = given.take(left_out)
         size = np.abs(given.values).max(initial=0.0)
-        _check_kept(scene, repr(item), alone.rows, [Term(amplitude, csc_matrix(-alone.values[:, None]))], size, imposed)
+        _check_kept(
+            scene,
+            repr(item),
+            alone.rows,
+            [Term(amplitude, csc_matrix(-alone.values[:, None]))],
+            size,
+            imposed,
+        )
         found.append((amplitude, part))
     found = _decided(scene, found, free, imposed)
     rows = csr_matrix(vstack([part.rows for _, part in found]))
@@ -119,7 +133,9 @@ def eliminated(
             terms.append(Term(amplitude, csc_matrix(column, shape=(free.size, 1))))
     coupling = csr_matrix(follows + diags((~own).astype(float)))
     no_lifts = csc_matrix((free.size, 0))
-    prolongation = Prolongation(free & ~own, free, no_lifts, coupling, _groups(cell_nodes, follows, own))
+    prolongation = Prolongation(
+        free & ~own, free, no_lifts, coupling, _groups(cell_nodes, follows, own)
+    )
     joined = partial(without_tied, scene, cell_nodes)
     return Eliminated(prolongation, terms, joined, partial(without_repeated, middle))
 
@@ -128,37 +144,49 @@ def _checked(item: Constraint, given: Equations, scene: Scene, size: int) -> Equ
     """Equations of a constraint, which a user may have written, over so many dofs.
 
     Raises:
-        SceneError: for arrays that do not go together, dofs that are none, and numbers that are not finite.
+        SceneError: for arrays that do not go together, dofs that are none, and numbers that are not
+            finite.
     """
     fault = "are no Equations"
     if isinstance(given, Equations):
         count, columns = np.shape(given.rows)
+        shape = np.shape(given.values)
         dependent = np.asarray(given.dependent)
         faults = {
             f"have rows of {columns} columns, and there are {size} dofs": columns != size,
             f"are {count}, and have the dependent dofs {dependent!r}": dependent.shape != (count,),
             "determine dofs that are no numbers from 0": dependent.dtype.kind not in "iu"
             or not ((dependent >= 0) & (dependent < size)).all(),
-            f"are {count}, and have right-hand sides of the shape {np.shape(given.values)}": np.shape(given.values)
-            != (count,),
+            f"are {count}, and have right-hand sides of the shape {shape}": shape != (count,),
             "have coefficients or right-hand sides that are no finite numbers": not all(
-                np.isrealobj(part) and np.isfinite(part).all() for part in (csr_matrix(given.rows).data, given.values)
+                np.isrealobj(part) and np.isfinite(part).all()
+                for part in (csr_matrix(given.rows).data, given.values)
             ),
         }
         fault = next((words for words, found in faults.items() if found), "")
     if fault:
         raise SceneError(f"equations of {item!r} of scene '{scene.name}' {fault}: see Equations")
-    return given if isinstance(given.rows, csr_matrix) else replace(given, rows=csr_matrix(given.rows))
+    return (
+        given if isinstance(given.rows, csr_matrix) else replace(given, rows=csr_matrix(given.rows))
+    )
 
 
 def _amplitude_of(item: Constraint) -> Any:
-    """Its amplitude, also of a user's constraint that has a number or a text, as displacements take."""
+    """Its amplitude, also of a user's constraint that has a number or a text, as displacements
+    take.
+    """
     given = item.amplitude
-    return formula_of(given, f"the amplitude of {item!r}") if isinstance(given, str) or is_number(given) else given
+    return (
+        formula_of(given, f"the amplitude of {item!r}")
+        if isinstance(given, str) or is_number(given)
+        else given
+    )
 
 
 def _shares(given: Equations, size: int) -> csr_matrix:
-    """Positive shares of dofs in the middle of faces in others, (N, N), also of dofs that are imposed or lead now."""
+    """Positive shares of dofs in the middle of faces in others, (N, N), also of dofs that are
+    imposed or lead now.
+    """
     entries = given.rows.tocoo()
     kept = entries.data < 0
     places = given.dependent[entries.row[kept]], entries.col[kept]
@@ -166,7 +194,9 @@ def _shares(given: Equations, size: int) -> csr_matrix:
 
 
 def _solved(factors: SuperLU, others: csc_matrix, dependent: np.ndarray) -> csr_matrix:
-    """Coefficients by which followers follow the ``others``, columns of the equations, (k, N): (N, N)."""
+    """Coefficients by which followers follow the ``others``, columns of the equations, (k, N): (N,
+    N).
+    """
     used = np.flatnonzero(np.diff(others.indptr))
     parts = [csc_matrix((dependent.size, 0))]
     for first in range(0, used.size, AT_ONCE):
@@ -175,18 +205,27 @@ def _solved(factors: SuperLU, others: csc_matrix, dependent: np.ndarray) -> csr_
         parts.append(csc_matrix(solved))
     entries = csc_matrix(hstack(parts)).tocoo()
     size = others.shape[1]
-    return csr_matrix((entries.data, (dependent[entries.row], used[entries.col])), shape=(size, size))
+    return csr_matrix(
+        (entries.data, (dependent[entries.row], used[entries.col])), shape=(size, size)
+    )
 
 
 def _decided(
-    scene: Scene, found: list[tuple[Amplitude, Equations]], free: np.ndarray, imposed: Sequence[Term]
+    scene: Scene,
+    found: list[tuple[Amplitude, Equations]],
+    free: np.ndarray,
+    imposed: Sequence[Term],
 ) -> list[tuple[Amplitude, Equations]]:
-    """Constraints in which loose equations determine dofs of their own, without those that others imply."""
+    """Constraints in which loose equations determine dofs of their own, without those that others
+    imply.
+    """
     if not any(part.loose for _, part in found):
         return found
     rows = csr_matrix(vstack([part.rows for _, part in found]))
     loose = np.concatenate([np.full(part.dependent.size, part.loose) for _, part in found])
-    dependent, implied = chosen(rows, np.concatenate([part.dependent for _, part in found]), loose, free)
+    dependent, implied = chosen(
+        rows, np.concatenate([part.dependent for _, part in found]), loose, free
+    )
     ends = np.cumsum([0, *(part.dependent.size for _, part in found)])
     spans = [slice(first, last) for first, last in pairwise(ends)]
     sides = [
@@ -194,7 +233,9 @@ def _decided(
         for span, (amplitude, part) in zip(spans, found, strict=True)
     ]
     size = max((np.abs(part.values).max(initial=0.0) for _, part in found), default=0.0)
-    what = " and ".join(repr(item) for item, (_, part) in zip(scene.constraints, found, strict=True) if part.loose)
+    what = " and ".join(
+        repr(item) for item, (_, part) in zip(scene.constraints, found, strict=True) if part.loose
+    )
     _check_kept(scene, what, implied @ rows, sides, size, imposed)
     return [
         (amplitude, replace(part, dependent=dependent[span]).take(dependent[span] >= 0))
@@ -203,12 +244,18 @@ def _decided(
 
 
 def _check_kept(
-    scene: Scene, what: str, rows: csr_matrix, values: Sequence[Term], size: float, imposed: Sequence[Term]
+    scene: Scene,
+    what: str,
+    rows: csr_matrix,
+    values: Sequence[Term],
+    size: float,
+    imposed: Sequence[Term],
 ) -> None:
-    """Raise SceneError if equations of imposed dofs alone, with negative right-hand sides, are broken by their values.
+    """Raise SceneError if equations of imposed dofs alone, with negative right-hand sides, are
+    broken by their values.
 
-    ``size`` is that of all right-hand sides of their constraints: a normal has components of round-off, and products of
-    rows cancel.
+    ``size`` is that of all right-hand sides of their constraints: a normal has components of
+    round-off, and products of rows cancel.
     """
     moved = [Term(one.amplitude, csc_matrix(rows @ one.columns)) for one in imposed]
     terms = Terms(scene.parameters, sides=[*values, *moved])
@@ -220,13 +267,16 @@ def _check_kept(
         theta = amplitudes(point)
         if np.abs(sides @ theta).max() > BROKEN * size * np.abs(theta.values).max():
             raise SceneError(
-                f"{what} of scene '{scene.name}' has equations of imposed displacements alone, which break them, as "
-                f"at {scene.parameters.described(point)}: leave out the equations or the displacements there"
+                f"{what} of scene '{scene.name}' has equations of imposed displacements alone, "
+                f"which break them, as at {scene.parameters.described(point)}: leave out the "
+                "equations or the displacements there"
             )
 
 
 def _without_imposed(part: Equations, free: np.ndarray) -> tuple[Equations, np.ndarray]:
-    """Equations that determine a free dof, with largest coefficients of 1, and a mask of the others."""
+    """Equations that determine a free dof, with largest coefficients of 1, and a mask of the
+    others.
+    """
     scale = np.asarray(abs(part.rows).max(axis=1).toarray()).ravel()
     scale = 1 / np.where(scale > 0, scale, 1.0)
     rows = csr_matrix(diags(scale) @ part.rows)
@@ -235,7 +285,9 @@ def _without_imposed(part: Equations, free: np.ndarray) -> tuple[Equations, np.n
     if part.loose:
         dependent[~free[dependent]] = -1
         kept = np.asarray(abs(rows[:, free]).max(axis=1).toarray()).ravel() > ROUND_OFF
-        return replace(part, rows=rows, dependent=dependent, values=scale * part.values).take(kept), ~kept
+        return replace(part, rows=rows, dependent=dependent, values=scale * part.values).take(
+            kept
+        ), ~kept
     for row in np.flatnonzero(~free[dependent]):
         span = slice(rows.indptr[row], rows.indptr[row + 1])
         columns = rows.indices[span]
@@ -253,10 +305,15 @@ def _check_once(scene: Scene, found: list[Equations], dependent: np.ndarray) -> 
     values, counts = np.unique(dependent, return_counts=True)
     if (counts > 1).any():
         twice = values[counts > 1][0]
-        which = [repr(item) for item, part in zip(scene.constraints, found, strict=True) if twice in part.dependent]
+        which = [
+            repr(item)
+            for item, part in zip(scene.constraints, found, strict=True)
+            if twice in part.dependent
+        ]
         raise SceneError(
-            f"dof {twice} of scene '{scene.name}' follows by several equations, of {' and '.join(which)}: leave one of "
-            "them out, or let it determine another dof by writing that first"
+            f"dof {twice} of scene '{scene.name}' follows by several equations, of "
+            f"{' and '.join(which)}: leave one of them out, or let it determine another dof by "
+            "writing that first"
         )
 
 
@@ -269,8 +326,8 @@ def _factored(scene: Scene, matrix: csc_matrix) -> SuperLU:
     except RuntimeError:  # singular in structure
         pass
     raise SceneError(
-        f"constraints of scene '{scene.name}' depend on each other: leave out those that others imply; or a dof that "
-        "one determines is not in it"
+        f"constraints of scene '{scene.name}' depend on each other: leave out those that others "
+        "imply; or a dof that one determines is not in it"
     )
 
 
@@ -282,7 +339,11 @@ def _groups(cell_nodes: np.ndarray, follows: csr_matrix, own: np.ndarray) -> csr
     following[np.flatnonzero(own) // dim] = True
     touched = cell_nodes[following[cell_nodes].any(axis=1)]
     starts = np.arange(0, touched.size + 1, cell_nodes.shape[1])
-    inside = csr_matrix((np.ones(touched.size), touched.ravel(), starts), shape=(len(touched), count))
+    inside = csr_matrix(
+        (np.ones(touched.size), touched.ravel(), starts), shape=(len(touched), count)
+    )
     entries = follows.tocoo()
-    nodes = csr_matrix((np.ones(entries.nnz), (entries.row // dim, entries.col // dim)), shape=(count, count))
+    nodes = csr_matrix(
+        (np.ones(entries.nnz), (entries.row // dim, entries.col // dim)), shape=(count, count)
+    )
     return csr_matrix(inside + inside @ nodes)

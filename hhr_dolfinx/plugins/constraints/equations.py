@@ -18,7 +18,9 @@ from hhr_dolfinx.parameters import Place, Tag, as_tuple, check_place, is_number,
 from hhr_dolfinx.plugins.constraints.elimination import Equations
 
 ALIKE = 1e-6
-"""Distance of nodes over the size of the mesh up to which they coincide: files have about 7 digits."""
+"""Distance of nodes over the size of the mesh up to which they coincide: files have about 7
+digits.
+"""
 Rows = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Coefficients, rows and columns of a sparse matrix."""
 
@@ -33,13 +35,16 @@ def equations_of(
     """Equations of coefficients; right-hand sides are 0 if none are given."""
     data, rows, columns = (np.concatenate(part) for part in zip(*entries, strict=True))
     matrix = csr_matrix((data, (rows, columns)), shape=(dependent.size, size))
-    return Equations(matrix, dependent, np.zeros(dependent.size) if values is None else values, loose)
+    return Equations(
+        matrix, dependent, np.zeros(dependent.size) if values is None else values, loose
+    )
 
 
 def nodes_at(
     assembler: Assembler, place: Tag | Place, what: object, whole: bool = True
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of nodes and their coordinates, (n, dim), of a set with all of its facets if ``whole``.
+    """Numbers of nodes and their coordinates, (n, dim), of a set with all of its facets if
+    ``whole``.
 
     Raises:
         SceneError: if there are none.
@@ -58,10 +63,12 @@ def _in_order(points: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Equation:
-    """Sum of c_k u_k = amplitude, as ``*EQUATION`` of decks; the first displacement follows the others.
+    """Sum of c_k u_k = amplitude, as ``*EQUATION`` of decks.
 
-    Places with several nodes make an equation for each, in the order of coordinates; a place with one node stands in
-    each of them.
+    The first displacement follows the others.
+
+    Places with several nodes make an equation for each, in the order of coordinates; a place with
+    one node stands in each of them.
 
     Attributes:
         terms: triples of place, component and coefficient, ``(("A", 0, 1.0), ("B", 0, -1.0))``.
@@ -74,12 +81,16 @@ class Equation:
     def __post_init__(self) -> None:
         terms = as_tuple("the terms of an equation", self.terms)
         if not terms or not all(isinstance(term, tuple) and len(term) == 3 for term in terms):
-            raise SceneError(f"terms = {self.terms!r} of an equation must be triples (place, component, coefficient)")
+            raise SceneError(
+                f"terms = {self.terms!r} of an equation must be triples (place, component, "
+                "coefficient)"
+            )
         for place, component, coefficient in terms:
             check_place("term of an equation", place)
             if not is_whole(component, 0) or not is_number(coefficient) or coefficient == 0:
                 raise SceneError(
-                    f"{(place, component, coefficient)} of an equation needs a component and a coefficient"
+                    f"{(place, component, coefficient)} of an equation needs a component and a "
+                    "coefficient"
                 )
         object.__setattr__(self, "terms", terms)
         check_amplitude(self, "an equation", formulas=True)
@@ -90,13 +101,16 @@ class Equation:
         found = []
         for place, component, _ in self.terms:
             if component >= dim:
-                raise SceneError(f"component {component} of {self!r} does not exist in {dim} dimensions")
+                raise SceneError(
+                    f"component {component} of {self!r} does not exist in {dim} dimensions"
+                )
             nodes, points = nodes_at(assembler, place, self)
             found.append(nodes[_in_order(points)])
         count = max(nodes.size for nodes in found)
         if any(nodes.size not in (1, count) for nodes in found) or found[0].size != count:
             raise SceneError(
-                f"places of {self!r} have {[nodes.size for nodes in found]} nodes: give one or as many as the first"
+                f"places of {self!r} have {[nodes.size for nodes in found]} nodes: give one or as "
+                "many as the first"
             )
         entries = [
             (np.full(count, float(c)), np.arange(count), np.broadcast_to(dim * nodes + k, count))
@@ -107,9 +121,11 @@ class Equation:
 
 @dataclass(frozen=True)
 class Periodic:
-    """Nodes of one surface move as those of another one, turned by an angle about an axis: cyclic symmetry.
+    """Nodes of one surface move as those of another one, turned by an angle about an axis: cyclic
+    symmetry.
 
-    Each node of ``follower``, turned back, must be a node of ``leader``; a node of both, on the axis, stays on it.
+    Each node of ``follower``, turned back, must be a node of ``leader``; a node of both, on the
+    axis, stays on it.
 
     Attributes:
         follower, leader: surfaces or sets.
@@ -130,13 +146,20 @@ class Periodic:
     def __post_init__(self) -> None:
         check_place("periodic surface", self.follower)
         check_place("periodic surface", self.leader)
-        if not is_number(self.angle) or not is_whole(self.axis, 0) or self.axis > 2 or not self.tolerance > 0:
+        if (
+            not is_number(self.angle)
+            or not is_whole(self.axis, 0)
+            or self.axis > 2
+            or not self.tolerance > 0
+        ):
             raise SceneError(
-                f"angle = {self.angle!r}, axis = {self.axis!r} and tolerance = {self.tolerance!r} must be a number, "
-                "0, 1 or 2, and a positive number"
+                f"angle = {self.angle!r}, axis = {self.axis!r} and tolerance = {self.tolerance!r} "
+                "must be a number, 0, 1 or 2, and a positive number"
             )
         if self.shift is not None:
-            object.__setattr__(self, "shift", as_tuple("the shift of a periodic surface", self.shift))
+            object.__setattr__(
+                self, "shift", as_tuple("the shift of a periodic surface", self.shift)
+            )
             if not all(map(is_number, self.shift)):
                 raise SceneError(f"the shift {self.shift} of a periodic surface must be finite")
 
@@ -157,26 +180,40 @@ class Periodic:
         """
         (dim,) = assembler.test.ufl_shape
         if (self.shift is not None and len(self.shift) != dim) or (dim == 2 and self.axis != 2):
-            raise SceneError(f"{self!r}: in {dim} dimensions a shift has as many numbers, and in the plane axis = 2")
+            raise SceneError(
+                f"{self!r}: in {dim} dimensions a shift has as many numbers, and in the plane "
+                "axis = 2"
+            )
         if assembler.hypothesis == "axisymmetric" and self.angle:
-            raise SceneError(f"{self!r} turns the plane (r, z), and an axisymmetric body with it: leave out the angle")
+            raise SceneError(
+                f"{self!r} turns the plane (r, z), and an axisymmetric body with it: leave out "
+                "the angle"
+            )
         own, places = nodes_at(assembler, self.follower, self)
         others, sources = nodes_at(assembler, self.leader, self)
         turn = self.turn(dim)
-        turned = sources @ turn.T + (0.0 if self.shift is None else np.array(self.shift, dtype=float))
+        turned = sources @ turn.T + (
+            0.0 if self.shift is None else np.array(self.shift, dtype=float)
+        )
         far, which = cKDTree(turned).query(places)
         size = np.ptp(assembler.points(), axis=0).max()
         if far.max() > self.tolerance * size:
             bad = int(far.argmax())
             raise SceneError(
-                f"{self!r}: the node at {places[bad].tolist()} lies {far[bad]:.3g} beside those of the leader, turned "
-                "and shifted: mesh both surfaces alike, or tie them"
+                f"{self!r}: the node at {places[bad].tolist()} lies {far[bad]:.3g} beside those "
+                "of the leader, turned and shifted: mesh both surfaces alike, or tie them"
             )
         count = own.size * dim
         dofs = (dim * own[:, None] + np.arange(dim)).ravel()
         entries: list[Any] = [(np.ones(count), np.arange(count), dofs)]
         for k in range(dim):
-            entries.append((-np.tile(turn[:, k], own.size), np.arange(count), np.repeat(dim * others[which] + k, dim)))
+            entries.append(
+                (
+                    -np.tile(turn[:, k], own.size),
+                    np.arange(count),
+                    np.repeat(dim * others[which] + k, dim),
+                )
+            )
         # of a node on the axis u = R u says nothing along the axis, nor of a shift
         says = (own != others[which])[:, None] | (np.abs(turn - np.eye(dim)).max(axis=1) > ALIKE)
         return equations_of(entries, dofs, assembler.size, loose=True).take(says.ravel())

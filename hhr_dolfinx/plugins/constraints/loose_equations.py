@@ -1,7 +1,9 @@
-"""Dofs that loose equations determine: rigid and distributing couplings, of which others may imply a part.
+"""Dofs that loose equations determine: rigid and distributing couplings, of which others may imply
+a part.
 
-A rigid coupling with nodes on a plane of symmetry, or a rigid surface whose motion is imposed, has equations that
-determine one dof of several, or that the others imply. Such dofs are found by elimination with pivoting.
+A rigid coupling with nodes on a plane of symmetry, or a rigid surface whose motion is imposed, has
+equations that determine one dof of several, or that the others imply. Such dofs are found by
+elimination with pivoting.
 """
 
 from __future__ import annotations
@@ -12,13 +14,16 @@ from scipy.sparse import csc_matrix, csr_matrix, identity
 from scipy.sparse.linalg import SuperLU, splu
 
 IMPLIED = 1e-9
-"""Pivot, of equations with largest coefficients of 1, up to which an equation is implied by the others."""
+"""Pivot, of equations with largest coefficients of 1, up to which an equation is implied by the
+others.
+"""
 
 
 def chosen(
     rows: csr_matrix, dependent: np.ndarray, loose: np.ndarray, free: np.ndarray
 ) -> tuple[np.ndarray, csr_matrix]:
-    """Dofs that equations determine, (k,), with -1 for implied ones, and combinations, (implied, k), without free dofs.
+    """Dofs that equations determine, (k,), with -1 for implied ones, and combinations, (implied,
+    k), without free dofs.
 
     Loose equations, (k,) bool, keep their dof if it is free and no other equation determines it.
     """
@@ -37,7 +42,10 @@ def chosen(
 
 
 def _factors(rows: csr_matrix, dependent: np.ndarray, fixed: np.ndarray) -> SuperLU | None:
-    """Factors of equations in their dofs, of the identity if there are none; None if they depend on each other."""
+    """Factors of equations in their dofs, of the identity if there are none.
+
+    None if they depend on each other.
+    """
     own = csc_matrix(rows[fixed][:, dependent[fixed]]) if fixed.any() else csc_matrix(identity(1))
     try:
         factors = splu(own)
@@ -47,7 +55,11 @@ def _factors(rows: csr_matrix, dependent: np.ndarray, fixed: np.ndarray) -> Supe
 
 
 def _eliminated(
-    rows: csr_matrix, dependent: np.ndarray, undecided: np.ndarray, free: np.ndarray, factors: SuperLU
+    rows: csr_matrix,
+    dependent: np.ndarray,
+    undecided: np.ndarray,
+    free: np.ndarray,
+    factors: SuperLU,
 ) -> tuple[np.ndarray, csr_matrix]:
     """See :func:`chosen`; ``factors`` are those of the decided equations."""
     fixed = ~undecided
@@ -70,7 +82,11 @@ def _eliminated(
     if count:
         _, _, pivots = qr(dense[own], mode="economic", pivoting=True)
         found[numbers[own]] = columns[pivots[:count]]
-    shares = np.linalg.lstsq(dense[own].T, dense[implied].T, rcond=None)[0].T if count else np.zeros((implied.size, 0))
+    shares = (
+        np.linalg.lstsq(dense[own].T, dense[implied].T, rcond=None)[0].T
+        if count
+        else np.zeros((implied.size, 0))
+    )
     combined = np.zeros((implied.size, dependent.size))
     combined[np.arange(implied.size), numbers[implied]] = 1.0
     combined[:, numbers[own]] -= shares

@@ -1,4 +1,6 @@
-"""Preload of bolts: the two sides of a section are drawn together by a length or a force, *PRE-TENSION SECTION."""
+"""Preload of bolts: the two sides of a section are drawn together by a length or a force,
+*PRE-TENSION SECTION.
+"""
 
 from __future__ import annotations
 
@@ -36,8 +38,14 @@ class _Section:
         """The section of this name; SceneError for sides whose nodes do not coincide."""
         below, above = (assembler.surface(tag) for tag in (name, f"{name}{OTHER}"))
         far, which = cKDTree(above.points).query(below.points)
-        if len(below.nodes) != len(above.nodes) or far.max() > 1e-9 * np.ptp(below.points, axis=0).max():
-            raise SceneError(f"the sides of section {name!r} have other nodes: cut the mesh by CutMesh(path, sections)")
+        if (
+            len(below.nodes) != len(above.nodes)
+            or far.max() > 1e-9 * np.ptp(below.points, axis=0).max()
+        ):
+            raise SceneError(
+                f"the sides of section {name!r} have other nodes: cut the mesh by CutMesh(path, "
+                "sections)"
+            )
         first = int(np.linalg.norm(below.points - below.points.mean(axis=0), axis=1).argmin())
         return cls(below.nodes, above.nodes[which], mean_normal(below), first)
 
@@ -51,7 +59,9 @@ class _Section:
         dofs = np.concatenate([self.dofs(self.above), self.dofs(self.below)])
         rows = np.arange(dofs.size // 2)
         ones = np.ones(rows.size)
-        return csr_matrix((np.append(ones, -ones), (np.append(rows, rows), dofs)), shape=(rows.size, size))
+        return csr_matrix(
+            (np.append(ones, -ones), (np.append(rows, rows), dofs)), shape=(rows.size, size)
+        )
 
 
 @dataclass(frozen=True)
@@ -60,7 +70,8 @@ class Preload:
 
     Attributes:
         section: name of the section, see :class:`~hhr_dolfinx.plugins.constraints.cut.CutMesh`.
-        amplitude: the shortening, a length: a number, an Amplitude, or a formula of the parameters as text.
+        amplitude: the shortening, a length: a number, an Amplitude, or a formula of the parameters
+            as text.
     """
 
     section: str
@@ -79,7 +90,8 @@ class Preload:
 
 @dataclass(frozen=True)
 class ForcedSection:
-    """Both sides of a section move alike, but for a common shortening, which a :class:`BoltForce` draws.
+    """Both sides of a section move alike, but for a common shortening, which a :class:`BoltForce`
+    draws.
 
     Attributes:
         section: name of the section, see :class:`~hhr_dolfinx.plugins.constraints.cut.CutMesh`.
@@ -102,13 +114,16 @@ class ForcedSection:
         middle = slice(normal.size * section.first, normal.size * (section.first + 1))
         along = csr_matrix(np.tile(np.outer(normal, normal), (section.above.size, 1)))
         dofs = section.dofs(section.above)
-        found = Equations(csr_matrix(openings - along @ openings[middle]), dofs, np.zeros(dofs.size))
+        found = Equations(
+            csr_matrix(openings - along @ openings[middle]), dofs, np.zeros(dofs.size)
+        )
         return found.take(np.arange(dofs.size) != middle.start + np.abs(normal).argmax())
 
 
 @dataclass(frozen=True)
 class BoltForce:
-    """Force in a bolt that draws the sides of a :class:`ForcedSection` together, positive as tension.
+    """Force in a bolt that draws the sides of a :class:`ForcedSection` together, positive as
+    tension.
 
     Attributes:
         section: name of the section.
@@ -124,10 +139,14 @@ class BoltForce:
 
     def check_scene(self, scene: Scene) -> None:
         """Raise SceneError without a section that follows the force."""
-        if not any(isinstance(item, ForcedSection) and item.section == self.section for item in scene.constraints):
+        if not any(
+            isinstance(item, ForcedSection) and item.section == self.section
+            for item in scene.constraints
+        ):
             raise SceneError(
-                f"the BoltForce of section {self.section!r} acts on one pair of nodes, which the others of the section "
-                f"must follow: add ForcedSection({self.section!r}) to the constraints of scene '{scene.name}'"
+                f"the BoltForce of section {self.section!r} acts on one pair of nodes, which the "
+                f"others of the section must follow: add ForcedSection({self.section!r}) to the "
+                f"constraints of scene '{scene.name}'"
             )
 
     def terms(self, assembler: Assembler) -> list[Term]:

@@ -13,16 +13,24 @@ from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.full_order.eliminated import Conditions
 
 ALIKE = 1e-6
-"""Distance of gaps over the size of the mesh, and of rows of B T over theirs, up to which conditions are the same."""
+"""Distance of gaps over the size of the mesh, and of rows of B T over theirs, up to which
+conditions are the same.
+"""
 
 
 def without_repeated(
-    middle: csr_matrix | None, prolongation: Prolongation, rows: ContactRows, pairs: np.ndarray, gaps: np.ndarray
+    middle: csr_matrix | None,
+    prolongation: Prolongation,
+    rows: ContactRows,
+    pairs: np.ndarray,
+    gaps: np.ndarray,
 ) -> Conditions:
-    """Conditions, their pairs, (m,), and gaps by term, (m, 1 + T), with one instead of several that are the same for V.
+    """Conditions, their pairs, (m,), and gaps by term, (m, 1 + T), with one instead of several that
+    are the same for V.
 
-    Such are those at both edges of a periodic surface: one bears the force of all, at their mean by areas. ``middle``
-    are positive shares of dofs whose conditions are parts of those at other nodes, (N, N).
+    Such are those at both edges of a periodic surface: one bears the force of all, at their mean by
+    areas. ``middle`` are positive shares of dofs whose conditions are parts of those at other
+    nodes, (N, N).
     """
     if middle is not None:
         rows, pairs, gaps = _without_middles(middle, rows, pairs, gaps)
@@ -34,7 +42,9 @@ def without_repeated(
     other = beside.col
     size = max(np.ptp(rows.points, axis=0).max(initial=0.0), np.abs(gaps).max(initial=0.0))
     same = squares[one] + squares[other] - 2 * beside.data <= ALIKE**2 * squares[one]
-    same &= (pairs[one] == pairs[other]) & (np.abs(gaps[one] - gaps[other]).max(axis=1) <= ALIKE * size)
+    same &= (pairs[one] == pairs[other]) & (
+        np.abs(gaps[one] - gaps[other]).max(axis=1) <= ALIKE * size
+    )
     m = pairs.size
     graph = csr_matrix((np.ones(int(same.sum())), (one[same], other[same])), shape=(m, m))
     count, label = connected_components(graph, directed=False)
@@ -43,12 +53,17 @@ def without_repeated(
     _, first, label = np.unique(label, return_index=True, return_inverse=True)
     areas = np.bincount(label, rows.areas)
     mean = csr_matrix((rows.areas / areas[label], (label, np.arange(m))), shape=(count, m))
-    kept = replace(rows.take(first), matrix=csr_matrix(mean @ rows.matrix), gap=mean @ rows.gap, areas=areas)
+    kept = replace(
+        rows.take(first), matrix=csr_matrix(mean @ rows.matrix), gap=mean @ rows.gap, areas=areas
+    )
     return kept, pairs[first], mean @ gaps
 
 
-def _without_middles(of_middles: csr_matrix, rows: ContactRows, pairs: np.ndarray, gaps: np.ndarray) -> Conditions:
-    """Conditions without those at nodes in the middle of faces, which the others of a facet would imply.
+def _without_middles(
+    of_middles: csr_matrix, rows: ContactRows, pairs: np.ndarray, gaps: np.ndarray
+) -> Conditions:
+    """Conditions without those at nodes in the middle of faces, which the others of a facet would
+    imply.
 
     Nodes of edges take them over by areas: functions psi of a pair then still have the sum 1.
     """
@@ -64,11 +79,17 @@ def _without_middles(of_middles: csr_matrix, rows: ContactRows, pairs: np.ndarra
     order = np.argsort(keys)
     place = order[np.minimum(np.searchsorted(keys[order], wanted), count - 1)]
     there = keys[place] == wanted
-    shares = csr_matrix((entries.data[there], (place[there], middle[entries.row[there]])), shape=(count, count))
+    shares = csr_matrix(
+        (entries.data[there], (place[there], middle[entries.row[there]])), shape=(count, count)
+    )
     given = np.asarray(shares.sum(axis=0)).ravel()
     kept = np.flatnonzero(given == 0)
-    whole = csr_matrix(shares @ diags(1 / np.where(given > 0, given, 1.0)) + diags((given == 0).astype(float)))[kept]
+    whole = csr_matrix(
+        shares @ diags(1 / np.where(given > 0, given, 1.0)) + diags((given == 0).astype(float))
+    )[kept]
     areas = whole @ rows.areas
     mean = diags(1 / areas) @ whole @ diags(rows.areas)
-    others = replace(rows.take(kept), matrix=csr_matrix(mean @ rows.matrix), gap=mean @ rows.gap, areas=areas)
+    others = replace(
+        rows.take(kept), matrix=csr_matrix(mean @ rows.matrix), gap=mean @ rows.gap, areas=areas
+    )
     return others, pairs[kept], mean @ gaps

@@ -19,17 +19,21 @@ CELLS = {9: "quadrilateral", 27: "hexahedron"}
 
 @dataclass(frozen=True)
 class Serendipity:
-    """Nodes in the middle of faces and cells follow those of edges, which leaves 8 or 20 nodes of each cell.
+    """Nodes in the middle of faces and cells follow those of edges, which leaves 8 or 20 nodes of
+    each cell.
 
-    The displacement is then that of serendipity elements on the same mesh: at the middle of a face it is half of the
-    sum at the middles of the four edges less a quarter of that at the corners, in the middle of a hexahedron a quarter
-    of both sums.
+    The displacement is then that of serendipity elements on the same mesh: at the middle of a face
+    it is half of the sum at the middles of the four edges less a quarter of that at the corners, in
+    the middle of a hexahedron a quarter of both sums.
     """
 
     amplitude: Amplitude = field(default=Amplitude(), init=False)
 
     def equations(self, assembler: Assembler) -> Equations:
-        """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`; SceneError for other cells."""
+        """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`.
+
+        SceneError for other cells.
+        """
         cells = assembler.cells()
         if cells.shape[1] not in CELLS:
             raise SceneError("Serendipity() needs quadrilaterals or hexahedra of second order")
@@ -49,14 +53,17 @@ class Serendipity:
 
 
 def _middles(cell: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Nodes in the middle of faces and of the cell, (m,), corners and nodes of edges, (n,), and shares, (m, n).
+    """Nodes in the middle of faces and of the cell, (m,), corners and nodes of edges, (n,), and
+    shares, (m, n).
 
-    The value in the middle is that of the shape functions of the serendipity element there: -1/4 at each corner, and
-    1/2 at the edges of a face, or 1/4 at those of a hexahedron.
+    The value in the middle is that of the shape functions of the serendipity element there: -1/4 at
+    each corner, and 1/2 at the edges of a face, or 1/4 at those of a hexahedron.
     """
     edges, faces = (np.array(part) for part in compat.topology(cell))
     corners = int(edges.max()) + 1
-    ends = np.concatenate([np.arange(corners)[:, None].repeat(2, axis=1), edges])  # corners on both sides of each node
+    ends = np.concatenate(
+        [np.arange(corners)[:, None].repeat(2, axis=1), edges]
+    )  # corners on both sides of each node
     whole = np.arange(corners)
     if cell == "hexahedron":
         sides = [*faces, whole]

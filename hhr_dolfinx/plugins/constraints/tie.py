@@ -19,15 +19,19 @@ from hhr_dolfinx.plugins.constraints.equations import equations_of
 from hhr_dolfinx.plugins.mortar.pairing import Mortar
 
 WIDE = 0.1
-"""Part of a cell up to which surfaces of a tie may be apart without a warning: chords of round surfaces are."""
+"""Part of a cell up to which surfaces of a tie may be apart without a warning: chords of round
+surfaces are.
+"""
 
 
 @dataclass(frozen=True)
 class Tie:
-    """The surface ``slave`` moves with the surface ``master``: each of its nodes follows a mean of those of the master.
+    """The surface ``slave`` moves with the surface ``master``: each of its nodes follows a mean of
+    those of the master.
 
-    The means are those of a pairing: with ``Mortar``, which is the default, a constant stress passes exactly (Wohlmuth
-    2000, see the plug-in ``mortar``); with ``NodeToSurface`` a node follows the point of the master in front of it.
+    The means are those of a pairing: with ``Mortar``, which is the default, a constant stress
+    passes exactly (Wohlmuth 2000, see the plug-in ``mortar``); with ``NodeToSurface`` a node
+    follows the point of the master in front of it.
 
     Attributes:
         slave: facet tag of the surface that follows, best the finer one.
@@ -49,8 +53,8 @@ class Tie:
             self._pairing  # noqa: B018 (faults are reported where the tie is written)
         except TypeError as error:
             raise SceneError(
-                f"pairing = {self.pairing!r} of the tie of {self.slave!r} must make a pairing of slave and master, "
-                f"such as the class Mortar: {error}"
+                f"pairing = {self.pairing!r} of the tie of {self.slave!r} must make a pairing of "
+                f"slave and master, such as the class Mortar: {error}"
             ) from error
 
     @property
@@ -72,14 +76,17 @@ class Tie:
         wide = np.abs(rows.gap).max(initial=0.0)
         if wide > WIDE * surfaces[0].cell_sizes().min():
             warn(
-                f"the surfaces of {self!r} are up to {wide:.3g} apart: what they pass on has no moment across that "
-                "gap, and turns of a body strain it. Let the surfaces meet"
+                f"the surfaces of {self!r} are up to {wide:.3g} apart: what they pass on has no "
+                "moment across that gap, and turns of a body strain it. Let the surfaces meet"
             )
         count = rows.gap.size
         dofs = dim * rows.slaves[:, None] + np.arange(dim)
         normals = np.asarray(rows.matrix[np.arange(count)[:, None], dofs].toarray())
         if not np.allclose(np.linalg.norm(normals, axis=1), 1.0):
-            raise SceneError(f"{self!r}: its pairing has other rows than one of a node each: tie by NodeToSurface")
+            raise SceneError(
+                f"{self!r}: its pairing has other rows than one of a node each: tie by "
+                "NodeToSurface"
+            )
         entries = rows.matrix.tocoo()
         nodes, components = np.divmod(entries.col, dim)
         weights = csr_matrix(

@@ -1,8 +1,10 @@
-"""Contact conditions at nodes that a tie joins to the other surface: their neighbours bear what they would bear.
+"""Contact conditions at nodes that a tie joins to the other surface: their neighbours bear what
+they would bear.
 
-Where a tie ends in a contact pair, both share a node. Its gap stays closed, and its multiplier is one of the tie too.
-The multiplier functions psi of the nodes beside it are extended, so that those of the pair still have the sum 1 on the
-whole surface: a constant pressure passes exactly (B. Wohlmuth, SIAM J. Numer. Anal. 38, 2000, on cross points).
+Where a tie ends in a contact pair, both share a node. Its gap stays closed, and its multiplier is
+one of the tie too. The multiplier functions psi of the nodes beside it are extended, so that those
+of the pair still have the sum 1 on the whole surface: a constant pressure passes exactly (B.
+Wohlmuth, SIAM J. Numer. Anal. 38, 2000, on cross points).
 """
 
 from __future__ import annotations
@@ -34,7 +36,8 @@ def without_tied(
 ) -> Conditions:
     """Conditions, their pairs, (m,), and openings, (m, k), without those at tied nodes.
 
-    Neighbours of these take over their areas. It warns of tied nodes without neighbours in their pair.
+    Neighbours of these take over their areas. It warns of tied nodes without neighbours in their
+    pair.
     """
     tied = _tied(cell_nodes, prolongation, rows)
     if not tied.size:
@@ -46,10 +49,10 @@ def without_tied(
     for pair in np.unique(pairs[lost]).tolist():
         own = lost[pairs[lost] == pair]
         warn(
-            f"{own.size} nodes of contact {pair} of {tuple(scene.contacts[pair].tags)} with the area "
-            f"{rows.areas[own].sum():.3g} are tied to its other surface, and their neighbours too: the tie bears their "
-            "force, which the forces and areas of the contact leave out. Let the tie and the contact have surfaces of "
-            "their own",
+            f"{own.size} nodes of contact {pair} of {tuple(scene.contacts[pair].tags)} with the "
+            f"area {rows.areas[own].sum():.3g} are tied to its other surface, and their "
+            "neighbours too: the tie bears their force, which the forces and areas of the contact "
+            "leave out. Let the tie and the contact have surfaces of their own",
             SceneWarning,
         )
     whole = csr_matrix((np.ones(kept.size), (kept, kept)), shape=(m, m))
@@ -60,11 +63,18 @@ def without_tied(
     # a node without an area, as on an axis, takes nothing over
     own = np.where(areas[:, None] > 0, 0.0, 1.0)
     parts = diags(1 / np.where(areas > 0, areas, 1.0)) @ whole @ diags(rows.areas)
-    mean = csr_matrix(parts + csr_matrix((own.ravel(), (np.arange(kept.size), kept)), shape=(kept.size, m)))
+    mean = csr_matrix(
+        parts + csr_matrix((own.ravel(), (np.arange(kept.size), kept)), shape=(kept.size, m))
+    )
     # the gap of a tied node is closed, whatever the mesh has there
     closed = np.ones(m)
     closed[tied] = 0.0
-    taken = replace(rows.take(kept), matrix=csr_matrix(mean @ rows.matrix), gap=mean @ (closed * rows.gap), areas=areas)
+    taken = replace(
+        rows.take(kept),
+        matrix=csr_matrix(mean @ rows.matrix),
+        gap=mean @ (closed * rows.gap),
+        areas=areas,
+    )
     return taken, pairs[kept], mean @ (closed[:, None] * opened)
 
 
@@ -96,18 +106,29 @@ def _sums(matrix: csr_matrix, normals: np.ndarray, body: np.ndarray) -> csr_matr
     entries = matrix.tocoo()
     node, component = np.divmod(entries.col, normals.shape[1])
     places = entries.row, body[node]
-    return csr_matrix((entries.data * normals[entries.row, component], places), shape=(len(normals), body.max() + 1))
+    return csr_matrix(
+        (entries.data * normals[entries.row, component], places),
+        shape=(len(normals), body.max() + 1),
+    )
 
 
-def _shares(cell_nodes: np.ndarray, rows: ContactRows, pairs: np.ndarray, tied: np.ndarray) -> csr_matrix:
-    """Shares of the conditions that take over those of tied nodes, by areas, (t, m): others of a cell and a pair."""
+def _shares(
+    cell_nodes: np.ndarray, rows: ContactRows, pairs: np.ndarray, tied: np.ndarray
+) -> csr_matrix:
+    """Shares of the conditions that take over those of tied nodes, by areas, (t, m): others of a
+    cell and a pair.
+    """
     count, width = cell_nodes.shape
     inside = csr_matrix(
         (np.ones(cell_nodes.size), cell_nodes.ravel(), np.arange(0, cell_nodes.size + 1, width)),
         shape=(count, int(cell_nodes.max()) + 1),
     ).tocsc()
     beside = (inside[:, rows.slaves[tied]].T @ inside[:, rows.slaves]).tocoo()
-    kept = (pairs[tied][beside.row] == pairs[beside.col]) & ~np.isin(beside.col, tied) & (rows.areas[beside.col] > 0)
+    kept = (
+        (pairs[tied][beside.row] == pairs[beside.col])
+        & ~np.isin(beside.col, tied)
+        & (rows.areas[beside.col] > 0)
+    )
     row, col = beside.row[kept], beside.col[kept]
     sums = np.bincount(row, rows.areas[col], tied.size)
     return csr_matrix((rows.areas[col] / sums[row], (row, col)), shape=(tied.size, pairs.size))

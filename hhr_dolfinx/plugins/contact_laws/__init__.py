@@ -1,4 +1,6 @@
-"""Laws of contacts beside the unilateral one: histories by increments, each law on its range, and their reduction."""
+"""Laws of contacts beside the unilateral one: histories by increments, each law on its range, and
+their reduction.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,13 @@ PLUGIN = Plugin(
     optional=("inelastic",),
     classes={f"{_HERE}.interface": "Interface Range"},
     recipes={"of_paths": f"{_HERE}.reduction:of_paths"},
-    stages=(Stage(f"{_HERE}.reduction:complete_contacts", "hhr_dolfinx.reduction.build:reconstruct", _wanted),),
+    stages=(
+        Stage(
+            f"{_HERE}.reduction:complete_contacts",
+            "hhr_dolfinx.reduction.build:reconstruct",
+            _wanted,
+        ),
+    ),
     facets={"steps": f"{_HERE}.steps:STEPS", "flow_slopes": f"{_HERE}.flow_slopes:FlowSlopes"},
     tools={
         "laws": f"{_HERE}.interface:joint",

@@ -1,8 +1,10 @@
-"""Facet ``flow_slopes`` of laws on ranges: derivatives of their contacts in histories of bodies with laws.
+"""Facet ``flow_slopes`` of laws on ranges: derivatives of their contacts in histories of bodies
+with laws.
 
-With the consistent tangent of a step its unknown is eliminated, and contact forces solve the laws on S = B K_T^-1 B^T:
-their rows at the solution are P x' + Q (s' + S x') = -r', see :mod:`.range_increments`. What a memory adds to the slack
-hands on its derivative, :meth:`~.ranges.RangeStep.carried`.
+With the consistent tangent of a step its unknown is eliminated, and contact forces solve the laws
+on S = B K_T^-1 B^T: their rows at the solution are P x' + Q (s' + S x') = -r', see
+:mod:`.range_increments`. What a memory adds to the slack hands on its derivative,
+:meth:`~.ranges.RangeStep.carried`.
 """
 
 from __future__ import annotations
@@ -19,17 +21,21 @@ from hhr_dolfinx.plugins.inelastic.contact_slopes import ContactChange, Eliminat
 
 
 class FlowSlopes:
-    """See :class:`~hhr_dolfinx.plugins.inelastic.contact_slopes.ContactSlopes`, for one history of an equilibrium."""
+    """See :class:`~hhr_dolfinx.plugins.inelastic.contact_slopes.ContactSlopes`, for one history of
+    an equilibrium.
+    """
 
     def __init__(self, model: Any, count: int):
         if model.problem.kernel is not None:
             raise NotOfferedError(
-                f"derivatives of histories in which contact with {model.law.name} alone holds bodies with laws are not "
-                "built in: motions of bodies are unknowns of each step"
+                f"derivatives of histories in which contact with {model.law.name} alone holds "
+                "bodies with laws are not built in: motions of bodies are unknowns of each step"
             )
         self._laws = SolversOfRanges(model.law)
         self._memory = self._laws.at_rest()
-        self._changes = np.zeros((sum(rows.size for rows in self._laws.rows), count))  # of the shifts of all rows
+        self._changes = np.zeros(
+            (sum(rows.size for rows in self._laws.rows), count)
+        )  # of the shifts of all rows
 
     @property
     def remembers(self) -> bool:
@@ -69,6 +75,8 @@ class FlowSlopes:
             opened = of_slack + ranges.schur @ pushed
             changes = self._changes.copy()
             for rows, step in zip(laws.rows, steps, strict=True):
-                changes[rows] = step.carried(self._changes[rows], pushed[rows], opened[rows], answer.active[rows])
+                changes[rows] = step.carried(
+                    self._changes[rows], pushed[rows], opened[rows], answer.active[rows]
+                )
             self._changes, self._memory = changes, answer.memory
             return ContactChange(free - columnwise(linear.push, pushed), pushed, opened, kinks)

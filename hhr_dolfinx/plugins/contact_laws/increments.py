@@ -1,7 +1,9 @@
-"""Histories of elastic bodies with a law of interfaces that remembers: increments, which are cut until they are small.
+"""Histories of elastic bodies with a law of interfaces that remembers: increments, which are cut
+until they are small.
 
-A step that does not converge is halved. With a tolerance each step is solved as a whole and in two halves, and is cut
-until their difference, which the law measures, is small; the difference is about the error of the halves.
+A step that does not converge is halved. With a tolerance each step is solved as a whole and in two
+halves, and is cut until their difference, which the law measures, is small; the difference is about
+the error of the halves.
 """
 
 from __future__ import annotations
@@ -24,7 +26,9 @@ PROPORTIONAL = 4
 TOLERANCE = 1e-3
 """Error of forces allowed in increments to a single parameter, relative to the largest force."""
 GRADIENT_TOLERANCE = 1e-2
-"""Change of derivatives over the box allowed by twice as many increments, relative to the largest, if they converge."""
+"""Change of derivatives over the box allowed by twice as many increments, relative to the largest,
+if they converge.
+"""
 MOST_INCREMENTS = 2048
 """Increments to a single parameter above which no more are taken."""
 CUTS = 12
@@ -49,7 +53,9 @@ class Target(NamedTuple):
     def halfway(self, before: Place) -> Target:
         """Midpoint between the present state of a history and this end."""
         return Target(
-            0.5 * (before.time + self.time), 0.5 * (before.point + self.point), 0.5 * (before.weights + self.weights)
+            0.5 * (before.time + self.time),
+            0.5 * (before.point + self.point),
+            0.5 * (before.weights + self.weights),
         )
 
 
@@ -67,7 +73,10 @@ S = TypeVar("S", bound=Increment)
 
 
 class Increments(Protocol[P, S]):
-    """Solves the increments of one history of a model by its law; a facet of the law's plug-in makes it."""
+    """Solves the increments of one history of a model by its law.
+
+    a facet of the law's plug-in makes it.
+    """
 
     def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> P:
         """Place of undeformed bodies."""
@@ -113,8 +122,13 @@ class _Step:
         self.ends: list[float] = []
         self._watch = watch
 
-    def advance(self, before: Place, target: Target, depth: int = 0, whole: Increment | None = None) -> Increment:
-        """Solve the step and return its last increment; ``whole`` is the step as one increment if it is known."""
+    def advance(
+        self, before: Place, target: Target, depth: int = 0, whole: Increment | None = None
+    ) -> Increment:
+        """Solve the step and return its last increment.
+
+        ``whole`` is the step as one increment if it is known.
+        """
         if whole is None:
             whole = self._solved(before, target)
         settled = whole.status is Status.CONVERGED
@@ -127,7 +141,9 @@ class _Step:
         if settled and half.status is Status.CONVERGED:
             second = self._solved(half.reached, target)
             error = self.increments.difference(before, half, second, whole)
-            if second.status is Status.CONVERGED and (error <= (self.tolerance or 0.0) or depth + 1 >= CUTS):
+            if second.status is Status.CONVERGED and (
+                error <= (self.tolerance or 0.0) or depth + 1 >= CUTS
+            ):
                 self.error += error
                 self._ended(middle.time, half)
                 return second
@@ -163,32 +179,38 @@ def follow(
     keep: Callable[[Answer], None] = lambda answer: None,
     watch: Callable[[Answer], None] | None = None,
 ) -> History:
-    """History of elastic bodies whose law remembers, from rest, undeformed, at the first time of a checked path.
+    """History of elastic bodies whose law remembers, from rest, undeformed, at the first time of a
+    checked path.
 
     Args:
         model: with a ``law``, and ``increments`` that solve by it.
         path, known, keep: see :meth:`FullOrderModel.march`; known steps have no derivatives.
         settings: ``cuts``, ``time_tolerance``, ``outside`` and ``gradient`` count.
-        weights: derivatives of the parameters at each time of the path along those of the whole history, (times, P). 1
-            by default: each parameter is shifted by the same at all times.
+        weights: derivatives of the parameters at each time of the path along those of the whole
+            history, (times, P). 1 by default: each parameter is shifted by the same at all times.
         watch: called with the answer of each increment, also of the parts of a step.
     """
     check_settings(settings)
     if settings.time_error and settings.time_tolerance is None:
         raise NotOfferedError(
-            f"the time error of elastic bodies with {model.law.name} is estimated with a tolerance alone: "
-            "MarchSettings(time_tolerance=0.001)"
+            f"the time error of elastic bodies with {model.law.name} is estimated with a "
+            "tolerance alone: MarchSettings(time_tolerance=0.001)"
         )
     model.law.check_path(model.parameters, np.array([point for _, point in path]))
     history = History(*path[0], time_tolerance=settings.time_tolerance)
     weights = np.ones((len(path), path[0][1].size)) if weights is None else weights
     # known steps have no derivatives, on which those of later ones depend
     known = () if settings.gradient else known
-    return walked(_ByIncrements(model, settings, path[0], weights, watch), path, history, known, keep)
+    return walked(
+        _ByIncrements(model, settings, path[0], weights, watch), path, history, known, keep
+    )
 
 
 class _ByIncrements:
-    """Steps of one history, each cut into increments; ``weights`` and ``watch`` as in :func:`follow`."""
+    """Steps of one history, each cut into increments.
+
+    ``weights`` and ``watch`` as in :func:`follow`.
+    """
 
     def __init__(
         self,
@@ -243,13 +265,21 @@ def _checked_answer(model: Any, step: _Step, solved: Increment) -> Answer:
 
 
 def proportional(
-    model: Any, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool, *, converged: bool = False
+    model: Any,
+    point: np.ndarray,
+    raise_on_failure: bool,
+    outside: str,
+    gradient: bool,
+    *,
+    converged: bool = False,
 ) -> Answer:
-    """Answer to a checked point, (P,), loaded in proportion from rest, where the box is nearest to zero.
+    """Answer to a checked point, (P,), loaded in proportion from rest, where the box is nearest to
+    zero.
 
-    What the law fixes is that of the point throughout. Increments are cut until forces have converged to
-    :data:`TOLERANCE`; ``time_error`` has the remaining error. With ``converged`` they are doubled until forces and the
-    derivatives of their limit change little. The notes of answer and gradient have what was reached.
+    What the law fixes is that of the point throughout. Increments are cut until forces have
+    converged to :data:`TOLERANCE`; ``time_error`` has the remaining error. With ``converged`` they
+    are doubled until forces and the derivatives of their limit change little. The notes of answer
+    and gradient have what was reached.
 
     Warns:
         TimeStepWarning: if the most increments are too few for ``converged``.
@@ -277,8 +307,12 @@ class _Proportional:
         self._sides = np.subtract(space.upper, space.lower)
 
     def _path(self, shares: np.ndarray) -> tuple[Path, np.ndarray]:
-        """Path at some shares of the load, and derivatives of its parameters along those of the point."""
-        path = [(float(share), self._start + share * (self._point - self._start)) for share in shares]
+        """Path at some shares of the load, and derivatives of its parameters along those of the
+        point.
+        """
+        path = [
+            (float(share), self._start + share * (self._point - self._start)) for share in shares
+        ]
         path[-1] = (1.0, self._point)
         weights = np.tile(shares[:, None], self._point.size)
         weights[:, self._model.law.fixed] = 1.0
@@ -287,18 +321,25 @@ class _Proportional:
     def cut(self, gradient: bool) -> Answer:
         """The answer in increments that are cut until forces have converged."""
         path, _ = self._path(np.linspace(0.0, 1.0, PROPORTIONAL + 1))
-        history = self._model.follow(path, MarchSettings(time_tolerance=TOLERANCE, outside="ignore"))
+        history = self._model.follow(
+            path, MarchSettings(time_tolerance=TOLERANCE, outside="ignore")
+        )
         error = history.answers[-1].time_error
         solved = history.solved_path
         if gradient:  # on the parts that the tolerance required
             path, weights = self._path(np.array([time for time, _ in solved]))
             settings = MarchSettings(outside="ignore", gradient=True)
             history = self._model.answering(history).follow(path, settings, weights=weights)
-        kind = "these increments, and not of their limit, which solve(mu, gradient=True, converged=True) has"
+        kind = (
+            "these increments, and not of their limit, which solve(mu, gradient=True, "
+            "converged=True) has"
+        )
         return self._noted(history, len(solved) - 1, error, kind)
 
     def converged(self, gradient: bool) -> Answer:
-        """The answer in increments that are doubled until forces and derivatives changed little twice."""
+        """The answer in increments that are doubled until forces and derivatives changed little
+        twice.
+        """
         count = PROPORTIONAL
         last: Answer | None = None
         settled = 0
@@ -310,15 +351,18 @@ class _Proportional:
             answer = history.answers[-1]
             if last is not None:
                 change = _changed(answer.multipliers, last.multipliers)
-                slopes = [one.gradient.multipliers * self._sides for one in (answer, last) if one.gradient]
+                slopes = [
+                    one.gradient.multipliers * self._sides for one in (answer, last) if one.gradient
+                ]
                 slope = _changed(*slopes) if slopes else 0.0
                 settled = settled + 1 if change <= TOLERANCE and slope <= GRADIENT_TOLERANCE else 0
             last = answer
             count *= 2
         if settled < 2:
             warn(
-                f"{count // 2} increments of one proportional load are too few: half of them change forces by "
-                f"{100 * change:.2g} %, and their derivatives by {100 * slope:.2g} %: march along your own path",
+                f"{count // 2} increments of one proportional load are too few: half of them "
+                f"change forces by {100 * change:.2g} %, and their derivatives by "
+                f"{100 * slope:.2g} %: march along your own path",
                 TimeStepWarning,
             )
         kind = f"the limit of small increments, which has converged to {100 * slope:.2g} %"
@@ -327,14 +371,21 @@ class _Proportional:
     def _noted(self, history: History, count: int, error: float, kind: str) -> Answer:
         """The last answer with notes on its path and on the ``kind`` of its derivatives."""
         start = self._model.parameters.described(self._start)
-        note = f"one proportional load from {start} in {count} increments, forces converged to {100 * error:.2g} %"
+        note = (
+            f"one proportional load from {start} in {count} increments, forces converged to "
+            f"{100 * error:.2g} %"
+        )
         answer = history.answers[-1]
         gradient = answer.gradient
         if gradient is not None:
             gradient = gradient._replace(note=f"{note}; derivatives are those of {kind}")
         cycled = any(one.cycled for one in history.answers)
         return answer._replace(
-            iterations=sum(history.iterations), cycled=cycled, time_error=error, note=note, gradient=gradient
+            iterations=sum(history.iterations),
+            cycled=cycled,
+            time_error=error,
+            note=note,
+            gradient=gradient,
         )
 
 
@@ -345,13 +396,17 @@ def _changed(values: np.ndarray, last: np.ndarray) -> float:
 
 
 @one_thread
-def single(model: Any, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool) -> Answer:
+def single(
+    model: Any, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool
+) -> Answer:
     """Answer to a checked point, (P,), of laws without memory: one increment."""
     model.check_range(point, outside)
     increments: Increments = model.increments(MarchSettings(outside="ignore", gradient=gradient))
     weights = np.ones(point.size)
     try:
-        solved = increments.increment(increments.at_rest(0.0, point, weights), Target(1.0, point, weights))
+        solved = increments.increment(
+            increments.at_rest(0.0, point, weights), Target(1.0, point, weights)
+        )
     except NotSolvableError:
         if raise_on_failure:
             raise

@@ -1,4 +1,6 @@
-"""Laws of several plug-ins in one scene, or one without memory: each law on a range of the conditions."""
+"""Laws of several plug-ins in one scene, or one without memory: each law on a range of the
+conditions.
+"""
 
 from __future__ import annotations
 
@@ -83,7 +85,9 @@ class Interface(ContactLaw, Rebuilt):
 
     def of(self, plugin: str) -> ContactLaw | None:
         """See :class:`ContactLaw`."""
-        return next((part.law.among(part.rows) for part in self.ranges if part.law.plugin == plugin), None)
+        return next(
+            (part.law.among(part.rows) for part in self.ranges if part.law.plugin == plugin), None
+        )
 
     def pressing(self, count: int) -> np.ndarray:
         """See :class:`ContactLaw`."""
@@ -123,7 +127,9 @@ class Interface(ContactLaw, Rebuilt):
 
     def parts(self) -> list[Any]:
         """See :class:`ContactLaw`."""
-        return [item for part in self.ranges for item in (part.law.name, part.rows, *part.law.parts())]
+        return [
+            item for part in self.ranges for item in (part.law.name, part.rows, *part.law.parts())
+        ]
 
     def faults_for(self, dimension: int) -> Iterator[str]:
         """See :class:`ContactLaw`."""
@@ -155,7 +161,9 @@ class Interface(ContactLaw, Rebuilt):
 
     def stored(self, memory: Mapping[str, Any]) -> dict[str, Any]:
         """See :class:`ContactLaw`."""
-        return {name: array for part in self.ranges for name, array in part.law.stored(memory).items()}
+        return {
+            name: array for part in self.ranges for name, array in part.law.stored(memory).items()
+        }
 
     def restored(self, arrays: Mapping[str, np.ndarray]) -> Memory:
         """See :class:`ContactLaw`."""
@@ -176,9 +184,14 @@ Attached = tuple[ContactRows, np.ndarray, ContactLaw]
 
 
 def joint(
-    scene: Any, laws: Sequence[Mapping[int, Any]], found: Sequence[Attached], rows: ContactRows, pairs: np.ndarray
+    scene: Any,
+    laws: Sequence[Mapping[int, Any]],
+    found: Sequence[Attached],
+    rows: ContactRows,
+    pairs: np.ndarray,
 ) -> Attached:
-    """Join what laws by pair, one mapping for each plug-in, have attached to the conditions ``rows`` of ``pairs``.
+    """Join what laws by pair, one mapping for each plug-in, have attached to the conditions
+    ``rows`` of ``pairs``.
 
     A law with the facet ``steps`` that no other plug-in stands beside keeps its own solver.
 
@@ -197,7 +210,11 @@ def _solves_itself(law: ContactLaw) -> bool:
 
 
 def _together(
-    scene: Any, laws: Sequence[Mapping[int, Any]], found: Sequence[Attached], rows: ContactRows, pairs: np.ndarray
+    scene: Any,
+    laws: Sequence[Mapping[int, Any]],
+    found: Sequence[Attached],
+    rows: ContactRows,
+    pairs: np.ndarray,
 ) -> Attached:
     """All laws as ranges, with the unilateral one on the conditions that have none."""
     every = [rows]
@@ -228,14 +245,16 @@ def _check_memories(scene: Any, law: Interface) -> None:
         for name in names:
             if owner.setdefault(name, part.law.plugin) != part.law.plugin:
                 raise SceneError(
-                    f"contacts of scene '{scene.name}' have {law.name}, of the plug-ins '{owner[name]}' and "
-                    f"'{part.law.plugin}', and both remember '{name}': one of them must name its memory in another way"
+                    f"contacts of scene '{scene.name}' have {law.name}, of the plug-ins "
+                    f"'{owner[name]}' and '{part.law.plugin}', and both remember '{name}': one of "
+                    "them must name its memory in another way"
                 )
         if not part.law.remembers:
             try:
                 solver.step(NO_MEMORY, scene.parameters.middle, np.nan)
             except KeyError as error:
                 raise SceneError(
-                    f"{type(part.law).__name__} says that it does not remember, and its increments read {error} of its "
-                    "memory: models would leave that out. Leave out remembers = False"
+                    f"{type(part.law).__name__} says that it does not remember, and its "
+                    f"increments read {error} of its memory: models would leave that out. Leave "
+                    "out remembers = False"
                 ) from None

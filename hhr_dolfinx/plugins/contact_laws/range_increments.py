@@ -1,4 +1,6 @@
-"""Increments with laws of several plug-ins, or without memory, each on its range of the conditions."""
+"""Increments with laws of several plug-ins, or without memory, each on its range of the
+conditions.
+"""
 
 from __future__ import annotations
 
@@ -17,8 +19,13 @@ from hhr_dolfinx.plugins.contact_laws.interface import Interface
 from hhr_dolfinx.plugins.contact_laws.ranges import Ranges, RangeStep, Together
 
 WEAK = 1e-8
-"""Part of the largest force of all ranges below which differences of one range are not measured by its own forces."""
-NOTE = "derivative of the path in its increments, at their statuses: check that more increments do not change it"
+"""Part of the largest force of all ranges below which differences of one range are not measured by
+its own forces.
+"""
+NOTE = (
+    "derivative of the path in its increments, at their statuses: check that more increments do "
+    "not change it"
+)
 """Note of derivatives."""
 
 
@@ -73,13 +80,21 @@ class SolversOfRanges:
     def steps(self, before: Memory, point: np.ndarray, seconds: float) -> list[RangeStep]:
         """Increments of all laws; a law without memory gets none."""
         both = zip(self.solvers, self.law.ranges, strict=True)
-        given = [(solver, (before, seconds) if part.law.remembers else (NO_MEMORY, np.nan)) for solver, part in both]
+        given = [
+            (solver, (before, seconds) if part.law.remembers else (NO_MEMORY, np.nan))
+            for solver, part in both
+        ]
         return [solver.step(memory, point, duration) for solver, (memory, duration) in given]
 
     def after(self, steps: Sequence[RangeStep], found: Together) -> Memory:
         """Memory at the end of an increment."""
         both = zip(self.rows, steps, strict=True)
-        return _joined([step.after(found.forces[rows], found.slack[rows], found.active[rows]) for rows, step in both])
+        return _joined(
+            [
+                step.after(found.forces[rows], found.slack[rows], found.active[rows])
+                for rows, step in both
+            ]
+        )
 
 
 def _joined(memories: Sequence[Memory]) -> Memory:
@@ -104,7 +119,13 @@ class RangesIncrements:
     def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> Reached:
         """Undeformed bodies."""
         slack = self.contact_at(point).free_slack
-        nothing = np.zeros(slack.size), self.laws.at_rest(), slack, 0.0, np.zeros((slack.size, point.size))
+        nothing = (
+            np.zeros(slack.size),
+            self.laws.at_rest(),
+            slack,
+            0.0,
+            np.zeros((slack.size, point.size)),
+        )
         return Reached(time, point, weights, *nothing, self.everywhere.at_rest())
 
     def going_on(self, answer: Answer, weights: np.ndarray) -> Reached:
@@ -123,7 +144,11 @@ class RangesIncrements:
         """Solve one increment; it may not converge."""
         contact = self.contact_at(target.point)
         kernel = contact.kernel
-        motions, driving = (None, None) if kernel is None else (kernel.equalities.contact_of_motions, kernel.driving)
+        motions, driving = (
+            (None, None)
+            if kernel is None
+            else (kernel.equalities.contact_of_motions, kernel.driving)
+        )
         ranges = self.laws.on(contact.schur, motions)
         steps = self.laws.steps(before.memory, target.point, target.time - before.time)
         found = ranges.solve(contact.free_slack, steps, before.forces, driving)
@@ -139,10 +164,16 @@ class RangesIncrements:
         energy = max(before.energy, 0.5 * float(found.forces @ loaded))
         state = found.forces, memory, np.where(found.active, 0.0, slack), energy, changes, whole
         reached = Reached(target.time, target.point, target.weights, *state)
-        return Solved(found, contact, reached, gradient, found.status, found.iterations, found.projections > 0)
+        return Solved(
+            found, contact, reached, gradient, found.status, found.iterations, found.projections > 0
+        )
 
-    def _completed(self, before: Reached, target: Target, found: Together, unknown: np.ndarray) -> Memory:
-        """Memory of the whole surface: outside the RID forces are fitted, and slacks follow the displacement."""
+    def _completed(
+        self, before: Reached, target: Target, found: Together, unknown: np.ndarray
+    ) -> Memory:
+        """Memory of the whole surface: outside the RID forces are fitted, and slacks follow the
+        displacement.
+        """
         fields = self.model.fields
         own: InterfaceCompletion = fields.interface
         forces, active = own.completed(found.forces, found.active, target.point)
@@ -151,31 +182,49 @@ class RangesIncrements:
         for rows, step in zip(self.everywhere.rows, steps, strict=True):
             slack[rows] += step.shift
         slack[own.within] = found.slack
-        return self.everywhere.after(steps, found._replace(forces=forces, slack=slack, active=active))
+        return self.everywhere.after(
+            steps, found._replace(forces=forces, slack=slack, active=active)
+        )
 
     def _gradient(
-        self, ranges: Ranges, before: Reached, target: Target, found: Together, steps: list[RangeStep],
+        self,
+        ranges: Ranges,
+        before: Reached,
+        target: Target,
+        found: Together,
+        steps: list[RangeStep],
         contact: CondensedContact,
-    ) -> tuple[Gradient, np.ndarray]:  # fmt: skip
-        """Derivatives at the statuses of the solution, by the implicit function: P x' + Q (s' + S x' - G a') = -r'."""
+    ) -> tuple[Gradient, np.ndarray]:
+        """Derivatives at the statuses of the solution, by the implicit function: P x' + Q (s' + S
+        x' - G a') = -r'.
+        """
         unknown = self._unknown(contact, found)
-        of_slack, of_unknown = (part * target.weights for part in contact.at_fixed_forces(found.forces, unknown))
+        of_slack, of_unknown = (
+            part * target.weights for part in contact.at_fixed_forces(found.forces, unknown)
+        )
         of_slack = of_slack + before.changes
         parts = ranges.linearised(found.slack, steps, found.forces, ranges.stiffness, 1)
         m = len(of_slack)
         right = np.zeros((m + found.motions.size, of_slack.shape[1]))
         kinks = np.zeros(m, dtype=bool)
-        own = [(rows, found.forces[rows], found.slack[rows], ranges.stiffness[rows]) for rows in self.laws.rows]
+        own = [
+            (rows, found.forces[rows], found.slack[rows], ranges.stiffness[rows])
+            for rows in self.laws.rows
+        ]
         for (rows, *at), step, part in zip(own, steps, parts, strict=True):
             right[rows] = -part.of_slack(of_slack[rows]) - step.slopes(*at) * target.weights
-            kinks[rows] = step.grazing(at[0], at[1], at[2], GRAZING * np.abs(at[0]).max(initial=0.0))
+            kinks[rows] = step.grazing(
+                at[0], at[1], at[2], GRAZING * np.abs(at[0]).max(initial=0.0)
+            )
         if contact.kernel is not None:
             right[m:] = contact.kernel.drift(found.forces, unknown) * target.weights
         forces, motions = np.split(ranges.solved(parts, right), [m])
         slack = of_slack + ranges.schur @ forces - ranges.motions @ motions
         changes = before.changes.copy()
         for rows, step in zip(self.laws.rows, steps, strict=True):
-            changes[rows] = step.carried(before.changes[rows], forces[rows], slack[rows], found.active[rows])
+            changes[rows] = step.carried(
+                before.changes[rows], forces[rows], slack[rows], found.active[rows]
+            )
         of_unknown = of_unknown - contact.pushed(forces)
         if contact.kernel is not None:
             of_unknown = of_unknown + contact.kernel.modes @ motions
@@ -187,7 +236,9 @@ class RangesIncrements:
         return unknown if contact.kernel is None else unknown + contact.kernel.modes @ found.motions
 
     def _grow(self, forces: np.ndarray) -> None:
-        self.largest = np.maximum(self.largest, [np.linalg.norm(forces[rows]) for rows in self.laws.rows])
+        self.largest = np.maximum(
+            self.largest, [np.linalg.norm(forces[rows]) for rows in self.laws.rows]
+        )
 
     def compare(self, solved: Solved) -> None:
         """Take in the sizes of forces."""
@@ -213,18 +264,32 @@ class RangesIncrements:
         found = solved.found
         reached = solved.reached
         return Answer(
-            reached.point, self._unknown(solved.contact, found), found.forces, found.active, found.iterations,
-            found.status, found.projections > 0, self.model.fields, time=reached.time, gradient=solved.gradient,
-            memory=reached.whole, undetermined=self._undetermined(solved.contact, found),
-        )  # fmt: skip
+            reached.point,
+            self._unknown(solved.contact, found),
+            found.forces,
+            found.active,
+            found.iterations,
+            found.status,
+            found.projections > 0,
+            self.model.fields,
+            time=reached.time,
+            gradient=solved.gradient,
+            memory=reached.whole,
+            undetermined=self._undetermined(solved.contact, found),
+        )
 
     def _undetermined(self, contact: CondensedContact, found: Together) -> np.ndarray | None:
-        """Motions that neither forces nor sticking contacts hold, see :class:`Answer`; None if there are none."""
+        """Motions that neither forces nor sticking contacts hold, see :class:`Answer`.
+
+        None if there are none.
+        """
         kernel = contact.kernel
         if kernel is None or found.status is not Status.CONVERGED:
             return None
         pressing = self.model.law.pressing(found.forces.size)
-        holding = kernel.equalities.bearing(np.where(pressing, found.forces, 0.0), contact.free_slack)
+        holding = kernel.equalities.bearing(
+            np.where(pressing, found.forces, 0.0), contact.free_slack
+        )
         ways = kernel.equalities.left_open(np.where(pressing, holding, found.active))
         return kernel.modes @ ways if ways.shape[1] else None
 
@@ -232,18 +297,32 @@ class RangesIncrements:
         """Rows that still change."""
         found = solved.found
         if found.status is Status.ADRIFT:
-            return {found.status: f"{self.model.law.name} do not bear its loads, or nothing presses on them"}
-        return {found.status: f"conditions {found.unsettled[:8].tolist()} change"} if found.unsettled.size else {}
+            return {
+                found.status: (
+                    f"{self.model.law.name} do not bear its loads, or nothing presses on them"
+                )
+            }
+        return (
+            {found.status: f"conditions {found.unsettled[:8].tolist()} change"}
+            if found.unsettled.size
+            else {}
+        )
 
 
 class RangesStep:
-    """Contact problems of the linearisations of one step of inelastic bodies, from an answer to a point, (P,).
+    """Contact problems of the linearisations of one step of inelastic bodies, from an answer to a
+    point, (P,).
 
     ``earlier`` is that of another step.
     """
 
     def __init__(
-        self, law: Interface, before: Answer, point: np.ndarray, time: float, earlier: RangesStep | None = None
+        self,
+        law: Interface,
+        before: Answer,
+        point: np.ndarray,
+        time: float,
+        earlier: RangesStep | None = None,
     ):
         self._laws: SolversOfRanges = SolversOfRanges(law) if earlier is None else earlier._laws
         self._steps = self._laws.steps(before.memory, point, time - before.time)
@@ -253,7 +332,11 @@ class RangesStep:
         self._last: Together | None = None
 
     def solved(
-        self, equalities: SchurEqualities, free_slack: np.ndarray, active: np.ndarray, pairs: Pairs | None
+        self,
+        equalities: SchurEqualities,
+        free_slack: np.ndarray,
+        active: np.ndarray,
+        pairs: Pairs | None,
     ) -> Statuses:
         """See :class:`~hhr_dolfinx.contact.law.StepContact`."""
         if equalities is not self._equalities:
@@ -262,9 +345,13 @@ class RangesStep:
         self._last = found = self._laws.on(self._schur).solve(free_slack, self._steps, self._forces)
         if found.status is Status.CONVERGED:  # else no start for the next one
             self._forces = found.forces
-        return Statuses(found.forces, found.active, found.iterations, found.status, found.projections > 0)
+        return Statuses(
+            found.forces, found.active, found.iterations, found.status, found.projections > 0
+        )
 
-    def changes(self, equalities: SchurEqualities, found: Statuses, slack: np.ndarray) -> np.ndarray:
+    def changes(
+        self, equalities: SchurEqualities, found: Statuses, slack: np.ndarray
+    ) -> np.ndarray:
         """See :class:`~hhr_dolfinx.contact.law.StepContact`."""
         last = self._last
         assert last is not None

@@ -1,10 +1,12 @@
-"""Several laws on ranges of rows of one condensed contact problem, slack = free slack + S x, solved together.
+"""Several laws on ranges of rows of one condensed contact problem, slack = free slack + S x, solved
+together.
 
-A law relates the forces x and the slacks s of its own rows. Its residual is x less a projection of x - c s, and at any
-iterate it gives rows P x' + Q s' = r for the next one. One semi-smooth Newton method solves the rows of all ranges, and
-the balance of bodies that contact alone holds. If it does not converge, projections x <- projection of x - c s with
-c < 2 / |S| precede it. For monotone laws, whose projections are resolvents, these converge from anywhere (forward and
-backward splitting, P.-L. Lions and B. Mercier, SIAM J. Numer. Anal. 16, 1979). Friction is not monotone, so that
+A law relates the forces x and the slacks s of its own rows. Its residual is x less a projection of
+x - c s, and at any iterate it gives rows P x' + Q s' = r for the next one. One semi-smooth Newton
+method solves the rows of all ranges, and the balance of bodies that contact alone holds. If it does
+not converge, projections x <- projection of x - c s with c < 2 / |S| precede it. For monotone laws,
+whose projections are resolvents, these converge from anywhere (forward and backward splitting,
+P.-L. Lions and B. Mercier, SIAM J. Numer. Anal. 16, 1979). Friction is not monotone, so that
 nothing is proved with it.
 """
 
@@ -20,7 +22,9 @@ from hhr_dolfinx.errors import NotSolvableError
 from hhr_dolfinx.memory import NO_MEMORY, Memory
 
 TOLERANCE = 1e-11
-"""Deviation of forces from their projection, relative to the largest of the range, up to which they have converged."""
+"""Deviation of forces from their projection, relative to the largest of the range, up to which they
+have converged.
+"""
 ROUND_OFF = 1e-15
 """Part of the largest force of all ranges that reaches the others as round-off."""
 EPSILON = 4e-16
@@ -56,7 +60,9 @@ class Linearised(NamedTuple):
     on_slack: np.ndarray  # diagonal of Q, (k,)
     right: np.ndarray  # r, (k,)
     key: bytes  # statuses; if the same ones come back, the iteration cycles
-    active: np.ndarray  # rows that touch: rows with a force, and tangential rows that stick, (k,) bool
+    active: (
+        np.ndarray
+    )  # rows that touch: rows with a force, and tangential rows that stick, (k,) bool
     coupling: Coupling | None = None
 
     def of_slack(self, values: np.ndarray) -> np.ndarray:
@@ -69,14 +75,22 @@ class Linearised(NamedTuple):
 
 
 class RangeStep:
-    """Base of a law of k rows in one increment, from its memory at the beginning; defaults are those without memory."""
+    """Base of a law of k rows in one increment, from its memory at the beginning.
+
+    Defaults are those without memory.
+    """
 
     shift: np.ndarray  # part that the memory adds to the free slack, (k,)
 
-    def linearised(self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int) -> Linearised:
-        """Linearise at forces and slacks of the rows, (k,) each; ``stiffness`` is c, the force per slack, (k,).
+    def linearised(
+        self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int
+    ) -> Linearised:
+        """Linearise at forces and slacks of the rows, (k,) each.
 
-        The statuses of the attempt 1 are those of the residual; others may be chosen as helps the search.
+        ``stiffness`` is c, the force per slack, (k,).
+
+        The statuses of the attempt 1 are those of the residual; others may be chosen as helps the
+        search.
         """
         raise NotImplementedError
 
@@ -84,30 +98,44 @@ class RangeStep:
         """Memory at the end of the increment."""
         return NO_MEMORY
 
-    def slopes(self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray) -> np.ndarray | float:
-        """Derivatives of the residual along the parameters at constant forces, slacks and memory, (k, P)."""
+    def slopes(
+        self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray
+    ) -> np.ndarray | float:
+        """Derivatives of the residual along the parameters at constant forces, slacks and memory,
+        (k, P).
+        """
         return 0.0
 
-    def carried(self, before: np.ndarray, forces: np.ndarray, slack: np.ndarray, active: np.ndarray) -> np.ndarray:
-        """Derivatives of the next shift from those of this one, of forces and of slacks, (k, P) each."""
+    def carried(
+        self, before: np.ndarray, forces: np.ndarray, slack: np.ndarray, active: np.ndarray
+    ) -> np.ndarray:
+        """Derivatives of the next shift from those of this one, of forces and of slacks, (k, P)
+        each.
+        """
         return before
 
-    def grazing(self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, near: float) -> np.ndarray:
+    def grazing(
+        self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, near: float
+    ) -> np.ndarray:
         """Rows at a kink, by forces below ``near``, where derivatives are one-sided, (k,) bool."""
         return np.abs(forces - stiffness * slack) <= near
 
 
 class RangeSolver:
-    """Base of the facet ``range``: a law of a plug-in on its rows, in a scene with other laws, or without memory.
+    """Base of the facet ``range``: a law of a plug-in on its rows, in a scene with other laws, or
+    without memory.
 
-    A law must be monotone, a force that never falls while its gap closes, or say by ``coupling`` how far it is not.
+    A law must be monotone, a force that never falls while its gap closes, or say by ``coupling``
+    how far it is not.
     """
 
     def __init__(self, law: Any):
         self.law = law
 
     def compliance(self, diagonal: np.ndarray) -> np.ndarray | float:
-        """Elastic compliance of rows that leave their forces undetermined, by the diagonal of S, (k,)."""
+        """Elastic compliance of rows that leave their forces undetermined, by the diagonal of S,
+        (k,).
+        """
         return 0.0
 
     def at_rest(self) -> Memory:
@@ -115,13 +143,20 @@ class RangeSolver:
         return NO_MEMORY
 
     def step(self, before: Mapping[str, Any], point: np.ndarray, seconds: float) -> RangeStep:
-        """Increment from a memory to a point, (P,). A law without memory gets an empty one, and NaN seconds."""
+        """Increment from a memory to a point, (P,).
+
+        A law without memory gets an empty one, and NaN seconds.
+        """
         raise NotImplementedError
 
-    def difference(self, off: float, ends: Sequence[Any], rows: np.ndarray, largest: float) -> float:
-        """Error of a step in two halves from that of its forces, ``off``, which are relative to the ``largest``.
+    def difference(
+        self, off: float, ends: Sequence[Any], rows: np.ndarray, largest: float
+    ) -> float:
+        """Error of a step in two halves from that of its forces, ``off``, which are relative to the
+        ``largest``.
 
-        ``ends`` are the states at the start, after the first half, after the second, and after the whole step.
+        ``ends`` are the states at the start, after the first half, after the second, and after the
+        whole step.
         """
         return off
 
@@ -150,38 +185,58 @@ class CurveStep(RangeStep):
         """Derivatives of the forces along the parameters at constant closures, (k, P)."""
         return 0.0
 
-    def linearised(self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int) -> Linearised:
+    def linearised(
+        self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int
+    ) -> Linearised:
         """By the resolvent of the curve."""
         force, slope, _ = resolvent(self.curve, forces - stiffness * slack, stiffness)
         return closing(forces, slack, stiffness, force, slope)
 
-    def slopes(self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray) -> np.ndarray | float:
-        """Derivatives of x - f(d) at constant x - c s: 1 - J = c / (f' + c) times those of the curve."""
+    def slopes(
+        self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray
+    ) -> np.ndarray | float:
+        """Derivatives of x - f(d) at constant x - c s: 1 - J = c / (f' + c) times those of the
+        curve.
+        """
         _, slope, closure = resolvent(self.curve, forces - stiffness * slack, stiffness)
         return -(np.transpose(self.curve_slopes(closure)) * (1.0 - slope)).T
 
 
 def closing(
-    forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, projection: np.ndarray, slope: np.ndarray
+    forces: np.ndarray,
+    slack: np.ndarray,
+    stiffness: np.ndarray,
+    projection: np.ndarray,
+    slope: np.ndarray,
 ) -> Linearised:
-    """Linearised law of independent rows, by the projection of x - c s and its slope J, 0 <= J <= 1, (k,) each."""
+    """Linearised law of independent rows, by the projection of x - c s and its slope J, 0 <= J <=
+    1, (k,) each.
+    """
     right = projection - slope * (forces - stiffness * slack)
     touching = slope > 0
     return Linearised(
-        forces - projection, 1.0 - slope, slope * stiffness, right, touching.tobytes(), touching | (projection > 0)
+        forces - projection,
+        1.0 - slope,
+        slope * stiffness,
+        right,
+        touching.tobytes(),
+        touching | (projection > 0),
     )
 
 
 def resolvent(
-    curve: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]], y: np.ndarray, stiffness: np.ndarray
+    curve: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]],
+    y: np.ndarray,
+    stiffness: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Forces f(d) with f(d) + c d = y and d >= 0, their derivatives along y, and d, (k,) each.
 
-    Newton's method, bracketed by d in [0, y / c]. A force is y - c d where the curve is stiffer than c and f(d) where
-    it is softer, which are accurate there.
+    Newton's method, bracketed by d in [0, y / c]. A force is y - c d where the curve is stiffer
+    than c and f(d) where it is softer, which are accurate there.
 
     Raises:
-        NotSolvableError: for a curve that falls: forces may then be several, and projections need not converge.
+        NotSolvableError: for a curve that falls: forces may then be several, and projections need
+            not converge.
     """
     low = np.zeros_like(y)
     closes = y > curve(low)[0]
@@ -190,8 +245,9 @@ def resolvent(
         force, slope = curve(closure)
         if (slope < 0).any():
             raise NotSolvableError(
-                f"the pressure of a contact law falls at the closure {closure[np.argmin(slope)]:.6g}: only laws whose "
-                "pressure never falls while the gap closes are built in, as others may have several answers"
+                "the pressure of a contact law falls at the closure "
+                f"{closure[np.argmin(slope)]:.6g}: only laws whose pressure never falls while the "
+                "gap closes are built in, as others may have several answers"
             )
         left = force + stiffness * closure - y
         change = left / (slope + stiffness)
@@ -217,7 +273,9 @@ class UnilateralStep(RangeStep):
     def __init__(self, size: int):
         self.shift = np.zeros(size)
 
-    def linearised(self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int) -> Linearised:
+    def linearised(
+        self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int
+    ) -> Linearised:
         """Force or slack is zero."""
         y = forces - stiffness * slack
         return closing(forces, slack, stiffness, np.maximum(y, 0.0), (y > 0).astype(float))
@@ -244,12 +302,16 @@ class Together(NamedTuple):
 class Ranges:
     """Laws on ranges of rows of one S, (M, M), for any number of increments.
 
-    ``compliance`` is added to the diagonal of S, (M,); ``motions`` is G = B R of motions of bodies that contact alone
-    holds, (M, r).
+    ``compliance`` is added to the diagonal of S, (M,); ``motions`` is G = B R of motions of bodies
+    that contact alone holds, (M, r).
     """
 
     def __init__(
-        self, schur: np.ndarray, rows: Sequence[np.ndarray], compliance: np.ndarray, motions: np.ndarray | None = None
+        self,
+        schur: np.ndarray,
+        rows: Sequence[np.ndarray],
+        compliance: np.ndarray,
+        motions: np.ndarray | None = None,
     ):
         self.given = schur
         self.schur = schur + np.diag(compliance) if compliance.any() else schur
@@ -263,9 +325,15 @@ class Ranges:
         self._whole = [whole[part] for part in self.rows]
 
     def solve(
-        self, free_slack: np.ndarray, steps: Sequence[RangeStep], start: np.ndarray, driving: np.ndarray | None = None
+        self,
+        free_slack: np.ndarray,
+        steps: Sequence[RangeStep],
+        start: np.ndarray,
+        driving: np.ndarray | None = None,
     ) -> Together:
-        """Solve an increment from some forces, (M,); ``driving`` are loads along the motions, (r,)."""
+        """Solve an increment from some forces, (M,); ``driving`` are loads along the motions,
+        (r,).
+        """
         free = free_slack.copy()
         for rows, step in zip(self.rows, steps, strict=True):
             free[rows] += step.shift
@@ -276,8 +344,12 @@ class Ranges:
             return Together(nothing, free, nothing != 0, 0 * driving, 0, 0, Status.NOT_FINITE, none)
         return self._found(free, steps, start, driving)
 
-    def _found(self, free: np.ndarray, steps: Sequence[RangeStep], start: np.ndarray, driving: np.ndarray) -> Together:
-        """Solve by Newton's method, and if it does not converge, with projections or springs before it."""
+    def _found(
+        self, free: np.ndarray, steps: Sequence[RangeStep], start: np.ndarray, driving: np.ndarray
+    ) -> Together:
+        """Solve by Newton's method, and if it does not converge, with projections or springs before
+        it.
+        """
         found = self._newton(free, steps, start, 0 * driving, driving)
         if found.status is Status.CONVERGED:
             return found
@@ -292,11 +364,19 @@ class Ranges:
         return found
 
     def linearised(
-        self, slack: np.ndarray, steps: Sequence[RangeStep], forces: np.ndarray, stiffness: np.ndarray, attempt: int
+        self,
+        slack: np.ndarray,
+        steps: Sequence[RangeStep],
+        forces: np.ndarray,
+        stiffness: np.ndarray,
+        attempt: int,
     ) -> list[Linearised]:
         """Linearise all laws at forces and slacks, (M,)."""
         parts = zip(self.rows, steps, strict=True)
-        return [step.linearised(forces[rows], slack[rows], stiffness[rows], attempt) for rows, step in parts]
+        return [
+            step.linearised(forces[rows], slack[rows], stiffness[rows], attempt)
+            for rows, step in parts
+        ]
 
     def solved(self, parts: Sequence[Linearised], right: np.ndarray) -> np.ndarray:
         """Forces and motions that solve P x + Q (S x - G a) = right, G^T x = driving, (M + r, ...).
@@ -321,11 +401,18 @@ class Ranges:
         left = np.flatnonzero(~alone)
         known = np.flatnonzero(found.any(axis=1) if found.ndim > 1 else found)
         system = matrix[left]
-        found[left] = np.linalg.solve(system[:, left], right[left] - system[:, known] @ found[known])
+        found[left] = np.linalg.solve(
+            system[:, left], right[left] - system[:, known] @ found[known]
+        )
         return found
 
     def _newton(
-        self, free: np.ndarray, steps: Sequence[RangeStep], start: np.ndarray, motions: np.ndarray, driving: np.ndarray
+        self,
+        free: np.ndarray,
+        steps: Sequence[RangeStep],
+        start: np.ndarray,
+        motions: np.ndarray,
+        driving: np.ndarray,
     ) -> Together:
         """Newton's method with one way to choose statuses after another."""
         found = self._attempt(free, steps, start, motions, driving, 0)
@@ -351,10 +438,16 @@ class Ranges:
                 for rows, part in zip(self.rows, parts, strict=True):
                     active[rows] = part.active
                 none = np.zeros(0, dtype=np.int64)
-                return Together(forces, slack, active, motions, iteration, 0, Status.CONVERGED, none)
+                return Together(
+                    forces, slack, active, motions, iteration, 0, Status.CONVERGED, none
+                )
             worst = float((off / noise).max())
             key = b"".join(part.key for part in parts)
-            if iteration == NEWTON or not np.isfinite(worst) or (key in seen and not worst < 0.5 * least):
+            if (
+                iteration == NEWTON
+                or not np.isfinite(worst)
+                or (key in seen and not worst < 0.5 * least)
+            ):
                 break
             seen.add(key)
             least = min(least, worst)
@@ -366,15 +459,23 @@ class Ranges:
             except np.linalg.LinAlgError:
                 status = Status.SINGULAR
                 break
-        return Together(forces, slack, off > noise, motions, iteration, 0, status, np.flatnonzero(off > noise))
+        return Together(
+            forces, slack, off > noise, motions, iteration, 0, status, np.flatnonzero(off > noise)
+        )
 
     def _off(
         self, parts: Sequence[Linearised], free: np.ndarray, forces: np.ndarray, motions: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Deviations of all rows, and their round-off, (M,) each, by range: a stiff one does not loosen a weak one."""
+        """Deviations of all rows, and their round-off, (M,) each, by range: a stiff one does not
+        loosen a weak one.
+        """
         size = np.abs(forces)
         # a slack is not more exact than the terms of its sum
-        noise = EPSILON * self.stiffness * (np.abs(free) + self._sizes @ size + np.abs(self.motions) @ np.abs(motions))
+        noise = (
+            EPSILON
+            * self.stiffness
+            * (np.abs(free) + self._sizes @ size + np.abs(self.motions) @ np.abs(motions))
+        )
         noise += ROUND_OFF * size.max(initial=0.0) + 1e-300
         off = np.zeros(len(forces))
         for rows, part in zip(self.rows, parts, strict=True):
@@ -388,7 +489,9 @@ class Ranges:
         sizes = np.abs(driving) + np.abs(forces) @ np.abs(self.motions)
         return bool((np.abs(driving - forces @ self.motions) <= BALANCED * sizes.max()).all())
 
-    def _projected(self, free: np.ndarray, steps: Sequence[RangeStep], forces: np.ndarray, count: int) -> np.ndarray:
+    def _projected(
+        self, free: np.ndarray, steps: Sequence[RangeStep], forces: np.ndarray, count: int
+    ) -> np.ndarray:
         """Forces after some projections."""
         stiffness = np.full(len(forces), 1.9 / np.linalg.norm(self.schur, 2))
         for _ in range(count):
@@ -399,9 +502,16 @@ class Ranges:
         return forces
 
     def _by_springs(
-        self, free: np.ndarray, steps: Sequence[RangeStep], start: np.ndarray, driving: np.ndarray, found: Together
+        self,
+        free: np.ndarray,
+        steps: Sequence[RangeStep],
+        start: np.ndarray,
+        driving: np.ndarray,
+        found: Together,
     ) -> Together:
-        """Hold bodies by weak springs whose ends move until they bear nothing (proximal points); Newton's method ends.
+        """Hold bodies by weak springs whose ends move until they bear nothing (proximal points).
+
+        Newton's method ends.
 
         R. T. Rockafellar, SIAM J. Control Optim. 14, 1976.
         """
@@ -413,7 +523,9 @@ class Ranges:
             held = self.schur + (self.motions * springs) @ self.motions.T
             ranges = Ranges(held, self.rows, np.zeros(len(free)))
             for _ in range(MOST_STEPS):
-                one = ranges._found(free - self.motions @ (ends + springs * driving), steps, forces, driving[:0])
+                one = ranges._found(
+                    free - self.motions @ (ends + springs * driving), steps, forces, driving[:0]
+                )
                 found = found.followed(one, 0)
                 if one.status is not Status.CONVERGED:
                     return found._replace(motions=ends)

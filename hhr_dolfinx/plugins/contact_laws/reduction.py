@@ -1,4 +1,6 @@
-"""Reduction of contacts with laws: kinds of answers, of points if no law remembers, and laws outside the RID."""
+"""Reduction of contacts with laws: kinds of answers, of points if no law remembers, and laws
+outside the RID.
+"""
 
 from __future__ import annotations
 
@@ -26,23 +28,29 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
 
 OF_STEPS = 1e-3
-"""Relative error up to which single answers of laws that remember may be off of exact ones: round-off may change the
-increments that lead to them."""
+"""Relative error up to which single answers of laws that remember may be off of exact ones:
+round-off may change the increments that lead to them.
+"""
 
 
 def of_paths(**changes: Any) -> Recipe:
-    """Recipe for elastic bodies with laws of contacts: slip needs more modes, and a RID with most contacts."""
+    """Recipe for elastic bodies with laws of contacts: slip needs more modes, and a RID with most
+    contacts.
+    """
     nodes = Deim(), ForceDeim(1e-4), LoadNodes()
     usual: dict[str, Any] = {"basis": Pod(1e-10), "nodes": nodes, "domain": Rid(2, 4)}
-    return Recipe(**(usual | {"enrichment": Enrich(10.0), "trust": TrustLimits.of_histories()} | changes))
+    return Recipe(
+        **(usual | {"enrichment": Enrich(10.0), "trust": TrustLimits.of_histories()} | changes)
+    )
 
 
 def completed(full: FullModel) -> tuple[ContactLaw, Callable[..., InterfaceCompletion]]:
-    """The law of a full model as hyper-reduced ones solve it, by ranges or its own increments, and its completion.
+    """The law of a full model as hyper-reduced ones solve it, by ranges or its own increments, and
+    its completion.
 
     Raises:
-        NotOfferedError: for a law without the facet ``range``, inelastic bodies with laws on ranges, or without a
-            plug-in that completes forces.
+        NotOfferedError: for a law without the facet ``range``, inelastic bodies with laws on
+            ranges, or without a plug-in that completes forces.
     """
     law = full.law
     what = f"hyper-reduction of contacts with {law.name}"
@@ -51,8 +59,8 @@ def completed(full: FullModel) -> tuple[ContactLaw, Callable[..., InterfaceCompl
         return law, complete
     if full.equilibrium is not None:
         raise NotOfferedError(
-            f"{what}, and of inelastic bodies, is not built in: a step starts from the memory of the RID, and an "
-            "answer has that of the whole contact surface alone"
+            f"{what}, and of inelastic bodies, is not built in: a step starts from the memory of "
+            "the RID, and an answer has that of the whole contact surface alone"
         )
     found = ranged(law, full.conditions)
     for part in found.ranges:
@@ -69,12 +77,16 @@ def complete_contacts(draft: Draft) -> None:
 
 
 class OfContactLaws(OfPoints):
-    """Answers of contacts whose laws remember nothing: they belong to points, and forces may have any sign."""
+    """Answers of contacts whose laws remember nothing: they belong to points, and forces may have
+    any sign.
+    """
 
     cone = False
 
     def recipes(self) -> tuple[Recipe, ...]:
-        """With more functions of contact nodes where contact alone holds a body, whose modes lack its motions."""
+        """With more functions of contact nodes where contact alone holds a body, whose modes lack
+        its motions.
+        """
         return of_paths(), of_paths(enrichment=Enrich(2.0))
 
     def not_by_rows(self) -> str:
@@ -103,12 +115,19 @@ class OfPaths(OfHistories, OfContactLaws):
         """None: forces are indicated in any case."""
         yield from ()
 
-    def condensed_from(self, snapshots: SnapshotSet, held_out: SnapshotSet | None) -> tuple[None, None, bool]:
-        """No answers: an increment starts from the one before. Outputs of displacements take fields."""
+    def condensed_from(
+        self, snapshots: SnapshotSet, held_out: SnapshotSet | None
+    ) -> tuple[None, None, bool]:
+        """No answers: an increment starts from the one before.
+
+        Outputs of displacements take fields.
+        """
         outputs = self.full.functionals
         return None, None, outputs is not None and any(item.count for item in outputs.items)
 
-    def statuses(self, snapshots: SnapshotSet | None, found: Callable[[], KnownStatuses]) -> KnownStatuses:
+    def statuses(
+        self, snapshots: SnapshotSet | None, found: Callable[[], KnownStatuses]
+    ) -> KnownStatuses:
         """None."""
         problem = self.full.problem
         return KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))

@@ -1,4 +1,6 @@
-"""Facet ``steps``: histories of laws of contacts by increments, those of several laws in one scene too."""
+"""Facet ``steps``: histories of laws of contacts by increments, those of several laws in one scene
+too.
+"""
 
 from __future__ import annotations
 
@@ -20,14 +22,22 @@ from hhr_dolfinx.plugins.contact_laws.range_increments import RangesIncrements, 
 
 
 class LawSteps(Steps):
-    """Base of the facet of a law whose increments are solved one after another, see :mod:`.increments`."""
+    """Base of the facet of a law whose increments are solved one after another, see
+    :mod:`.increments`.
+    """
 
     def march(self, model: Any, path: Path, settings: MarchSettings, **how: Any) -> History:
         """See :func:`follow`."""
         return follow(model, path, settings, **how)
 
     def one_step(
-        self, model: Any, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool, **step: Any
+        self,
+        model: Any,
+        point: np.ndarray,
+        raise_on_failure: bool,
+        outside: str,
+        gradient: bool,
+        **step: Any,
     ) -> Answer:
         """One proportional load from rest; one increment without memory."""
         if step.keys() - {"converged"}:
@@ -36,7 +46,9 @@ class LawSteps(Steps):
             return single(model, point, raise_on_failure, outside, gradient)
         return proportional(model, point, raise_on_failure, outside, gradient, **step)
 
-    def step_contact(self, model: Any, before: Answer, point: np.ndarray, time: float, last: Any = None) -> StepContact:
+    def step_contact(
+        self, model: Any, before: Answer, point: np.ndarray, time: float, last: Any = None
+    ) -> StepContact:
         """All laws on the S of each linearisation, by their facet ``range``."""
         return RangesStep(ranged(model.law, model.conditions), before, point, time, last)
 
@@ -59,7 +71,10 @@ class LawSteps(Steps):
 
 
 class InterfaceSteps(LawSteps):
-    """Laws of several plug-ins, or without memory; their increments are in :mod:`.range_increments`."""
+    """Laws of several plug-ins, or without memory.
+
+    Their increments are in :mod:`.range_increments`.
+    """
 
     completes = True
 
@@ -67,16 +82,20 @@ class InterfaceSteps(LawSteps):
         """All laws together."""
         if settings.limit:
             raise NotOfferedError(
-                f"derivatives of the limit of small increments are not built in with {model.law.name}: take those of "
-                "the increments, MarchSettings(gradient=True)"
+                "derivatives of the limit of small increments are not built in with "
+                f"{model.law.name}: take those of the increments, MarchSettings(gradient=True)"
             )
         return RangesIncrements(model, settings.gradient)
 
     def coupling(self, model: Any, point: np.ndarray) -> float:
-        """Sum over the laws: |e|_S^2 of the difference e of two solutions is at most the sum of their parts in it."""
+        """Sum over the laws: |e|_S^2 of the difference e of two solutions is at most the sum of
+        their parts in it.
+        """
         if model.equilibrium is not None or (contact := model.contacts()(point)).kernel is not None:
             return math.nan
-        return sum(part.solver().coupling(contact.schur, part.rows, point) for part in model.law.ranges)
+        return sum(
+            part.solver().coupling(contact.schur, part.rows, point) for part in model.law.ranges
+        )
 
     def known_error(self, known: str) -> str:
         """With several answers the error refers to one of them."""

@@ -1,4 +1,6 @@
-"""Scenes from decks: the command ``hhr start``, for CalculiX, Abaqus, code_aster, and meshes without physics."""
+"""Scenes from decks: the command ``hhr start``, for CalculiX, Abaqus, code_aster, and meshes
+without physics.
+"""
 
 from hhr_dolfinx.registry import Plugin
 

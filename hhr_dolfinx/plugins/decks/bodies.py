@@ -1,4 +1,6 @@
-"""Bodies without common cells of files that may give a cell several materials, of which the last counts."""
+"""Bodies without common cells of files that may give a cell several materials, of which the last
+counts.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,9 @@ from hhr_dolfinx.plugins.decks.deck import Tag
 from hhr_dolfinx.plugins.decks.named import NamedParts
 
 
-def bodies_of(parts: NamedParts, groups: Sequence[Sequence[Tag] | None], titles: Sequence[str]) -> list[list[Tag]]:
+def bodies_of(
+    parts: NamedParts, groups: Sequence[Sequence[Tag] | None], titles: Sequence[str]
+) -> list[list[Tag]]:
     """Bodies of each group without the cells of later groups; no two of them have common cells.
 
     Args:
@@ -20,7 +24,8 @@ def bodies_of(parts: NamedParts, groups: Sequence[Sequence[Tag] | None], titles:
         titles: line and keyword of each group, for messages.
 
     Raises:
-        SceneError: for cells that a group keeps and that belong to no body without cells of others, with its title.
+        SceneError: for cells that a group keeps and that belong to no body without cells of others,
+            with its title.
     """
     bodies = parts.raw.bodies
     owner = np.full(len(parts.raw.cells), -1)
@@ -31,18 +36,27 @@ def bodies_of(parts: NamedParts, groups: Sequence[Sequence[Tag] | None], titles:
     made = []
     for number, (group, title) in enumerate(zip(groups, titles, strict=True)):
         chosen = _partition(bodies, [*(group or ()), *parts.apart()], owner == number)
-        chosen = chosen if chosen is not None else _partition(bodies, [*(group or ()), *by_size], owner == number)
+        chosen = (
+            chosen
+            if chosen is not None
+            else _partition(bodies, [*(group or ()), *by_size], owner == number)
+        )
         if chosen is None:
             raise SceneError(
-                f"{title}: a later group replaces the material of a part of its cells, and no group of the mesh holds "
-                "the others: name one"
+                f"{title}: a later group replaces the material of a part of its cells, and no "
+                "group of the mesh holds the others: name one"
             )
         made.append(chosen)
     return made
 
 
-def _partition(bodies: Mapping[Tag, np.ndarray], tags: Sequence[Tag], free: np.ndarray) -> list[Tag] | None:
-    """The first bodies of a list that have only free cells and none in common; None if free cells remain."""
+def _partition(
+    bodies: Mapping[Tag, np.ndarray], tags: Sequence[Tag], free: np.ndarray
+) -> list[Tag] | None:
+    """The first bodies of a list that have only free cells and none in common.
+
+    None if free cells remain.
+    """
     free = free.copy()
     chosen = []
     for tag in tags:

@@ -1,4 +1,6 @@
-"""Command files of code_aster, as far as they are literal: materials, supports, loads and contacts of a scene."""
+"""Command files of code_aster, as far as they are literal: materials, supports, loads and contacts
+of a scene.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,9 @@ def read_comm(path: Path, mesh: Path, parts: NamedParts) -> Deck:
     acting = computation_of(commands)
     sections = [*_sections(acting.fields, parts)]
     if not sections:
-        raise SceneError(f"{path.name} gives no body a literal material: DEFI_MATERIAU(ELAS=_F(E=..., NU=...))")
+        raise SceneError(
+            f"{path.name} gives no body a literal material: DEFI_MATERIAU(ELAS=_F(E=..., NU=...))"
+        )
     planes, curved = planes_of(mesh)
     left = [one for command in commands for one in command.unread]
     left += [command.left("not read") for command in commands if command.name not in COMMANDS]
@@ -52,7 +56,11 @@ def read_comm(path: Path, mesh: Path, parts: NamedParts) -> Deck:
     made += [one for one in loaded if not isinstance(one, Applied)]
     paired = [one for command in acting.contacts for one in _pairs(command, parts, planes, curved)]
     supports = tuple(one for one in made if isinstance(one, Support))
-    loads = [_of_rings(one) if hypothesis == "axisymmetric" else one for one in made if isinstance(one, Load)]
+    loads = [
+        _of_rings(one) if hypothesis == "axisymmetric" else one
+        for one in made
+        if isinstance(one, Load)
+    ]
     pairs = tuple(one for one in paired if isinstance(one, Pair))
     left += [*acting.left, *(one for one in (*made, *paired) if isinstance(one, Left))]
     return Deck(
@@ -70,20 +78,27 @@ def read_comm(path: Path, mesh: Path, parts: NamedParts) -> Deck:
 def _hypothesis(models: Sequence[Command], parts: NamedParts, left: list[Left]) -> str:
     """Hypothesis of the model; SceneError for a plane mesh without a model that is read."""
     factors = [factor for command in models for factor in command.factors("AFFE")]
-    kinds = {HYPOTHESES.get(str(factor.words.get("MODELISATION")).upper()): factor for factor in factors}
+    kinds = {
+        HYPOTHESES.get(str(factor.words.get("MODELISATION")).upper()): factor for factor in factors
+    }
     known = {kind: factor for kind, factor in kinds.items() if kind is not None}
     if not known and parts.raw.dim == 2:
         source = f"{models[0].source} AFFE_MODELE" if models else "the command file"
         raise SceneError(
-            f"{source} has no MODELISATION that is read, and a plane mesh needs one: {', '.join(PLANE_MODELS)}"
+            f"{source} has no MODELISATION that is read, and a plane mesh needs one: "
+            f"{', '.join(PLANE_MODELS)}"
         )
     hypothesis = next(iter(known), "solid")
-    left += [one.left(f"all cells are {hypothesis}") for kind, one in known.items() if kind != hypothesis]
+    left += [
+        one.left(f"all cells are {hypothesis}") for kind, one in known.items() if kind != hypothesis
+    ]
     return hypothesis
 
 
 def _sections(fields: Sequence[Command], parts: NamedParts) -> Iterator[Section]:
-    """Bodies with their materials; SceneError for a factor without a body of the mesh or a literal elastic material."""
+    """Bodies with their materials; SceneError for a factor without a body of the mesh or a literal
+    elastic material.
+    """
     groups: dict[Command, list[Tag] | None] = {}
     for factor in (one for command in fields for one in command.factors("AFFE")):
         title = f"{factor.source} AFFE_MATERIAU"
@@ -107,15 +122,22 @@ def _material(factor: Command) -> Material:
     material = given[0] if isinstance(given, tuple) and given else given
     elastic = next(iter(material.factors("ELAS")), None) if isinstance(material, Command) else None
     young, poisson, expansion, density = (
-        number(elastic.words.get(name)) if elastic is not None else None for name in ("E", "NU", "ALPHA", "RHO")
+        number(elastic.words.get(name)) if elastic is not None else None
+        for name in ("E", "NU", "ALPHA", "RHO")
     )
     if elastic is None or young is None or poisson is None:
-        raise SceneError(f"{factor.source} AFFE_MATERIAU: the material has no literal ELAS=_F(E=..., NU=...)")
+        raise SceneError(
+            f"{factor.source} AFFE_MATERIAU: the material has no literal ELAS=_F(E=..., NU=...)"
+        )
     return Material("ELAS", elastic.source, young, poisson, "", expansion, density)
 
 
-def _weight(factor: Command, scale: float, parts: NamedParts, sections: Sequence[Section]) -> Iterator[Load | Left]:
-    """Weights of all bodies: DIRECTION has any length, and only its direction counts (U4.44.01, PESANTEUR)."""
+def _weight(
+    factor: Command, scale: float, parts: NamedParts, sections: Sequence[Section]
+) -> Iterator[Load | Left]:
+    """Weights of all bodies: DIRECTION has any length, and only its direction counts (U4.44.01,
+    PESANTEUR).
+    """
     direction = factor.numbers("DIRECTION")
     gravity = factor.numbers("GRAVITE")
     if factor.groups("GROUP_MA"):
@@ -137,15 +159,25 @@ def _weight(factor: Command, scale: float, parts: NamedParts, sections: Sequence
 
 
 def _loaded(
-    command: Command, kind: str, factor: Command, scale: float, parts: NamedParts, planes: Mapping[str, Plane]
+    command: Command,
+    kind: str,
+    factor: Command,
+    scale: float,
+    parts: NamedParts,
+    planes: Mapping[str, Plane],
 ) -> Iterator[Applied | Left]:
-    """Supports or loads of a factor of AFFE_CHAR_MECA, and what is left of them; motions of rigid planes are noted."""
+    """Supports or loads of a factor of AFFE_CHAR_MECA, and what is left of them.
+
+    Motions of rigid planes are noted.
+    """
     if kind == "PESANTEUR":
         return
     dim = parts.raw.dim
     values = {name: number(factor.words[name]) for name in _NUMBERS if name in factor.words}
     own = {name: value * scale for name, value in values.items() if value is not None}
-    if lost := [name for name, value in values.items() if value is None and factor.words[name] is not None]:
+    if lost := [
+        name for name, value in values.items() if value is None and factor.words[name] is not None
+    ]:
         yield factor.left(f"{', '.join(lost)} of {kind} is no number")
     given = factor.groups("GROUP_MA", "GROUP_NO")
     held = factor.words.get("LIAISON") == "ENCASTRE" or factor.words.get("BLOCAGE") == "DEPLACEMENT"
@@ -164,7 +196,9 @@ def _loaded(
                 if axis in imposed:
                     support = Support(place, k, imposed[axis], factor.source)
                     yield Applied(command, kind, factor, frozenset({axis}), nodes, (support,))
-        elif (kind == "PRES_REP" and surface is not None) or (kind in _FORCES and place is not None):
+        elif (kind == "PRES_REP" and surface is not None) or (
+            kind in _FORCES and place is not None
+        ):
             at = place if surface is None or kind == "FORCE_NODALE" else surface
             assert at is not None  # a surface is a place
             facets = covered_by(parts, at, of_facets=kind != "FORCE_NODALE")
@@ -176,32 +210,54 @@ def _loaded(
         yield factor.left(f"{kind} without a group has no counterpart")
 
 
-def _loads(kind: str, own: Mapping[str, float], place: Tag, dim: int, source: str) -> tuple[Load, ...]:
+def _loads(
+    kind: str, own: Mapping[str, float], place: Tag, dim: int, source: str
+) -> tuple[Load, ...]:
     """Pressure on a surface, or a force of each component on a place."""
     if kind == "PRES_REP":
-        return (Load("pressure", f"hhr.Pressure({place!r}, {{}})", own["PRES"], source),) if "PRES" in own else ()
+        return (
+            (Load("pressure", f"hhr.Pressure({place!r}, {{}})", own["PRES"], source),)
+            if "PRES" in own
+            else ()
+        )
     what = "NodalForce" if kind == "FORCE_NODALE" else "Traction"
     forces = [own.get(name, 0.0) for name in ("FX", "FY", "FZ")[:dim]]
     units = [tuple(np.eye(dim)[k].tolist()) for k in range(dim)]
     texts = [f"hhr.{what}({place!r}, {unit}, {{}})" for unit in units]
-    return tuple(Load("force", text, value, source) for text, value in zip(texts, forces, strict=True) if value)
+    return tuple(
+        Load("force", text, value, source)
+        for text, value in zip(texts, forces, strict=True)
+        if value
+    )
 
 
 def _of_rings(load: Load) -> Load:
     """A force of a node on its whole ring: in axisymmetry code_aster has that of one radian."""
-    return replace(load, value=2 * np.pi * load.value) if load.text.startswith("hhr.NodalForce") else load
+    return (
+        replace(load, value=2 * np.pi * load.value)
+        if load.text.startswith("hhr.NodalForce")
+        else load
+    )
 
 
 def _pairs(
     command: Command, parts: NamedParts, planes: Mapping[str, Plane], curved: Sequence[str]
 ) -> Iterator[Pair | Left]:
-    """Pairs of a DEFI_CONTACT: a straight line or flat surface without cells, as rigid tools have, is an obstacle."""
+    """Pairs of a DEFI_CONTACT: a straight line or flat surface without cells, as rigid tools have,
+    is an obstacle.
+    """
     for zone in command.factors("ZONE"):
         names = [(*zone.groups(key), "")[0] for key in ("GROUP_MA_ESCL", "GROUP_MA_MAIT")]
         slave, master = surfaces = [parts.surface(name) for name in names]
-        friction = number(zone.words.get("COULOMB", 0.0)) if command.words.get("FROTTEMENT") == "COULOMB" else 0.0
+        friction = (
+            number(zone.words.get("COULOMB", 0.0))
+            if command.words.get("FROTTEMENT") == "COULOMB"
+            else 0.0
+        )
         if friction is None:
-            yield zone.left("COULOMB is not literal, and the pair is frictionless: give it friction=")
+            yield zone.left(
+                "COULOMB is not literal, and the pair is frictionless: give it friction="
+            )
         if slave is not None and master is not None:
             yield parts.pair(slave, master, friction or 0.0, zone.source)
             continue
@@ -209,13 +265,18 @@ def _pairs(
         lost = [name for name, surface in zip(names, surfaces, strict=True) if surface is None]
         tool = lost[0].upper()
         if deformable is None or tool not in planes:
-            round_tool = "it is curved, and has no cells: hhr.Profile, hhr.Sphere or hhr.RigidMesh in contacts"
+            round_tool = (
+                "it is curved, and has no cells: hhr.Profile, hhr.Sphere or hhr.RigidMesh in "
+                "contacts"
+            )
             why = round_tool if tool in curved else "it is no surface with facets of the mesh"
             yield zone.left(f"the pair of {names} is not in the scene. '{lost[0]}': {why}")
             continue
         point, normal, motion = planes[tool]
         along = motion - (motion @ normal) * normal
         if friction and along.any():
-            yield zone.left("a rigid plane that moves along the body does not drag it: move the body instead")
+            yield zone.left(
+                "a rigid plane that moves along the body does not drag it: move the body instead"
+            )
         pair = parts.on_plane(deformable, point, normal, friction or 0.0, zone.source)
         yield replace(pair, gap=float(motion @ parts.towards(deformable, normal)))

@@ -1,4 +1,6 @@
-"""Commands of a file of code_aster with their literal arguments: the file is parsed, and nothing of it is executed."""
+"""Commands of a file of code_aster with their literal arguments: the file is parsed, and nothing of
+it is executed.
+"""
 
 from __future__ import annotations
 
@@ -20,13 +22,18 @@ _OPERATORS: Mapping[type[ast.operator], Callable[[float, float], float]] = {
     ast.Div: operator.truediv,
     ast.Pow: lambda a, b: float(a) ** b,  # of integers it might never end
 }
-_SIGNS: Mapping[type[ast.unaryop], Callable[[float], float]] = {ast.USub: operator.neg, ast.UAdd: operator.pos}
+_SIGNS: Mapping[type[ast.unaryop], Callable[[float], float]] = {
+    ast.USub: operator.neg,
+    ast.UAdd: operator.pos,
+}
 _SCOPES = (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef, ast.Lambda)
 
 
 @dataclass(frozen=True, eq=False)
 class Command:
-    """A command, or a factor ``_F``, with the literal arguments that are read, and TODO lines of all others."""
+    """A command, or a factor ``_F``, with the literal arguments that are read, and TODO lines of
+    all others.
+    """
 
     name: str
     source: str
@@ -36,7 +43,11 @@ class Command:
     def factors(self, name: str) -> tuple[Command, ...]:
         """One factor or several."""
         found = self.words.get(name, ())
-        return tuple(one for one in (found if isinstance(found, tuple) else (found,)) if isinstance(one, Command))
+        return tuple(
+            one
+            for one in (found if isinstance(found, tuple) else (found,))
+            if isinstance(one, Command)
+        )
 
     def groups(self, *names: str) -> tuple[str, ...]:
         """Names of groups."""
@@ -45,10 +56,16 @@ class Command:
         return tuple(one for one in every if isinstance(one, str))
 
     def numbers(self, name: str) -> tuple[float, ...] | None:
-        """Number or numbers of a keyword; None if the file has others, or does not have the keyword."""
+        """Number or numbers of a keyword; None if the file has others, or does not have the
+        keyword.
+        """
         value = self.words.get(name)
         values = [number(one) for one in (value if isinstance(value, tuple) else (value,))]
-        return tuple(one for one in values if one is not None) if values and None not in values else None
+        return (
+            tuple(one for one in values if one is not None)
+            if values and None not in values
+            else None
+        )
 
     def left(self, why: str) -> Left:
         """This command as one without counterpart."""
@@ -61,11 +78,16 @@ def number(value: object) -> float | None:
 
 
 def commands_of(path: Path) -> Iterator[Command]:
-    """Commands of a file in their order; FileContentError for text that is no Python, with the line."""
+    """Commands of a file in their order.
+
+    FileContentError for text that is no Python, with the line.
+    """
     try:
         tree = ast.parse(path.read_text(errors="replace"))
     except (SyntaxError, ValueError) as error:
-        raise FileContentError(f"{path.name}:{getattr(error, 'lineno', 0)} is no command file: {error}") from None
+        raise FileContentError(
+            f"{path.name}:{getattr(error, 'lineno', 0)} is no command file: {error}"
+        ) from None
     names = _Names(path.name, _global_names(tree))
     for statement in tree.body:
         yield from names.after(statement)
@@ -73,11 +95,15 @@ def commands_of(path: Path) -> Iterator[Command]:
 
 def _global_names(tree: ast.Module) -> frozenset[str]:
     """Names that functions of the file may change whenever they are called."""
-    return frozenset(name for node in ast.walk(tree) if isinstance(node, ast.Global) for name in node.names)
+    return frozenset(
+        name for node in ast.walk(tree) if isinstance(node, ast.Global) for name in node.names
+    )
 
 
 class _Names:
-    """Values of the names of a file, statement by statement; a name that may have any value has none.
+    """Values of the names of a file, statement by statement.
+
+    a name that may have any value has none.
 
     Attributes:
         file: name of the file.
@@ -109,27 +135,42 @@ class _Names:
         if isinstance(value, Command):
             yield value
         elif not isinstance(
-            statement, ast.Assign | ast.AnnAssign | ast.AugAssign | ast.Import | ast.ImportFrom | ast.Expr | ast.Pass
+            statement,
+            ast.Assign
+            | ast.AnnAssign
+            | ast.AugAssign
+            | ast.Import
+            | ast.ImportFrom
+            | ast.Expr
+            | ast.Pass,
         ):
             yield Command(type(statement).__name__, f"{self.file}:{statement.lineno}", {"": None})
 
     def _bind(self, target: ast.expr, value: object) -> None:
         if isinstance(target, ast.Name) and target.id not in self.changeable:
             self.values[target.id] = value
-        elif isinstance(target, ast.Tuple | ast.List) and isinstance(value, tuple) and len(value) == len(target.elts):
+        elif (
+            isinstance(target, ast.Tuple | ast.List)
+            and isinstance(value, tuple)
+            and len(value) == len(target.elts)
+        ):
             if not any(isinstance(one, ast.Starred) for one in target.elts):
                 for one, part in zip(target.elts, value, strict=True):
                     self._bind(one, part)
 
     def _forget(self, statement: ast.stmt) -> None:
-        """Drop the values of names that a statement may change: it binds them, or items or parts of their values."""
+        """Drop the values of names that a statement may change: it binds them, or items or parts of
+        their values.
+        """
         for name in _changed(statement):
             value = self.values.pop(name, None)
             if isinstance(value, tuple):  # a list may have several names
                 self.values = {key: one for key, one in self.values.items() if one is not value}
 
     def value(self, node: ast.AST | None) -> object:
-        """Value of a literal, of a sum or product of such, or of a command; None for anything else."""
+        """Value of a literal, of a sum or product of such, or of a command; None for anything
+        else.
+        """
         match node:
             case ast.Constant(value=value):
                 return value
@@ -152,7 +193,9 @@ class _Names:
         return None
 
     def _inner(self, node: ast.AST) -> object:
-        """Value of an argument: a command in the place of its name is one of the file, and other calls are unknown."""
+        """Value of an argument: a command in the place of its name is one of the file, and other
+        calls are unknown.
+        """
         value = self.value(node)
         if not isinstance(node, ast.Call) or not isinstance(value, Command) or value.name == "_F":
             return value
@@ -168,9 +211,14 @@ def _loaded(target: ast.expr) -> ast.expr:
 
 
 def _changed(node: ast.AST) -> Iterator[str]:
-    """Names that a statement of the file binds or deletes, or whose methods, items or attributes it may change."""
+    """Names that a statement of the file binds or deletes, or whose methods, items or attributes it
+    may change.
+    """
     match node:
-        case ast.Name(id=name, ctx=ast.Store() | ast.Del()) | ast.Call(func=ast.Attribute(value=ast.Name(id=name))):
+        case (
+            ast.Name(id=name, ctx=ast.Store() | ast.Del())
+            | ast.Call(func=ast.Attribute(value=ast.Name(id=name)))
+        ):
             yield name
         case ast.Subscript(value=ast.Name(id=name), ctx=ast.Store() | ast.Del()):
             yield name
@@ -180,7 +228,11 @@ def _changed(node: ast.AST) -> Iterator[str]:
             yield name
         case ast.alias(name=name, asname=other):
             yield other or name.partition(".")[0]
-        case ast.ExceptHandler(name=str(name)) | ast.MatchAs(name=str(name)) | ast.MatchStar(name=str(name)):
+        case (
+            ast.ExceptHandler(name=str(name))
+            | ast.MatchAs(name=str(name))
+            | ast.MatchStar(name=str(name))
+        ):
             yield name
     if not isinstance(node, _SCOPES):
         for inner in ast.iter_child_nodes(node):
@@ -188,7 +240,9 @@ def _changed(node: ast.AST) -> Iterator[str]:
 
 
 def admitted(command: Command, name: str) -> Command:
-    """Command, or the factor ``COMMAND/FACTOR``, with the keywords that the table of its name reads."""
+    """Command, or the factor ``COMMAND/FACTOR``, with the keywords that the table of its name
+    reads.
+    """
     keyword = COMMANDS.get(name)
     if keyword is None or keyword.rule.outcome != READ:
         return command
@@ -197,21 +251,35 @@ def admitted(command: Command, name: str) -> Command:
     title = name.replace("/", " ")
     for key, given in command.words.items():
         # ("AXIS",) and ["AXIS"] are what "AXIS" is
-        value = given[0] if isinstance(given, tuple) and len(given) == 1 and isinstance(given[0], str) else given
+        value = (
+            given[0]
+            if isinstance(given, tuple) and len(given) == 1 and isinstance(given[0], str)
+            else given
+        )
         parts = value if isinstance(value, tuple) else (value,)
         options = [one.upper() if isinstance(one, str) else "" for one in parts] or [""]
         rules = dict.fromkeys(keyword.rule_of(key, option) for option in options)
         empty = isinstance(value, int | float) and not value  # a length or a rotation that is 0
         for rule in (one for one in rules if one.why and not empty):
-            said = f"{key}={value}: {rule.why}" if isinstance(value, str | int | float) else f"{key}: {rule.why}"
+            said = (
+                f"{key}={value}: {rule.why}"
+                if isinstance(value, str | int | float)
+                else f"{key}: {rule.why}"
+            )
             unread.append(Left(command.source, title, said))
         outcomes = {rule.outcome for rule in rules}
         if OUT in outcomes:
             return Command(command.name, command.source, {}, tuple(unread))
         if outcomes == {READ}:
             if any(one is None for one in parts):
-                unread.append(Left(command.source, title, f"{key} of {name.rpartition('/')[2]} is not literal"))
-            factors = [admitted(one, f"{name}/{key}") for one in command.factors(key) if one.name == "_F"]
+                unread.append(
+                    Left(
+                        command.source, title, f"{key} of {name.rpartition('/')[2]} is not literal"
+                    )
+                )
+            factors = [
+                admitted(one, f"{name}/{key}") for one in command.factors(key) if one.name == "_F"
+            ]
             unread += [left for one in factors for left in one.unread]
             words[key] = tuple(one for one in factors if one.words) if factors else value
     return Command(command.name, command.source, words, tuple(unread))

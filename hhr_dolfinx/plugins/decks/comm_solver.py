@@ -1,4 +1,6 @@
-"""The computation of a command file of code_aster: its loads with their factors at its end, its contact and model."""
+"""The computation of a command file of code_aster: its loads with their factors at its end, its
+contact and model.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,10 @@ def computation_of(commands: Sequence[Command]) -> Computation:
     models = [one for one in commands if one.name == "AFFE_MODELE"]
     fields = [one for one in commands if one.name == "AFFE_MATERIAU"]
     if not solvers:
-        left = [one.left("no MECA_STATIQUE or STAT_NON_LINE names it: it acts whole") for one in (*charges, *contacts)]
+        left = [
+            one.left("no MECA_STATIQUE or STAT_NON_LINE names it: it acts whole")
+            for one in (*charges, *contacts)
+        ]
         every = dict.fromkeys(charges, 1.0)
         return Computation(every, tuple(contacts), tuple(models), tuple(fields), tuple(left))
     last = solvers[-1]
@@ -52,12 +57,24 @@ def computation_of(commands: Sequence[Command]) -> Computation:
         if isinstance(charge, Command):
             factor = _factor(excited, last)
             if isinstance(factor, str):
-                left.append(last.left(f"a load is multiplied by a function {factor}: it counts whole"))
-            factors[charge] = factors.get(charge, 0.0) + (1.0 if isinstance(factor, str) else factor)
+                left.append(
+                    last.left(f"a load is multiplied by a function {factor}: it counts whole")
+                )
+            factors[charge] = factors.get(charge, 0.0) + (
+                1.0 if isinstance(factor, str) else factor
+            )
     contact = last.words.get("CONTACT")
     used = tuple(one for one in contacts if one is contact)
-    left += [one.left(f"it does not act: no EXCIT of {last.name} names it") for one in charges if one not in factors]
-    left += [one.left(f"it does not act: {last.name} does not name it") for one in contacts if one not in used]
+    left += [
+        one.left(f"it does not act: no EXCIT of {last.name} names it")
+        for one in charges
+        if one not in factors
+    ]
+    left += [
+        one.left(f"it does not act: {last.name} does not name it")
+        for one in contacts
+        if one not in used
+    ]
     return Computation(
         {one: factors[one] for one in charges if one in factors},
         used,
@@ -87,9 +104,13 @@ def _factor(excited: Command, solver: Command) -> float | str:
         return scale * constant[0] if constant else "that is not literal"
     points = _points(curve)
     if points is None:
-        return "that is not read: a DEFI_FONCTION of INST with literal values, linear in between, is"
+        return (
+            "that is not read: a DEFI_FONCTION of INST with literal values, linear in between, is"
+        )
     x, y = points
-    if np.ptp(y) == 0.0 and {curve.words.get(side) for side in ("PROL_DROITE", "PROL_GAUCHE")} == {"CONSTANT"}:
+    if np.ptp(y) == 0.0 and {curve.words.get(side) for side in ("PROL_DROITE", "PROL_GAUCHE")} == {
+        "CONSTANT"
+    }:
         return float(scale * y[0])
     end = _end(solver)
     if end is None:
@@ -106,7 +127,10 @@ def _factor(excited: Command, solver: Command) -> float | str:
 
 
 def _points(curve: Command) -> tuple[np.ndarray, np.ndarray] | None:
-    """Times, which increase, and values of a function of the time that is linear in between; None for others."""
+    """Times, which increase, and values of a function of the time that is linear in between.
+
+    None for others.
+    """
     kinds = curve.words.get("INTERPOL", "LIN")
     linear = {*(kinds if isinstance(kinds, tuple) else (kinds,))} == {"LIN"}
     if curve.name != "DEFI_FONCTION" or curve.words.get("NOM_PARA") != "INST" or not linear:

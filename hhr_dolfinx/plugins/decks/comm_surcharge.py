@@ -1,4 +1,5 @@
-"""The rule of surcharge of code_aster: of what one keyword gives a group several times, the last counts (U1.03.00).
+"""The rule of surcharge of code_aster: of what one keyword gives a group several times, the last
+counts (U1.03.00).
 
 Loads of different commands add up.
 """
@@ -37,7 +38,10 @@ class Applied:
 
 
 def what_counts(applied: Sequence[Applied]) -> Iterator[Support | Load | Left]:
-    """Supports and loads without those that later ones replace; TODO lines of those that later ones replace in part."""
+    """Supports and loads without those that later ones replace.
+
+    TODO lines of those that later ones replace in part.
+    """
     for position, one in enumerate(applied):
         replaced = False
         left: list[Left] = []
@@ -53,15 +57,25 @@ def what_counts(applied: Sequence[Applied]) -> Iterator[Support | Load | Left]:
 
 
 def _clash(one: Applied, later: Applied, same: bool) -> str:
-    """Sentence on a common part of two groups at which the scene has both; empty if both act in code_aster too."""
+    """Sentence on a common part of two groups at which the scene has both.
+
+    Empty if both act in code_aster too.
+    """
     supports = [item for item in (*one.items, *later.items) if isinstance(item, Support)]
     if len(supports) == 2:
-        if len({item.component for item in supports}) == 2 or len({item.value for item in supports}) == 1:
+        if (
+            len({item.component for item in supports}) == 2
+            or len({item.value for item in supports}) == 1
+        ):
             return ""
-        return f"nodes of it have another displacement by {later.factor.source}: name a group without these"
+        return (
+            f"nodes of it have another displacement by {later.factor.source}: name a group "
+            "without these"
+        )
     if same:
         return (
-            f"{later.factor.source} replaces a part of it, and here both act: name groups that have nothing in common"
+            f"{later.factor.source} replaces a part of it, and here both act: name groups that "
+            "have nothing in common"
         )
     return ""
 

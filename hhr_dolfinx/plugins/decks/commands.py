@@ -19,17 +19,26 @@ with extra("study", "the command hhr"):
     import click
 
 
-@click.command(epilog=examples("hhr start deck.inp", "hhr start part.msh --to part.py", "hhr start run.comm"))
+@click.command(
+    epilog=examples("hhr start deck.inp", "hhr start part.msh --to part.py", "hhr start run.comm")
+)
 @click.argument("file", type=click.Path(path_type=Path))
-@click.option("--to", type=click.Path(path_type=Path), help="the scene file [FILE with the ending .py]")
-@click.option("--mesh", type=click.Path(path_type=Path), help="mesh of a .comm [one of the same name beside it]")
+@click.option(
+    "--to", type=click.Path(path_type=Path), help="the scene file [FILE with the ending .py]"
+)
+@click.option(
+    "--mesh",
+    type=click.Path(path_type=Path),
+    help="mesh of a .comm [one of the same name beside it]",
+)
 @click.option("--force", is_flag=True, help="write over a scene file that is there")
 @guarded
 def start(file: Path, to: Path | None, mesh: Path | None, force: bool) -> None:
-    """Write a scene file from a deck of CalculiX, Abaqus or code_aster, or a template from any mesh.
+    """Write a scene file from a deck of CalculiX, Abaqus or code_aster, or a template from any
+    mesh.
 
-    Materials, supports, loads and contact pairs of the deck become parts of the scene, each with its line. What has no
-    counterpart is a comment with TODO, and is printed.
+    Materials, supports, loads and contact pairs of the deck become parts of the scene, each with
+    its line. What has no counterpart is a comment with TODO, and is printed.
     """
     from hhr_dolfinx.command.loading import checked_target
     from hhr_dolfinx.files import replacing
@@ -40,7 +49,9 @@ def start(file: Path, to: Path | None, mesh: Path | None, force: bool) -> None:
     target = to or file.with_suffix(".py")
     checked_target(target, (".py",))
     if target.exists() and not force:
-        raise FileError(f"{target} is there: name another file, --to my_scene.py, or write over it with --force")
+        raise FileError(
+            f"{target} is there: name another file, --to my_scene.py, or write over it with --force"
+        )
     deck = deck_of(file, mesh)
     with replacing(target, text=True) as out:
         out.write(scene_text(deck, file, target))
@@ -49,13 +60,14 @@ def start(file: Path, to: Path | None, mesh: Path | None, force: bool) -> None:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     if deck.contact_lost:
         raise SceneError(
-            f"{file.name} states contact, and {target} has none of it, so that its answers are those without: the TODO "
-            "lines say why. Add the pairs to its contacts"
+            f"{file.name} states contact, and {target} has none of it, so that its answers are "
+            "those without: the TODO lines say why. Add the pairs to its contacts"
         )
 
 
 def deck_of(path: Path, mesh: Path | None = None) -> Deck:
-    """Contents of a deck, of a command file of code_aster with its mesh, or of a mesh without physics.
+    """Contents of a deck, of a command file of code_aster with its mesh, or of a mesh without
+    physics.
 
     Raises:
         FileContentError: for a file that cannot be read, with the line.
@@ -64,9 +76,9 @@ def deck_of(path: Path, mesh: Path | None = None) -> Deck:
     deck = _read(path, mesh)
     if not deck.pairs:
         raise SceneError(
-            f"{path.name}: a scene needs a contact pair, and every node of the outside of its bodies is held. Name the "
-            "surfaces to hold and to press in the file of the mesh, such as physical groups of gmsh"
-            + "".join(f". {item}" for item in deck.left)
+            f"{path.name}: a scene needs a contact pair, and every node of the outside of its "
+            "bodies is held. Name the surfaces to hold and to press in the file of the mesh, such "
+            "as physical groups of gmsh" + "".join(f". {item}" for item in deck.left)
         )
     return deck
 
@@ -86,7 +98,9 @@ def _read(path: Path, mesh: Path | None) -> Deck:
     from hhr_dolfinx.registry import named
 
     if path.suffix.lower() == ".comm" and path.is_file():
-        endings = dict.fromkeys((".med", ".mmed", ".mail", ".msh", ".unv", ".inp", *named("readers")))
+        endings = dict.fromkeys(
+            (".med", ".mmed", ".mail", ".msh", ".unv", ".inp", *named("readers"))
+        )
         beside = [path.with_suffix(ending) for ending in endings]
         mesh = mesh or next((one for one in beside if one.is_file()), None)
         if mesh is None:
@@ -98,10 +112,14 @@ def _read(path: Path, mesh: Path | None) -> Deck:
     kept, left = blocks_of(path) if deck else ([], [])
     physics = of_kind(kept, "SOLID SECTION", "STEP")
     if physics:
-        return _without_folds(read_inp(path, kept, parts, DeckNodes(flat_deck(path)), left), parts.raw)
+        return _without_folds(
+            read_inp(path, kept, parts, DeckNodes(flat_deck(path)), left), parts.raw
+        )
     if path.suffix.lower() == ".feb" and (made := read_febio(path, parts)) is not None:
         return _without_folds(made, parts.raw)
-    made = template(path, parts, hypothesis_of(kept, parts, left) if parts.raw.dim == 2 else "solid")
+    made = template(
+        path, parts, hypothesis_of(kept, parts, left) if parts.raw.dim == 2 else "solid"
+    )
     return _without_folds(replace(made, left=(*made.left, *left)), parts.raw)
 
 
@@ -112,7 +130,9 @@ def _without_folds(deck: Deck, raw: RawMesh) -> Deck:
     if not (count := len(folded(raw))):
         return deck
     why = (
-        f"{count} cells are folded, and hhr.Untangled moves the middles of their sides: hhr check says how far. "
-        "how='gmsh' moves nodes inside of bodies instead"
+        f"{count} cells are folded, and hhr.Untangled moves the middles of their sides: hhr check "
+        "says how far. how='gmsh' moves nodes inside of bodies instead"
     )
-    return replace(deck, folded=True, left=(*deck.left, Left(deck.path.name, "cells of second order", why)))
+    return replace(
+        deck, folded=True, left=(*deck.left, Left(deck.path.name, "cells of second order", why))
+    )

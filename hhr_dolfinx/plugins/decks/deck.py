@@ -1,4 +1,5 @@
-"""Contents of a deck in neutral form: readers of all formats make it, and one writer turns it into a scene.
+"""Contents of a deck in neutral form: readers of all formats make it, and one writer turns it into
+a scene.
 
 Sources are file and line, ``deck.inp:12``; numbers have the units of the deck.
 """
@@ -47,7 +48,9 @@ class Support:
 
 @dataclass(frozen=True)
 class Load:
-    """A load or a constraint: ``value`` times the unit load ``text``, Python with ``{}`` for the amplitude."""
+    """A load or a constraint: ``value`` times the unit load ``text``, Python with ``{}`` for the
+    amplitude.
+    """
 
     kind: str  # proposed name of a parameter, such as ``pressure``
     text: str
@@ -57,10 +60,11 @@ class Load:
 
 @dataclass(frozen=True)
 class Pair:
-    """A contact pair ``text``, Python with ``{}`` for its friction, and a length that is added to the gaps.
+    """A contact pair ``text``, Python with ``{}`` for its friction, and a length that is added to
+    the gaps.
 
-    The text of a curved rigid surface has ``{place}`` for its motion. A gap that ``overwrites`` is that of all nodes,
-    whatever the mesh has.
+    The text of a curved rigid surface has ``{place}`` for its motion. A gap that ``overwrites`` is
+    that of all nodes, whatever the mesh has.
     """
 
     text: str
@@ -92,7 +96,9 @@ Item = Load | Support | Pair | Section
 
 @dataclass(frozen=True)
 class History:
-    """Courses of the quantities of a deck over its steps: fractions of their values in the deck, linear in between."""
+    """Courses of the quantities of a deck over its steps: fractions of their values in the deck,
+    linear in between.
+    """
 
     times: tuple[float, ...]  # in s from rest, which is 0
     courses: Mapping[Item, tuple[float, ...]]  # one fraction for each time
@@ -100,7 +106,9 @@ class History:
 
 @dataclass(frozen=True)
 class Deck:
-    """Contents of a deck at the end of its last step, or the largest values of its steps with their history."""
+    """Contents of a deck at the end of its last step, or the largest values of its steps with their
+    history.
+    """
 
     path: Path  # file of the mesh
     hypothesis: str
@@ -114,6 +122,7 @@ class Deck:
     cuts: tuple[str, ...] = ()  # sections along which the mesh is cut
     history: History | None = None  # None where the end of the last step is all that counts
     folded: bool = False  # True for a mesh with folded cells of second order
-    proposal: bool = False  # True if the file is a mesh without physics, for which supports and loads are proposed
+    # True if the file is a mesh without physics, for which supports and loads are proposed
+    proposal: bool = False
     contact_lost: bool = False  # True if the file states contact, and no pair of it is read
     sides: bool = False  # names of sides of bodies that the file does not have are used

@@ -1,4 +1,5 @@
-"""Physics of files of FEBio 3 and 4: isotropic materials, displacements, pressures, sliding and tied surfaces.
+"""Physics of files of FEBio 3 and 4: isotropic materials, displacements, pressures, sliding and
+tied surfaces.
 
 Everything else of a section of physics is a TODO line, items and their children.
 """
@@ -28,14 +29,18 @@ _READ = {
 _ATTRIBUTES = frozenset(("id", "name", "type", "node_set", "surface", "surface_pair"))
 """Attributes of items that are read."""
 _SOLVER = frozenset(
-    "penalty auto_penalty update_penalty laugon tolerance gaptol minaug maxaug search_tol search_radius two_pass "
-    "symmetric_stiffness seg_up augs knmult node_reloc fric_penalty flip_primary flip_secondary".split()
+    "penalty auto_penalty update_penalty laugon tolerance gaptol minaug maxaug search_tol "
+    "search_radius two_pass "
+    "symmetric_stiffness seg_up augs knmult node_reloc fric_penalty "
+    "flip_primary flip_secondary".split()
 )
 """Children of contacts that choose how a penalty is found; contact is hard here."""
 
 
 def read_febio(path: Path, parts: NamedParts) -> Deck | None:
-    """Read a file whose mesh is read; None for one of version 2, or with a material that is not read."""
+    """Read a file whose mesh is read; None for one of version 2, or with a material that is not
+    read.
+    """
     root = tree_of(path)
     numbers = Numbers(root)
     sections = list(_sections(root, numbers, path, parts))
@@ -50,7 +55,9 @@ def read_febio(path: Path, parts: NamedParts) -> Deck | None:
     ties = tuple(one for one in made if isinstance(one, Load) and not one.kind)
     pairs = tuple(one for one in made if isinstance(one, Pair))
     inside = [one for step in root.items if step.tag == "Step" for one in step.items]
-    contacts = [section for one in (root, *inside) for section in one.items if section.tag == "Contact"]
+    contacts = [
+        section for one in (root, *inside) for section in one.items if section.tag == "Contact"
+    ]
     return Deck(
         path,
         "solid",
@@ -65,20 +72,29 @@ def read_febio(path: Path, parts: NamedParts) -> Deck | None:
 
 
 def _unread(root: Item, numbers: Numbers, path: Path) -> Iterator[Left]:
-    """Sections of physics in other files, and an end of the computation that the file does not state."""
+    """Sections of physics in other files, and an end of the computation that the file does not
+    state.
+    """
     for one in root.items:
-        if one.tag == "Include" or (one.tag in (*OF_FEBIO, "LoadData", "Control") and "from" in one.attributes):
+        if one.tag == "Include" or (
+            one.tag in (*OF_FEBIO, "LoadData", "Control") and "from" in one.attributes
+        ):
             other = one.attributes.get("from", one.text.strip())
             yield Left(f"{path.name}:{one.line}", f'<{one.tag} from="{other}">', ELSEWHERE)
     if numbers.end is None and numbers.uses_curves:
-        why = "the file does not say when its computation ends: load curves have the values of their last points"
+        why = (
+            "the file does not say when its computation ends: load curves have the values of "
+            "their last points"
+        )
         yield Left(path.name, "<Control>", why)
 
 
 def _sections(root: Item, numbers: Numbers, path: Path, parts: NamedParts) -> Iterator[Section]:
     """Bodies with materials that are read, by the domains of the file."""
     materials = root.child("Material")
-    by_name = {one.attributes.get("name", ""): one for one in (materials.items if materials else ())}
+    by_name = {
+        one.attributes.get("name", ""): one for one in (materials.items if materials else ())
+    }
     domains = root.child("MeshDomains")
     for domain in domains.items if domains else ():
         item = by_name.get(domain.attributes.get("mat", ""))
@@ -116,7 +132,9 @@ def _made(
     read = bool(made) or (section == "Material" and kind in _ELASTIC)
     for child in item.items:
         if lost := numbers.why_not(child):
-            yield Left(f"{path.name}:{child.line}", f'<{child.tag} lc="{child.attributes["lc"]}">', lost)
+            yield Left(
+                f"{path.name}:{child.line}", f'<{child.tag} lc="{child.attributes["lc"]}">', lost
+            )
     if not read:
         yield Left(source, name, why)
         return
@@ -128,11 +146,17 @@ def _made(
     known = _READ.get(item.tag, ())
     for child in item.items:
         formula = child.tag == "fric_coeff" and item.number(child.tag) is None
-        if formula or (child.tag not in known and not (section == "Contact" and child.tag in _SOLVER)):
-            yield Left(f"{path.name}:{child.line}", f"<{child.tag}>", f"{OTHER}: {child.text.strip()}")
+        if formula or (
+            child.tag not in known and not (section == "Contact" and child.tag in _SOLVER)
+        ):
+            yield Left(
+                f"{path.name}:{child.line}", f"<{child.tag}>", f"{OTHER}: {child.text.strip()}"
+            )
 
 
-def _supports(item: Item, kind: str, source: str, numbers: Numbers, parts: NamedParts) -> Iterator[Support]:
+def _supports(
+    item: Item, kind: str, source: str, numbers: Numbers, parts: NamedParts
+) -> Iterator[Support]:
     place = parts.place(item.name("node_set"))
     if place is None:
         return
@@ -149,12 +173,22 @@ def _supports(item: Item, kind: str, source: str, numbers: Numbers, parts: Named
             yield Support(place, "xyz".index(dof.text.strip()), value, source)
 
 
-def _pairs(item: Item, kind: str, source: str, numbers: Numbers, parts: NamedParts) -> Iterator[Pair | Load]:
+def _pairs(
+    item: Item, kind: str, source: str, numbers: Numbers, parts: NamedParts
+) -> Iterator[Pair | Load]:
     """The pair of a sliding contact, whose primary surface is the slave, or a tie."""
     mesh = numbers.root.child("Mesh")
-    pairs = {one.attributes.get("name"): one for one in (mesh.items if mesh else ()) if one.tag == "SurfacePair"}
+    pairs = {
+        one.attributes.get("name"): one
+        for one in (mesh.items if mesh else ())
+        if one.tag == "SurfacePair"
+    }
     pair = pairs.get(item.attributes.get("surface_pair"))
-    words = [one.text.strip() if (one := pair.child(tag)) else "" for tag in ("primary", "secondary")] if pair else []
+    words = (
+        [one.text.strip() if (one := pair.child(tag)) else "" for tag in ("primary", "secondary")]
+        if pair
+        else []
+    )
     surfaces: list[Tag] = [tag for word in words if (tag := parts.surface(word)) is not None]
     if len(surfaces) == 2 and kind.startswith("sliding"):
         yield parts.pair(surfaces[0], surfaces[1], numbers.of(item, "fric_coeff") or 0.0, source)

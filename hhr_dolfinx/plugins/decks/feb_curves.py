@@ -1,7 +1,8 @@
 """Numbers of a file of FEBio at the end of its computation, with their load curves.
 
-Curves follow ``FECore/PointCurve.cpp`` of FEBio 4: a time on the first or the last point has the value of that point,
-and others are between two points or outside of all. Other controllers, such as formulas and PID, are not read.
+Curves follow ``FECore/PointCurve.cpp`` of FEBio 4: a time on the first or the last point has the
+value of that point, and others are between two points or outside of all. Other controllers, such as
+formulas and PID, are not read.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ _LONGEST = 1e6
 
 @dataclass(frozen=True)
 class Curve:
-    """A load curve: its points with increasing times, and what it does between and outside of them."""
+    """A load curve: its points with increasing times, and what it does between and outside of
+    them.
+    """
 
     times: tuple[float, ...]
     values: tuple[float, ...]
@@ -50,7 +53,9 @@ class Curve:
         if self.interpolate == "SMOOTH STEP":
             part = part**3 * (10.0 - 15.0 * part + 6.0 * part**2)
         elif self.interpolate in ("SMOOTH", "C2-SMOOTH") and len(t) > 2:
-            parabolas = [self._parabola(first, time) for first in (k - 2, k - 1) if 0 <= first <= len(t) - 3]
+            parabolas = [
+                self._parabola(first, time) for first in (k - 2, k - 1) if 0 <= first <= len(t) - 3
+            ]
             return parabolas[0] + part * (parabolas[-1] - parabolas[0])
         elif self.interpolate not in ("LINEAR", "SMOOTH", "C2-SMOOTH"):
             return None
@@ -72,7 +77,9 @@ class Curve:
         before = time < t[0]
         end = 0 if before else -1
         period = t[-1] - t[0]
-        if self.extend == "CONSTANT" or (self.extend == "EXTRAPOLATE" and self.interpolate in ("STEP", "SMOOTH STEP")):
+        if self.extend == "CONSTANT" or (
+            self.extend == "EXTRAPOLATE" and self.interpolate in ("STEP", "SMOOTH STEP")
+        ):
             return f[end]
         if self.extend == "EXTRAPOLATE":
             # FEBio takes the slope of smooth curves from a thousandth of their length
@@ -83,7 +90,11 @@ class Curve:
             slope = None if inner is None else (f[end] - inner) / (-step if before else step)
             return None if slope is None else f[end] + slope * (time - t[end])
         if self.extend in ("REPEAT", "REPEAT OFFSET") and abs(time - t[end]) < _LONGEST * period:
-            turns = math.floor((time - t[0]) / period) if before else math.ceil((time - t[-1]) / period - _SAME)
+            turns = (
+                math.floor((time - t[0]) / period)
+                if before
+                else math.ceil((time - t[-1]) / period - _SAME)
+            )
             value = self.at(time - turns * period)
             offset = turns * (f[-1] - f[0]) if self.extend == "REPEAT OFFSET" else 0.0
             return None if value is None else value + offset
@@ -100,9 +111,16 @@ class Numbers:
     def end(self) -> float | None:
         """Time of the end, that of all steps; None if the file does not state it.
 
-        The first step takes over what the file states outside of all steps (``FEBioXML/FEModelBuilder.cpp``).
+        The first step takes over what the file states outside of all steps
+        (``FEBioXML/FEModelBuilder.cpp``).
         """
-        steps = [one for part in self.root.items if part.tag == "Step" for one in part.items if one.tag == "step"]
+        steps = [
+            one
+            for part in self.root.items
+            if part.tag == "Step"
+            for one in part.items
+            if one.tag == "step"
+        ]
         common = self.root.child("Control")
         total = 0.0
         for controls in [[common]] if not steps else [[step.child("Control")] for step in steps]:
@@ -124,7 +142,9 @@ class Numbers:
         return {one.attributes.get("id", ""): one for one in data}
 
     def of(self, item: Item | None, tag: str) -> float | None:
-        """Number of a child; None if it is not there, a formula, or has a controller that is not read."""
+        """Number of a child; None if it is not there, a formula, or has a controller that is not
+        read.
+        """
         one = item.child(tag) if item is not None else None
         number = item.number(tag) if item is not None else None
         if one is None or number is None or "lc" not in one.attributes:
@@ -141,23 +161,37 @@ class Numbers:
         """Value of a controller at the end, or the reason why it is not read."""
         one = self._controllers.get(number)
         if one is None:
-            return f"the file has no load_controller {number}: give the number at the end of the computation"
+            return (
+                f"the file has no load_controller {number}: give the number at the end of the "
+                "computation"
+            )
         kind = one.attributes.get("type", "loadcurve")
         if kind != "loadcurve":
-            return f"load_controller {number} is of type {kind}, which is not read: give the number at the end"
+            return (
+                f"load_controller {number} is of type {kind}, which is not read: give the number "
+                "at the end"
+            )
         curve = _curve(one)
         if curve is None:
-            return f"the points of load_controller {number} are not read: give the number at the end"
+            return (
+                f"the points of load_controller {number} are not read: give the number at the end"
+            )
         value = curve.values[-1] if self.end is None else curve.at(self.end)
         if value is None:
             words = f"interpolate {curve.interpolate}, extend {curve.extend}"
-            return f"load_controller {number}, {words}, is not read at {self.end:g}: give the number there"
+            return (
+                f"load_controller {number}, {words}, is not read at {self.end:g}: give the number "
+                "there"
+            )
         return float(value)
 
 
 def _first(items: Sequence[Item | None], tag: str) -> float | None:
     """Number of the first item that has a child."""
-    return next((item.number(tag) for item in items if item is not None and item.child(tag) is not None), None)
+    return next(
+        (item.number(tag) for item in items if item is not None and item.child(tag) is not None),
+        None,
+    )
 
 
 def _has_curve(item: Item) -> bool:
@@ -165,11 +199,21 @@ def _has_curve(item: Item) -> bool:
 
 
 def _curve(item: Item) -> Curve | None:
-    """Curve of a controller; None for points that are no numbers, or whose times do not increase."""
+    """Curve of a controller; None for points that are no numbers, or whose times do not
+    increase.
+    """
     points = item.child("points")
-    words = {tag: child.text.strip().upper() for tag in ("interpolate", "extend") if (child := item.child(tag))}
+    words = {
+        tag: child.text.strip().upper()
+        for tag in ("interpolate", "extend")
+        if (child := item.child(tag))
+    }
     try:
-        rows = [tuple(map(float, one.text.split(","))) for one in points.items] if points is not None else []
+        rows = (
+            [tuple(map(float, one.text.split(","))) for one in points.items]
+            if points is not None
+            else []
+        )
     except ValueError:
         return None
     if not rows or any(len(row) != 2 for row in rows) or not _increases([row[0] for row in rows]):

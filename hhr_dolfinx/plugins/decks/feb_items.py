@@ -23,7 +23,10 @@ class Item:
         return next((one for one in self.items if one.tag == tag), None)
 
     def number(self, tag: str) -> float | None:
-        """Number of a child as the file has it, without a load curve; None if it is not there, or a formula."""
+        """Number of a child as the file has it, without a load curve.
+
+        None if it is not there, or a formula.
+        """
         one = self.child(tag)
         try:
             return float(one.text) if one is not None else None
@@ -36,7 +39,9 @@ class Item:
 
 
 def tree_of(path: Path) -> Item:
-    """Root of a file; FileContentError comes before, from the reader of its mesh, which refuses a DOCTYPE too."""
+    """Root of a file; FileContentError comes before, from the reader of its mesh, which refuses a
+    DOCTYPE too.
+    """
     inside = [Item("", {}, 0)]
     parser = expat.ParserCreate()
     parser.buffer_text = True

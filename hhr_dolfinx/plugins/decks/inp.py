@@ -1,7 +1,10 @@
-"""Decks of CalculiX and Abaqus: their bodies, and what is left of them; other parts have modules of their names.
+"""Decks of CalculiX and Abaqus: their bodies, and what is left of them.
 
-The sets and surfaces are those that the mesh reader names. It also names the nodes and faces that loads and supports
-give by their numbers, see :func:`~hhr_dolfinx.geometries.abaqus_blocks.name_of_loaded`.
+Other parts have modules of their names.
+
+The sets and surfaces are those that the mesh reader names. It also names the nodes and faces that
+loads and supports give by their numbers, see
+:func:`~hhr_dolfinx.geometries.abaqus_blocks.name_of_loaded`.
 """
 
 from __future__ import annotations
@@ -23,7 +26,14 @@ from hhr_dolfinx.plugins.decks.inp_history import in_order, with_history
 from hhr_dolfinx.plugins.decks.inp_loads import loads_of
 from hhr_dolfinx.plugins.decks.inp_materials import materials_of
 from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
-from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, imposed_of, merged, of_kind, period_of
+from hhr_dolfinx.plugins.decks.inp_steps import (
+    Block,
+    Imposed,
+    imposed_of,
+    merged,
+    of_kind,
+    period_of,
+)
 from hhr_dolfinx.plugins.decks.inp_temperatures import heated_of
 from hhr_dolfinx.plugins.decks.inp_ties import BoltSection, preloads_of, sections_of, ties_of
 from hhr_dolfinx.plugins.decks.inp_transforms import directed_of
@@ -35,12 +45,18 @@ _HYPOTHESES = {"CPE": "plane_strain", "CPS": "plane_stress", "CAX": "axisymmetri
 
 
 def read_inp(
-    path: Path, found: Sequence[Block], parts: NamedParts, nodes: DeckNodes, unread: Sequence[Left] = ()
+    path: Path,
+    found: Sequence[Block],
+    parts: NamedParts,
+    nodes: DeckNodes,
+    unread: Sequence[Left] = (),
 ) -> Deck:
-    """Read bodies, supports, loads and contacts of the blocks of a deck, of which some options are not read.
+    """Read bodies, supports, loads and contacts of the blocks of a deck, of which some options are
+    not read.
 
     Raises:
-        SceneError: for a deck without sections or supports, or with a material that is not elastic, with the line.
+        SceneError: for a deck without sections or supports, or with a material that is not elastic,
+            with the line.
         FileContentError: for words that are not the numbers that a keyword needs, with the line.
     """
     left = [*unread, *_perturbed(found)]
@@ -50,11 +66,15 @@ def read_inp(
     sections, thickness = _sections(found, materials_of(found, left), parts, hypothesis, left)
     if hypothesis == "axisymmetric":
         thickness = 1.0
-    reader = _Reader(path, found, whole, parts, nodes, hypothesis, tuple(sections), thickness, cuts, tuple(left))
+    reader = _Reader(
+        path, found, whole, parts, nodes, hypothesis, tuple(sections), thickness, cuts, tuple(left)
+    )
     final = imposed_of(found)
     reader = replace(reader, left=(*left, *_overlapping(final, parts), *_creeping(found, sections)))
     deck = reader.deck(final)
-    remembers = any(item.material.law for item in sections) or any(pair.friction for pair in deck.pairs)
+    remembers = any(item.material.law for item in sections) or any(
+        pair.friction for pair in deck.pairs
+    )
     return with_history(deck, found, reader.deck) if remembers else deck
 
 
@@ -79,16 +99,28 @@ class _Reader:
         parts = self.parts
         nodes = self.nodes
         left = list(self.left)
-        tools = {block.word("REF NODE") for block in of_kind(found, "RIGID BODY") if is_tool(block, parts)}
+        tools = {
+            block.word("REF NODE")
+            for block in of_kind(found, "RIGID BODY")
+            if is_tool(block, parts)
+        }
         # nodes that move rigid tools are no nodes of cells: their motions are gaps
-        own = [item for item in state if item.row[0].upper() not in tools or not item.moves(parts.raw.dim)]
+        own = [
+            item
+            for item in state
+            if item.row[0].upper() not in tools or not item.moves(parts.raw.dim)
+        ]
         gaps, grounds = gaps_of(found, parts, nodes, state, left)
-        own = [item for item in own if not grounds or not set(nodes.numbers(item.row[0])) <= grounds]
+        own = [
+            item for item in own if not grounds or not set(nodes.numbers(item.row[0])) <= grounds
+        ]
         constraints: list[Load] = []
         forces: list[Load] = []
         for made in (
             lambda given: preloads_of(self.cuts, given, nodes, self.thickness, left),
-            lambda given: coupled_of(found, given, parts, nodes, self.hypothesis, self.thickness, left),
+            lambda given: coupled_of(
+                found, given, parts, nodes, self.hypothesis, self.thickness, left
+            ),
             lambda given: equations_of(found, given, parts, nodes, self.thickness, left),
             lambda given: directed_of(found, given, parts, nodes, self.thickness, left),
         ):
@@ -104,7 +136,8 @@ class _Reader:
         sides = any(not parts.named_in(pair.text) for pair in gaps)
         if not (touching or supports or constraints):
             raise SceneError(
-                f"{self.path.name}: no support and no contact pair of it has a counterpart, so its bodies are free: "
+                f"{self.path.name}: no support and no contact pair of it has a counterpart, so "
+                "its bodies are free: "
                 "hold them by *BOUNDARY" + "".join(f". {item}" for item in left)
             )
         deck = Deck(
@@ -145,7 +178,9 @@ def _overlapping(state: Sequence[Imposed], parts: NamedParts) -> Iterator[Left]:
             nodes = parts.nodes(place)
             since = first.setdefault((keyword, component), np.full(len(parts.raw.points), np.inf))
             if since[nodes].min() < item.since:
-                yield item.block.left("nodes of it have values of an earlier step too: both act here")
+                yield item.block.left(
+                    "nodes of it have values of an earlier step too: both act here"
+                )
             since[nodes] = np.minimum(since[nodes], item.since)
 
 
@@ -154,7 +189,9 @@ def _perturbed(found: Sequence[Block]) -> Iterator[Left]:
     steps = of_kind(found, "STEP")
     for block in steps:
         if "PERTURBATION" in block.options and len(steps) > 1:
-            yield block.left("PERTURBATION: loads of earlier steps stay here, and the response is that of both")
+            yield block.left(
+                "PERTURBATION: loads of earlier steps stay here, and the response is that of both"
+            )
 
 
 def _creeping(found: Sequence[Block], sections: Sequence[Section]) -> Iterator[Left]:
@@ -167,11 +204,18 @@ def _creeping(found: Sequence[Block], sections: Sequence[Section]) -> Iterator[L
 def _out_of_reach(
     whole: NamedParts, parts: NamedParts, supports: Sequence[Support], constraints: Sequence[Load]
 ) -> tuple[Pair, ...]:
-    """A plane out of reach, of a surface of the whole mesh, or of a section if the file names no other surface.
+    """A plane out of reach, of a surface of the whole mesh, or of a section if the file names no
+    other surface.
 
-    A set of nodes may hold no whole facet of the mesh that is cut. Nodes of rigid motions may all be imposed.
+    A set of nodes may hold no whole facet of the mesh that is cut. Nodes of rigid motions may all
+    be imposed.
     """
-    rigid = [name for item in constraints if "RigidMotion" in item.text for name in whole.named_in(item.text)]
+    rigid = [
+        name
+        for item in constraints
+        if "RigidMotion" in item.text
+        for name in whole.named_in(item.text)
+    ]
     held = [*supports, *(Support(name, k, 0.0, "") for name in rigid for k in range(whole.raw.dim))]
     pairs = whole.out_of_reach(held, parts.surfaces)
     unnamed = any(repr(OUTSIDE) in pair.text for pair in pairs)
@@ -182,16 +226,29 @@ def hypothesis_of(found: Sequence[Block], parts: NamedParts, left: list[Left]) -
     """Hypothesis of the first plane elements; elements of other hypotheses are left."""
     if parts.raw.dim == 3:
         return "solid"
-    kinds = [(_HYPOTHESES.get(block.word("TYPE")[:3]), block) for block in of_kind(found, "ELEMENT")]
+    kinds = [
+        (_HYPOTHESES.get(block.word("TYPE")[:3]), block) for block in of_kind(found, "ELEMENT")
+    ]
     first = next((kind for kind, _ in kinds if kind), "plane_strain")
-    left += [block.left(f"all elements are those of {first}") for kind, block in kinds if kind not in (None, first)]
+    left += [
+        block.left(f"all elements are those of {first}")
+        for kind, block in kinds
+        if kind not in (None, first)
+    ]
     return first
 
 
 def _sections(
-    found: Sequence[Block], materials: Mapping[str, Material], parts: NamedParts, hypothesis: str, left: list[Left]
+    found: Sequence[Block],
+    materials: Mapping[str, Material],
+    parts: NamedParts,
+    hypothesis: str,
+    left: list[Left],
 ) -> tuple[list[Section], float]:
-    """Bodies, and the thickness of plane ones, a length; SceneError for a section without a material."""
+    """Bodies, and the thickness of plane ones, a length.
+
+    SceneError for a section without a material.
+    """
     sections: list[Section] = []
     thickness = 1.0
     free = np.ones(len(parts.raw.cells), dtype=bool)
@@ -201,7 +258,9 @@ def _sections(
             left.append(block.left(f"set {block.option('ELSET')} holds no cells of the mesh"))
             continue
         if name.upper() not in materials:
-            raise SceneError(f"{block.source} *SOLID SECTION: material '{name}' has no *ELASTIC with E and nu")
+            raise SceneError(
+                f"{block.source} *SOLID SECTION: material '{name}' has no *ELASTIC with E and nu"
+            )
         for tag in tags:
             free[parts.raw.bodies[tag]] = False
             sections.append(Section(tag, materials[name.upper()], block.source))
@@ -210,8 +269,9 @@ def _sections(
             if len(sections) > len(tags) and hypothesis != "axisymmetric" and thickness != before:
                 left.append(
                     block.left(
-                        f"'{tags[0]}' is {thickness:g} thick, and bodies before it {before:g}; a scene has one "
-                        f"thickness: multiply moduli of these, and pressures on them, by {before / thickness:g}"
+                        f"'{tags[0]}' is {thickness:g} thick, and bodies before it {before:g}; a "
+                        "scene has one thickness: multiply moduli of these, and pressures on "
+                        f"them, by {before / thickness:g}"
                     )
                 )
     if not sections:
@@ -223,15 +283,29 @@ def _sections(
         why = "; ".join(lost) or "give its bodies materials"
         raise SceneError(f"{found[0].file} has no *SOLID SECTION with cells of the mesh: {why}")
     if free.any():
-        left.append(Left(sections[-1].source, "*SOLID SECTION", f"{int(free.sum())} cells belong to no section"))
+        left.append(
+            Left(
+                sections[-1].source,
+                "*SOLID SECTION",
+                f"{int(free.sum())} cells belong to no section",
+            )
+        )
     return sections, thickness
 
 
-def _counting(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> Iterator[tuple[Block, list[Tag]]]:
-    """Sections with their bodies: of several for one cell the last counts, as in CalculiX 2.20, and others are left."""
-    sections = [(block, _bodies_of(found, block, parts)) for block in of_kind(found, "SOLID SECTION")]
+def _counting(
+    found: Sequence[Block], parts: NamedParts, left: list[Left]
+) -> Iterator[tuple[Block, list[Tag]]]:
+    """Sections with their bodies: of several for one cell the last counts, as in CalculiX 2.20, and
+    others are left.
+    """
+    sections = [
+        (block, _bodies_of(found, block, parts)) for block in of_kind(found, "SOLID SECTION")
+    ]
     titles = [f"{block.source} *SOLID SECTION" for block, _ in sections]
-    for (block, tags), kept in zip(sections, bodies_of(parts, [tags for _, tags in sections], titles), strict=True):
+    for (block, tags), kept in zip(
+        sections, bodies_of(parts, [tags for _, tags in sections], titles), strict=True
+    ):
         if {*tags} - {*kept}:
             left.append(block.left("later sections count for cells of it"))
         if kept or not tags:
@@ -244,7 +318,9 @@ def _bodies_of(found: Sequence[Block], section: Block, parts: NamedParts) -> lis
     before = found[: next(k for k, block in enumerate(found) if block is section)]
     around = of_kind(before, "PART", "END PART")
     inside = around[-1].word("NAME") if around else ""
-    instances = [block for block in of_kind(found, "INSTANCE") if inside and block.word("PART") == inside]
+    instances = [
+        block for block in of_kind(found, "INSTANCE") if inside and block.word("PART") == inside
+    ]
     full = {f"{block.option('NAME')}.{name}".upper() for block in instances}
     tags = [tag for tag in parts.raw.bodies if str(tag).upper() in full]
     single = parts.body(name)

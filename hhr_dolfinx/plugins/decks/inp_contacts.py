@@ -25,7 +25,11 @@ class Friction(NamedTuple):
 
 
 def pairs_of(
-    found: Sequence[Block], parts: NamedParts, nodes: DeckNodes, state: Sequence[Imposed], left: list[Left]
+    found: Sequence[Block],
+    parts: NamedParts,
+    nodes: DeckNodes,
+    state: Sequence[Imposed],
+    left: list[Left],
 ) -> tuple[Pair, ...]:
     """Contact pairs and obstacles; parts without counterpart are left."""
     frictions = _frictions(found, left)
@@ -36,7 +40,9 @@ def pairs_of(
     for block in of_kind(found, "CONTACT PAIR"):
         word = block.word("INTERACTION")
         if word and word not in frictions:
-            left.append(block.left(f"there is no *SURFACE INTERACTION '{word}', so that its friction is 0"))
+            left.append(
+                block.left(f"there is no *SURFACE INTERACTION '{word}', so that its friction is 0")
+            )
         for row in block.rows:
             names = [word.upper() for word in row if word][:2]
             friction = frictions.get(word, Friction())
@@ -45,7 +51,9 @@ def pairs_of(
             if pair is None:
                 continue
             if clearance is not None and pair.motion:
-                left.append(clearance.left("the distance of a curved rigid surface is that of the mesh"))
+                left.append(
+                    clearance.left("the distance of a curved rigid surface is that of the mesh")
+                )
             elif clearance is not None:
                 gap = pair.gap + clearance.number(clearance.option("VALUE"))
                 pair = replace(pair, gap=gap, overwrites=True)
@@ -84,17 +92,28 @@ def _pair(
         text = tool.written(deformable, middles, parts.normals(deformable))
         left += _dragging(block, friction, motion)
         return Pair(text, friction, block.source, motion=tuple(motion.tolist()), origin=tool.origin)
-    left.append(block.left(f"'{lost}' is no surface with facets of the mesh, nor a rigid surface that is read"))
+    left.append(
+        block.left(
+            f"'{lost}' is no surface with facets of the mesh, nor a rigid surface that is read"
+        )
+    )
     return None
 
 
 def _unused(clearance: Block, cleared: Sequence[Block]) -> str:
     """Reason why a *CLEARANCE has no effect: CalculiX 2.20 takes the last one of a pair."""
     later = [one for one in cleared if one.line > clearance.line]
-    same = [one for one in later if all(one.word(key) == clearance.word(key) for key in ("SLAVE", "MASTER", "CPSET"))]
+    same = [
+        one
+        for one in later
+        if all(one.word(key) == clearance.word(key) for key in ("SLAVE", "MASTER", "CPSET"))
+    ]
     if same:
         return f"the one of {same[-1].source} on the same pair counts"
-    return "no pair has this slave and master: hhr.Opening(CONTACT, VALUE, overwrites=True) in openings"
+    return (
+        "no pair has this slave and master: hhr.Opening(CONTACT, VALUE, overwrites=True) in "
+        "openings"
+    )
 
 
 def _clears(clearance: Block, pair: Block, names: Sequence[str]) -> bool:
@@ -106,7 +125,10 @@ def _clears(clearance: Block, pair: Block, names: Sequence[str]) -> bool:
 
 def _dragging(block: Block, friction: float, motion: np.ndarray) -> list[Left]:
     """The motion of a rigid surface with friction along itself, which is lost."""
-    why = "a rigid surface that moves along the body does not drag it by friction: move the body instead"
+    why = (
+        "a rigid surface that moves along the body does not drag it by friction: move the body "
+        "instead"
+    )
     return [block.left(why)] if friction and motion.any() else []
 
 
@@ -124,7 +146,10 @@ def _frictions(found: Sequence[Block], left: list[Left]) -> dict[str, Friction]:
             limit = block.number(block.options["TAUMAX"]) if "TAUMAX" in block.options else math.inf
             frictions[name] = Friction(block.value(block.rows[0], 0), limit)
             if len(block.rows) > 1:
-                why = "friction does not depend on the pressure, the speed or the temperature: its first line counts"
+                why = (
+                    "friction does not depend on the pressure, the speed or the temperature: its "
+                    "first line counts"
+                )
                 left.append(block.left(f"{why}, {frictions[name].coefficient:g}"))
     return frictions
 
@@ -135,7 +160,11 @@ def is_tool(block: Block, parts: NamedParts) -> bool:
 
 
 def _rigid(
-    found: Sequence[Block], parts: NamedParts, nodes: DeckNodes, state: Sequence[Imposed], left: list[Left]
+    found: Sequence[Block],
+    parts: NamedParts,
+    nodes: DeckNodes,
+    state: Sequence[Imposed],
+    left: list[Left],
 ) -> tuple[dict[str, Plane], dict[str, tuple[Tool, np.ndarray]]]:
     """Rigid surfaces by their names in capitals: planes, and curved ones with their motions."""
     dim = parts.raw.dim
@@ -143,9 +172,15 @@ def _rigid(
     for block in of_kind(found, "RIGID BODY"):
         if not is_tool(block, parts):
             continue
-        motion = motions.setdefault(block.word("ANALYTICAL SURFACE") or block.word("ELSET"), np.zeros(dim))
+        motion = motions.setdefault(
+            block.word("ANALYTICAL SURFACE") or block.word("ELSET"), np.zeros(dim)
+        )
         for item in state:
-            if item.row[0].upper() == block.word("REF NODE") and item.moves(dim) and item.component < dim:
+            if (
+                item.row[0].upper() == block.word("REF NODE")
+                and item.moves(dim)
+                and item.component < dim
+            ):
                 motion[item.component] = item.factor
     planes = {}
     tools: dict[str, tuple[Tool, np.ndarray]] = {}
@@ -154,18 +189,28 @@ def _rigid(
         firsts = [row[0].upper() for row in block.rows]
         points: list[list[float]] = []
         profile = block.word("TYPE") in ("SEGMENTS", "CYLINDER", "REVOLUTION")
-        if block.word("TYPE") != "REVOLUTION" and profile and firsts[:1] == ["START"] and set(firsts[1:]) == {"LINE"}:
+        if (
+            block.word("TYPE") != "REVOLUTION"
+            and profile
+            and firsts[:1] == ["START"]
+            and set(firsts[1:]) == {"LINE"}
+        ):
             points = [[*[*block.numbers(row, 1), 0.0, 0.0][:2], 0.0] for row in block.rows]
         elif not profile and firsts and firsts[0] in motions and parts.surface(name) is None:
             owner = firsts[0]
             points = _points_of(found, owner)
-        if "FILLET RADIUS" in block.options and sum(word in ("LINE", "CIRCL") for word in firsts) > 1:
+        if (
+            "FILLET RADIUS" in block.options
+            and sum(word in ("LINE", "CIRCL") for word in firsts) > 1
+        ):
             left.append(block.left("FILLET RADIUS: corners of the profile stay sharp"))
         plane = plane_through(np.array(points), sweep=profile or dim == 2)
         motion = motions.get(owner, np.zeros(dim))
         if plane is not None:
             planes[name] = plane[0][:dim], plane[1][:dim], motion
-        elif (profile or owner in motions) and (tool := tool_of(block, "" if profile else owner, nodes, dim)):
+        elif (profile or owner in motions) and (
+            tool := tool_of(block, "" if profile else owner, nodes, dim)
+        ):
             tools[name] = tool, motion
     return planes, tools
 
@@ -174,16 +219,31 @@ def _in_moved_part(found: Sequence[Block], surface: Block) -> bool:
     """True for an analytical surface of a part, or in an instance, that the assembly moves."""
     if not surface.word("TYPE"):
         return False
-    around = [one for one in of_kind(found, "PART", "END PART", "INSTANCE", "END INSTANCE") if one.line < surface.line]
+    around = [
+        one
+        for one in of_kind(found, "PART", "END PART", "INSTANCE", "END INSTANCE")
+        if one.line < surface.line
+    ]
     inner = around[-1] if around else surface
     part = inner.word("NAME") if inner.keyword == "PART" else None
-    instances = [one for one in of_kind(found, "INSTANCE") if one is inner or (part and one.word("PART") == part)]
+    instances = [
+        one
+        for one in of_kind(found, "INSTANCE")
+        if one is inner or (part and one.word("PART") == part)
+    ]
     return any(any(one.numbers(row)) for one in instances for row in one.rows)
 
 
 def _points_of(found: Sequence[Block], elset: str) -> list[list[float]]:
     """Coordinates of the nodes of the elements of blocks with a set."""
-    elements = [row for block in of_kind(found, "ELEMENT") if block.word("ELSET") == elset for row in block.rows]
+    elements = [
+        row
+        for block in of_kind(found, "ELEMENT")
+        if block.word("ELSET") == elset
+        for row in block.rows
+    ]
     numbers = {word for row in elements for word in row[1:]}
-    nodes = [(block, row) for block in of_kind(found, "NODE") for row in block.rows if row[0] in numbers]
+    nodes = [
+        (block, row) for block in of_kind(found, "NODE") for row in block.rows if row[0] in numbers
+    ]
     return [[*block.numbers(row, 1), 0.0, 0.0, 0.0][:3] for block, row in nodes]

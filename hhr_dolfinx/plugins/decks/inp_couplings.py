@@ -25,8 +25,12 @@ class Coupling:
     place: Tag
     rigid: bool
     components: tuple[int, ...] | None  # those of the nodes that are coupled, None for all of them
-    point: tuple[float, ...] | None  # coordinates of the reference node, None for the centre of the nodes
-    ways: Mapping[tuple[int, int], int]  # component of the motion by the node and its degree of freedom, 0 to 5
+    point: (
+        tuple[float, ...] | None
+    )  # coordinates of the reference node, None for the centre of the nodes
+    ways: Mapping[
+        tuple[int, int], int
+    ]  # component of the motion by the node and its degree of freedom, 0 to 5
     by_area: bool | str = True  # how nodes count, as in CoupledForce
 
     def text(self, kind: str, component: int, amplitude: str) -> str:
@@ -55,7 +59,9 @@ def _couplings(
     couplings = []
     pilots: set[int] = set()
     for block, after in zip(found, [*found[1:], None], strict=True):
-        if block.keyword not in KINDS or (block.keyword == "RIGID BODY" and _without_cells(block, parts)):
+        if block.keyword not in KINDS or (
+            block.keyword == "RIGID BODY" and _without_cells(block, parts)
+        ):
             continue
         made = _coupling(found, block, after, parts, nodes)
         if isinstance(made, Coupling) and made.rigid and hypothesis == "axisymmetric":
@@ -72,7 +78,11 @@ def _couplings(
             points = parts.raw.points[parts.nodes(made.place)]
             off = points.mean(axis=0) - nodes.point(next(iter(own)))[: parts.raw.dim]
             if np.abs(off).max() > 1e-6 * np.ptp(points, axis=0).max():
-                left.append(block.left("as in CalculiX, its reference node counts as the centre of its nodes"))
+                left.append(
+                    block.left(
+                        "as in CalculiX, its reference node counts as the centre of its nodes"
+                    )
+                )
     return couplings
 
 
@@ -91,7 +101,11 @@ def _coupling(
     components = None
     if block.keyword == "COUPLING":
         kind = after.keyword if after is not None else ""
-        if kind not in ("KINEMATIC", "DISTRIBUTING") or after is None or "CYCLIC SYMMETRY" in after.options:
+        if (
+            kind not in ("KINEMATIC", "DISTRIBUTING")
+            or after is None
+            or "CYCLIC SYMMETRY" in after.options
+        ):
             return "needs *KINEMATIC or *DISTRIBUTING after it, without cyclic symmetry"
         rigid = kind == "KINEMATIC"
         components = _components(after, dim) if rigid else None
@@ -141,10 +155,18 @@ def _with_ways(
         if np.count_nonzero(place_of) != 1 or place_of[axis] < 0 or dim == 2:
             return "no counterpart: its pilot node is on no axis of the mesh"
         return Coupling(block, place, False, None, None, {(pilot, 0): dim + axis}, "angles")
-    if block.keyword == "DISTRIBUTING COUPLING":  # in CalculiX the mean of its nodes, without rotations
-        return Coupling(block, place, False, None, None, {(pilot, k): k for k in range(dim)}, by_area=False)
+    if (
+        block.keyword == "DISTRIBUTING COUPLING"
+    ):  # in CalculiX the mean of its nodes, without rotations
+        return Coupling(
+            block, place, False, None, None, {(pilot, k): k for k in range(dim)}, by_area=False
+        )
     point = tuple(place_of[:dim].tolist())
-    if pilot in nodes.of_cells and rigid and np.abs(parts.raw.points[parts.nodes(place)] - point).max(axis=1).min() > 0:
+    if (
+        pilot in nodes.of_cells
+        and rigid
+        and np.abs(parts.raw.points[parts.nodes(place)] - point).max(axis=1).min() > 0
+    ):
         return "its reference node is one of cells outside of its nodes"
     rotations = range(3) if dim == 3 else (2,)
     ways |= {(pilot, k): k for k in range(dim) if pilot not in nodes.of_cells}
@@ -154,13 +176,22 @@ def _with_ways(
             ways[(turned, axis)] = dim + k
     # areas do not matter on nodes that move as a rigid body
     return Coupling(
-        block, place, rigid, components, point, ways, "edges" if not rigid and nodes.types == {"C3D20"} else True
+        block,
+        place,
+        rigid,
+        components,
+        point,
+        ways,
+        "edges" if not rigid and nodes.types == {"C3D20"} else True,
     )
 
 
 def _components(block: Block, dim: int) -> tuple[int, ...] | None:
     """Components of *KINEMATIC, None for all of them."""
-    numbers = [[int(word.upper().lstrip("U").replace("R", "")) for word in row if word] for row in block.rows]
+    numbers = [
+        [int(word.upper().lstrip("U").replace("R", "")) for word in row if word]
+        for row in block.rows
+    ]
     listed = {k - 1 for row in numbers if row for k in range(row[0], row[-1] + 1)} & set(range(dim))
     return None if not listed or len(listed) == dim else tuple(sorted(listed))
 
@@ -174,10 +205,14 @@ def coupled_of(
     thickness: float,
     left: list[Left],
 ) -> tuple[list[Imposed], list[Load], list[Load]]:
-    """Supports and loads that are on no reference node, constraints of couplings, and forces on reference nodes."""
+    """Supports and loads that are on no reference node, constraints of couplings, and forces on
+    reference nodes.
+    """
     couplings = _couplings(found, parts, nodes, hypothesis, left)
     constraints = [
-        Load("", f"hhr.RigidMotion({one.place!r}{_more(one)})", 0.0, one.block.source) for one in couplings if one.rigid
+        Load("", f"hhr.RigidMotion({one.place!r}{_more(one)})", 0.0, one.block.source)
+        for one in couplings
+        if one.rigid
     ]
     forces: list[Load] = []
     kept = []
@@ -185,15 +220,21 @@ def coupled_of(
     pilots = {number for number, _ in by_way}
     for item in state:
         number = nodes.single(item.row[0])
-        if item.block.keyword not in ("BOUNDARY", "CLOAD") or number is None or number not in pilots:
+        if (
+            item.block.keyword not in ("BOUNDARY", "CLOAD")
+            or number is None
+            or number not in pilots
+        ):
             kept.append(item)
         elif (number, item.component) in by_way:
             one, component = by_way[number, item.component]
             made = _made(one, component, item, thickness)
             if not one.shows(parts, component, hypothesis):
-                left += [item.block.left(f"the nodes of its coupling do not determine component {component + 1}")] * (
-                    item.factor != 0
-                )
+                left += [
+                    item.block.left(
+                        f"the nodes of its coupling do not determine component {component + 1}"
+                    )
+                ] * (item.factor != 0)
             elif item.block.keyword == "BOUNDARY":
                 constraints.append(made)
             elif item.factor:
@@ -214,7 +255,10 @@ def _made(one: Coupling, component: int, item: Imposed, thickness: float) -> Loa
     turns = component >= dim
     if item.block.keyword == "BOUNDARY":
         return Load(
-            "turn" if turns else "displacement", one.text("MeanMotion", component, "{}"), item.factor, item.block.source
+            "turn" if turns else "displacement",
+            one.text("MeanMotion", component, "{}"),
+            item.factor,
+            item.block.source,
         )
     text = one.text("CoupledForce", component, "{}")
     return Load("moment" if turns else "force", text, item.factor / thickness, item.block.source)

@@ -1,4 +1,6 @@
-"""*EQUATION of a deck; nodes that belong to no cell are eliminated, as those that drive periodic cells."""
+"""*EQUATION of a deck; nodes that belong to no cell are eliminated, as those that drive periodic
+cells.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ class Combination:
     """Sum of coefficients times displacements, and a constant with the line that gives it."""
 
     own: dict[Dof, float] = field(default_factory=dict)  # of nodes of cells
-    others: dict[tuple[int, int], float] = field(default_factory=dict)  # of other nodes, by number and component
+    others: dict[tuple[int, int], float] = field(
+        default_factory=dict
+    )  # of other nodes, by number and component
     constant: float = 0.0
     source: str = ""
 
@@ -62,7 +66,11 @@ class Equations:
             count = int(block.number(words.pop(0)))
             terms = [words[3 * k : 3 * k + 3] for k in range(count)]
             words = words[3 * count :]
-            why = "it has too few words" if not terms or len(terms[-1]) < 3 else self._take_one(block, terms)
+            why = (
+                "it has too few words"
+                if not terms or len(terms[-1]) < 3
+                else self._take_one(block, terms)
+            )
             if why:
                 self.left.append(block.left(why))
 
@@ -96,7 +104,9 @@ class Equations:
         return self._placed(block, found, sets)
 
     def _motion(self, node: int, component: int) -> Combination:
-        """A displacement of a node without cells by its support or its equation, or as an unknown."""
+        """A displacement of a node without cells by its support or its equation, or as an
+        unknown.
+        """
         for item in self.state:
             held = item.block.keyword == "BOUNDARY" and item.component == component
             if held and node in self.nodes.numbers(item.row[0]):
@@ -114,7 +124,10 @@ class Equations:
             return "several nodes that belong to no cell are free in it"
         if open_ways and sets:
             ((_, component), value), *more = found.own.items()
-            first, others = (self.parts.place(f"EQUATION:{block.line} {sets[0]} {k}") for k in ("first", "others"))
+            first, others = (
+                self.parts.place(f"EQUATION:{block.line} {sets[0]} {k}")
+                for k in ("first", "others")
+            )
             if more or first is None or others is None:
                 return "a set and a node that belongs to no cell have other terms too"
             self._write(block, Combination({(others, component): 1.0, (first, component): -1.0}))
@@ -122,7 +135,9 @@ class Equations:
         if open_ways:
             way = open_ways[0]
             solved = Combination(source=found.source)
-            solved.add(Combination(found.own, {}, found.constant, found.source), -1.0 / found.others[way])
+            solved.add(
+                Combination(found.own, {}, found.constant, found.source), -1.0 / found.others[way]
+            )
             self.known[way] = solved
             return ""
         own = {dof: value for dof, value in found.own.items() if value}
@@ -133,7 +148,9 @@ class Equations:
     def _write(self, block: Block, found: Combination) -> None:
         terms = tuple((place, component, value) for (place, component), value in found.own.items())
         text = f"hhr.Equation({terms!r}, {{}})"
-        self.constraints.append(Load("displacement", text, -found.constant, found.source or block.source))
+        self.constraints.append(
+            Load("displacement", text, -found.constant, found.source or block.source)
+        )
 
     def _in_order(self, sets: Sequence[str]) -> bool:
         """True for sets whose nodes, by their numbers and by their coordinates, pair alike."""
@@ -145,12 +162,17 @@ class Equations:
         return len(set(orders)) < 2
 
     def forces(self, item: Imposed) -> list[tuple[Tag, int, float]] | None:
-        """Forces on nodes of cells of a force on a node without cells: None if no equation has it."""
+        """Forces on nodes of cells of a force on a node without cells: None if no equation has
+        it.
+        """
         node = self.nodes.single(item.row[0])
         known = self.known.get((node, item.component)) if node is not None else None
         if item.block.keyword != "CLOAD" or known is None:
             return None
-        return [(place, component, value * item.factor) for (place, component), value in known.own.items()]
+        return [
+            (place, component, value * item.factor)
+            for (place, component), value in known.own.items()
+        ]
 
 
 def equations_of(
@@ -161,7 +183,9 @@ def equations_of(
     thickness: float,
     left: list[Left],
 ) -> tuple[list[Imposed], list[Load], list[Load]]:
-    """Supports and loads on nodes of cells, equations, and forces there of loads on the nodes that they eliminate."""
+    """Supports and loads on nodes of cells, equations, and forces there of loads on the nodes that
+    they eliminate.
+    """
     equations = Equations(parts, nodes, state, left)
     for block in of_kind(found, "EQUATION"):
         equations.take(block)
@@ -173,7 +197,12 @@ def equations_of(
             for place, component, value in own:
                 unit = tuple(float(k == component) for k in range(parts.raw.dim))
                 text = f"hhr.NodalForce({place!r}, {unit!r}, {{}})"
-                forces += [Load("force", text, value / thickness, item.block.source)] if value else []
-        elif item.block.keyword != "BOUNDARY" or not set(nodes.numbers(item.row[0])) & equations.pilots:
+                forces += (
+                    [Load("force", text, value / thickness, item.block.source)] if value else []
+                )
+        elif (
+            item.block.keyword != "BOUNDARY"
+            or not set(nodes.numbers(item.row[0])) & equations.pilots
+        ):
             kept.append(item)
     return kept, equations.constraints, forces

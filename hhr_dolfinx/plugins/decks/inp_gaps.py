@@ -1,4 +1,6 @@
-"""Gap elements of a deck between a flat side of a body and a ground that is held: rigid planes at a distance."""
+"""Gap elements of a deck between a flat side of a body and a ground that is held: rigid planes at a
+distance.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,11 @@ NEAR = 1e-6
 
 
 def gaps_of(
-    found: Sequence[Block], parts: NamedParts, nodes: DeckNodes, state: Sequence[Imposed], left: list[Left]
+    found: Sequence[Block],
+    parts: NamedParts,
+    nodes: DeckNodes,
+    state: Sequence[Imposed],
+    left: list[Left],
 ) -> tuple[list[Pair], set[int]]:
     """Obstacles of gap elements, and the nodes of their grounds; gaps without counterpart are left.
 
@@ -44,12 +50,19 @@ def gaps_of(
         ends = set(of_body)
         made = None
         if len(ends) == 1 and sum(next(iter(ends))) == 1 and fixed:
-            made = _obstacle(block, [one[of_body[0].index(True)] for one in elements], of_body[0][1], parts, nodes)
+            made = _obstacle(
+                block,
+                [one[of_body[0].index(True)] for one in elements],
+                of_body[0][1],
+                parts,
+                nodes,
+            )
         if made is None:
             left.append(
                 block.left(
-                    "no counterpart: a gap between a whole flat side of a body and a ground that is held is read. "
-                    "hhr.Obstacle(SURFACE, NORMAL, OFFSET) in contacts is a rigid plane at a distance"
+                    "no counterpart: a gap between a whole flat side of a body and a ground that "
+                    "is held is read. hhr.Obstacle(SURFACE, NORMAL, OFFSET) in contacts is a "
+                    "rigid plane at a distance"
                 )
             )
             continue
@@ -63,9 +76,14 @@ def gaps_of(
 def _obstacle(
     block: Block, numbers: Sequence[int], towards_body: bool, parts: NamedParts, nodes: DeckNodes
 ) -> Pair | None:
-    """Rigid plane in front of some nodes, which are all those of one side; None if they are not, or not flat."""
+    """Rigid plane in front of some nodes, which are all those of one side.
+
+    None if they are not, or not flat.
+    """
     dim = parts.raw.dim
-    clearance, *words = [*block.numbers(block.rows[0]), *(0.0,) * 4][:4] if block.rows else (0.0,) * 4
+    clearance, *words = (
+        [*block.numbers(block.rows[0]), *(0.0,) * 4][:4] if block.rows else (0.0,) * 4
+    )
     direction = np.array(words[:dim])
     points = np.array([nodes.point(number)[:dim] for number in numbers])
     size = float(np.ptp(parts.raw.points, axis=0).max())
@@ -79,6 +97,10 @@ def _obstacle(
     for name in named.surfaces:
         of_side = named.raw.points[named.nodes(name)]
         off = np.linalg.norm(of_side[:, None] - points[None], axis=2).min(axis=1)
-        if len(of_side) == len(set(numbers)) and off.max() <= NEAR * size and (named.owners(name) >= 0).all():
+        if (
+            len(of_side) == len(set(numbers))
+            and off.max() <= NEAR * size
+            and (named.owners(name) >= 0).all()
+        ):
             return named.on_plane(name, points[0] + clearance * normal, normal, 0.0, block.source)
     return None

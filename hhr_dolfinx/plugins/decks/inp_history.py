@@ -1,4 +1,6 @@
-"""Steps and amplitudes of a deck as courses of its quantities, for answers that depend on the path."""
+"""Steps and amplitudes of a deck as courses of its quantities, for answers that depend on the
+path.
+"""
 
 from __future__ import annotations
 
@@ -24,27 +26,37 @@ from hhr_dolfinx.plugins.decks.inp_steps import (
 )
 
 MOST = 100
-"""Times of a history. More are those of a measured curve; the scene then has the end of the last step alone."""
+"""Times of a history.
+
+More are those of a measured curve; the scene then has the end of the last step alone.
+"""
 SUDDEN = 1e-3
 """Part of a step over which sudden loads rise, as a path cannot jump."""
 SAME = 1e-9
 """Difference of times over the last one up to which they are one, and of values over their size."""
 Name = tuple[Hashable, ...]
-"""Identity of a row of a deck over its steps; of a support its place and component, which each step gives again."""
+"""Identity of a row of a deck over its steps.
+
+Of a support its place and component, which each step gives again.
+"""
 
 
-def with_history(deck: Deck, found: Sequence[Block], read: Callable[[Sequence[Imposed]], Deck]) -> Deck:
+def with_history(
+    deck: Deck, found: Sequence[Block], read: Callable[[Sequence[Imposed]], Deck]
+) -> Deck:
     """Deck with the history of its quantities, or as it is if one step from rest leads to it.
 
-    ``read`` makes a deck of supports and loads. It is linear in their factors, so that the value of a quantity at some
-    time is that of a deck with the factors of that time.
+    ``read`` makes a deck of supports and loads. It is linear in their factors, so that the value of
+    a quantity at some time is that of a deck with the factors of that time.
     """
     times = _times(found)
     steps = of_kind(found, "STEP")
     if len(times) < 2:
         return deck
     if len(times) > MOST:
-        return _with_one_step(deck, steps[-1], f"{len(times)} times of steps and amplitudes are more than {MOST}")
+        return _with_one_step(
+            deck, steps[-1], f"{len(times)} times of steps and amplitudes are more than {MOST}"
+        )
     states = _states(found, times)
     made = _followed(states, times, read)
     if isinstance(made, str):
@@ -54,8 +66,11 @@ def with_history(deck: Deck, found: Sequence[Block], read: Callable[[Sequence[Im
     return replace(made, left=in_order((*made.left, *_released(found, states))))
 
 
-def _followed(states: Sequence[State], times: Sequence[float], read: Callable[[Sequence[Imposed]], Deck]) -> Deck | str:
-    """Deck with all that acts at some time, each with its largest value, and their history, None if nothing acts.
+def _followed(
+    states: Sequence[State], times: Sequence[float], read: Callable[[Sequence[Imposed]], Deck]
+) -> Deck | str:
+    """Deck with all that acts at some time, each with its largest value, and their history, None if
+    nothing acts.
 
     The reason why it has none is returned if a quantity has no one course.
     """
@@ -66,19 +81,28 @@ def _followed(states: Sequence[State], times: Sequence[float], read: Callable[[S
     # at rest nothing acts, and temperatures are the initial ones
     rest = [replace(item, factor=0.0) for item in items if item.block.keyword != "TEMPERATURE"]
     acting = [
-        [replace(item, factor=one) for item, one in zip(items, own, strict=True)] for own in zip(*factors, strict=True)
+        [replace(item, factor=one) for item, one in zip(items, own, strict=True)]
+        for own in zip(*factors, strict=True)
     ]
     decks = [read(state) for state in (rest, *acting)]
-    largest = read([replace(item, factor=max(own, key=abs)) for item, own in zip(items, factors, strict=True)])
+    largest = read(
+        [replace(item, factor=max(own, key=abs)) for item, own in zip(items, factors, strict=True)]
+    )
     largest = _with_temperatures(largest, decks)
     amounts = _amounts(largest)
-    if len(amounts) < sum(map(len, (largest.constraints, largest.loads, largest.supports, largest.pairs))):
+    if len(amounts) < sum(
+        map(len, (largest.constraints, largest.loads, largest.supports, largest.pairs))
+    ):
         return "rows of one block impose one quantity twice"
     rows = [row for one in decks if (row := _fractions(_amounts(one), amounts)) is not None]
     if len(rows) < len(decks) or not _one_course_by_name(items, factors):
         return "values of one block change their proportions between steps"
     columns = zip(*rows, strict=True)
-    courses = {item: course for (item, value), course in zip(amounts.values(), columns, strict=True) if value.any()}
+    courses = {
+        item: course
+        for (item, value), course in zip(amounts.values(), columns, strict=True)
+        if value.any()
+    }
     left = (*largest.left, *(item for one in decks for item in one.left))
     return replace(largest, history=History((0.0, *times), courses) if courses else None, left=left)
 
@@ -100,10 +124,16 @@ def _times(found: Sequence[Block]) -> list[float]:
     going_on: list[Block] = []  # amplitudes of the time of all steps, which later steps follow too
     for step in steps_of(found)[1:]:
         times += [step.start + SUDDEN * (step.end - step.start)] * step.sudden
-        own = [curve for block in of_kind(step.blocks, *IMPOSING) if (curve := curve_of(block, curves))]
+        own = [
+            curve for block in of_kind(step.blocks, *IMPOSING) if (curve := curve_of(block, curves))
+        ]
         going_on += [curve for curve in own if in_total_time(curve) and curve not in going_on]
         own = [*going_on, *(curve for curve in own if not in_total_time(curve))]
-        inside = (time + step.start * (not in_total_time(curve)) for curve in own for time in points_of(curve)[0])
+        inside = (
+            time + step.start * (not in_total_time(curve))
+            for curve in own
+            for time in points_of(curve)[0]
+        )
         times += [time for time in inside if step.start < time < step.end]
         times.append(step.end)
     times.sort()
@@ -126,7 +156,9 @@ def _states(found: Sequence[Block], times: Sequence[float]) -> list[State]:
 
 
 def _between(before: State, after: State, part: float) -> State:
-    """A state in a step, of which a part is over: values without amplitudes change in proportion to it."""
+    """A state in a step, of which a part is over: values without amplitudes change in proportion to
+    it.
+    """
     state: dict = {}
     for key in {**before, **after}:
         old = list(before.get(key, ()))
@@ -140,21 +172,26 @@ def _between(before: State, after: State, part: float) -> State:
             state[key] = [replace(new[-1], factor=value)]
         else:
             state[key] = [replace(item, factor=(1 - part) * item.factor) for item in old]
-            state[key] += [item if item in at_once else replace(item, factor=part * item.factor) for item in new]
+            state[key] += [
+                item if item in at_once else replace(item, factor=part * item.factor)
+                for item in new
+            ]
     return state
 
 
 def _courses(states: Sequence[State], merged: bool) -> tuple[list[Imposed], list[list[float]]]:
     """Rows of a deck, and their factors at some times.
 
-    Merged, rows of different steps with one place and component are one, that with the largest value.
+    Merged, rows of different steps with one place and component are one, that with the largest
+    value.
     """
     items: dict[Name, Imposed] = {}
     amounts: dict[Name, list[float]] = {}
     for number, state in enumerate(states):
         for key, rows in state.items():
             for repeated, item in enumerate(rows):
-                # temperatures are no multiples of each other: what counts is their rise over the initial ones
+                # temperatures are no multiples of each other: what counts is their rise over the
+                # initial ones
                 together = key.keyword != "TEMPERATURE" and (merged or key.keyword == "BOUNDARY")
                 name: Name = key if together else (*key, item.block.source, repeated)
                 name = (*name, *item.row[3:]) if key.keyword in ("DLOAD", "DSLOAD") else name
@@ -162,7 +199,9 @@ def _courses(states: Sequence[State], merged: bool) -> tuple[list[Imposed], list
                 if name not in items or abs(amount) >= abs(items[name].factor * items[name].unit):
                     items[name] = item
                 amounts.setdefault(name, [0.0] * len(states))[number] += amount
-    return [*items.values()], [[one / (item.unit or 1.0) for one in amounts[name]] for name, item in items.items()]
+    return [*items.values()], [
+        [one / (item.unit or 1.0) for one in amounts[name]] for name, item in items.items()
+    ]
 
 
 def _one_course_by_name(items: Sequence[Imposed], factors: Sequence[Sequence[float]]) -> bool:
@@ -179,13 +218,21 @@ def _one_course_by_name(items: Sequence[Imposed], factors: Sequence[Sequence[flo
 
 
 def _with_temperatures(largest: Deck, decks: Sequence[Deck]) -> Deck:
-    """Deck with the largest temperatures of its times: those of several steps replace each other and do not add up."""
+    """Deck with the largest temperatures of its times: those of several steps replace each other
+    and do not add up.
+    """
     values: dict[Name, list[float]] = {}
     for load in (load for deck in decks for load in deck.loads):
         values.setdefault((load.kind, load.text, load.source), []).append(load.value)
     hot = [load for load in largest.loads if load.kind == "temperature"]
-    most = {load: max(values.get((load.kind, load.text, load.source), [load.value]), key=abs) for load in hot}
-    return replace(largest, loads=tuple(replace(load, value=most.get(load, load.value)) for load in largest.loads))
+    most = {
+        load: max(values.get((load.kind, load.text, load.source), [load.value]), key=abs)
+        for load in hot
+    }
+    return replace(
+        largest,
+        loads=tuple(replace(load, value=most.get(load, load.value)) for load in largest.loads),
+    )
 
 
 def _released(found: Sequence[Block], states: Sequence[State]) -> Iterator[Left]:
@@ -213,7 +260,10 @@ def _amounts(deck: Deck) -> dict[Name, tuple[Item, np.ndarray]]:
 def _fractions(
     own: Mapping[Name, tuple[Item, np.ndarray]], amounts: Mapping[Name, tuple[Item, np.ndarray]]
 ) -> list[float] | None:
-    """Values as fractions of others, in their order; None if a value is no multiple of the other one."""
+    """Values as fractions of others, in their order.
+
+    None if a value is no multiple of the other one.
+    """
     fractions = []
     for name, (_, whole) in amounts.items():
         value = own[name][1] if name in own else np.zeros_like(whole)
@@ -221,4 +271,8 @@ def _fractions(
         if np.abs(value - fraction * whole).max() > SAME * np.abs(value).max():
             return None
         fractions.append(round(fraction, 12))
-    return None if any(value.any() for name, (_, value) in own.items() if name not in amounts) else fractions
+    return (
+        None
+        if any(value.any() for name, (_, value) in own.items() if name not in amounts)
+        else fractions
+    )

@@ -22,7 +22,8 @@ def loads_of(
     left: list[Left],
     axis: int = 2,
 ) -> tuple[list[Support], list[Load]]:
-    """Supports and loads; rows without counterpart are left, and forces are per thickness in the plane.
+    """Supports and loads; rows without counterpart are left, and forces are per thickness in the
+    plane.
 
     ``axis`` is that about which bodies of two dimensions may rotate.
     """
@@ -40,11 +41,18 @@ def loads_of(
         elif block.keyword == "TEMPERATURE" or (item.component >= 3 and not item.factor):
             continue  # nodes of solids have no rotations
         elif place is None or item.component >= max(dim, 3 * (block.keyword == "BOUNDARY")):
-            left.append(block.left(f"'{item.row[0]}' is no node of the mesh, or has no component {item.component + 1}"))
+            left.append(
+                block.left(
+                    f"'{item.row[0]}' is no node of the mesh, or has no component "
+                    f"{item.component + 1}"
+                )
+            )
         elif block.keyword == "BOUNDARY" and item.component < dim:
             supports.append(Support(place, item.component, item.factor, block.source))
         elif block.keyword == "CLOAD" and item.factor:
-            forces.setdefault(block.source, []).append((place, item.component, item.factor / thickness))
+            forces.setdefault(block.source, []).append(
+                (place, item.component, item.factor / thickness)
+            )
     for source, own in forces.items():
         loads += _forces(source, own, dim)
     return supports, loads
@@ -68,7 +76,10 @@ def _direction(words: Sequence[float], dim: int) -> tuple[float, ...] | str:
 def _forces(source: str, forces: Sequence[tuple[Tag, int, float]], dim: int) -> list[Load]:
     """Forces of a block: a load for each set and component, or one load for many of them."""
     if len(forces) <= MANY:
-        texts = [(f"hhr.NodalForce({place!r}, {_unit(axis, dim)}, {{}})", value) for place, axis, value in forces]
+        texts = [
+            (f"hhr.NodalForce({place!r}, {_unit(axis, dim)}, {{}})", value)
+            for place, axis, value in forces
+        ]
         return [Load("force", text, value, source) for text, value in texts]
     vectors: dict[Tag, np.ndarray] = {}
     for place, component, value in forces:
@@ -77,8 +88,12 @@ def _forces(source: str, forces: Sequence[tuple[Tag, int, float]], dim: int) -> 
     return [Load("force", f"hhr.NodalForces({text}, {{}})", 1.0, source)]
 
 
-def _distributed(item: Imposed, parts: NamedParts, bodies: Mapping[Tag, Material], axis: int) -> list[Load] | str:
-    """Loads on a surface, on faces of elements or on their volume, or the reason why there are none."""
+def _distributed(
+    item: Imposed, parts: NamedParts, bodies: Mapping[Tag, Material], axis: int
+) -> list[Load] | str:
+    """Loads on a surface, on faces of elements or on their volume, or the reason why there are
+    none.
+    """
     label = item.row[1].upper()
     dim = parts.raw.dim
     source = item.block.source
@@ -98,7 +113,11 @@ def _distributed(item: Imposed, parts: NamedParts, bodies: Mapping[Tag, Material
     known = label in ("GRAV", "CENTRIF", "BX", "BY", "BZ")
     if not tags or not known:
         return f"'{item.row[0]}' holds no whole body" if known else f"no counterpart: load {label}"
-    if label == "CENTRIF" and dim == 2 and any(part for k, part in enumerate(more[3:6]) if k != axis):
+    if (
+        label == "CENTRIF"
+        and dim == 2
+        and any(part for k, part in enumerate(more[3:6]) if k != axis)
+    ):
         return f"in two dimensions bodies rotate about the axis {'xyz'[axis]}"
     along = _direction(more, dim) if label == "GRAV" else ()
     if isinstance(along, str):
@@ -110,7 +129,10 @@ def _distributed(item: Imposed, parts: NamedParts, bodies: Mapping[Tag, Material
             return f"the material of body '{tag}' has no *DENSITY"
         text = f"hhr.BodyForce({tag!r}, {along}, {{}})"
         if label == "CENTRIF":
-            text = f"hhr.Centrifugal({tag!r}, {{}}, {tuple(more[:dim])}{f', {tuple(more[3:6])}' if dim == 3 else ''})"
+            text = (
+                f"hhr.Centrifugal({tag!r}, {{}}, "
+                f"{tuple(more[:dim])}{f', {tuple(more[3:6])}' if dim == 3 else ''})"
+            )
         elif label[0] == "B":
             text = f"hhr.BodyForce({tag!r}, {_unit('XYZ'.index(label[1]), dim)}, {{}})"
         kind = {"G": "weight", "C": "rotation", "B": "body_force"}[label[0]]

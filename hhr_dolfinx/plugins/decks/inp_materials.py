@@ -11,11 +11,16 @@ from hhr_dolfinx.plugins.decks.inp_steps import Block
 PROPERTIES = ("ELASTIC", "PLASTIC", "CREEP", "EXPANSION", "DENSITY")
 """Keywords that are read as properties of a material."""
 PLATEAU = 10.0
-"""Plastic strain by which the last stress of a table is continued: decks keep it, and TabulatedHardening goes on."""
+"""Plastic strain by which the last stress of a table is continued: decks keep it, and
+TabulatedHardening goes on.
+"""
 
 
 def materials_of(found: Sequence[Block], left: list[Left]) -> dict[str, Material]:
-    """Elastic materials, with their laws, by name in capitals; properties without counterpart are left."""
+    """Elastic materials, with their laws, by name in capitals.
+
+    Properties without counterpart are left.
+    """
     own: dict[str, dict[str, Block]] = {}
     for block in found:
         if block.keyword == "MATERIAL":
@@ -29,13 +34,25 @@ def _material(name: str, own: dict[str, Block], left: list[Left]) -> Material:
     elastic = own["ELASTIC"]
     row = elastic.numbers(elastic.rows[0])
     if len(row) < 2:
-        raise FileContentError(f"{elastic.source} *ELASTIC of material '{name}' has {row}, and E and nu are needed")
+        raise FileContentError(
+            f"{elastic.source} *ELASTIC of material '{name}' has {row}, and E and nu are needed"
+        )
     for block in own.values():
         if len(block.rows) > 1 and block.keyword != "PLASTIC":
             left.append(block.left(f"'{name}' depends on temperature: its first line counts"))
-    single = {key: block.number(block.rows[0][0]) for key, block in own.items() if key in ("EXPANSION", "DENSITY")}
+    single = {
+        key: block.number(block.rows[0][0])
+        for key, block in own.items()
+        if key in ("EXPANSION", "DENSITY")
+    }
     return Material(
-        name, elastic.source, row[0], row[1], _law(own, left), single.get("EXPANSION"), single.get("DENSITY")
+        name,
+        elastic.source,
+        row[0],
+        row[1],
+        _law(own, left),
+        single.get("EXPANSION"),
+        single.get("DENSITY"),
     )
 
 
@@ -49,20 +66,32 @@ def _law(own: dict[str, Block], left: list[Left]) -> str:
         factor, exponent, power = (*creep.numbers(creep.rows[0]), 0.0, 0.0)[:3]
         kind = creep.word("LAW") or "NORTON"
         if factor > 0 and exponent >= 1 and -1 < power <= 0:
-            # the strain of A q^n t^m is A / (m + 1) q^n t^(m + 1), and that of PrimaryCreep (q / K)^n t^(m + 1)
+            # the strain of A q^n t^m is A / (m + 1) q^n t^(m + 1), and that of PrimaryCreep (q /
+            # K)^n t^(m + 1)
             resistance = (factor / (power + 1)) ** (-1 / exponent)
             if not curve:
                 if not power:
                     return f"hhr.Norton({resistance!r}, {exponent!r})"
                 if kind != "STRAIN":
                     left.append(
-                        creep.left(f"LAW={kind}: it slows with the strain here, which is the same at constant stress")
+                        creep.left(
+                            f"LAW={kind}: it slows with the strain here, which is the same at "
+                            "constant stress"
+                        )
                     )
                 return f"hhr.PrimaryCreep({resistance!r}, {exponent!r}, {power + 1!r})"
             if not power and len(curve) < 3:
                 slope = (curve[-1][0] - curve[0][0]) / (curve[-1][1] or 1.0)
-                return f"hhr.PlasticityWithCreep({curve[0][0]!r}, {slope!r}, {resistance!r}, {exponent!r})"
-        left.append(creep.left(f"LAW={kind} with {', '.join(creep.rows[0])} has no counterpart, or not with *PLASTIC"))
+                return (
+                    f"hhr.PlasticityWithCreep({curve[0][0]!r}, {slope!r}, {resistance!r}, "
+                    f"{exponent!r})"
+                )
+        left.append(
+            creep.left(
+                f"LAW={kind} with {', '.join(creep.rows[0])} has no counterpart, or not with "
+                "*PLASTIC"
+            )
+        )
     return _plastic(plastic, curve, left) if plastic is not None else ""
 
 

@@ -19,12 +19,16 @@ class DeckNodes:
     deck: Deck
 
     def numbers(self, word: str) -> tuple[int, ...]:
-        """Nodes of a set, or one by its number, ``7`` or ``Instance.7``; empty if there are none."""
+        """Nodes of a set, or one by its number, ``7`` or ``Instance.7``; empty if there are
+        none.
+        """
         name = word.upper()
         if name in self.deck.node_sets:
             return tuple(self.deck.members(name))
         instance, _, own = name.rpartition(".")
-        first = {one.upper(): k * STRIDE for k, one in enumerate(self.deck.instances, start=1)} | {"": 0}
+        first = {one.upper(): k * STRIDE for k, one in enumerate(self.deck.instances, start=1)} | {
+            "": 0
+        }
         number = first.get(instance, 0) + int(own) if own.isdigit() else 0
         return (number,) if number in self.deck.nodes else ()
 
@@ -36,13 +40,18 @@ class DeckNodes:
     def point(self, number: int) -> np.ndarray:
         """Coordinates of a node, (3,); FileContentError for a node that the deck does not have."""
         if number not in self.deck.nodes:
-            raise FileContentError(f"node {self.deck.label(number)} of an element or a set is not in the deck")
+            raise FileContentError(
+                f"node {self.deck.label(number)} of an element or a set is not in the deck"
+            )
         return np.array(self.deck.nodes[number])
 
     @cached_property
     def cells(self) -> list[int]:
         """Numbers of the elements of the highest dimension."""
-        kinds = {number: DIMENSION.get(kind, 3 if kind != "line" else 1) for number, (kind, _) in self.solids.items()}
+        kinds = {
+            number: DIMENSION.get(kind, 3 if kind != "line" else 1)
+            for number, (kind, _) in self.solids.items()
+        }
         most = max(kinds.values(), default=0)
         return [number for number, dim in kinds.items() if dim == most]
 

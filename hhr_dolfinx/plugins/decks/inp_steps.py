@@ -1,4 +1,6 @@
-"""Blocks and steps of a deck: the supports and loads at the end of the last step, with their amplitudes."""
+"""Blocks and steps of a deck: the supports and loads at the end of the last step, with their
+amplitudes.
+"""
 
 from __future__ import annotations
 
@@ -17,13 +19,21 @@ from hhr_dolfinx.plugins.decks.deck import Left
 
 IMPOSING = ("BOUNDARY", "CLOAD", "DLOAD", "DSLOAD", "TEMPERATURE")
 """Keywords of supports and loads."""
-_TYPES = {"ENCASTRE": tuple(range(6)), "PINNED": (0, 1, 2), "XSYMM": (0, 4, 5), "YSYMM": (1, 3, 5), "ZSYMM": (2, 3, 4)}
+_TYPES = {
+    "ENCASTRE": tuple(range(6)),
+    "PINNED": (0, 1, 2),
+    "XSYMM": (0, 4, 5),
+    "YSYMM": (1, 3, 5),
+    "ZSYMM": (2, 3, 4),
+}
 """Components that supports by a word hold, 3 to 5 are rotations of reference nodes."""
 
 
 @dataclass(frozen=True)
 class Block:
-    """A keyword in capitals without its star, its options by names in capitals, and the words of its data lines."""
+    """A keyword in capitals without its star, its options by names in capitals, and the words of
+    its data lines.
+    """
 
     file: str
     line: int
@@ -79,7 +89,8 @@ class Imposed:
     row: Sequence[str]
     place: str  # name of the nodes, faces or cells
     component: int  # of a support or of a force, -1 for other loads
-    factor: float  # amplitude, by default at the end of its step; times the value of a support or of a force
+    # amplitude, by default at the end of its step; times the value of a support or of a force
+    factor: float
     value: float = 1.0  # the factor without the amplitude
     since: float = 0.0  # time at which its step begins
 
@@ -96,7 +107,10 @@ class Imposed:
 
 @dataclass(frozen=True)
 class Step:
-    """A step of a deck: its first and last total time, and its blocks; blocks before all steps are one, too."""
+    """A step of a deck: its first and last total time, and its blocks.
+
+    Blocks before all steps are one, too.
+    """
 
     start: float
     end: float
@@ -104,16 +118,21 @@ class Step:
 
     @property
     def sudden(self) -> bool:
-        """True if loads without an amplitude are there at once, not in proportion to the time of the step.
+        """True if loads without an amplitude are there at once, not in proportion to the time of
+        the step.
 
         So they are in a *VISCO, if its *STEP does not say RAMP.
         """
-        kind = self.blocks[0].word("AMPLITUDE") or ("STEP" if of_kind(self.blocks, "VISCO") else "RAMP")
+        kind = self.blocks[0].word("AMPLITUDE") or (
+            "STEP" if of_kind(self.blocks, "VISCO") else "RAMP"
+        )
         return self.blocks[0].keyword == "STEP" and kind == "STEP"
 
 
 class Key(NamedTuple):
-    """Quantity that rows of a deck impose: keyword, name or number of the place in capitals, label or component."""
+    """Quantity that rows of a deck impose: keyword, name or number of the place in capitals, label
+    or component.
+    """
 
     keyword: str
     place: str
@@ -126,7 +145,11 @@ State = Mapping[Key, Sequence[Imposed]]
 
 def steps_of(found: Sequence[Block]) -> list[Step]:
     """Steps of a deck in their order, before them the blocks without a step."""
-    starts = [0, *(number for number, block in enumerate(found) if block.keyword == "STEP"), len(found)]
+    starts = [
+        0,
+        *(number for number, block in enumerate(found) if block.keyword == "STEP"),
+        len(found),
+    ]
     steps = []
     end = 0.0
     for first, last in pairwise(starts):
@@ -138,14 +161,23 @@ def steps_of(found: Sequence[Block]) -> list[Step]:
     return steps
 
 
-def state_after(step: Step, before: State, curves: Mapping[str, Block], time: float = math.inf) -> State:
-    """Supports and loads after a step, or at a time in it at which amplitudes are those of the time.
+def state_after(
+    step: Step, before: State, curves: Mapping[str, Block], time: float = math.inf
+) -> State:
+    """Supports and loads after a step, or at a time in it at which amplitudes are those of the
+    time.
 
-    Rows replace those of earlier steps of the same quantity but FIXED ones; loads of one step add up, and of supports
-    the last one holds. Rows of earlier steps keep their values, or follow their amplitudes of the time of all steps.
+    Rows replace those of earlier steps of the same quantity but FIXED ones; loads of one step add
+    up, and of supports the last one holds. Rows of earlier steps keep their values, or follow their
+    amplitudes of the time of all steps.
     """
-    state = {key: [_later(item, curves, min(time, step.end)) for item in items] for key, items in before.items()}
-    seen: set[str] = set()  # keywords: of several blocks of one keyword OP=NEW of the first one counts
+    state = {
+        key: [_later(item, curves, min(time, step.end)) for item in items]
+        for key, items in before.items()
+    }
+    seen: set[str] = (
+        set()
+    )  # keywords: of several blocks of one keyword OP=NEW of the first one counts
     of_step: set[Key] = set()  # quantities that this step has given so far
     for block in of_kind(step.blocks, *IMPOSING):
         if block.word("OP") == "NEW" and block.keyword not in seen:
@@ -169,7 +201,11 @@ def _later(item: Imposed, curves: Mapping[str, Block], total: float) -> Imposed:
     """A row of an earlier step at a time of all steps."""
     curve = curve_of(item.block, curves)
     goes_on = curve is not None and in_total_time(curve)
-    return replace(item, factor=item.value * _factor(item.block, curves, total, total)) if goes_on else item
+    return (
+        replace(item, factor=item.value * _factor(item.block, curves, total, total))
+        if goes_on
+        else item
+    )
 
 
 def curves_of(found: Sequence[Block]) -> dict[str, Block]:
@@ -189,7 +225,8 @@ def imposed_of(found: Sequence[Block]) -> tuple[Imposed, ...]:
 def merged(state: Sequence[Imposed]) -> tuple[Imposed, ...]:
     """Supports and loads, of which those of numbers of nodes with one name in the mesh are one.
 
-    The mesh has one set for all rows of a block that give the same load at numbers of nodes or faces.
+    The mesh has one set for all rows of a block that give the same load at numbers of nodes or
+    faces.
     """
     named: dict[tuple[object, ...], Imposed] = {}
     for item in state:
@@ -201,7 +238,9 @@ def merged(state: Sequence[Imposed]) -> tuple[Imposed, ...]:
 def _rows(block: Block, row: Sequence[str], factor: float) -> Iterator[tuple[object, Imposed]]:
     """Quantities that a row imposes, each with the detail of its key."""
     if len(row) < 2:
-        raise FileContentError(f"{block.source} *{block.keyword}: '{', '.join(row)}' has too few words")
+        raise FileContentError(
+            f"{block.source} *{block.keyword}: '{', '.join(row)}' has too few words"
+        )
     word = row[1].upper()
     components: Sequence[int] = (-1,)
     value = 1.0
@@ -226,17 +265,26 @@ def _rows(block: Block, row: Sequence[str], factor: float) -> Iterator[tuple[obj
 
 def _component(block: Block, word: str) -> int:
     if not word.isdigit():
-        raise FileContentError(f"{block.source} *{block.keyword}: '{word}' is no number of a component, nor known")
+        raise FileContentError(
+            f"{block.source} *{block.keyword}: '{word}' is no number of a component, nor known"
+        )
     return int(word)
 
 
 def period_of(block: Block) -> float:
     """Duration of a step by its *STATIC or *VISCO."""
-    return block.number(block.rows[0][1]) if block.rows and len(block.rows[0]) > 1 and block.rows[0][1] else 1.0
+    return (
+        block.number(block.rows[0][1])
+        if block.rows and len(block.rows[0]) > 1 and block.rows[0][1]
+        else 1.0
+    )
 
 
 def points_of(curve: Block) -> tuple[Sequence[float], Sequence[float]]:
-    """Times of an amplitude, with its delay, and its values there; FileContentError if it is no table of them."""
+    """Times of an amplitude, with its delay, and its values there.
+
+    FileContentError if it is no table of them.
+    """
     values = [curve.number(word) for row in curve.rows for word in row if word]
     if len(values) % 2 or not values:
         raise FileContentError(f"{curve.source} *AMPLITUDE needs pairs of a time and a value")
@@ -260,4 +308,8 @@ def in_total_time(curve: Block) -> bool:
 def _factor(block: Block, curves: Mapping[str, Block], of_step: float, total: float) -> float:
     """Value of the amplitude of a block at a time of the step and of all steps, 1 without one."""
     curve = curve_of(block, curves)
-    return 1.0 if curve is None else float(np.interp(total if in_total_time(curve) else of_step, *points_of(curve)))
+    return (
+        1.0
+        if curve is None
+        else float(np.interp(total if in_total_time(curve) else of_step, *points_of(curve)))
+    )

@@ -23,7 +23,9 @@ PROJECTED = {
     "tetrahedron": (8 / 15, -2 / 15),
     "hexahedron": (2 / 3, 0.0),
 }
-"""Values at the ends of an edge, and at other corners, of the best linear function for one that is 1 in its middle."""
+"""Values at the ends of an edge, and at other corners, of the best linear function for one that is
+1 in its middle.
+"""
 
 
 def heated_of(
@@ -53,7 +55,11 @@ def heated_of(
         if np.ptp(own) <= ALIKE * np.abs(own).max():
             loads.append(Load("temperature", f"{text})", float(own[0, 0]), given[0].source))
         elif not np.allclose(own / most, _fractions(final, nodes, tag), atol=ALIKE):
-            left.append(given[0].left(f"the distribution of the temperature of body '{tag}' changes with the steps"))
+            left.append(
+                given[0].left(
+                    f"the distribution of the temperature of body '{tag}' changes with the steps"
+                )
+            )
         else:
             text += f", field=hhr.DeckTemperatures(MESH, {tag!r}))"
             loads.append(Load("temperature", text, most, given[0].source))
@@ -61,10 +67,17 @@ def heated_of(
 
 
 def distribution(path: Path, tag: Tag) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of the cells of a body of a deck, (c, k, 3), and their rises over the largest of the deck, (c, k)."""
+    """Corners of the cells of a body of a deck, (c, k, 3), and their rises over the largest of the
+    deck, (c, k).
+    """
     nodes = DeckNodes(flat_deck(path))
     found = blocks_of(path)[0]
-    points = np.array([[nodes.point(number) for number in one[: CORNERS[kind]]] for kind, one in _cells(nodes, tag)])
+    points = np.array(
+        [
+            [nodes.point(number) for number in one[: CORNERS[kind]]]
+            for kind, one in _cells(nodes, tag)
+        ]
+    )
     return points, _fractions(rise_of(found, imposed_of(found), nodes), nodes, tag)
 
 
@@ -77,8 +90,8 @@ def _fractions(rise: Mapping[int, float], nodes: DeckNodes, tag: Tag) -> np.ndar
 def _at_corners(nodes: DeckNodes, tag: Tag, rise: Mapping[int, float]) -> np.ndarray:
     """Temperatures at the corners of the cells of a body, (c, k).
 
-    In cells of second order they are those of the linear function that is nearest to the quadratic one, of equal mean:
-    linear strains feel no difference, and CalculiX does so in C3D20.
+    In cells of second order they are those of the linear function that is nearest to the quadratic
+    one, of equal mean: linear strains feel no difference, and CalculiX does so in C3D20.
     """
     cells = _cells(nodes, tag)
     if not cells:
@@ -110,11 +123,13 @@ def _cells(nodes: DeckNodes, tag: Tag) -> list[tuple[str, list[int]]]:
 
 
 def rise_of(found: Sequence[Block], state: Sequence[Imposed], nodes: DeckNodes) -> dict[int, float]:
-    """Temperatures above the initial ones by the number of the node; of several sets with a node the last one counts.
+    """Temperatures above the initial ones by the number of the node.
 
-    An amplitude multiplies the temperature itself. Without one the factor of a row multiplies the rise: it is the part
-    of the step that is over. Rows of one set add up: within a step they are that of the step before, which fades, and
-    the new one.
+    Of several sets with a node the last one counts.
+
+    An amplitude multiplies the temperature itself. Without one the factor of a row multiplies the
+    rise: it is the part of the step that is over. Rows of one set add up: within a step they are
+    that of the step before, which fades, and the new one.
     """
     initial = {
         number: block.number(row[1])
@@ -137,7 +152,9 @@ def rise_of(found: Sequence[Block], state: Sequence[Imposed], nodes: DeckNodes) 
 
 
 def _starts(found: Sequence[Block]) -> list[Block]:
-    return [one for one in of_kind(found, "INITIAL CONDITIONS") if one.word("TYPE") == "TEMPERATURE"]
+    return [
+        one for one in of_kind(found, "INITIAL CONDITIONS") if one.word("TYPE") == "TEMPERATURE"
+    ]
 
 
 def _unknown(found: Sequence[Block], state: Sequence[Imposed], nodes: DeckNodes) -> Iterator[Left]:

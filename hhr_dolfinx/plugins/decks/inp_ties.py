@@ -18,13 +18,17 @@ from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, of_kind
 from hhr_dolfinx.plugins.decks.named import NamedParts
 
 ROUNDED = 1e-4
-"""Distance of nodes over the size of the mesh up to which they coincide: some decks have five digits."""
+"""Distance of nodes over the size of the mesh up to which they coincide: some decks have five
+digits.
+"""
 TILTED = 1.0
 """Angle in degrees up to which a normal is that of a section: decks have few digits."""
 
 
 class BoltSection(NamedTuple):
-    """Section of a preloaded bolt: its block, the surface, and the sign of loads that draw its sides together."""
+    """Section of a preloaded bolt: its block, the surface, and the sign of loads that draw its
+    sides together.
+    """
 
     block: Block
     name: str
@@ -42,7 +46,9 @@ def ties_of(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> list
                 left.append(block.left("no counterpart: a tie of two surfaces is read"))
             elif "CYCLIC SYMMETRY" in block.options:
                 own = [one for one in models if one.word("TIE") in ("", block.word("NAME"))]
-                text = _periodic(names, own[0], parts) if own else "it has no *CYCLIC SYMMETRY MODEL"
+                text = (
+                    _periodic(names, own[0], parts) if own else "it has no *CYCLIC SYMMETRY MODEL"
+                )
                 if text.startswith("hhr"):
                     ties.append(Load("", text, 0.0, block.source))
                 else:
@@ -50,7 +56,11 @@ def ties_of(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> list
             else:
                 slave, master = (parts.surface(name) for name in names)
                 if slave is None or master is None:
-                    left.append(block.left(f"'{names[slave is not None]}' is no surface with facets of the mesh"))
+                    left.append(
+                        block.left(
+                            f"'{names[slave is not None]}' is no surface with facets of the mesh"
+                        )
+                    )
                 else:
                     ties.append(Load("", f"hhr.Tie({slave!r}, {master!r})", 0.0, block.source))
                     left += _beyond(block, slave, master, parts)
@@ -76,11 +86,19 @@ def _periodic(names: Sequence[str], model: Block, parts: NamedParts) -> str:
     if follower is None or leader is None:
         return f"'{names[follower is not None]}' is no set of nodes of the mesh"
     dim = parts.raw.dim
-    ends = np.array([*model.numbers(model.rows[0]), *(0.0,) * 6][:6]).reshape(2, 3) if model.rows else np.zeros((2, 3))
+    ends = (
+        np.array([*model.numbers(model.rows[0]), *(0.0,) * 6][:6]).reshape(2, 3)
+        if model.rows
+        else np.zeros((2, 3))
+    )
     along = ends[1] - ends[0]
     axis = int(np.abs(along).argmax())
     off = np.delete(ends, axis, axis=1)
-    if not along.any() or np.abs(off).max() > ALIKE * np.abs(along).max() or (dim == 2 and axis != 2):
+    if (
+        not along.any()
+        or np.abs(off).max() > ALIKE * np.abs(along).max()
+        or (dim == 2 and axis != 2)
+    ):
         return "its axis is not an axis of the mesh through the origin"
     own, other = (parts.raw.points[parts.nodes(place)] for place in (follower, leader))
     size = np.ptp(parts.raw.points, axis=0).max()
@@ -102,7 +120,9 @@ def sections_of(
     for block in of_kind(found, "PRE-TENSION SECTION"):
         name = parts.surface(block.word("SURFACE")) if "SURFACE" in block.options else None
         if not isinstance(name, str):
-            left.append(block.left("no counterpart: its SURFACE= is no surface with facets of the mesh"))
+            left.append(
+                block.left("no counterpart: its SURFACE= is no surface with facets of the mesh")
+            )
             continue
         corners = parts.raw.points[parts.surfaces[name]].reshape(-1, parts.raw.dim)
         sign = _sign(block, corners.mean(axis=0), nodes)
@@ -114,13 +134,21 @@ def sections_of(
             continue
         sections.append(BoltSection(block, name, sign))
         if off > TILTED:
-            left.append(block.left(f"its normal is {off:.2g} degrees off that of its section, which counts here"))
+            left.append(
+                block.left(
+                    f"its normal is {off:.2g} degrees off that of its section, which counts here"
+                )
+            )
     return sections, parts
 
 
 def _off(block: Block, corners: np.ndarray) -> float:
-    """Angle between the normal that a section is given and that of its corners, (n, dim), in degrees; 0 without one."""
-    given = np.array([*(block.numbers(block.rows[0]) if block.rows else ()), 0.0, 0.0, 0.0][: corners.shape[1]])
+    """Angle between the normal that a section is given and that of its corners, (n, dim), in
+    degrees; 0 without one.
+    """
+    given = np.array(
+        [*(block.numbers(block.rows[0]) if block.rows else ()), 0.0, 0.0, 0.0][: corners.shape[1]]
+    )
     if not given.any():
         return 0.0
     normal = np.linalg.svd(corners - corners.mean(axis=0), full_matrices=False)[2][-1]
@@ -128,13 +156,17 @@ def _off(block: Block, corners: np.ndarray) -> float:
 
 
 def _sign(block: Block, middle: np.ndarray, nodes: DeckNodes) -> float:
-    """Sign of the loads of a section around a point, (dim,): its normal may point into the elements of its surface.
+    """Sign of the loads of a section around a point, (dim,): its normal may point into the elements
+    of its surface.
 
     CalculiX then draws the sides apart by positive loads.
     """
     deck = nodes.deck
     words = [word for word, _ in deck.faces.get(block.word("SURFACE"), ())]
-    owners = [int(word) if word.isdigit() else deck.element_sets.get(word.upper(), [0])[0] for word in words[:1]]
+    owners = [
+        int(word) if word.isdigit() else deck.element_sets.get(word.upper(), [0])[0]
+        for word in words[:1]
+    ]
     if not block.rows or not owners or owners[0] not in deck.elements:
         return 1.0
     inside = np.mean([deck.nodes[node] for node in deck.elements[owners[0]][1]], axis=0)
@@ -149,12 +181,16 @@ def preloads_of(
     thickness: float,
     left: list[Left],
 ) -> tuple[list[Imposed], list[Load], list[Load]]:
-    """Supports and loads on other nodes, constraints of sections, and forces in bolts, per thickness in the plane."""
+    """Supports and loads on other nodes, constraints of sections, and forces in bolts, per
+    thickness in the plane.
+    """
     pilots = {nodes.single(one.block.word("NODE")): one.name for one in sections}
     by_name: dict[str, list[Imposed]] = {one.name: [] for one in sections}
     kept = []
     for item in state:
-        of_node = item.block.keyword in ("BOUNDARY", "CLOAD") and nodes.single(item.row[0]) in pilots
+        of_node = (
+            item.block.keyword in ("BOUNDARY", "CLOAD") and nodes.single(item.row[0]) in pilots
+        )
         if not of_node or nodes.single(item.row[0]) is None:
             kept.append(item)
         elif item.component == 0:
@@ -163,13 +199,20 @@ def preloads_of(
     forces = []
     for block, name, sign in sections:
         drawn = [item for item in by_name[name] if item.block.keyword == "CLOAD" and item.factor]
-        # a bolt that is FIXED after a force drew it keeps the force: its length then is not known here
+        # a bolt that is FIXED after a force drew it keeps the force: its length then is not known
+        # here
         own = [item for item in by_name[name] if not (drawn and "FIXED" in item.block.options)]
         imposed = [item for item in own if item.block.keyword == "BOUNDARY"]
         if imposed:
             # a shortening of 0 has an amplitude, too
-            text = f"hhr.Preload({name!r}, {{}})" if imposed[-1].factor else f"hhr.Preload({name!r}, 0.0)"
-            constraints.append(Load("shortening", text, sign * imposed[-1].factor, imposed[-1].block.source))
+            text = (
+                f"hhr.Preload({name!r}, {{}})"
+                if imposed[-1].factor
+                else f"hhr.Preload({name!r}, 0.0)"
+            )
+            constraints.append(
+                Load("shortening", text, sign * imposed[-1].factor, imposed[-1].block.source)
+            )
         else:
             constraints.append(Load("", f"hhr.ForcedSection({name!r})", 0.0, block.source))
         for item in () if imposed else drawn:

@@ -1,4 +1,6 @@
-"""Curved rigid surfaces of a deck: profiles of lines and arcs, also swept and revolved in space, and rigid elements."""
+"""Curved rigid surfaces of a deck: profiles of lines and arcs, also swept and revolved in space,
+and rigid elements.
+"""
 
 from __future__ import annotations
 
@@ -14,14 +16,18 @@ from hhr_dolfinx.plugins.decks.inp_steps import Block
 ARC = np.deg2rad(1.0)
 """Angle of the chords of an arc, which are within 4e-5 of its radius of it."""
 TURNS = 120
-"""Facets around a surface of revolution, which are within 4e-4 of its radius of it; so are long arcs of its profile."""
+"""Facets around a surface of revolution, which are within 4e-4 of its radius of it.
+
+So are long arcs of its profile.
+"""
 MOST = 8000
 """Facets of a rigid surface that a scene file lists."""
 
 
 @dataclass(frozen=True)
 class Tool:
-    """A rigid surface as text of Python, with ``{surface}``, ``{place}`` and ``{}`` for its friction.
+    """A rigid surface as text of Python, with ``{surface}``, ``{place}`` and ``{}`` for its
+    friction.
 
     That of a sphere has ``{inside}`` before its friction.
     """
@@ -62,32 +68,50 @@ def tool_of(block: Block, owner: str, nodes: DeckNodes, dim: int) -> Tool | None
     used = sorted({number for one in elements for number in one})
     index = {number: k for k, number in enumerate(used)}
     places = [tuple(nodes.point(number).tolist()) for number in used]
-    facets = [[[index[number] for number in one] for one in elements if len(one) == size] for size in sorted(sizes)]
+    facets = [
+        [[index[number] for number in one] for one in elements if len(one) == size]
+        for size in sorted(sizes)
+    ]
     return Tool(_mesh(places, *facets))
 
 
 def _mesh(places: Sequence[Sequence[float]], *facets: Sequence[Sequence[int]]) -> str:
-    return f"hhr.RigidMesh({{surface}}, ({', '.join(map(repr, (places, *facets)))}), place={{place}}{{}})"
+    return (
+        f"hhr.RigidMesh({{surface}}, ({', '.join(map(repr, (places, *facets)))}), "
+        "place={place}{})"
+    )
 
 
 def _drawn(points: np.ndarray) -> Tool:
-    return Tool(f"hhr.Profile({{surface}}, {points.round(12).tolist()!r}, smooth=False, place={{place}}{{}})")
+    return Tool(
+        f"hhr.Profile({{surface}}, {points.round(12).tolist()!r}, smooth=False, "
+        "place={place}{})"
+    )
 
 
 def _swept(rows: np.ndarray, closed: bool) -> Tool | None:
-    """Facets between neighbouring rows of points, (rows, n, 3), of the last and the first too if it is closed."""
+    """Facets between neighbouring rows of points, (rows, n, 3), of the last and the first too if it
+    is closed.
+    """
     count, n = rows.shape[:2]
     number = np.arange(count * n).reshape(count, n)
     if closed:
         number = np.vstack([number, number[:1]])
-    quads = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)
-    return Tool(_mesh(rows.reshape(-1, 3).round(12).tolist(), quads.tolist())) if len(quads) <= MOST else None
+    quads = np.stack(
+        [number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1
+    ).reshape(-1, 4)
+    return (
+        Tool(_mesh(rows.reshape(-1, 3).round(12).tolist(), quads.tolist()))
+        if len(quads) <= MOST
+        else None
+    )
 
 
 def _in_space(block: Block, nodes: DeckNodes) -> Tool | None:
     """Profile that is swept along a generator, or revolved about an axis: a sphere, or facets.
 
-    Points a, b and c before START give the axes, else they are those of the deck, and y is the axis of revolution.
+    Points a, b and c before START give the axes, else they are those of the deck, and y is the axis
+    of revolution.
     """
     first = next((k for k, row in enumerate(block.rows) if row[0].upper() == "START"), 0)
     given = np.concatenate([np.zeros(0), *(block.numbers(row) for row in block.rows[:first])])
@@ -111,11 +135,17 @@ def _in_space(block: Block, nodes: DeckNodes) -> Tool | None:
         rows = np.array([line + end * along for end in ends])
         return _swept(rows, closed=False)
     axis = x / np.linalg.norm(x) if given.size else np.array([0.0, 1.0, 0.0])
-    arcs = np.array([block.numbers(row, 1)[2:4] for row in block.rows[first + 1 :] if row[0].upper() == "CIRCL"])
+    arcs = np.array(
+        [block.numbers(row, 1)[2:4] for row in block.rows[first + 1 :] if row[0].upper() == "CIRCL"]
+    )
     if len(arcs) == len(block.rows) - first - 1 and np.allclose(arcs, [0.0, arcs[0][1]], atol=1e-9):
         centre = origin + arcs[0][1] * axis
         radius = float(np.linalg.norm(profile[0] - arcs[0]))
-        return Tool(f"hhr.Sphere({{surface}}, {{place}}, {radius!r}{{inside}}{{}})", tuple(centre.tolist()), True)
+        return Tool(
+            f"hhr.Sphere({{surface}}, {{place}}, {radius!r}{{inside}}{{}})",
+            tuple(centre.tolist()),
+            True,
+        )
     across = np.linalg.svd(axis[None])[2][1:]
     turns = np.linspace(0.0, 2 * np.pi, TURNS, endpoint=False)
     ways = np.cos(turns)[:, None] * across[0] + np.sin(turns)[:, None] * across[1]
@@ -146,12 +176,20 @@ def _arc(start: np.ndarray, end: np.ndarray, centre: np.ndarray, chord: float) -
     angles = [np.arctan2(*(one - centre)[::-1]) for one in (start, end)]
     turn = (angles[1] - angles[0] + np.pi) % (2 * np.pi) - np.pi
     radius = np.linalg.norm(start - centre)
-    steps = np.linspace(angles[0], angles[0] + turn, max(2, int(np.ceil(abs(turn) / chord - 1e-9)) + 1))[1:]
-    return [*(centre + radius * np.array([np.cos(angle), np.sin(angle)]) for angle in steps[:-1]), end]
+    steps = np.linspace(
+        angles[0], angles[0] + turn, max(2, int(np.ceil(abs(turn) / chord - 1e-9)) + 1)
+    )[1:]
+    return [
+        *(centre + radius * np.array([np.cos(angle), np.sin(angle)]) for angle in steps[:-1]),
+        end,
+    ]
 
 
 def _chain(elements: Sequence[Sequence[int]]) -> list[int]:
-    """Nodes of lines one after another, closed if the first is the last; empty if they are no single chain."""
+    """Nodes of lines one after another, closed if the first is the last.
+
+    Empty if they are no single chain.
+    """
     after: dict[int, list[int]] = {}
     for first, last in elements:
         after.setdefault(first, []).append(last)

@@ -1,4 +1,6 @@
-"""Local axes of nodes of a deck: supports and forces along other directions than those of the mesh."""
+"""Local axes of nodes of a deck: supports and forces along other directions than those of the
+mesh.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,10 @@ class Axes:
         return self.block.word("TYPE") == "C"
 
     def direction(self, component: int, dim: int) -> Direction:
-        """Direction of a component as ``DirectedDisplacement`` has it; empty if its points do not define it."""
+        """Direction of a component as ``DirectedDisplacement`` has it.
+
+        Empty if its points do not define it.
+        """
         first, second = self.points
         third = np.cross(first, second)
         found = (first, np.cross(third, first), third)[component]
@@ -42,7 +47,9 @@ class Axes:
             found = second - first
             if component < 2 and found.any():
                 return ("radial", "tangential")[component]
-        return tuple((found / np.linalg.norm(found)).round(12).tolist()[:dim]) if found.any() else ()
+        return (
+            tuple((found / np.linalg.norm(found)).round(12).tolist()[:dim]) if found.any() else ()
+        )
 
     def more(self, component: int, dim: int) -> str:
         """Further arguments: the axis of a direction around one."""
@@ -72,13 +79,23 @@ def directed_of(
     if not axes:
         return list(state), [], []
     dim = parts.raw.dim
-    held = {(item.place, item.component) for item in state if item.block.keyword == "BOUNDARY" and not item.factor}
+    held = {
+        (item.place, item.component)
+        for item in state
+        if item.block.keyword == "BOUNDARY" and not item.factor
+    }
     kept: list[Imposed] = []
     turned: list[Imposed] = []
     for item in state:
         of_nodes = item.block.keyword in ("BOUNDARY", "CLOAD") and 0 <= item.component < dim
-        clamped = item.block.keyword == "BOUNDARY" and all((item.place, k) in held for k in range(dim))
-        straight = not of_nodes or clamped or _directions(item, nodes, axes, dim) == {(_unit(item.component, dim), "")}
+        clamped = item.block.keyword == "BOUNDARY" and all(
+            (item.place, k) in held for k in range(dim)
+        )
+        straight = (
+            not of_nodes
+            or clamped
+            or _directions(item, nodes, axes, dim) == {(_unit(item.component, dim), "")}
+        )
         (kept if straight else turned).append(item)
     constraints: list[Load] = []
     forces: list[Load] = []
@@ -88,7 +105,11 @@ def directed_of(
         own = _directions(item, nodes, axes, dim)
         direction, more = next(iter(own), ((), ""))
         if place is None or len(own) != 1 or not direction:
-            left.append(block.left("its nodes have several systems of axes, or none by the points of *TRANSFORM"))
+            left.append(
+                block.left(
+                    "its nodes have several systems of axes, or none by the points of *TRANSFORM"
+                )
+            )
         elif block.keyword == "BOUNDARY":
             text = f"hhr.DirectedDisplacement({place!r}, {direction!r}, {{}}{more})"
             constraints.append(Load("displacement", text, item.factor, block.source))
@@ -104,10 +125,16 @@ def _unit(component: int, dim: int) -> Direction:
     return tuple(np.eye(dim)[component].tolist())
 
 
-def _directions(item: Imposed, nodes: DeckNodes, axes: dict[int, Axes], dim: int) -> set[tuple[Direction, str]]:
-    """Directions of the nodes of a row, and of the others that have its name in the mesh, with their axes as text."""
+def _directions(
+    item: Imposed, nodes: DeckNodes, axes: dict[int, Axes], dim: int
+) -> set[tuple[Direction, str]]:
+    """Directions of the nodes of a row, and of the others that have its name in the mesh, with
+    their axes as text.
+    """
     alike = [row for row in item.block.rows if [*row[1:]] == [*item.row[1:]]]
     words = [item.row[0]] if item.place == item.row[0] else [row[0] for row in alike]
     systems = dict.fromkeys(axes.get(number) for word in words for number in nodes.numbers(word))
     k = item.component
-    return {(one.direction(k, dim), one.more(k, dim)) if one else (_unit(k, dim), "") for one in systems}
+    return {
+        (one.direction(k, dim), one.more(k, dim)) if one else (_unit(k, dim), "") for one in systems
+    }

@@ -1,4 +1,5 @@
-"""Keywords and options of decks of CalculiX and Abaqus with their outcomes: the one place that decides what is read.
+"""Keywords and options of decks of CalculiX and Abaqus with their outcomes: the one place that
+decides what is read.
 
 Readers get blocks with the options that they read. All others become TODO lines, unknown ones too.
 """
@@ -20,12 +21,18 @@ IDLE = "no effect"
 LEFT = "TODO"
 OUT = "TODO, block left out"
 REFUSED = "refused"
-"""Outcomes: answers do not depend on an option without effect; TODO lines name the others, with a remedy."""
+"""Outcomes: answers do not depend on an option without effect.
+
+TODO lines name the others, with a remedy.
+"""
 
 
 @dataclass(frozen=True)
 class Rule:
-    """Outcome of an option, and the sentence of its TODO line or of its refusal; what is read may have one too."""
+    """Outcome of an option, and the sentence of its TODO line or of its refusal.
+
+    What is read may have one too.
+    """
 
     outcome: str
     why: str = ""
@@ -37,15 +44,18 @@ class Keyword:
 
     Attributes:
         rule: outcome of the keyword itself. Options of one that is not read do not count.
-        options: rules by option, ``NAME``, or ``NAME=VALUE`` for a value alone; ``NAME=*`` are all other values, and
-            ``*`` all other options.
+        options: rules by option, ``NAME``, or ``NAME=VALUE`` for a value alone; ``NAME=*`` are all
+            other values, and ``*`` all other options.
     """
 
     rule: Rule
     options: Mapping[str, Rule] = field(default_factory=dict)
 
     def rule_of(self, name: str, value: str) -> Rule:
-        """Rule of an option with its value, both in capitals; an option that is not in the table is left."""
+        """Rule of an option with its value, both in capitals.
+
+        An option that is not in the table is left.
+        """
         for key in (f"{name}={value}", f"{name}=*", name):
             if key in self.options:
                 return self.options[key]
@@ -56,20 +66,29 @@ class Keyword:
 
 
 def read_options(read: str = "", idle: str = "") -> Keyword:
-    """Keyword that is read: options that are read, and those without effect, apart by ``|``, and others by name."""
+    """Keyword that is read: options that are read, and those without effect, apart by ``|``, and
+    others by name.
+    """
     options = {name: Rule(READ) for name in filter(None, read.split("|"))}
     options |= {name: Rule(IDLE) for name in filter(None, idle.split("|"))}
     return Keyword(Rule(READ), options)
 
 
 def with_options(keyword: Keyword, outcome: str, options: Mapping[str, str]) -> Keyword:
-    """Keyword with further options of one outcome, by name with the sentences of their TODO lines."""
-    return Keyword(keyword.rule, {**keyword.options, **{name: Rule(outcome, why) for name, why in options.items()}})
+    """Keyword with further options of one outcome, by name with the sentences of their TODO
+    lines.
+    """
+    return Keyword(
+        keyword.rule,
+        {**keyword.options, **{name: Rule(outcome, why) for name, why in options.items()}},
+    )
 
 
 def left_options(keyword: Keyword, **options: str) -> Keyword:
     """The keyword with options that are TODO lines; ``_`` in a name stands for a blank."""
-    return with_options(keyword, LEFT, {name.replace("_", " "): why for name, why in options.items()})
+    return with_options(
+        keyword, LEFT, {name.replace("_", " "): why for name, why in options.items()}
+    )
 
 
 def out_options(keyword: Keyword, options: Mapping[str, str]) -> Keyword:
@@ -94,9 +113,16 @@ _OF_MATERIALS = {
     "MATERIAL": read_options("NAME", "DESCRIPTION|RTOL"),
     "ELASTIC": refused_options(
         left_options(
-            read_options("", "TYPE=ISO|TYPE=ISOTROPIC"), DEPENDENCIES=_FIRST_LINE, MODULI="moduli do not relax here"
+            read_options("", "TYPE=ISO|TYPE=ISOTROPIC"),
+            DEPENDENCIES=_FIRST_LINE,
+            MODULI="moduli do not relax here",
         ),
-        {"TYPE=*": "E and nu are needed: give it these, and change the body to hhr.Orthotropic in the scene"},
+        {
+            "TYPE=*": (
+                "E and nu are needed: give it these, and change the body to hhr.Orthotropic in "
+                "the scene"
+            )
+        },
     ),
     "PLASTIC": out_options(
         left_options(
@@ -109,7 +135,12 @@ _OF_MATERIALS = {
     ),
     "CREEP": out_options(
         left_options(read_options("LAW=NORTON|LAW=STRAIN|LAW=TIME"), DEPENDENCIES=_FIRST_LINE),
-        {"LAW=*": "its law has no counterpart, and the body does not creep: give it a law in the scene"},
+        {
+            "LAW=*": (
+                "its law has no counterpart, and the body does not creep: give it a law in the "
+                "scene"
+            )
+        },
     ),
     "EXPANSION": out_options(
         left_options(
@@ -131,7 +162,9 @@ _OF_BODIES = {
         {"COMPOSITE": "layers have no counterpart: give each layer cells and a section"},
     ),
     "RIGID BODY": left_options(
-        read_options("ELSET|NSET|REF NODE|ROT NODE|ANALYTICAL SURFACE", "ISOTHERMAL|POSITION=INPUT"),
+        read_options(
+            "ELSET|NSET|REF NODE|ROT NODE|ANALYTICAL SURFACE", "ISOTHERMAL|POSITION=INPUT"
+        ),
         **{"POSITION=CENTER OF MASS": "its reference node stays at its place in the file"},
         PIN_NSET="its nodes do not follow the body: hhr.MeanMotion moves them",
         TIE_NSET="its nodes do not follow the body: hhr.RigidMotion moves them",
@@ -142,11 +175,13 @@ _OF_CONTACT = {
         left_options(
             read_options(
                 "INTERACTION|CPSET",
-                "TYPE|SMALL SLIDING|EXTENSION ZONE|HCRIT|SMOOTH|NO THICKNESS|SUPPLEMENTARY CONSTRAINTS|TRACKING|"
-                "MINIMUM DISTANCE|DEVPATH",
+                "TYPE|SMALL SLIDING|EXTENSION ZONE|HCRIT|SMOOTH|NO THICKNESS|SUPPLEMENTARY "
+                "CONSTRAINTS|TRACKING|MINIMUM DISTANCE|DEVPATH",
             ),
-            ADJUST="no nodes are moved here: gaps and overlaps are those of the mesh, see hhr check. "
-            "hhr.Opening(CONTACT, 0.0, overwrites=True) closes gaps",
+            ADJUST=(
+                "no nodes are moved here: gaps and overlaps are those of the mesh, see hhr check. "
+                "hhr.Opening(CONTACT, 0.0, overwrites=True) closes gaps"
+            ),
             GEOMETRIC_CORRECTION="surfaces are those of the mesh",
         ),
         {"TIED": "it is tied: hhr.Tie(SLAVE, MASTER) in constraints"},
@@ -160,26 +195,43 @@ _OF_CONTACT = {
         read_options("", "PRESSURE-OVERCLOSURE=HARD|AUGMENTED LAGRANGE|PENALTY|DIRECT"),
         **{
             "PRESSURE-OVERCLOSURE=*": "contact is hard here, surfaces do not overlap",
-            "PRESSURE-OVERCLOSURE=TIED": "surfaces touch and may open and slide here: write hhr.Tie(SLAVE, MASTER) in "
-            "constraints in the place of the pair",
-            "NO SEPARATION": "surfaces that touch may open here. hhr.Tie(SLAVE, MASTER) in constraints holds them if "
-            "they do not slide either",
+            "PRESSURE-OVERCLOSURE=TIED": (
+                "surfaces touch and may open and slide here: write hhr.Tie(SLAVE, MASTER) in "
+                "constraints in the place of the pair"
+            ),
+            "NO SEPARATION": (
+                "surfaces that touch may open here. hhr.Tie(SLAVE, MASTER) in constraints holds "
+                "them if they do not slide either"
+            ),
         },
     ),
     "FRICTION": left_options(
         read_options("TAUMAX", "LAGRANGE|SLIP TOLERANCE|ELASTIC SLIP|SHEAR TRACTION SLOPE"),
-        ROUGH="surfaces that stick at any pressure have no counterpart, and the pair has no friction here: give it a "
-        "large friction=, or hhr.Tie(SLAVE, MASTER) if it does not open",
-        EXPONENTIAL_DECAY="friction does not depend on the speed: its first number, that at rest, counts",
+        ROUGH=(
+            "surfaces that stick at any pressure have no counterpart, and the pair has no "
+            "friction here: give it a large friction=, or hhr.Tie(SLAVE, MASTER) if it does not "
+            "open"
+        ),
+        EXPONENTIAL_DECAY=(
+            "friction does not depend on the speed: its first number, that at rest, counts"
+        ),
         ANISOTROPIC="friction is equal in all directions: its first number counts",
         TEST_DATA="friction does not depend on the speed: its first number, that at rest, counts",
         DEPENDENCIES=_FIRST_LINE,
-        USER="a subroutine is not read, and the pair has no friction here: give it friction= or a law",
+        USER=(
+            "a subroutine is not read, and the pair has no friction here: give it friction= or a "
+            "law"
+        ),
     ),
     "GAP": read_options("ELSET"),
     "CLEARANCE": out_options(
         read_options("MASTER|SLAVE|VALUE|CPSET"),
-        {"TABULAR": "clearances of single nodes are not read: hhr.Opening(CONTACT, VALUE, overwrites=True) has one"},
+        {
+            "TABULAR": (
+                "clearances of single nodes are not read: hhr.Opening(CONTACT, VALUE, "
+                "overwrites=True) has one"
+            )
+        },
     ),
 }
 _OF_CONSTRAINTS = {
@@ -187,9 +239,13 @@ _OF_CONSTRAINTS = {
     "MPC": out_options(read_options("", "MODE"), {"USER": _USER}),
     "TIE": out_options(
         read_options(
-            "NAME|CYCLIC SYMMETRY|POSITION TOLERANCE", "ADJUST|TYPE|NO ROTATION|NO THICKNESS|CONSTRAINT RATIO"
+            "NAME|CYCLIC SYMMETRY|POSITION TOLERANCE",
+            "ADJUST|TYPE|NO ROTATION|NO THICKNESS|CONSTRAINT RATIO",
         ),
-        dict.fromkeys(("MULTISTAGE", "FLUID PERIODIC", "FLUID CYCLIC"), "no counterpart: two surfaces are tied"),
+        dict.fromkeys(
+            ("MULTISTAGE", "FLUID PERIODIC", "FLUID CYCLIC"),
+            "no counterpart: two surfaces are tied",
+        ),
     ),
     "CYCLIC SYMMETRY MODEL": read_options("N|TIE", "NGRAPH|CHECK|ELSET"),
     "COUPLING": left_options(
@@ -205,9 +261,16 @@ _OF_CONSTRAINTS = {
     "DISTRIBUTING COUPLING": read_options("ELSET"),
     "PRE-TENSION SECTION": out_options(
         read_options("SURFACE|NODE"),
-        {"ELEMENT": "no counterpart: pretension of a beam. Give the bolt cells, and SURFACE= a section of them"},
+        {
+            "ELEMENT": (
+                "no counterpart: pretension of a beam. Give the bolt cells, and SURFACE= a "
+                "section of them"
+            )
+        },
     ),
-    "TRANSFORM": out_options(read_options("NSET|TYPE=R|TYPE=C"), {"TYPE=*": "no counterpart: spherical axes"}),
+    "TRANSFORM": out_options(
+        read_options("NSET|TYPE=R|TYPE=C"), {"TYPE=*": "no counterpart: spherical axes"}
+    ),
 }
 _OF_LOADS = {
     "BOUNDARY": out_options(
@@ -243,12 +306,18 @@ _OF_LOADS = {
     ),
     "TEMPERATURE": out_options(
         left_options(read_options("OP=NEW|OP=MOD|AMPLITUDE"), TIME_DELAY=_DELAY),
-        {"USER": _USER, "SUBMODEL": _SUBMODEL, "FILE": "temperatures of another analysis are not read: list them"},
+        {
+            "USER": _USER,
+            "SUBMODEL": _SUBMODEL,
+            "FILE": "temperatures of another analysis are not read: list them",
+        },
     ),
     "INITIAL CONDITIONS": out_options(
         read_options("TYPE=TEMPERATURE"),
         {
-            "TYPE=*": "bodies begin without stress, strain and motion: give hhr.Body a stress= for one",
+            "TYPE=*": (
+                "bodies begin without stress, strain and motion: give hhr.Body a stress= for one"
+            ),
             "TYPE=CONTACT": "contacts that touch are bonded by no word here",
             "USER": _USER,
             "FILE": "temperatures of another analysis are not read: list them",
@@ -258,7 +327,11 @@ _OF_LOADS = {
 _OF_LOADS["BOUNDARY"] = with_options(_OF_LOADS["BOUNDARY"], READ, {"FIXED": _FIXED})
 _OF_LOADS["DSLOAD"] = out_options(
     left_options(_OF_LOADS["DLOAD"], CONSTANT_RESULTANT="tractions are per area of the mesh"),
-    {"ORIENTATION": "tractions in local axes are not read: give hhr.Traction a direction of the mesh"},
+    {
+        "ORIENTATION": (
+            "tractions in local axes are not read: give hhr.Traction a direction of the mesh"
+        )
+    },
 )
 _OF_STEPS = {
     "STEP": left_options(
@@ -276,10 +349,15 @@ _OF_STEPS = {
         TIME_RESET="the time of all steps goes on",
         TOTAL_TIME_AT_START="the time of all steps begins at 0",
     ),
-    "VISCO": left_options(read_options("", "CETOL|CREEP|DIRECT|SOLVER|EXPLICIT"), STABILIZE=_STABLE, FACTOR=_STABLE),
+    "VISCO": left_options(
+        read_options("", "CETOL|CREEP|DIRECT|SOLVER|EXPLICIT"), STABILIZE=_STABLE, FACTOR=_STABLE
+    ),
     "AMPLITUDE": refused_options(
         left_options(
-            read_options("NAME|TIME=TOTAL TIME|TIME=STEP TIME|TIME DELAY", "DEFINITION=TABULAR|VALUE=RELATIVE"),
+            read_options(
+                "NAME|TIME=TOTAL TIME|TIME=STEP TIME|TIME DELAY",
+                "DEFINITION=TABULAR|VALUE=RELATIVE",
+            ),
             SMOOTH="corners of the curve stay sharp",
             **{"TIME=*": "no counterpart: times are those of the step or of all steps"},
         ),
@@ -298,8 +376,12 @@ _OF_MESHES = {
         read_options("NAME|TYPE|COMBINE|FILLET RADIUS", "INTERNAL|TRIM|NO OFFSET|NO THICK"),
         CROP="the surface is whole",
     ),
-    "NGEN": refused_options(read_options("NSET|LINE=C", "SYSTEM=RC"), dict.fromkeys(("LINE=*", "SYSTEM=*"), _UNEQUAL)),
-    "NFILL": refused_options(read_options("NSET"), dict.fromkeys(("BIAS", "SINGULAR", "TWO STEP"), _UNEQUAL)),
+    "NGEN": refused_options(
+        read_options("NSET|LINE=C", "SYSTEM=RC"), dict.fromkeys(("LINE=*", "SYSTEM=*"), _UNEQUAL)
+    ),
+    "NFILL": refused_options(
+        read_options("NSET"), dict.fromkeys(("BIAS", "SINGULAR", "TWO STEP"), _UNEQUAL)
+    ),
     "ELGEN": read_options("ELSET"),
     "PART": read_options("NAME"),
     "INSTANCE": refused_options(
@@ -307,24 +389,37 @@ _OF_MESHES = {
     ),
 }
 _NO_EFFECT = (
-    "HEADING|END PART|ASSEMBLY|END ASSEMBLY|END INSTANCE|PREPRINT|END STEP|PHYSICAL CONSTANTS|RESTART|MONITOR|CONTROLS|"
-    "TIME POINTS|SOLUTION TECHNIQUE|SOLVER CONTROLS|FILTER|CONTACT CONTROLS|ORIENTATION|NODE FILE|EL FILE|CONTACT FILE|"
-    "NODE PRINT|EL PRINT|CONTACT PRINT|SECTION PRINT|ENERGY PRINT|OUTPUT|NODE OUTPUT|ELEMENT OUTPUT|CONTACT OUTPUT|"
-    "ENERGY OUTPUT|FILE FORMAT"
+    "HEADING|END PART|ASSEMBLY|END ASSEMBLY|END INSTANCE|PREPRINT|END STEP|PHYSICAL "
+    "CONSTANTS|RESTART|MONITOR|CONTROLS|TIME POINTS|SOLUTION TECHNIQUE|SOLVER "
+    "CONTROLS|FILTER|CONTACT CONTROLS|ORIENTATION|NODE FILE|EL FILE|CONTACT FILE|NODE PRINT|EL "
+    "PRINT|CONTACT PRINT|SECTION PRINT|ENERGY PRINT|OUTPUT|NODE OUTPUT|ELEMENT OUTPUT|CONTACT "
+    "OUTPUT|ENERGY OUTPUT|FILE FORMAT"
 )
 _OUTPUT = ("FILE", "PRINT", "OUTPUT", "FILE FORMAT")
 """Endings of keywords that choose results."""
 _AT_REST = "the state is that at rest, without inertia, modes or heat flow"
-_NAME_PAIRS = "no counterpart: name each pair of surfaces that may touch, hhr.Mortar(SLAVE, MASTER) in contacts"
+_NAME_PAIRS = (
+    "no counterpart: name each pair of surfaces that may touch, hhr.Mortar(SLAVE, MASTER) in "
+    "contacts"
+)
 _ALL_STEPS = "no counterpart: all steps have the values of the first one"
 _NOT_READ = {
     **dict.fromkeys(("CONTACT", "CONTACT INCLUSIONS", "CONTACT EXCLUSIONS"), _NAME_PAIRS),
     "CONTACT PROPERTY ASSIGNMENT": "no counterpart: give each pair its friction=",
-    "CONTACT INTERFERENCE": "no counterpart: hhr.Opening(CONTACT, -OVERLAP) in openings is an interference, and an "
-    "overlap of the mesh is one as it is",
-    "MODEL CHANGE": "no counterpart: all bodies and pairs act in all steps. Leave a removed pair out of contacts",
-    **dict.fromkeys(("CHANGE FRICTION", "CHANGE CONTACT TYPE", "CHANGE SURFACE BEHAVIOR"), _ALL_STEPS),
-    **dict.fromkeys(("DYNAMIC", "FREQUENCY", "BUCKLE", "HEAT TRANSFER", "STEADY STATE DYNAMICS"), _AT_REST),
+    "CONTACT INTERFERENCE": (
+        "no counterpart: hhr.Opening(CONTACT, -OVERLAP) in openings is an interference, and an "
+        "overlap of the mesh is one as it is"
+    ),
+    "MODEL CHANGE": (
+        "no counterpart: all bodies and pairs act in all steps. Leave a removed pair out of "
+        "contacts"
+    ),
+    **dict.fromkeys(
+        ("CHANGE FRICTION", "CHANGE CONTACT TYPE", "CHANGE SURFACE BEHAVIOR"), _ALL_STEPS
+    ),
+    **dict.fromkeys(
+        ("DYNAMIC", "FREQUENCY", "BUCKLE", "HEAT TRANSFER", "STEADY STATE DYNAMICS"), _AT_REST
+    ),
 }
 TABLE: Mapping[str, Keyword] = {
     **_OF_MESHES,
@@ -339,18 +434,25 @@ TABLE: Mapping[str, Keyword] = {
 }
 """All keywords that are known; others are TODO lines."""
 _INCLUDED = ("", "INPUT")
-"""Options of any keyword that are read with its lines: a line that goes on, and a file of data lines."""
+"""Options of any keyword that are read with its lines: a line that goes on, and a file of data
+lines.
+"""
 _COLUMNS = ((READ,), (IDLE,), (LEFT, OUT), (REFUSED,))
 
 
 def keyword_of(name: str) -> Keyword:
-    """Outcome of a keyword in capitals; an unknown one is a TODO line with the known one that is nearly the same."""
+    """Outcome of a keyword in capitals.
+
+    An unknown one is a TODO line with the known one that is nearly the same.
+    """
     if name in TABLE:
         return TABLE[name]
     if name.endswith(_OUTPUT):
         return Keyword(Rule(IDLE))
     near = get_close_matches(name, TABLE, n=1, cutoff=0.8)
-    return Keyword(Rule(LEFT, f"no counterpart: is *{near[0]} meant?" if near else "no counterpart"))
+    return Keyword(
+        Rule(LEFT, f"no counterpart: is *{near[0]} meant?" if near else "no counterpart")
+    )
 
 
 def blocks_of(path: Path) -> tuple[list[Block], list[Left]]:
@@ -367,7 +469,11 @@ def blocks_of(path: Path) -> tuple[list[Block], list[Left]]:
         left += [block.left(keyword.rule.why)] if keyword.rule.outcome == LEFT else []
         rules = {}
         if keyword.rule.outcome == READ:
-            rules = {key: keyword.rule_of(key, value.upper()) for key, value in options.items() if key not in _INCLUDED}
+            rules = {
+                key: keyword.rule_of(key, value.upper())
+                for key, value in options.items()
+                if key not in _INCLUDED
+            }
             block = Block(path.name, line, name, readable(options, rules, name), rows)
         for key, rule in rules.items():
             said = f"{key}={options[key]}: {rule.why}" if options[key] else f"{key}: {rule.why}"
@@ -378,7 +484,9 @@ def blocks_of(path: Path) -> tuple[list[Block], list[Left]]:
     return kept, left
 
 
-def readable(options: Mapping[str, str], rules: Mapping[str, Rule], keyword: str) -> Mapping[str, str]:
+def readable(
+    options: Mapping[str, str], rules: Mapping[str, Rule], keyword: str
+) -> Mapping[str, str]:
     """Options of a keyword that a reader gets: no other can have an effect."""
     return {key: options[key] for key, rule in rules.items() if rule.outcome == READ}
 
@@ -390,9 +498,14 @@ def rows_of_docs(table: Mapping[str, Keyword] = TABLE, mark: str = "*") -> Itera
     by_cells: dict[tuple[str, ...], list[str]] = {}
     for name, keyword in table.items():
         outcome = keyword.rule.outcome
-        cells: tuple[str, ...] = ("", "all", "", "") if outcome == IDLE else ("", "", f"all: {keyword.rule.why}", "")
+        cells: tuple[str, ...] = (
+            ("", "all", "", "") if outcome == IDLE else ("", "", f"all: {keyword.rule.why}", "")
+        )
         if outcome == READ:
-            groups = [[key for key, rule in keyword.options.items() if rule.outcome in of] for of in _COLUMNS]
+            groups = [
+                [key for key, rule in keyword.options.items() if rule.outcome in of]
+                for of in _COLUMNS
+            ]
             cells = (name, *(", ".join(f"`{key}`" for key in keys) for keys in groups))
         by_cells.setdefault(cells, []).append(name)
     for cells, names in by_cells.items():

@@ -16,20 +16,26 @@ from hhr_dolfinx.plugins.decks.deck import Pair, Support, Tag
 from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE
 
 FLAT = 1e-6
-"""Deviation of unit normals up to which a surface is flat, and of nodes, over its extent, up to which they coincide."""
+"""Deviation of unit normals up to which a surface is flat, and of nodes, over its extent, up to
+which they coincide.
+"""
 FAR = 100.0
 """Distance of a plane that is out of reach, over the extent of the mesh."""
 
 
 @dataclass(frozen=True)
 class NamedParts:
-    """Bodies, surfaces and sets of nodes of a mesh by their names, in which capitals do not matter."""
+    """Bodies, surfaces and sets of nodes of a mesh by their names, in which capitals do not
+    matter.
+    """
 
     raw: RawMesh
 
     @cached_property
     def surfaces(self) -> dict[Tag, np.ndarray]:
-        """Corners of the facets of surfaces and of sets of nodes that hold whole facets, (f, k), by name."""
+        """Corners of the facets of surfaces and of sets of nodes that hold whole facets, (f, k), by
+        name.
+        """
         return self.raw.all_surfaces()
 
     def body(self, name: str) -> Tag | None:
@@ -42,7 +48,10 @@ class NamedParts:
 
     def place(self, name: str) -> Tag | None:
         """Name of a set of nodes, or of a surface, as the mesh spells it; None without nodes."""
-        return _spelt(name, {key for key, nodes in self.raw.nodes.items() if len(nodes)} | self.surfaces.keys())
+        return _spelt(
+            name,
+            {key for key, nodes in self.raw.nodes.items() if len(nodes)} | self.surfaces.keys(),
+        )
 
     def nodes(self, name: Tag) -> np.ndarray:
         """Nodes of a set or of a surface by its spelling in the mesh."""
@@ -52,7 +61,11 @@ class NamedParts:
 
     def named_in(self, text: str) -> list[Tag]:
         """Surfaces and sets of nodes whose names are in a text of Python."""
-        return [name for name in (*self.surfaces, *self.raw.nodes) if isinstance(name, str) and repr(name) in text]
+        return [
+            name
+            for name in (*self.surfaces, *self.raw.nodes)
+            if isinstance(name, str) and repr(name) in text
+        ]
 
     def bodies_in(self, name: str, tags: Iterable[Tag]) -> list[Tag]:
         """Bodies among ``tags`` whose cells all belong to a set."""
@@ -64,7 +77,9 @@ class NamedParts:
         """Bodies without common cells: sets with names come first, then small ones."""
         free = np.ones(len(self.raw.cells), dtype=bool)
         found = []
-        for tag in sorted(self.raw.bodies, key=lambda one: (isinstance(one, int), len(self.raw.bodies[one]))):
+        for tag in sorted(
+            self.raw.bodies, key=lambda one: (isinstance(one, int), len(self.raw.bodies[one]))
+        ):
             if free[self.raw.bodies[tag]].all() and len(self.raw.bodies[tag]):
                 free[self.raw.bodies[tag]] = False
                 found.append(tag)
@@ -77,7 +92,12 @@ class NamedParts:
 
     def owners(self, name: Tag) -> np.ndarray:
         """Cell of each outer facet of a surface, (f,); -1 for facets within a body."""
-        return np.array([self._owners.get(tuple(one), -1) for one in np.sort(self.surfaces[name], axis=1).tolist()])
+        return np.array(
+            [
+                self._owners.get(tuple(one), -1)
+                for one in np.sort(self.surfaces[name], axis=1).tolist()
+            ]
+        )
 
     def normals(self, name: Tag) -> np.ndarray:
         """Outer unit normals of the facets of a surface, (f, dim)."""
@@ -91,12 +111,16 @@ class NamedParts:
         return mean.round(12) + 0.0 if np.abs(normals - mean).max() < FLAT else None
 
     def pair(self, slave: Tag, master: Tag, friction: float, source: str) -> Pair:
-        """Contact pair of two surfaces: node to node where they are flat and their nodes coincide, else mortar."""
+        """Contact pair of two surfaces: node to node where they are flat and their nodes coincide,
+        else mortar.
+        """
         normal = self.flat_normal(slave)
         here, there = (self.raw.points[self.nodes(name)] for name in (slave, master))
         if normal is not None and len(here) == len(there):
             distance, partner = cKDTree(there).query(here)
-            if (distance <= FLAT * np.ptp(here, axis=0).max()).all() and np.unique(partner).size == len(here):
+            if (distance <= FLAT * np.ptp(here, axis=0).max()).all() and np.unique(
+                partner
+            ).size == len(here):
                 text = f"hhr.NodeToNode({slave!r}, {master!r}, {tuple(normal.tolist())}{{}})"
                 return Pair(text, friction, source)
         return Pair(f"hhr.Mortar({slave!r}, {master!r}{{}})", friction, source)
@@ -106,14 +130,21 @@ class NamedParts:
         towards: np.ndarray = normal * np.sign(normal @ self.normals(name).mean(axis=0)) + 0.0
         return towards
 
-    def on_plane(self, name: Tag, point: np.ndarray, normal: np.ndarray, friction: float, source: str) -> Pair:
-        """Obstacle in front of a surface: the rigid plane through a point, with a unit normal of either sign."""
+    def on_plane(
+        self, name: Tag, point: np.ndarray, normal: np.ndarray, friction: float, source: str
+    ) -> Pair:
+        """Obstacle in front of a surface: the rigid plane through a point, with a unit normal of
+        either sign.
+        """
         normal = self.towards(name, normal)
         text = f"hhr.Obstacle({name!r}, {tuple(normal.tolist())}, {float(point @ normal)!r}{{}})"
         return Pair(text, friction, source)
 
-    def out_of_reach(self, supports: Sequence[Support], among: Container[Tag] | None = None) -> tuple[Pair, ...]:
-        """A rigid plane that no body reaches: a scene needs a contact pair, and a file may have none.
+    def out_of_reach(
+        self, supports: Sequence[Support], among: Container[Tag] | None = None
+    ) -> tuple[Pair, ...]:
+        """A rigid plane that no body reaches: a scene needs a contact pair, and a file may have
+        none.
 
         It faces one of the surfaces ``among``, of all if None, or the outside of all bodies.
         """
@@ -123,17 +154,26 @@ class NamedParts:
         known = self.surfaces if among is None else among
         names = [name for name in self.surfaces if name in known and (self.owners(name) >= 0).all()]
         flat = {name: self.flat_normal(name) for name in names}
-        surfaces = [(name, normal, self.nodes(name)) for name, normal in flat.items() if normal is not None]
+        surfaces = [
+            (name, normal, self.nodes(name)) for name, normal in flat.items() if normal is not None
+        ]
         outer = np.unique(outer_faces(self.raw.kind, self.raw.cells))
-        for name, normal, nodes in (*surfaces, *((OUTSIDE, axis, outer) for axis in np.eye(self.raw.dim))):
+        for name, normal, nodes in (
+            *surfaces,
+            *((OUTSIDE, axis, outer) for axis in np.eye(self.raw.dim)),
+        ):
             if (~held[nodes] & (np.abs(normal) > FLAT)).any():
-                offset = float((self.raw.points @ normal).max() + FAR * np.ptp(self.raw.points, axis=0).max())
+                offset = float(
+                    (self.raw.points @ normal).max() + FAR * np.ptp(self.raw.points, axis=0).max()
+                )
                 text = f"hhr.Obstacle({name!r}, {tuple(normal.tolist())}, {offset!r})"
                 return (Pair(text, 0.0, "no contact in the file: a plane out of reach"),)
         return ()
 
 
 def _spelt(name: str, names: Iterable[Tag]) -> Tag | None:
-    """A name, or its last part after the name of an instance, among names in which capitals do not matter."""
+    """A name, or its last part after the name of an instance, among names in which capitals do not
+    matter.
+    """
     known = {str(one).upper(): one for one in names}
     return known.get(name.upper(), known.get(name.upper().rpartition(".")[2]))

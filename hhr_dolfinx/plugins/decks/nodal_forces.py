@@ -14,7 +14,8 @@ from hhr_dolfinx.plugins.places.places import NodalForce
 
 @dataclass(frozen=True)
 class NodalForces:
-    """Forces ``amplitude(mu) * vector`` at the nodes of several sets, as one load: those of a ``*CLOAD`` block.
+    """Forces ``amplitude(mu) * vector`` at the nodes of several sets, as one load: those of a
+    ``*CLOAD`` block.
 
     Attributes:
         vectors: the force at each node of a set, (dim,), by the name of the set.
@@ -26,10 +27,16 @@ class NodalForces:
 
     def __post_init__(self) -> None:
         if not isinstance(self.vectors, Mapping) or not self.vectors:
-            raise SceneError(f"vectors = {self.vectors!r} must be forces by the name of a set: {{'tip': (0.0, -1.0)}}")
+            raise SceneError(
+                f"vectors = {self.vectors!r} must be forces by the name of a set: {{'tip': (0.0, "
+                "-1.0)}"
+            )
         check_amplitude(self, f"nodal forces at {len(self.vectors)} sets", formulas=True)
 
     def terms(self, assembler: Assembler) -> list[Term]:
         """One vector, the sum of all sets."""
-        parts = [NodalForce(place, vector).terms(assembler)[0].columns for place, vector in self.vectors.items()]
+        parts = [
+            NodalForce(place, vector).terms(assembler)[0].columns
+            for place, vector in self.vectors.items()
+        ]
         return [Term(self.amplitude, sum(parts[1:], parts[0]))]

@@ -1,4 +1,6 @@
-"""Parameters of a scene from a deck: at most three quantities, each within 20 % of its value in the deck."""
+"""Parameters of a scene from a deck: at most three quantities, each within 20 % of its value in the
+deck.
+"""
 
 from __future__ import annotations
 
@@ -17,11 +19,15 @@ SPREAD = 0.2
 
 @dataclass(frozen=True)
 class Proposed:
-    """A parameter, its value in the deck, which is 1 for a factor of several values, and the values that it drives."""
+    """A parameter, its value in the deck, which is 1 for a factor of several values, and the values
+    that it drives.
+    """
 
     name: str
     value: float
-    items: Mapping[Item, float]  # parts of the deck with their values, which are proportional to the parameter
+    items: Mapping[
+        Item, float
+    ]  # parts of the deck with their values, which are proportional to the parameter
     course: tuple[float, ...] = ()  # fractions of the value at the times of the history of the deck
     free: bool = True  # False for one that follows its course with the values of the deck
 
@@ -39,10 +45,16 @@ class Proposed:
 
     def amplitude(self, value: float) -> str:
         """Amplitude that is ``value`` at the value of the deck, as text of Python."""
-        return repr(self.name) if value == self.value else f"hhr.Amplitude(slopes={{{self.name!r}: {value!r}}})"
+        return (
+            repr(self.name)
+            if value == self.value
+            else f"hhr.Amplitude(slopes={{{self.name!r}: {value!r}}})"
+        )
 
     def at(self, number: int) -> str:
-        """Value at a time of the history, as text of Python: a number, or a formula if it is free."""
+        """Value at a time of the history, as text of Python: a number, or a formula if it is
+        free.
+        """
         part = self.course[number]
         if not (self.free and part):
             return repr(_short(part * self.value))
@@ -51,10 +63,12 @@ class Proposed:
 
 
 def proposed(deck: Deck) -> tuple[Proposed, ...]:
-    """Parameters, one for each block of the deck: preloads, loads, imposed displacements and gaps, then moduli.
+    """Parameters, one for each block of the deck: preloads, loads, imposed displacements and gaps,
+    then moduli.
 
-    Moduli are parameters only without others: models of them are larger, and none is exact for a body that contact
-    alone holds. Along a history further parameters drive what changes beside them.
+    Moduli are parameters only without others: models of them are larger, and none is exact for a
+    body that contact alone holds. Along a history further parameters drive what changes beside
+    them.
     """
     groups = _groups(deck)
     chosen = groups[:MOST]
@@ -63,13 +77,19 @@ def proposed(deck: Deck) -> tuple[Proposed, ...]:
     for number, (kind, course, items) in enumerate(chosen):
         values = set(items.values())
         value = values.pop() if len(values) == 1 else 1.0
-        found.append(Proposed(_numbered(kind, kinds.count(kind), kinds[:number].count(kind)), value, items, course))
+        found.append(
+            Proposed(
+                _numbered(kind, kinds.count(kind), kinds[:number].count(kind)), value, items, course
+            )
+        )
     others: dict[tuple[float, ...], dict[Item, float]] = {}
     for _, course, items in groups[MOST:]:
         if len(set(course)) > 1:
             others.setdefault(course, {}).update(items)
     for number, (course, items) in enumerate(others.items()):
-        found.append(Proposed(_numbered("others", len(others), number), 1.0, items, course, free=False))
+        found.append(
+            Proposed(_numbered("others", len(others), number), 1.0, items, course, free=False)
+        )
     return tuple(found)
 
 
@@ -82,9 +102,13 @@ class _Group(NamedTuple):
 
 
 def _groups(deck: Deck) -> list[_Group]:
-    """Groups of all parts whose values are not zero, in the order in which they become parameters."""
+    """Groups of all parts whose values are not zero, in the order in which they become
+    parameters.
+    """
     courses = deck.history.courses if deck.history else {}
-    parts: list[tuple[str, Item, float]] = [(item.kind, item, item.value) for item in deck.constraints]
+    parts: list[tuple[str, Item, float]] = [
+        (item.kind, item, item.value) for item in deck.constraints
+    ]
     parts += [(item.kind, item, item.value) for item in deck.loads]
     parts += [("displacement", item, item.value) for item in deck.supports]
     parts += [("gap", item, item.gap) for item in deck.pairs]
@@ -93,8 +117,12 @@ def _groups(deck: Deck) -> list[_Group]:
     for kind, item, value in parts:
         if value:
             course = courses.get(item, ())
-            groups.setdefault((kind, item.source, course), _Group(kind, course, {})).items[item] = value
-    return [*groups.values()] or [_Group("young", (), {item: item.material.young}) for item in deck.sections]
+            groups.setdefault((kind, item.source, course), _Group(kind, course, {})).items[item] = (
+                value
+            )
+    return [*groups.values()] or [
+        _Group("young", (), {item: item.material.young}) for item in deck.sections
+    ]
 
 
 def _short(value: float) -> float:

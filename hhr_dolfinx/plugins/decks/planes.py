@@ -16,7 +16,9 @@ Plane = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def plane_through(points: np.ndarray, sweep: bool) -> tuple[np.ndarray, np.ndarray] | None:
-    """A point and the unit normal of the plane through points, (n, 3), and along z if they are swept; else nothing."""
+    """A point and the unit normal of the plane through points, (n, 3), and along z if they are
+    swept; else nothing.
+    """
     if len(points) < 2:
         return None
     along = [0.0, 0.0, np.ptp(points, axis=0).max() * sweep]
@@ -26,7 +28,8 @@ def plane_through(points: np.ndarray, sweep: bool) -> tuple[np.ndarray, np.ndarr
 
 
 def planes_of(path: Path) -> tuple[dict[str, Plane], tuple[str, ...]]:
-    """Flat surfaces of a mesh file with nodes of no cell, by name in capitals, and names of curved ones.
+    """Flat surfaces of a mesh file with nodes of no cell, by name in capitals, and names of curved
+    ones.
 
     Raises:
         FileContentError: for a file that cannot be read.

@@ -1,6 +1,8 @@
-"""Physics that mesh files of FEBio, LS-DYNA, Kratos and Nastran state beside their mesh, line by line.
+"""Physics that mesh files of FEBio, LS-DYNA, Kratos and Nastran state beside their mesh, line by
+line.
 
-``hhr start`` reads the mesh of these files. Materials, supports, loads and contact become TODO lines with a remedy.
+``hhr start`` reads the mesh of these files. Materials, supports, loads and contact become TODO
+lines with a remedy.
 """
 
 from __future__ import annotations
@@ -21,25 +23,60 @@ STEP = "the file states steps: hhr.Leg in a hhr.PathFamily"
 OTHER = "the file states it, and it is not read"
 ELSEWHERE = "this section is in another file, which is not read: put it into this one"
 OF_FEBIO = {
-    "Material": BODY, "Boundary": SUPPORT, "Loads": LOAD, "Contact": CONTACT, "Constraints": CONSTRAINT,
-    "Rigid": CONSTRAINT, "Discrete": "the file states springs: hhr.Springs in loads", "Initial": OTHER, "Step": STEP,
-}  # fmt: skip
+    "Material": BODY,
+    "Boundary": SUPPORT,
+    "Loads": LOAD,
+    "Contact": CONTACT,
+    "Constraints": CONSTRAINT,
+    "Rigid": CONSTRAINT,
+    "Discrete": "the file states springs: hhr.Springs in loads",
+    "Initial": OTHER,
+    "Step": STEP,
+}
 """Sections of a file of FEBio whose items are physics."""
 _OF_DYNA = {
-    "MAT_": BODY, "BOUNDARY_": SUPPORT, "LOAD_": LOAD, "CONTACT_": CONTACT, "CONSTRAINED_": CONSTRAINT,
+    "MAT_": BODY,
+    "BOUNDARY_": SUPPORT,
+    "LOAD_": LOAD,
+    "CONTACT_": CONTACT,
+    "CONSTRAINED_": CONSTRAINT,
     "INITIAL_": OTHER,
-    "RIGIDWALL_": "the file states a rigid wall: hhr.Obstacle in contacts", "DEFINE_": OTHER, "EOS_": BODY,
-    "PARAMETER": OTHER, "HOURGLASS": OTHER, "DAMPING_": OTHER,
-}  # fmt: skip
-"""Beginnings of keywords of LS-DYNA that are physics; CONTROL_, DATABASE_ and those of the mesh are not."""
+    "RIGIDWALL_": "the file states a rigid wall: hhr.Obstacle in contacts",
+    "DEFINE_": OTHER,
+    "EOS_": BODY,
+    "PARAMETER": OTHER,
+    "HOURGLASS": OTHER,
+    "DAMPING_": OTHER,
+}
+"""Beginnings of keywords of LS-DYNA that are physics.
+
+CONTROL_, DATABASE_ and those of the mesh are not.
+"""
 _OF_NASTRAN = {
-    **dict.fromkeys(("MAT1", "MAT2", "MAT3", "MAT8", "MAT9", "MATS1", "MATHP", "TABLES1", "CREEP"), BODY),
+    **dict.fromkeys(
+        ("MAT1", "MAT2", "MAT3", "MAT8", "MAT9", "MATS1", "MATHP", "TABLES1", "CREEP"), BODY
+    ),
     **dict.fromkeys(("SPC", "SPC1", "SPCD", "SPCADD"), SUPPORT),
     **dict.fromkeys(
-        ("FORCE", "FORCE1", "FORCE2", "MOMENT", "PLOAD", "PLOAD1", "PLOAD2", "PLOAD4", "GRAV", "RFORCE"), LOAD
+        (
+            "FORCE",
+            "FORCE1",
+            "FORCE2",
+            "MOMENT",
+            "PLOAD",
+            "PLOAD1",
+            "PLOAD2",
+            "PLOAD4",
+            "GRAV",
+            "RFORCE",
+        ),
+        LOAD,
     ),
     **dict.fromkeys(("TEMP", "TEMPD", "LOAD"), LOAD),
-    **dict.fromkeys(("BCONP", "BLSEG", "BFRIC", "BCTABLE", "BCBODY", "BSURF", "BCTSET", "BCPARA", "BGSET"), CONTACT),
+    **dict.fromkeys(
+        ("BCONP", "BLSEG", "BFRIC", "BCTABLE", "BCBODY", "BSURF", "BCTSET", "BCPARA", "BGSET"),
+        CONTACT,
+    ),
     **dict.fromkeys(("MPC", "MPCADD", "BOLT"), CONSTRAINT),
 }
 """Cards of Nastran that are physics."""
@@ -60,7 +97,9 @@ def stated_in(path: Path) -> list[Left]:
 def _lines(path: Path) -> Iterator[tuple[str, str]]:
     """Lines of a file with their places."""
     text = path.read_text(encoding="utf-8-sig", errors="replace")
-    yield from ((f"{path.name}:{number}", line) for number, line in enumerate(text.splitlines(), start=1))
+    yield from (
+        (f"{path.name}:{number}", line) for number, line in enumerate(text.splitlines(), start=1)
+    )
 
 
 def _of_febio(path: Path) -> Iterator[Left]:
@@ -72,7 +111,13 @@ def _of_febio(path: Path) -> Iterator[Left]:
     def start(tag: str, attributes: dict[str, str]) -> None:
         if len(inside) == 2 and (why := OF_FEBIO.get(inside[1])):
             words = " ".join(f'{key}="{value}"' for key, value in attributes.items() if key != "id")
-            left.append(Left(f"{path.name}:{parser.CurrentLineNumber}", f"<{tag} {words}>".replace(" >", ">"), why))
+            left.append(
+                Left(
+                    f"{path.name}:{parser.CurrentLineNumber}",
+                    f"<{tag} {words}>".replace(" >", ">"),
+                    why,
+                )
+            )
         elif len(inside) == 1 and tag in OF_FEBIO and "from" in attributes:
             keyword = f'<{tag} from="{attributes["from"]}">'
             left.append(Left(f"{path.name}:{parser.CurrentLineNumber}", keyword, ELSEWHERE))
@@ -93,14 +138,22 @@ def _of_dyna(path: Path) -> Iterator[Left]:
 
 
 def _of_kratos(path: Path) -> Iterator[Left]:
-    """Values in blocks of properties and of data of nodes, elements and conditions, and processes of tables."""
+    """Values in blocks of properties and of data of nodes, elements and conditions, and processes
+    of tables.
+    """
     inside = ""
     for source, line in _lines(path):
         words = line.partition("//")[0].split()
         if words[:1] == ["Begin"]:
             data = words[1] in ("Properties", "Table") or words[1].endswith("Data")
             inside = words[1] if data and not inside else inside
-            kind = SUPPORT if words[1] == "NodalData" else LOAD if words[1] == "ConditionalData" else ""
+            kind = (
+                SUPPORT
+                if words[1] == "NodalData"
+                else LOAD
+                if words[1] == "ConditionalData"
+                else ""
+            )
             if kind:
                 yield Left(source, " ".join(words[1:]), kind)
         elif words[:1] == ["End"]:

@@ -16,21 +16,25 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.parameters import Tag
 
 NEAR = 1e-6
-"""Distance over the size of the body up to which middles of cells of the mesh and of the deck are the same."""
+"""Distance over the size of the body up to which middles of cells of the mesh and of the deck are
+the same.
+"""
 
 
 @dataclass(frozen=True)
 class DeckTemperatures:
     """Distribution of the temperature of a body in a deck, the ``field`` of a ThermalExpansion.
 
-    It is the change from ``*INITIAL CONDITIONS`` to the end of the last step, divided by the largest change
-    of any node of the deck, which is the ``temperature`` of the load: linear in cells of second order,
-    nearest to the values at all nodes, and the mean of the corners in those of first order, as in CalculiX.
+    It is the change from ``*INITIAL CONDITIONS`` to the end of the last step, divided by the
+    largest change of any node of the deck, which is the ``temperature`` of the load: linear in
+    cells of second order, nearest to the values at all nodes, and the mean of the corners in those
+    of first order, as in CalculiX.
 
     Attributes:
         path: the deck.
         tag: the body.
-        scale: factor of the coordinates, that of the :class:`~hhr_dolfinx.geometries.mesh_file.MeshFile`.
+        scale: factor of the coordinates, that of the
+            :class:`~hhr_dolfinx.geometries.mesh_file.MeshFile`.
     """
 
     path: Path | str
@@ -48,7 +52,9 @@ class DeckTemperatures:
 
         corners, values = distribution(Path(self.path), self.tag)
         if not len(corners):
-            raise SceneError(f"deck {self.path} has no body '{self.tag}', whose temperatures are a field")
+            raise SceneError(
+                f"deck {self.path} has no body '{self.tag}', whose temperatures are a field"
+            )
         domain = extract_unique_domain(x)
         mesh = Mesh(domain.ufl_cargo(), domain)
         space = fem.functionspace(mesh, ("Discontinuous Lagrange", 1))
@@ -58,7 +64,9 @@ class DeckTemperatures:
         distance, own = cKDTree(corners.mean(axis=1)).query(places.mean(axis=1))
         nearest = np.linalg.norm(places[:, :, None] - corners[own][:, None], axis=3).argmin(axis=2)
         found = np.where(
-            (distance <= NEAR * np.ptp(corners, axis=(0, 1)).max())[:, None], values[own[:, None], nearest], 0.0
+            (distance <= NEAR * np.ptp(corners, axis=(0, 1)).max())[:, None],
+            values[own[:, None], nearest],
+            0.0,
         )
         if domain.ufl_coordinate_element().degree == 1:
             space = fem.functionspace(mesh, ("Discontinuous Lagrange", 0))

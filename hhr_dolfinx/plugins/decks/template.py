@@ -1,4 +1,6 @@
-"""A scene from a mesh without physics: steel bodies, surfaces that face each other, supports, a pressure, preloads."""
+"""A scene from a mesh without physics: steel bodies, surfaces that face each other, supports, a
+pressure, preloads.
+"""
 
 from __future__ import annotations
 
@@ -20,25 +22,37 @@ from hhr_dolfinx.plugins.decks.stated import stated_in
 from hhr_dolfinx.plugins.decks.with_outside import with_sides
 
 COVERED = 0.25
-"""Share of the facets of a surface that lie in front of another one from which on the two face each other."""
+"""Share of the facets of a surface that lie in front of another one from which on the two face each
+other.
+"""
 NEAR = 0.1
 """Largest distance of a further pair of surfaces, over the extent of the smaller one."""
 STRAIN = 1e-3
-"""Shortening of a bolt over its length: half of the yield strain of a common bolt, part of which the joint takes."""
+"""Shortening of a bolt over its length: half of the yield strain of a common bolt, part of which
+the joint takes.
+"""
 SOFT = 1e-7
-"""Stiffness of a bedding that holds a loose body, over E over its extent: a slender body that bends bears far less."""
+"""Stiffness of a bedding that holds a loose body, over E over its extent: a slender body that bends
+bears far less.
+"""
 PROPOSED = "a proposal for lengths in mm: replace it by your own"
 STATED = (
-    "a proposal for lengths in mm, which is not that of the file: replace it by what the file states in these lines"
+    "a proposal for lengths in mm, which is not that of the file: replace it by what the file "
+    "states in these lines"
 )
 HELD = ("fixed", "clamp")
 SYMMETRIC = ("symmetry",)
 PRESSED = ("pressure",)
-"""Beginnings of names of surfaces that are held, on planes of symmetry, and pressed; capitals do not matter."""
+"""Beginnings of names of surfaces that are held, on planes of symmetry, and pressed.
+
+Capitals do not matter.
+"""
 
 
 def template(path: Path, given: NamedParts, plane: str = "plane_strain") -> Deck:
-    """Contents of a scene that a mesh suggests by its names, else by its places; what must be chosen is left.
+    """Contents of a scene that a mesh suggests by its names, else by its places.
+
+    What must be chosen is left.
 
     Args:
         path: the mesh file. What it states beside its mesh is left, line by line.
@@ -52,21 +66,37 @@ def template(path: Path, given: NamedParts, plane: str = "plane_strain") -> Deck
     dim = parts.raw.dim
     if parts.raw.points.shape[1] > dim:
         raise FileContentError(
-            f"{path} has cells of dimension {dim} in a space of dimension 3: shells are not supported. Mesh the volume "
-            "of the bodies, and save it, in gmsh by a physical group of volumes; a plane mesh must lie across z"
+            f"{path} has cells of dimension {dim} in a space of dimension 3: shells are not "
+            "supported. Mesh the volume of the bodies, and save it, in gmsh by a physical group "
+            "of volumes; a plane mesh must lie across z"
         )
     source = path.name
     steel = Material("steel in MPa and mm", source, 210e3, 0.3)
     sections = tuple(Section(tag, steel, source) for tag in parts.apart())
     stated = stated_in(path)
-    left = [Left(source, "materials, support and pressure", STATED if stated else PROPOSED), *stated]
+    left = [
+        Left(source, "materials, support and pressure", STATED if stated else PROPOSED),
+        *stated,
+    ]
     bolts = dict(_bolts(parts, source))
-    deck = Deck(path, "solid" if dim == 3 else plane, sections, constraints=(*bolts.values(),), cuts=(*bolts,))
+    deck = Deck(
+        path,
+        "solid" if dim == 3 else plane,
+        sections,
+        constraints=(*bolts.values(),),
+        cuts=(*bolts,),
+    )
     supports, loads, planes = _by_names(parts, source, left)
     parts, pairs = _touching(given, supports, wider=not bolts)
     piece = _pieces(parts)
     if not pairs:
-        left.append(Left(source, "contact", "no surfaces of two bodies face each other: name a pair in contacts"))
+        left.append(
+            Left(
+                source,
+                "contact",
+                "no surfaces of two bodies face each other: name a pair in contacts",
+            )
+        )
     held = {item.component for item in supports}
     if pairs and len(held) < dim and not planes:
         proposed, pressures = _by_places(parts, piece, pairs[0], source, left, given.surfaces)
@@ -74,14 +104,32 @@ def template(path: Path, given: NamedParts, plane: str = "plane_strain") -> Deck
         supports += [item for item in proposed if (piece[item.place], item.component) not in along]
         loads = loads or pressures
         if not loads:
-            left.append(Left(source, "loads", "no surface to press, and the answer is zero: name one in the file"))
+            left.append(
+                Left(
+                    source,
+                    "loads",
+                    "no surface to press, and the answer is zero: name one in the file",
+                )
+            )
     elif not pairs and not loads:
         made, loads = _by_ends(parts, piece, [item.place for item in supports], source)
         supports = supports or made
         if not supports:
-            left.append(Left(source, "support", "no surface to hold a body at: name one in the file of the mesh"))
+            left.append(
+                Left(
+                    source,
+                    "support",
+                    "no surface to hold a body at: name one in the file of the mesh",
+                )
+            )
         elif not loads:
-            left.append(Left(source, "loads", "no surface to press, and the answer is zero: name one in the file"))
+            left.append(
+                Left(
+                    source,
+                    "loads",
+                    "no surface to press, and the answer is zero: name one in the file",
+                )
+            )
     return replace(
         deck,
         supports=tuple(supports),
@@ -94,8 +142,11 @@ def template(path: Path, given: NamedParts, plane: str = "plane_strain") -> Deck
     )
 
 
-def _touching(parts: NamedParts, supports: Sequence[Support], wider: bool) -> tuple[NamedParts, list[tuple[Tag, Tag]]]:
-    """Pairs of surfaces that face each other, and the mesh that has them: with names of sides if the file has too few.
+def _touching(
+    parts: NamedParts, supports: Sequence[Support], wider: bool
+) -> tuple[NamedParts, list[tuple[Tag, Tag]]]:
+    """Pairs of surfaces that face each other, and the mesh that has them: with names of sides if
+    the file has too few.
 
     Args:
         parts: the mesh of the file.
@@ -121,22 +172,38 @@ def _begins(name: Tag, words: tuple[str, ...]) -> bool:
     return isinstance(name, str) and name.lower().startswith(words)
 
 
-def _by_names(parts: NamedParts, source: str, left: list[Left]) -> tuple[list[Support], list[Load], list[Load]]:
-    """Supports, loads and inclined planes of symmetry of outer surfaces whose names say what they are."""
+def _by_names(
+    parts: NamedParts, source: str, left: list[Left]
+) -> tuple[list[Support], list[Load], list[Load]]:
+    """Supports, loads and inclined planes of symmetry of outer surfaces whose names say what they
+    are.
+    """
     dim = parts.raw.dim
-    names = [name for name in parts.surfaces if isinstance(name, str) and (parts.owners(name) >= 0).all()]
-    supports = [Support(name, k, 0.0, source) for name in names if _begins(name, HELD) for k in range(dim)]
+    names = [
+        name for name in parts.surfaces if isinstance(name, str) and (parts.owners(name) >= 0).all()
+    ]
+    supports = [
+        Support(name, k, 0.0, source) for name in names if _begins(name, HELD) for k in range(dim)
+    ]
     planes = []
     for name in (name for name in names if _begins(name, SYMMETRIC)):
         normal = parts.flat_normal(name)
         if normal is None:
-            left.append(Left(source, name, "a surface of symmetry that is not flat: hold it by a constraint"))
+            left.append(
+                Left(
+                    source, name, "a surface of symmetry that is not flat: hold it by a constraint"
+                )
+            )
         elif np.abs(normal).max() < 1 - FLAT:
             text = f"hhr.DirectedDisplacement({name!r}, {tuple(normal.tolist())})"
             planes.append(Load("", text, 0.0, source))
         else:
             supports.append(Support(name, int(np.abs(normal).argmax()), 0.0, source))
-    loads = [Load("pressure", f"hhr.Pressure({name!r}, {{}})", 1.0, source) for name in names if _begins(name, PRESSED)]
+    loads = [
+        Load("pressure", f"hhr.Pressure({name!r}, {{}})", 1.0, source)
+        for name in names
+        if _begins(name, PRESSED)
+    ]
     return supports, loads, planes
 
 
@@ -148,9 +215,11 @@ def _by_places(
     left: list[Left],
     named: Container[Tag],
 ) -> tuple[list[Support], list[Load]]:
-    """Supports and a pressure on the far sides of the bodies of a contact pair, on those that the file names first.
+    """Supports and a pressure on the far sides of the bodies of a contact pair, on those that the
+    file names first.
 
-    The body is pressed that has a surface with such a name, or that of the first surface of the pair.
+    The body is pressed that has a surface with such a name, or that of the first surface of the
+    pair.
     """
     slave = pair[0]
     pressed = next((piece[name] for name in piece if _begins(name, PRESSED)), piece[slave])
@@ -158,8 +227,14 @@ def _by_places(
     loads: list[Load] = []
     for number in sorted({piece[name] for name in pair}):
         own, other = sorted(pair, key=lambda name: piece[name] != number)
-        sides = [name for name in piece if piece[name] == number and name not in pair and not _begins(name, SYMMETRIC)]
-        far = _far(parts, [name for name in sides if name in named], slave) or _far(parts, sides, slave)
+        sides = [
+            name
+            for name in piece
+            if piece[name] == number and name not in pair and not _begins(name, SYMMETRIC)
+        ]
+        far = _far(parts, [name for name in sides if name in named], slave) or _far(
+            parts, sides, slave
+        )
         far = far or _facing_away(parts, sides, other)
         if far is None:
             left.append(Left(source, "support", f"no named surface to hold the body of {own!r}"))
@@ -174,7 +249,8 @@ def _by_places(
 def _by_ends(
     parts: NamedParts, piece: Mapping[Tag, int], held: Sequence[Tag], source: str
 ) -> tuple[list[Support], list[Load]]:
-    """Supports of each piece at its first end along the longest axis, and a pressure on the other end of the last.
+    """Supports of each piece at its first end along the longest axis, and a pressure on the other
+    end of the last.
 
     The ends of pieces with surfaces that are ``held`` are these.
     """
@@ -185,33 +261,54 @@ def _by_ends(
         names = [name for name in piece if piece[name] == number]
         corners = np.concatenate([points[parts.nodes(name)] for name in names])
         axis = int(np.ptp(corners, axis=0).argmax())
-        end = min(names, key=lambda name: (name not in held, points[parts.nodes(name), axis].mean()))
+        end = min(
+            names, key=lambda name: (name not in held, points[parts.nodes(name), axis].mean())
+        )
         supports += [Support(end, k, 0.0, source) for k in range(parts.raw.dim)]
         far = _far(parts, names, end)
-        loads = [] if far is None else [Load("pressure", f"hhr.Pressure({far!r}, {{}})", 1.0, source)]
+        loads = (
+            [] if far is None else [Load("pressure", f"hhr.Pressure({far!r}, {{}})", 1.0, source)]
+        )
     return supports, loads
 
 
 def with_springs(deck: Deck, parts: NamedParts) -> Deck:
-    """Add soft springs along components that neither supports nor constraints hold: laws admit no free body."""
+    """Add soft springs along components that neither supports nor constraints hold: laws admit no
+    free body.
+    """
     labels = components_of_nodes(len(parts.raw.points), parts.raw.cells)
     supports = [(item.place, item.component) for item in deck.supports]
     for names, text in ((parts.named_in(item.text), item.text) for item in deck.constraints):
         if motion := re.match(r"hhr\.MeanMotion\(.*?, (\d)", text):
             supports += [(name, int(motion[1])) for name in names]
         elif text.startswith(("hhr.Tie", "hhr.Periodic", "hhr.Preload")):
-            joined = [labels[parts.nodes(name)[0]] for name in (*names, f"{names[0]}_other") if name in parts.surfaces]
+            joined = [
+                labels[parts.nodes(name)[0]]
+                for name in (*names, f"{names[0]}_other")
+                if name in parts.surfaces
+            ]
             labels[np.isin(labels, joined)] = joined[0]
-    held = {(number, k) for place, k in supports for number in set(labels[parts.nodes(place)].tolist())}
-    first = {labels[parts.nodes(name)[0]]: name for pair in deck.pairs[::-1] for name in parts.named_in(pair.text)}
+    held = {
+        (number, k) for place, k in supports for number in set(labels[parts.nodes(place)].tolist())
+    }
+    first = {
+        labels[parts.nodes(name)[0]]: name
+        for pair in deck.pairs[::-1]
+        for name in parts.named_in(pair.text)
+    }
     found = []
     for number, name in reversed(first.items()):
         young = max(item.material.young for item in deck.sections)
         stiffness = SOFT * young / np.ptp(parts.raw.points[labels == number], axis=0).max()
         for k in (k for k in range(parts.raw.dim) if (number, k) not in held):
             text = f"hhr.Springs({name!r}, {k}, {float(f'{stiffness:.1g}')!r}, bedding=True)"
-            found.append(Load("springs", text, 0.0, "soft: without them contact alone holds this body"))
-    why = "bodies must be held without contact where one has a law: soft springs are added to loads, check them"
+            found.append(
+                Load("springs", text, 0.0, "soft: without them contact alone holds this body")
+            )
+    why = (
+        "bodies must be held without contact where one has a law: soft springs are added to "
+        "loads, check them"
+    )
     left = [Left(deck.pairs[0].source, "contact", why)] if found else []
     return replace(deck, loads=(*deck.loads, *found), left=(*deck.left, *left))
 
@@ -224,7 +321,11 @@ def _bolts(parts: NamedParts, source: str) -> Iterator[tuple[str, Load]]:
         outer = {tuple(row) for row in np.sort(outer_faces(raw.kind, cells), axis=1).tolist()}
         for name, facets in parts.surfaces.items():
             rows = np.sort(facets, axis=1).tolist()
-            if not isinstance(name, str) or not np.isin(facets, cells).all() or outer & set(map(tuple, rows)):
+            if (
+                not isinstance(name, str)
+                or not np.isin(facets, cells).all()
+                or outer & set(map(tuple, rows))
+            ):
                 continue
             own = raw.points[np.unique(facets)]
             middle = own.mean(axis=0)
@@ -237,7 +338,10 @@ def _bolts(parts: NamedParts, source: str) -> Iterator[tuple[str, Load]]:
 
 
 def _pieces(parts: NamedParts) -> dict[Tag, int]:
-    """Number of the connected piece of the mesh of each outer surface of one piece; names come before numbers."""
+    """Number of the connected piece of the mesh of each outer surface of one piece.
+
+    Names come before numbers.
+    """
     labels = components_of_nodes(len(parts.raw.points), parts.raw.cells)
     names: list[Tag] = [name for name in parts.surfaces if isinstance(name, str)]
     of = {
@@ -245,16 +349,24 @@ def _pieces(parts: NamedParts) -> dict[Tag, int]:
         for name in names or parts.surfaces
         if (parts.owners(name) >= 0).all()
     }
-    # gmsh writes a surface by its number, then by the name of its group: the last of equal ones counts
+    # gmsh writes a surface by its number, then by the name of its group: the last of equal ones
+    # counts
     last = {tuple(parts.nodes(name).tolist()): name for name in of}.values()
-    return {name: numbers.pop() for name, numbers in of.items() if len(numbers) == 1 and name in last}
+    return {
+        name: numbers.pop() for name, numbers in of.items() if len(numbers) == 1 and name in last
+    }
 
 
 def _facing(parts: NamedParts, piece: Mapping[Tag, int]) -> list[tuple[Tag, Tag]]:
-    """Surfaces of different pieces that face each other, the finer one first: the nearest pair, and all near ones."""
+    """Surfaces of different pieces that face each other, the finer one first: the nearest pair, and
+    all near ones.
+    """
     outside = OuterFacets.of(parts.raw)
     rows = {name: outside.rows(parts.surfaces[name]) for name in piece}
-    size = {name: float(np.median(np.ptp(outside.corners[own], axis=1).max(axis=1))) for name, own in rows.items()}
+    size = {
+        name: float(np.median(np.ptp(outside.corners[own], axis=1).max(axis=1)))
+        for name, own in rows.items()
+    }
     known: list[tuple[float, Tag, Tag]] = []
     for first, second in permutations(piece, 2):
         if piece[first] != piece[second]:
@@ -265,7 +377,9 @@ def _facing(parts: NamedParts, piece: Mapping[Tag, int]) -> list[tuple[Tag, Tag]
     pairs: list[tuple[Tag, Tag]] = []
     for distance, *pair in sorted(known, key=lambda item: item[0]):
         extent = min(np.ptp(parts.raw.points[parts.nodes(name)], axis=0).max() for name in pair)
-        if not {*pair} & {name for one in pairs for name in one} and (not pairs or distance < NEAR * extent):
+        if not {*pair} & {name for one in pairs for name in one} and (
+            not pairs or distance < NEAR * extent
+        ):
             first, second = sorted(pair, key=lambda name: size[name])
             pairs.append((first, second))
     return pairs
@@ -279,7 +393,9 @@ def _pair(parts: NamedParts, slave: Tag, master: Tag, source: str) -> Pair:
 
 
 def _facing_away(parts: NamedParts, names: Iterable[Tag], name: Tag) -> Tag | None:
-    """The surface whose normals are most like those of a surface of another body, within 60 degrees of them."""
+    """The surface whose normals are most like those of a surface of another body, within 60 degrees
+    of them.
+    """
     normal = parts.normals(name).mean(axis=0)
     normal /= np.linalg.norm(normal)
     cosines = {one: float(parts.normals(one).mean(axis=0) @ normal) for one in names}
@@ -292,4 +408,8 @@ def _far(parts: NamedParts, names: Iterable[Tag], name: Tag) -> Tag | None:
     points = parts.raw.points
     middle = points[parts.nodes(name)].mean(axis=0)
     others = [one for one in names if not np.isin(parts.nodes(one), parts.nodes(name)).any()]
-    return max(others, key=lambda one: np.linalg.norm(points[parts.nodes(one)].mean(axis=0) - middle), default=None)
+    return max(
+        others,
+        key=lambda one: np.linalg.norm(points[parts.nodes(one)].mean(axis=0) - middle),
+        default=None,
+    )

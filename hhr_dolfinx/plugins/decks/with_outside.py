@@ -1,4 +1,6 @@
-"""A mesh file whose outside is a surface with a name, or is divided at edges into sides with names."""
+"""A mesh file whose outside is a surface with a name, or is divided at edges into sides with
+names.
+"""
 
 from __future__ import annotations
 
@@ -15,18 +17,22 @@ from hhr_dolfinx.plugins.checks.candidates import outward
 
 OUTSIDE = "outside of all bodies"
 EDGE = np.cos(np.deg2rad(40.0))
-"""Cosine between the normals of neighbours from which on they belong to one side: gmsh's default is 40 degrees too."""
+"""Cosine between the normals of neighbours from which on they belong to one side: gmsh's default is
+40 degrees too.
+"""
 PLANE = 1e-6
 """Deviation of unit normals up to which a side is a plane."""
 
 
 @dataclass(frozen=True)
 class WithOutside(MeshFile):
-    """A mesh file with a surface :data:`OUTSIDE`: a scene needs a contact pair, and a file may name no surface.
+    """A mesh file with a surface :data:`OUTSIDE`: a scene needs a contact pair, and a file may name
+    no surface.
 
     Attributes:
-        sides: also name the sides of each body, ``LOWER z = 1`` for a plane across an axis and ``LOWER side 7`` for
-            others. Sides end where the outer normal turns by more than 40 degrees from a facet to the next.
+        sides: also name the sides of each body, ``LOWER z = 1`` for a plane across an axis and
+            ``LOWER side 7`` for others. Sides end where the outer normal turns by more than 40
+            degrees from a facet to the next.
     """
 
     sides: bool = False
@@ -39,25 +45,36 @@ class WithOutside(MeshFile):
 
 
 def with_sides(raw: RawMesh) -> RawMesh:
-    """The mesh with the sides of its bodies as further surfaces; those of the file keep their names."""
+    """The mesh with the sides of its bodies as further surfaces.
+
+    Those of the file keep their names.
+    """
     outer, of = outer_faces_of_cells(raw.kind, raw.cells)
     normals = outward(raw.points[outer], raw.points[raw.cells[of]].mean(axis=1))
     owner = np.zeros(len(raw.cells), dtype=np.int64)
-    tags = sorted(raw.bodies, key=lambda one: (isinstance(one, int), len(raw.bodies[one])), reverse=True)
+    tags = sorted(
+        raw.bodies, key=lambda one: (isinstance(one, int), len(raw.bodies[one])), reverse=True
+    )
     for number, tag in enumerate(tags):
         owner[raw.bodies[tag]] = number
     # facets with a common edge, in the plane a common node
     width = outer.shape[1]
-    edges = outer[:, :, None] if width == 2 else np.stack([outer, np.roll(outer, -1, axis=1)], axis=2)
+    edges = (
+        outer[:, :, None] if width == 2 else np.stack([outer, np.roll(outer, -1, axis=1)], axis=2)
+    )
     flat = np.sort(edges.reshape(len(outer) * width, -1), axis=1)
     order = np.lexsort(flat.T)
     same = np.flatnonzero((flat[order][1:] == flat[order][:-1]).all(axis=1))
     first, second = (order[same + k] // width for k in (0, 1))
     smooth = np.einsum("fd,fd->f", normals[first], normals[second]) > EDGE
     smooth &= owner[of[first]] == owner[of[second]]
-    graph = coo_matrix((np.ones(int(smooth.sum())), (first[smooth], second[smooth])), shape=(len(outer),) * 2)
+    graph = coo_matrix(
+        (np.ones(int(smooth.sum())), (first[smooth], second[smooth])), shape=(len(outer),) * 2
+    )
     found: dict[str | int, np.ndarray] = {}
-    for number in range((labels := connected_components(graph, directed=False)[1]).max(initial=-1) + 1):
+    for number in range(
+        (labels := connected_components(graph, directed=False)[1]).max(initial=-1) + 1
+    ):
         rows = labels == number
         name = _name(tags[owner[of[rows][0]]], normals[rows], raw.points[outer[rows]], number + 1)
         found[name if name not in found else f"{name}, side {number + 1}"] = outer[rows]
@@ -67,6 +84,9 @@ def with_sides(raw: RawMesh) -> RawMesh:
 def _name(tag: str | int, normals: np.ndarray, corners: np.ndarray, number: int) -> str:
     """Name of a side of a body: the plane in which it lies, or its number."""
     axis = int(np.abs(normals[0]).argmax())
-    if np.abs(np.abs(normals[:, axis]) - 1).max() < PLANE and len(np.unique(np.sign(normals[:, axis]))) == 1:
+    if (
+        np.abs(np.abs(normals[:, axis]) - 1).max() < PLANE
+        and len(np.unique(np.sign(normals[:, axis]))) == 1
+    ):
         return f"{tag} {'xyz'[axis]} = {corners[0, 0, axis].round(12) + 0.0:.6g}"
     return f"{tag} side {number}"

@@ -18,18 +18,33 @@ from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE
 STEPS = 4
 """Steps of the paths on which models of inelastic bodies are trained."""
 LINE = 120
-"""Longest line of a scene file, other than TODO lines and names of a deck, which stay whole for searches."""
+"""Longest line of a scene file, other than TODO lines and names of a deck, which stay whole for
+searches.
+"""
 
 
 def scene_text(deck: Deck, file: Path, target: Path) -> str:
-    """Text of the scene file ``target`` of a deck in a file; the mesh is named relative to the folder of the target."""
+    """Text of the scene file ``target`` of a deck in a file.
+
+    The mesh is named relative to the folder of the target.
+    """
     parameters = proposed(deck)
     amplitude_of = amplitudes(parameters)
     mesh = Path(os.path.relpath(deck.path.absolute(), target.absolute().parent)).as_posix()
-    lines = [f'"""Scene of {file.name}, written by hhr start.', "", *_instructions(deck, target, parameters), '"""', ""]
+    lines = [
+        f'"""Scene of {file.name}, written by hhr start.',
+        "",
+        *_instructions(deck, target, parameters),
+        '"""',
+        "",
+    ]
     lines += ["from pathlib import Path", "", "import hhr_dolfinx as hhr", ""]
     lines += [f"MESH = Path(__file__).parent / {mesh!r}", *(f"# {left}" for left in deck.left), ""]
-    lines += ["scene = hhr.Scene(", *(f"    {row}" for row in _scene(deck, file, parameters, amplitude_of)), ")"]
+    lines += [
+        "scene = hhr.Scene(",
+        *(f"    {row}" for row in _scene(deck, file, parameters, amplitude_of)),
+        ")",
+    ]
     if deck.history is not None:
         lines += _steps(deck.history, parameters)
     elif _has_laws(deck):
@@ -37,13 +52,17 @@ def scene_text(deck: Deck, file: Path, target: Path) -> str:
     return _double_quoted("\n".join(lines) + "\n")
 
 
-def _scene(deck: Deck, file: Path, parameters: Sequence[Proposed], amplitude_of: Mapping[Item, str]) -> Iterator[str]:
+def _scene(
+    deck: Deck, file: Path, parameters: Sequence[Proposed], amplitude_of: Mapping[Item, str]
+) -> Iterator[str]:
     """Arguments of the scene; parts that the deck does not have are left out."""
     stem = re.sub(r"\W", "_", file.stem)
     parts: Mapping[str, list[str]] = {
         "bodies": [row for item in deck.sections for row in _body(item, amplitude_of)],
         "contacts": [_pair(item, amplitude_of) for item in deck.pairs],
-        "displacements": [*_supports(deck.supports, 3 if deck.hypothesis == "solid" else 2, amplitude_of)],
+        "displacements": [
+            *_supports(deck.supports, 3 if deck.hypothesis == "solid" else 2, amplitude_of)
+        ],
         "loads": [
             f"{item.text.replace('{}', amplitude_of.get(item, repr(item.value)))},  # {item.source}"
             for item in deck.loads
@@ -57,7 +76,9 @@ def _scene(deck: Deck, file: Path, parameters: Sequence[Proposed], amplitude_of:
     yield f"hypothesis={deck.hypothesis!r},"
     for name, rows in ((name, rows) for name, rows in parts.items() if rows):
         yield from (f"{name}=(", *(f"    {line}" for row in rows for line in _fitted(row)), "),")
-    yield f"parameters={_space([one.name for one in parameters], [one.reach for one in parameters])},"
+    yield (
+        f"parameters={_space([one.name for one in parameters], [one.reach for one in parameters])},"
+    )
 
 
 def _space(names: Sequence[str], bounds: Sequence[tuple[float, float]]) -> str:
@@ -79,7 +100,9 @@ BETWEEN_ROWS = re.compile(r"(?<=[\d.]\]), (?=\[-?\d)")
 
 
 def _of_table(text: str) -> Iterator[str]:
-    """Lines of a text, which end between rows of its tables: reading a line takes the square of its length."""
+    """Lines of a text, which end between rows of its tables: reading a line takes the square of its
+    length.
+    """
     line = ""
     for row in BETWEEN_ROWS.split(text):
         longer = f"{line}, {row}" if line else row
@@ -91,7 +114,10 @@ def _of_table(text: str) -> Iterator[str]:
 
 
 def _double_quoted(text: str) -> str:
-    """Python with its strings in double quotes, as formatters write them; those that have some inside stay."""
+    """Python with its strings in double quotes, as formatters write them.
+
+    Those that have some inside stay.
+    """
     rows = text.splitlines(keepends=True)
     for token in [*tokenize.generate_tokens(iter(rows).__next__)]:
         if token.type == tokenize.STRING and token.string[0] == "'" and '"' not in token.string:
@@ -115,7 +141,8 @@ def _outputs(pairs: Sequence[Pair]) -> Iterator[str]:
     for number, pair in enumerate(pairs):
         yield f'hhr.LargestPressure("largest pressure {number}", contact={number}),'
         if pair.direction:
-            yield f'hhr.ContactForce("force {number}", contact={number}, direction={pair.direction!r}),'
+            along = f"contact={number}, direction={pair.direction!r}"
+            yield f'hhr.ContactForce("force {number}", {along}),'
 
 
 def _has_laws(deck: Deck) -> bool:
@@ -124,7 +151,11 @@ def _has_laws(deck: Deck) -> bool:
 
 def _instructions(deck: Deck, target: Path, parameters: Sequence[Proposed]) -> Iterator[str]:
     duration = f" --duration {deck.seconds:g}" if _has_laws(deck) else ""
-    middle = "the middle of the box" if deck.proposal else "the middle of the box, which is the state of the file"
+    middle = (
+        "the middle of the box"
+        if deck.proposal
+        else "the middle of the box, which is the state of the file"
+    )
     yield f"    hhr check {target.name}    # what is held, loaded and in contact, with a picture"
     if deck.history is None:
         yield f"    hhr solve {target.name}{duration}    # {middle}"
@@ -152,7 +183,9 @@ def _body(item: Section, amplitude_of: Mapping[Item, str]) -> Iterator[str]:
     material = item.material
     origin = f"{item.source}: {material.name}"
     origin += f" of {material.source}" if material.source != item.source else ""
-    origin += ", constant after its table" if material.law.startswith("hhr.TabulatedHardening") else ""
+    origin += (
+        ", constant after its table" if material.law.startswith("hhr.TabulatedHardening") else ""
+    )
     arguments = [
         repr(item.tag),
         f"young={amplitude_of.get(item, repr(material.young))}",
@@ -176,7 +209,11 @@ def _wrapped(text: str) -> list[str]:
 
 
 def _pair(pair: Pair, amplitude_of: Mapping[Item, str]) -> str:
-    law = repr(pair.friction) if pair.limit == math.inf else f"hhr.Coulomb({pair.friction!r}, {pair.limit!r})"
+    law = (
+        repr(pair.friction)
+        if pair.limit == math.inf
+        else f"hhr.Coulomb({pair.friction!r}, {pair.limit!r})"
+    )
     friction = f", friction={law}" if pair.friction else ""
     origin = pair.origin or (0.0,) * len(pair.motion)
     place: tuple[float | str, ...] = tuple(a + b for a, b in zip(origin, pair.motion, strict=True))
@@ -199,13 +236,18 @@ def _constraint(item: Load, amplitude_of: Mapping[Item, str]) -> str:
     return f"{text},  # {item.source}"
 
 
-def _supports(supports: Sequence[Support], dim: int, amplitude_of: Mapping[Item, str]) -> Iterator[str]:
+def _supports(
+    supports: Sequence[Support], dim: int, amplitude_of: Mapping[Item, str]
+) -> Iterator[str]:
     """One line for each component that is imposed, or for all of them where they are held."""
     held = [(item.place, item.source) for item in supports if not item.value]
     for item in supports:
         end = f"),  # {item.source}"
         if item.value:
-            yield f"hhr.Displacement({item.place!r}, {item.component}, {amplitude_of.get(item, repr(item.value))}{end}"
+            yield (
+                f"hhr.Displacement({item.place!r}, {item.component}, "
+                f"{amplitude_of.get(item, repr(item.value))}{end}"
+            )
         elif held.count((item.place, item.source)) < dim:
             yield f"hhr.Displacement({item.place!r}, {item.component}{end}"
         elif item.component == 0:
@@ -218,11 +260,16 @@ def _openings(pairs: Sequence[Pair], amplitude_of: Mapping[Item, str]) -> Iterat
             text = amplitude_of.get(pair, repr(pair.gap))
             text = f"hhr.Amplitude(slopes={{{text}: 1.0}})" if text.startswith("'") else text
             text = text if text.startswith("hhr.") else f"hhr.Amplitude({text})"
-            yield f"hhr.Opening({number}, {text}{', overwrites=True' * pair.overwrites}),  # {pair.source}"
+            yield (
+                f"hhr.Opening({number}, {text}{', overwrites=True' * pair.overwrites}),  # "
+                f"{pair.source}"
+            )
 
 
 def _paths(deck: Deck, parameters: Sequence[Proposed]) -> Iterator[str]:
-    """Paths for the reduction of inelastic bodies: from the corner of the box with the smallest loads to any point."""
+    """Paths for the reduction of inelastic bodies: from the corner of the box with the smallest
+    loads to any point.
+    """
     start = {one.name: min(one.box, key=abs) for one in parameters}
     to = {one.name: one.name for one in parameters}
     yield "# load paths for hhr reduce: from the smallest loads of the box to any of its points"
@@ -238,7 +285,10 @@ def _paths(deck: Deck, parameters: Sequence[Proposed]) -> Iterator[str]:
 def _steps(history: History, parameters: Sequence[Proposed]) -> Iterator[str]:
     """Paths over the steps of the deck, with values within the boxes of the parameters."""
     free = [one for one in parameters if one.free]
-    yield "# the steps of the file, for hhr march and hhr reduce: values at the ends of legs, seconds, number of steps"
+    yield (
+        "# the steps of the file, for hhr march and hhr reduce: values at the ends of legs, "
+        "seconds, number of steps"
+    )
     yield "PATHS = hhr.PathFamily("
     yield "    'steps',"
     yield "    scene.parameters,"

@@ -1,7 +1,9 @@
-"""Errors of hyper-reduced answers for a constant stiffness: differences from the exact answer, which S provides.
+"""Errors of hyper-reduced answers for a constant stiffness: differences from the exact answer,
+which S provides.
 
-S also completes the forces outside the RID, and the displacement of these. Those of contacts with laws are fitted by
-modes of training forces, and errors of these are indicated by the part that no mode explains.
+S also completes the forces outside the RID, and the displacement of these. Those of contacts with
+laws are fitted by modes of training forces, and errors of these are indicated by the part that no
+mode explains.
 """
 
 from __future__ import annotations
@@ -19,7 +21,9 @@ _BUILD = "hhr_dolfinx.reduction.build"
 
 
 def _wanted(full: FullModel) -> bool:
-    return full.equilibrium is not None or not full.problem.varies  # laws are refused with their reason
+    return (
+        full.equilibrium is not None or not full.problem.varies
+    )  # laws are refused with their reason
 
 
 def _has_outputs(full: FullModel, recipe: object) -> bool:

@@ -1,4 +1,6 @@
-"""Stage of the hyper-reduction of contacts with laws: the indicator of forces, calibrated by known histories."""
+"""Stage of the hyper-reduction of contacts with laws: the indicator of forces, calibrated by known
+histories.
+"""
 
 from __future__ import annotations
 
@@ -30,13 +32,24 @@ def calibrate(draft: Draft) -> None:
     """Calibrate the indicator of forces by known histories, held out ones before training ones."""
     shared = draft.shared
     with shared.log.stage("indicator", shared.task.announce):
-        known = [item.histories for item in (shared.task.held_out, shared.snapshots) if item is not None]
+        known = [
+            item.histories for item in (shared.task.held_out, shared.snapshots) if item is not None
+        ]
         draft.model = _calibrated(draft.model, known, shared.log)
 
 
-def _calibrated(model: ReducedModel, known: Sequence[Sequence[History]], log: StageLog) -> ReducedModel:
-    """The model with a calibrated indicator, by the first set of histories with usable increments."""
-    largest = max(np.linalg.norm(answer.multipliers) for item in known for one in item for answer in one.answers)
+def _calibrated(
+    model: ReducedModel, known: Sequence[Sequence[History]], log: StageLog
+) -> ReducedModel:
+    """The model with a calibrated indicator, by the first set of histories with usable
+    increments.
+    """
+    largest = max(
+        np.linalg.norm(answer.multipliers)
+        for item in known
+        for one in item
+        for answer in one.answers
+    )
     depth = 0.0
     shares = list[float]()
     for histories in known:
@@ -52,11 +65,15 @@ def _calibrated(model: ReducedModel, known: Sequence[Sequence[History]], log: St
                 said = fields.interface.misfit(inside)
                 size = float(np.linalg.norm(there.multipliers))
                 if size > SMALL_FORCE * largest and said > EXPLAINED:
-                    shares.append(float(np.linalg.norm(here.forces() - there.multipliers)) / size / said)
+                    shares.append(
+                        float(np.linalg.norm(here.forces() - there.multipliers)) / size / said
+                    )
         if shares:
             break
     else:
         log.skip("calibration", "no known increment has forces that its modes leave unexplained")
     share = float(np.clip(np.quantile(shares, CALIBRATED), 1.0, MOST_SHARE)) if shares else 1.0
     own: Any = model.fields.interface
-    return model.changed(fields=replace(model.fields, interface=replace(own, share=share, depth=depth)))
+    return model.changed(
+        fields=replace(model.fields, interface=replace(own, share=share, depth=depth))
+    )

@@ -1,8 +1,9 @@
-"""Response of contact conditions to each other through the bodies, S = B K^-1 B^T, if it is known at a parameter.
+"""Response of contact conditions to each other through the bodies, S = B K^-1 B^T, if it is known
+at a parameter.
 
-Forces λ give the slack free + S λ of the field in equilibrium with them, for any model: all arrays here have the size
-of the contact surface. Several answers at once, (n, m), share the factors of S if their statuses
-are the same.
+Forces λ give the slack free + S λ of the field in equilibrium with them, for any model: all arrays
+here have the size of the contact surface. Several answers at once, (n, m), share the factors of S
+if their statuses are the same.
 """
 
 from __future__ import annotations
@@ -22,7 +23,9 @@ CANCELLED = 1e-3
 
 
 class Outside(NamedTuple):
-    """Partition of the contact conditions into given and free ones (k and m - k of m conditions)."""
+    """Partition of the contact conditions into given and free ones (k and m - k of m
+    conditions).
+    """
 
     inside: np.ndarray  # indices of the given conditions, (k,)
     outside: np.ndarray  # indices of the free ones, (m - k,)
@@ -30,7 +33,8 @@ class Outside(NamedTuple):
     columns: np.ndarray  # response of the free conditions to the given forces, (k, m - k)
 
     def completed(self, own: np.ndarray, free: np.ndarray) -> np.ndarray:
-        """All forces, (n, m), from given ones, (n, k), and the slack without forces, (n, m): the free ones close gaps.
+        """All forces, (n, m), from given ones, (n, k), and the slack without forces, (n, m): the
+        free ones close gaps.
 
         Each answer has a small contact problem.
         """
@@ -44,9 +48,11 @@ class Outside(NamedTuple):
         return forces
 
     def changes(self, forces: np.ndarray, own: np.ndarray, free: np.ndarray) -> np.ndarray:
-        """Derivatives of all completed forces, (m,), along some parameters, (m, P), at constant statuses.
+        """Derivatives of all completed forces, (m,), along some parameters, (m, P), at constant
+        statuses.
 
-        ``own`` are those of the given forces, (k, P), ``free`` those of the slack without forces, (m, P).
+        ``own`` are those of the given forces, (k, P), ``free`` those of the slack without forces,
+        (m, P).
         """
         found = np.zeros(free.shape)
         found[self.inside] = own
@@ -64,13 +70,20 @@ class ContactResponse(Rebuilt):
     schur: np.ndarray  # symmetric and positive definite, (m, m)
 
     def outside(self, inside: np.ndarray, outside: np.ndarray | None = None) -> Outside:
-        """Partition with given forces of the conditions ``inside``; the others may be passed if they are known."""
+        """Partition with given forces of the conditions ``inside``.
+
+        The others may be passed if they are known.
+        """
         if outside is None:
             outside = np.setdiff1d(np.arange(len(self.schur)), inside, assume_unique=True)
         if not outside.size:
             return Outside(inside, outside, self.equalities, np.zeros((inside.size, 0)))
-        equalities = SchurEqualities.symmetric(np.ascontiguousarray(self.schur[np.ix_(outside, outside)]))
-        return Outside(inside, outside, equalities, np.ascontiguousarray(self.schur[np.ix_(inside, outside)]))
+        equalities = SchurEqualities.symmetric(
+            np.ascontiguousarray(self.schur[np.ix_(outside, outside)])
+        )
+        return Outside(
+            inside, outside, equalities, np.ascontiguousarray(self.schur[np.ix_(inside, outside)])
+        )
 
     @cached_property
     def equalities(self) -> SchurEqualities:
@@ -78,10 +91,11 @@ class ContactResponse(Rebuilt):
         return SchurEqualities.symmetric(self.schur)
 
     def settled(self, forces: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Forces that solve the contact problem on S, (n, m), and True for those that converged, (n,) bool.
+        """Forces that solve the contact problem on S, (n, m), and True for those that converged,
+        (n,) bool.
 
-        The search starts from the statuses of given forces >= 0, (n, m), which remain if it does not converge. ``free``
-        is the slack without forces, (n, m).
+        The search starts from the statuses of given forces >= 0, (n, m), which remain if it does
+        not converge. ``free`` is the slack without forces, (n, m).
         """
         found = np.empty(forces.shape)
         left = list(range(len(forces)))

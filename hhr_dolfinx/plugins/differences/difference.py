@@ -1,15 +1,17 @@
 """Errors of answers for a constant stiffness: their difference from the exact answer.
 
-S = B K^-1 B^T is then known, and so are the exact forces Λ: the solution of the contact problem on S, found from the
-statuses of an answer at the cost of a few equality problems. The exact field is u0 θ - K^-1 B^T Λ, with u0 the field of
-loads and imposed displacements. The difference of the field of an answer is a field of forces alone, whose energy is
-their S norm; or, for modes V, a combination of columns expressed in directions of unit energy, since a Gram matrix
-would lose half of the digits.
+S = B K^-1 B^T is then known, and so are the exact forces Λ: the solution of the contact problem on
+S, found from the statuses of an answer at the cost of a few equality problems. The exact field is
+u0 θ - K^-1 B^T Λ, with u0 the field of loads and imposed displacements. The difference of the field
+of an answer is a field of forces alone, whose energy is their S norm; or, for modes V, a
+combination of columns expressed in directions of unit energy, since a Gram matrix would lose half
+of the digits.
 
-For bodies that only contact holds let R be their rigid motions, on which K is singular, and G = B R. K is factored with
-as many dofs pinned as there are motions. Forces that balance the loads, G^T λ = driving, have no reaction on the pins,
-so that S and the field of the pinned bodies are correct up to a motion R q, which the contact problem determines with
-Λ, see :mod:`hhr_dolfinx.plugins.floating.statuses`. Energies and estimates do not depend on rigid motions.
+For bodies that only contact holds let R be their rigid motions, on which K is singular, and G = B
+R. K is factored with as many dofs pinned as there are motions. Forces that balance the loads, G^T λ
+= driving, have no reaction on the pins, so that S and the field of the pinned bodies are correct up
+to a motion R q, which the contact problem determines with Λ, see
+:mod:`hhr_dolfinx.plugins.floating.statuses`. Energies and estimates do not depend on rigid motions.
 """
 
 from __future__ import annotations
@@ -38,7 +40,8 @@ SQUARES = 1e-14
 
 
 class Exact(NamedTuple):
-    """Exact forces of n answers, (n, m), their rigid motions, (n, r), and True for those that were found, (n,) bool.
+    """Exact forces of n answers, (n, m), their rigid motions, (n, r), and True for those that were
+    found, (n,) bool.
 
     For the others, the forces are those of the answer.
     """
@@ -49,10 +52,11 @@ class Exact(NamedTuple):
 
 
 def definite(schur: np.ndarray, contact_of_motions: np.ndarray) -> np.ndarray:
-    """S + G M G^T, (m, m), equal to S on differences of balanced forces, and definite if S is on these.
+    """S + G M G^T, (m, m), equal to S on differences of balanced forces, and definite if S is on
+    these.
 
-    G = B R, (m, r), has no zero columns; r = 0 if all bodies are held. Motions are scaled like a force on one
-    condition, at the condition with the largest effect.
+    G = B R, (m, r), has no zero columns; r = 0 if all bodies are held. Motions are scaled like a
+    force on one condition, at the condition with the largest effect.
     """
     scale = schur.diagonal().mean() / np.abs(contact_of_motions).max(axis=0) ** 2
     return schur + (contact_of_motions * scale) @ contact_of_motions.T
@@ -68,15 +72,18 @@ class ExactDifference(Rebuilt):
     driving: Annotated[Floats, "motions", "terms"]  # loads along the motions, (r, 1 + T)
     given: Annotated[Floats, "terms", "terms"]  # u0 in directions of unit energy, (1 + T, 1 + T)
     cross: Annotated[Floats, "N_lambda", "terms"]  # (K^-1 B^T)^T K u0, (m, 1 + T)
-    lifting: Annotated[Floats, "terms"]  # energy norms of imposed displacements, whose round-off u0 has, (1 + T,)
+    lifting: Annotated[
+        Floats, "terms"
+    ]  # energy norms of imposed displacements, whose round-off u0 has, (1 + T,)
     # areas, least: see :class:`~hhr_dolfinx.models.bound.ForceScale`
     areas: Annotated[Floats, "N_lambda"]
     least: Annotated[Floats, "3"]
-    # projection of K^-1 B^T on the columns of a displacement as a function of forces, orthonormal after L, the factor
-    # of :func:`definite`, (m, c); no columns if they span all of it; None if the columns are V
+    # projection of K^-1 B^T on the columns of a displacement as a function of forces, orthonormal
+    # after L, the factor of :func:`definite`, (m, c); no columns if they span all of it; None if
+    # the columns are V
     kept: Annotated[Floats, "N_lambda", "kept columns"] | None = None
-    # V in directions of unit energy, of which the first m are those of K^-1 B^T, (k', ell), and K^-1 loads in the same
-    # directions and more, (k'', 1 + T); None if the columns are not V
+    # V in directions of unit energy, of which the first m are those of K^-1 B^T, (k', ell), and
+    # K^-1 loads in the same directions and more, (k'', 1 + T); None if the columns are not V
     modes: Annotated[Floats, "field rows", "ell"] | None = None
     loads: Annotated[Floats, "load rows", "terms"] | None = None
 
@@ -97,7 +104,9 @@ class ExactDifference(Rebuilt):
         if not fine:
             yield "S of its estimate is not symmetric and positive definite"
         if self.kept is None and (
-            self.modes is None or self.loads is None or not len(self.schur) <= len(self.modes) <= len(self.loads)
+            self.modes is None
+            or self.loads is None
+            or not len(self.schur) <= len(self.modes) <= len(self.loads)
         ):
             yield "directions of unit energy of its estimate are not one more than another"
 
@@ -139,7 +148,10 @@ class ExactDifference(Rebuilt):
         return np.linalg.qr(self.taken)[0]
 
     def prepared(self, inside: np.ndarray) -> Outside:
-        """See :class:`~hhr_dolfinx.models.bound.Bound`; all conditions that hold bodies must be inside."""
+        """See :class:`~hhr_dolfinx.models.bound.Bound`.
+
+        All conditions that hold bodies must be inside.
+        """
         return self.response.outside(inside)
 
     def at(self, points: np.ndarray, theta: Thetas) -> DifferenceThere:
@@ -151,7 +163,9 @@ class ExactDifference(Rebuilt):
         return lengths(forces, forces @ self.schur)
 
     def left_out(self, unknown: np.ndarray, exact: np.ndarray, theta: Thetas) -> np.ndarray:
-        """Energy norms of the returned fields less the exact ones, for γ, (n, ell), and exact forces, (n, m): (n,)."""
+        """Energy norms of the returned fields less the exact ones, for γ, (n, ell), and exact
+        forces, (n, m): (n,).
+        """
         pressed = exact @ self.lower
         if self.modes is not None and self.loads is not None:
             off = driven(self.loads, theta)
@@ -168,7 +182,10 @@ class ExactDifference(Rebuilt):
 
 
 class DifferenceThere(NamedTuple):
-    """See :class:`~hhr_dolfinx.models.bound.BoundThere`; one answer for bodies that only contact holds."""
+    """See :class:`~hhr_dolfinx.models.bound.BoundThere`.
+
+    One answer for bodies that only contact holds.
+    """
 
     owner: ExactDifference  # the arrays
     theta: Thetas  # θ of each answer
@@ -179,7 +196,10 @@ class DifferenceThere(NamedTuple):
         return self.free + forces @ self.owner.schur
 
     def completed(self, own: np.ndarray, outside: Outside) -> np.ndarray:
-        """See :class:`~hhr_dolfinx.models.bound.BoundThere`; gaps outside are not opened by motions."""
+        """See :class:`~hhr_dolfinx.models.bound.BoundThere`.
+
+        Gaps outside are not opened by motions.
+        """
         return outside.completed(own, self.free)
 
     def force_changes(
@@ -210,9 +230,11 @@ class DifferenceThere(NamedTuple):
     def exact_changes(
         self, forces: np.ndarray, of_forces: Callable[[], np.ndarray], of_theta: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of the exact forces and motions of one answer, (m, P) and (r, P), at constant statuses.
+        """Derivatives of the exact forces and motions of one answer, (m, P) and (r, P), at constant
+        statuses.
 
-        ``of_forces`` returns those of the returned forces, (m, P), ``of_theta`` are those of θ, (1 + T, P).
+        ``of_forces`` returns those of the returned forces, (m, P), ``of_theta`` are those of θ, (1
+        + T, P).
         """
         owner = self.owner
         found = self.exact(forces[None]).forces[0]
@@ -226,7 +248,9 @@ class DifferenceThere(NamedTuple):
         none = np.zeros(0, dtype=np.int64)
         return owner.response.outside(none).changes(found, free[:0], free), motions
 
-    def of(self, unknown: np.ndarray, forces: np.ndarray, slack: Callable[[], np.ndarray]) -> Estimates:
+    def of(
+        self, unknown: np.ndarray, forces: np.ndarray, slack: Callable[[], np.ndarray]
+    ) -> Estimates:
         """See :class:`~hhr_dolfinx.models.bound.BoundThere`: differences, plus their round-off.
 
         They are infinite if the exact answer was not found.
@@ -235,17 +259,22 @@ class DifferenceThere(NamedTuple):
         exact, _, found = self.exact(forces)
         # products of many rows at once: each call has an overhead
         every = np.array((exact, forces - exact, forces))
-        norms = np.array((owner.size(every), lengths(every, every), owner.scale.peak(np.abs(every))))
+        norms = np.array(
+            (owner.size(every), lengths(every, every), owner.scale.peak(np.abs(every)))
+        )
         size, off, handed = np.moveaxis(norms, 1, 0)
         given, lifted = (driven(part, self.theta) for part in (owner.given, owner.lifts))
         parts = np.hypot(lengths(given, given), size[0])
         pulled = np.sum(driven(owner.cross, self.theta) * exact, axis=1)
         energy = np.sqrt(np.maximum((1 - SQUARES) * parts**2 - 2 * pulled, 0.0))
         errors = np.vstack((owner.left_out(unknown, exact, self.theta), off))
-        round_off = ROUND_OFF * np.vstack((energy + CANCELLED * (parts + lengths(lifted, lifted)), size + handed))
+        round_off = ROUND_OFF * np.vstack(
+            (energy + CANCELLED * (parts + lengths(lifted, lifted)), size + handed)
+        )
         sizes = np.vstack((energy, size))
         if owner.taken.shape[1]:
-            # the energy of the self-balancing part of forces: that of the rest would depend on the pins
+            # the energy of the self-balancing part of forces: that of the rest would depend on the
+            # pins
             sizes[1] = owner.size(exact - (exact @ owner.balancing) @ owner.balancing.T)
         over = np.maximum(sizes - round_off, np.append(0.0, owner.least)[:, None])
         return estimates_of(owner.kind, np.where(found, errors + round_off, np.inf), over)

@@ -20,16 +20,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class FieldResponse:
-    """Coordinates of the displacement in columns C, and X_F θ (N dofs, 1 + T terms, m conditions, c columns).
+    """Coordinates of the displacement in columns C, and X_F θ (N dofs, 1 + T terms, m conditions, c
+    columns).
 
-    Forces solve the contact problem on S from the statuses of an answer. For bodies that only contact holds the
-    last columns of the displacement are their rigid motions R, whose coordinates are the amplitudes of these.
+    Forces solve the contact problem on S from the statuses of an answer. For bodies that only
+    contact holds the last columns of the displacement are their rigid motions R, whose coordinates
+    are the amplitudes of these.
     """
 
     loaded: Annotated[Floats, "N", "loads"]  # K^-1 of some loads, (N, k), which span all loads
-    # coefficients of each term in these loads, so that X_F is the product of both, sparse, (k, 1 + T)
+    # coefficients of each term in these loads, so that X_F is the product of both, sparse, (k, 1 +
+    # T)
     loading: Annotated[csc_matrix, "loads", "terms"]
-    onto: Annotated[Floats, "kept columns", "N_lambda"] | None = None  # G, (c, m); None for the columns of K^-1 B^T
+    onto: Annotated[Floats, "kept columns", "N_lambda"] | None = (
+        None  # G, (c, m); None for the columns of K^-1 B^T
+    )
 
     def within(self, fields: Reconstruction) -> ResponseWithin:
         """See :class:`~hhr_dolfinx.models.bound.Response`."""
@@ -48,12 +53,15 @@ class ResponseWithin:
     fields: Reconstruction  # has the columns
 
     def coordinates(self, answer: Answer, there: DifferenceThere, forces: np.ndarray) -> np.ndarray:
-        """Coordinates of the exact forces, with the motion of the answer along undetermined motions."""
+        """Coordinates of the exact forces, with the motion of the answer along undetermined
+        motions.
+        """
         exact = there.exact(forces[None])
         found = np.concatenate([self.response.pressed(exact.forces[0]), exact.motions[0]])
         if answer.undetermined is None:
             return found
-        # the first modes of gamma and the last columns of the displacement are the rigid motions, orthonormal
+        # the first modes of gamma and the last columns of the displacement are the rigid motions,
+        # orthonormal
         along_columns, along_loads = self._along_motions
         r = len(along_columns)
         ways = answer.undetermined[:r]
@@ -63,7 +71,11 @@ class ResponseWithin:
         return found
 
     def changes(
-        self, there: DifferenceThere, forces: np.ndarray, of_forces: Callable[[], np.ndarray], of_theta: np.ndarray
+        self,
+        there: DifferenceThere,
+        forces: np.ndarray,
+        of_forces: Callable[[], np.ndarray],
+        of_theta: np.ndarray,
     ) -> np.ndarray:
         """See :meth:`DifferenceThere.exact_changes`."""
         pressing, motions = there.exact_changes(forces, of_forces, of_theta)

@@ -1,4 +1,6 @@
-"""Contact forces on the whole surface from those of a RID, for contacts with laws: gappy POD, limited by the laws."""
+"""Contact forces on the whole surface from those of a RID, for contacts with laws: gappy POD,
+limited by the laws.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,10 @@ if TYPE_CHECKING:
 FORCES = 1e-6
 """Part of the squared training forces that their modes leave out."""
 MOST = 0.9
-"""Most modes of forces per loaded condition of the RID; with as many as conditions, all forces would be explained."""
+"""Most modes of forces per loaded condition of the RID.
+
+With as many as conditions, all forces would be explained.
+"""
 ROUND_OFF = 1e-8
 """Part of the largest force of a mode below which a force counts as zero."""
 DEEP = 3.0
@@ -32,11 +37,15 @@ SHALLOW = 1e-2
 ALIKE = 1e-5
 """Relative difference of numbers of one scene."""
 PRESSED = 1e-3
-"""Part of the largest force of a law in the RID below which a contact outside counts as open: it is fitted."""
+"""Part of the largest force of a law in the RID below which a contact outside counts as open: it is
+fitted.
+"""
 
 
 def mark_of(problem: ContactProblem) -> np.ndarray:
-    """Fingerprint of a scene: x·K x, x·f, y·(B x) and y·D at two points of the box, x and y random, (8,)."""
+    """Fingerprint of a scene: x·K x, x·f, y·(B x) and y·D at two points of the box, x and y random,
+    (8,).
+    """
     rng = np.random.default_rng(0)
     held = problem.held
     field = rng.standard_normal(held.size) * held
@@ -52,7 +61,8 @@ def mark_of(problem: ContactProblem) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class FittedForces:
-    """Completion of contact forces and statuses by modes of training forces, fitted to those of the RID.
+    """Completion of contact forces and statuses by modes of training forces, fitted to those of the
+    RID.
 
     See :class:`~hhr_dolfinx.models.answer.InterfaceCompletion`.
     """
@@ -63,25 +73,36 @@ class FittedForces:
     fit: Annotated[Floats, "force modes", "m"]  # amplitudes of the modes per force in the RID
     mark: Annotated[Floats, "8"]  # of the full model, see :func:`mark_of`
     share: float = 1.0
-    """Relative error of forces per part of them that no mode explains; 95 % of the training increments stay below. At
-    least 1, and 1 without training increments."""
+    """Relative error of forces per part of them that no mode explains; 95 % of the training
+    increments stay below. At least 1, and 1 without training increments.
+    """
     depth: float = 0.0  # deepest overlap outside the RID in training increments, over the gap scale
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Faults of an indicator that would report too small errors."""
         if not (self.share >= 1.0 and self.depth >= 0.0):
-            yield f"the indicator has share {self.share} and depth {self.depth}: they must be >= 1 and >= 0"
+            yield (
+                f"the indicator has share {self.share} and depth {self.depth}: they must be >= 1 "
+                "and >= 0"
+            )
 
     @classmethod
-    def fitted(cls, problem: ContactProblem, law: ContactLaw, within: np.ndarray, forces: np.ndarray) -> FittedForces:
-        """Least-squares fit of the modes of training forces, (N_lambda, S), to the conditions of the RID, (m,)."""
+    def fitted(
+        cls, problem: ContactProblem, law: ContactLaw, within: np.ndarray, forces: np.ndarray
+    ) -> FittedForces:
+        """Least-squares fit of the modes of training forces, (N_lambda, S), to the conditions of
+        the RID, (m,).
+        """
         modes = pod(forces, FORCES)[0]
         loaded = np.abs(modes[within]).max(axis=1, initial=0.0) > ROUND_OFF * np.abs(modes).max()
         modes = np.ascontiguousarray(modes[:, : max(int(MOST * loaded.sum()), 1)])
         return cls(law, within, modes, np.linalg.pinv(modes[within]), mark_of(problem))
 
     def differences(self, problem: ContactProblem) -> str:
-        """Difference of the problem of a full model to the one of the training, in words; empty if there is none."""
+        """Difference of the problem of a full model to the one of the training, in words.
+
+        Empty if there is none.
+        """
         known = [*ranged(self.whole, len(self.modes)).parts(), *self.mark]
         other = [*ranged(problem.law, len(self.modes)).parts(), *mark_of(problem)]
         same = len(known) == len(other) and all(map(_alike, known, other))
@@ -103,15 +124,24 @@ class FittedForces:
         return rows, self.modes[rows] @ self.fit
 
     def forces(self, inside: np.ndarray, point: np.ndarray) -> np.ndarray:
-        """Forces on all conditions from those of the RID, (m,), limited by the laws at a point, (N_lambda,)."""
+        """Forces on all conditions from those of the RID, (m,), limited by the laws at a point,
+        (N_lambda,).
+        """
         return self._limited(inside, np.zeros((inside.size, 0)), point)[0]
 
-    def force_changes(self, inside: np.ndarray, changes: np.ndarray, point: np.ndarray) -> np.ndarray:
+    def force_changes(
+        self, inside: np.ndarray, changes: np.ndarray, point: np.ndarray
+    ) -> np.ndarray:
         """Derivatives of :meth:`forces`, (N_lambda, P), from those of the RID, (m, P)."""
         return self._limited(inside, changes, point)[1]
 
-    def completed(self, inside: np.ndarray, active: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Forces and statuses of all conditions from those of the RID, (m,) each; statuses outside by the forces."""
+    def completed(
+        self, inside: np.ndarray, active: np.ndarray, point: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Forces and statuses of all conditions from those of the RID, (m,) each.
+
+        Statuses outside by the forces.
+        """
         forces, _, statuses = self._limited(inside, np.zeros((inside.size, 0)), point)
         statuses[self.within] = active
         return forces, statuses
@@ -119,7 +149,10 @@ class FittedForces:
     def _limited(
         self, inside: np.ndarray, changes: np.ndarray, point: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Forces, derivatives and statuses of all conditions; a pressure within the error of the fit is none."""
+        """Forces, derivatives and statuses of all conditions.
+
+        a pressure within the error of the fit is none.
+        """
         forces = self._fitted(inside)
         slopes = self._fitted(changes)
         active = np.zeros(len(forces), dtype=bool)
@@ -130,7 +163,11 @@ class FittedForces:
             x = forces[rows]
             slope = slopes[rows]
             fills = fitted[rows]
-            off = fills & part.law.pressing(rows.size) & (x <= PRESSED * np.abs(x[~fills]).max(initial=0.0))
+            off = (
+                fills
+                & part.law.pressing(rows.size)
+                & (x <= PRESSED * np.abs(x[~fills]).max(initial=0.0))
+            )
             x[off] = 0.0
             slope[off] = 0.0
             forces[rows], slopes[rows], active[rows] = part.law.limited(x, slope, fills, point)
@@ -145,20 +182,25 @@ class FittedForces:
         return found
 
     def misfit(self, inside: np.ndarray) -> float:
-        """Part of the forces in the RID, (m,), that no mode of training explains, from 0 to 1; 0 without forces.
+        """Part of the forces in the RID, (m,), that no mode of training explains, from 0 to 1.
 
-        It is proportional to the error of all forces, see docs/friction.md: the modes come from training, the contact
-        forces from this increment.
+        0 without forces.
+
+        It is proportional to the error of all forces, see docs/friction.md: the modes come from
+        training, the contact forces from this increment.
         """
         size = float(np.linalg.norm(inside))
         if not size > 0:
             return 0.0 if size == 0 else math.inf
         return float(np.linalg.norm(inside - self.modes[self.within] @ (self.fit @ inside))) / size
 
-    def indicated(self, inside: np.ndarray, slack: np.ndarray, scale: np.ndarray, memory: Memory) -> float:
+    def indicated(
+        self, inside: np.ndarray, slack: np.ndarray, scale: np.ndarray, memory: Memory
+    ) -> float:
         """Estimated relative error of forces; infinite if bodies overlap outside the RID.
 
-        By the forces in the RID, (m,), slacks and scales of all gaps, (N_lambda,) each, and the memory.
+        By the forces in the RID, (m,), slacks and scales of all gaps, (N_lambda,) each, and the
+        memory.
         """
         deep = self.overlap(slack, scale, memory)
         if deep > max(DEEP * self.depth, SHALLOW) or (deep > ROUND_OFF and not inside.any()):
@@ -166,7 +208,10 @@ class FittedForces:
         return self.share * self.misfit(inside)
 
     def overlap(self, slack: np.ndarray, scale: np.ndarray, memory: Memory) -> float:
-        """Deepest overlap outside the RID, over the gap scale; 0 if none. Worn depths are none, closed gaskets are."""
+        """Deepest overlap outside the RID, over the gap scale; 0 if none.
+
+        Worn depths are none, closed gaskets are.
+        """
         rows = self._elsewhere[0]
         rows = rows[self.whole.pressing(len(slack))[rows]]
         opened = np.zeros(len(slack))
@@ -180,7 +225,9 @@ forces_outside = FittedForces.fitted
 
 
 def _alike(one: Any, other: Any) -> bool:
-    """True for equal texts, and for arrays that differ by no more than round-off of the numbers of one scene."""
+    """True for equal texts, and for arrays that differ by no more than round-off of the numbers of
+    one scene.
+    """
     if isinstance(one, str) or isinstance(other, str) or np.shape(one) != np.shape(other):
         return bool(np.array_equal(one, other))
     off = np.abs(np.subtract(one, other)).max(initial=0.0)

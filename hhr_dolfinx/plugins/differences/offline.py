@@ -34,13 +34,18 @@ MOST_READ = 50
 """Number of training answers whose outputs are read."""
 
 
-def bounding(full: FullModel, basis: np.ndarray, forces: np.ndarray, *, cone: bool, announce: Announce) -> Bounding:
-    """Differences for a basis; S completes forces and displacement unless training forces do, ``cone``.
+def bounding(
+    full: FullModel, basis: np.ndarray, forces: np.ndarray, *, cone: bool, announce: Announce
+) -> Bounding:
+    """Differences for a basis; S completes forces and displacement unless training forces do,
+    ``cone``.
 
     BoundError with the hypothesis that fails.
     """
     return (
-        Bounding(exact_difference(full, basis, forces), basis) if cone else field_response(full, forces, basis.shape[1])
+        Bounding(exact_difference(full, basis, forces), basis)
+        if cone
+        else field_response(full, forces, basis.shape[1])
     )
 
 
@@ -53,11 +58,14 @@ def read_outputs(draft: Draft) -> None:
             draft.fields = replace(draft.fields, output_bound=read)
 
 
-def exact_difference(full: FullModel, basis: np.ndarray, forces: np.ndarray | None = None) -> ExactDifference:
-    """Exact differences for answers with a basis, (own rows, ell), of a full model whose bodies are held.
+def exact_difference(
+    full: FullModel, basis: np.ndarray, forces: np.ndarray | None = None
+) -> ExactDifference:
+    """Exact differences for answers with a basis, (own rows, ell), of a full model whose bodies are
+    held.
 
-    Relative errors use at least a thousandth of the largest training force, (N_lambda, S), as the denominator.
-    BoundError: see :func:`exact_arrays`.
+    Relative errors use at least a thousandth of the largest training force, (N_lambda, S), as the
+    denominator. BoundError: see :func:`exact_arrays`.
     """
     lower, arrays = exact_arrays(full, forces)
     modes, loads = unit_energy(full, lower, basis)
@@ -67,19 +75,26 @@ def exact_difference(full: FullModel, basis: np.ndarray, forces: np.ndarray | No
 def exact_arrays(
     full: FullModel, forces: np.ndarray | None, *, floating: bool = False
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Cholesky factor of S, and arrays of the exact answer, see :class:`ExactDifference`; ``forces`` as above.
+    """Cholesky factor of S, and arrays of the exact answer, see :class:`ExactDifference`.
 
-    Bodies that only contact holds are refused unless ``floating`` is set. BoundError with the hypothesis that fails.
+    ``forces`` as above.
+
+    Bodies that only contact holds are refused unless ``floating`` is set. BoundError with the
+    hypothesis that fails.
     """
     problem = full.problem
     check_hypotheses(full, floating=floating)
     if problem.varies:
-        raise BoundError("the stiffness depends on parameters, and so does the S of the exact answer")
+        raise BoundError(
+            "the stiffness depends on parameters, and so does the S of the exact answer"
+        )
     schur = (full.schur + full.schur.T) / 2
     terms = full.per_load.shape[1]
     kernel: Any = problem.kernel
     contact_of_motions = (
-        np.zeros((len(schur), 0)) if kernel is None else np.ascontiguousarray(kernel.contact_of_motions)
+        np.zeros((len(schur), 0))
+        if kernel is None
+        else np.ascontiguousarray(kernel.contact_of_motions)
     )
     least = least_sizes(problem, schur, forces)
     if forces is not None:  # energies are those of the self-balancing part of forces
@@ -103,7 +118,9 @@ def exact_arrays(
     # K^-1 K u0 is K^-1 loads, plus the part of lifts on imposed dofs that K^-1 does not contain
     cross = problem.contact_rows_times(full.per_load)
     lifted = np.flatnonzero(np.diff(problem.lifts.tocsc().indptr))
-    cross[:, lifted] += problem.contact_rows_times(full.stiffness.columns(csc_matrix(rows.of(pulled[:, lifted]))))
+    cross[:, lifted] += problem.contact_rows_times(
+        full.stiffness.columns(csc_matrix(rows.of(pulled[:, lifted])))
+    )
     return factor_of(definite(schur, contact_of_motions)), {
         "free_slack": np.asfortranarray(problem.gaps - problem.contact_rows_times(full.per_load)),
         "schur": schur,
@@ -122,38 +139,59 @@ def factor_of(schur: np.ndarray) -> np.ndarray:
     try:
         return linalg.cholesky(schur, lower=True)
     except linalg.LinAlgError:
-        raise BoundError("rows of B are dependent, so that forces are not unique: no error of them is known") from None
+        raise BoundError(
+            "rows of B are dependent, so that forces are not unique: no error of them is known"
+        ) from None
 
 
 def singular_along(problem: ContactProblem) -> str:
     """Reason why nothing bounds errors where K is singular along motions of bodies."""
     assert problem.kernel is not None
-    why = "contact alone holds bodies" if problem.held_by_contact else "nothing resists some motions of bodies"
-    return f"{why}, and K, whose inverse is in all errors, is singular along their motions: {problem.kernel.described}"
+    why = (
+        "contact alone holds bodies"
+        if problem.held_by_contact
+        else "nothing resists some motions of bodies"
+    )
+    return (
+        f"{why}, and K, whose inverse is in all errors, is singular along their motions: "
+        f"{problem.kernel.described}"
+    )
 
 
 def check_hypotheses(full: FullModel, *, floating: bool = False) -> None:
-    """BoundError for models without known errors, and for bodies that only contact holds unless ``floating`` is set."""
+    """BoundError for models without known errors, and for bodies that only contact holds unless
+    ``floating`` is set.
+    """
     problem = full.problem
     if full.equilibrium is not None:
-        raise BoundError("bodies have laws, and errors are of elastic ones: histories have signs of error")
+        raise BoundError(
+            "bodies have laws, and errors are of elastic ones: histories have signs of error"
+        )
     if problem.kernel is not None and not floating:
         raise BoundError(singular_along(problem))
-    signs = np.random.default_rng(0).choice((-1.0, 1.0), size=(len(problem.free), 2))  # random vectors: no copies of K
+    signs = np.random.default_rng(0).choice(
+        (-1.0, 1.0), size=(len(problem.free), 2)
+    )  # random vectors: no copies of K
     rows = problem.spread
     turned = rows.sum(problem.own_stiffness.T @ rows.of(signs))
     _, skew = rows.largest(np.abs(problem.own_stiffness @ signs - rows.of(turned)).max(axis=1))
     entries = problem.own_stiffness.data
     _, size = rows.largest(np.array([entries.max(), -entries.min()]))
     if skew > SYMMETRIC * size:
-        raise BoundError(f"K is not symmetric, by {skew / size:.1e} of its entries: it has no energy")
+        raise BoundError(
+            f"K is not symmetric, by {skew / size:.1e} of its entries: it has no energy"
+        )
 
 
-def unit_energy(full: FullModel, lower: np.ndarray, basis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Columns of V, (own rows, ell), and of K^-1 loads in directions of unit energy, see :class:`ExactDifference`.
+def unit_energy(
+    full: FullModel, lower: np.ndarray, basis: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Columns of V, (own rows, ell), and of K^-1 loads in directions of unit energy, see
+    :class:`ExactDifference`.
 
-    The first are X L^-T, with X = K^-1 B^T and X^T K X = S = L L^T. The components along them are L^-1 X^T K times a
-    field, which is L^-1 B times a field that vanishes on imposed dofs. X itself is not needed.
+    The first are X L^-T, with X = K^-1 B^T and X^T K X = S = L L^T. The components along them are
+    L^-1 X^T K times a field, which is L^-1 B times a field that vanishes on imposed dofs. X itself
+    is not needed.
     """
     problem = full.problem
     rest = np.hstack([basis, full.per_load])
@@ -162,7 +200,9 @@ def unit_energy(full: FullModel, lower: np.ndarray, basis: np.ndarray) -> tuple[
     for _ in range(2):
         more = solve_triangular(lower, problem.contact_rows_times(rest), lower=True)
         along += more
-        rest = rest - full.stiffness.response_to_forces(solve_triangular(lower, more, lower=True, trans="T"))
+        rest = rest - full.stiffness.response_to_forces(
+            solve_triangular(lower, more, lower=True, trans="T")
+        )
     ell = basis.shape[1]
     left = energy_coordinates(problem, rest, ROUND_OFF * sizes)
     # directions are in the order of the columns that need them
@@ -177,11 +217,14 @@ def energies(problem: ContactProblem, columns: np.ndarray) -> np.ndarray:
     return np.sqrt(np.maximum(problem.spread.sum(squares), 0.0))
 
 
-def energy_coordinates(problem: ContactProblem, columns: np.ndarray, least: np.ndarray) -> np.ndarray:
+def energy_coordinates(
+    problem: ContactProblem, columns: np.ndarray, least: np.ndarray
+) -> np.ndarray:
     """Columns, (own rows, k), in directions of unit energy, (r, k), by Gram and Schmidt, twice.
 
-    Unlike a factor of the Gram matrix they are accurate to round-off of the columns even if these are dependent.
-    ``least`` is the energy norm up to which the remainder of each column is round-off, (k,).
+    Unlike a factor of the Gram matrix they are accurate to round-off of the columns even if these
+    are dependent. ``least`` is the energy norm up to which the remainder of each column is
+    round-off, (k,).
     """
     total = problem.spread.sum
     directions, images = (np.empty(columns.shape, order="F") for _ in range(2))
@@ -203,14 +246,16 @@ def energy_coordinates(problem: ContactProblem, columns: np.ndarray, least: np.n
 
 
 def field_response(full: FullModel, forces: np.ndarray, most: int) -> Bounding:
-    """The displacement as a function of loads and contact forces, with at most as many columns as a model has modes.
+    """The displacement as a function of loads and contact forces, with at most as many columns as a
+    model has modes.
 
-    All columns of K^-1 B^T if these are few enough. Otherwise the leading directions, in energy, of the response to
-    training forces, each with the same weight, so that weak contact counts as much as strong contact, followed by
-    those of the response to any forces. The rigid motions of bodies that only contact holds come last and do not count.
+    All columns of K^-1 B^T if these are few enough. Otherwise the leading directions, in energy, of
+    the response to training forces, each with the same weight, so that weak contact counts as much
+    as strong contact, followed by those of the response to any forces. The rigid motions of bodies
+    that only contact holds come last and do not count.
 
-    The stiffness of the full model is constant, ``forces`` are those of training, (m, S). BoundError: see
-    :func:`exact_arrays`.
+    The stiffness of the full model is constant, ``forces`` are those of training, (m, S).
+    BoundError: see :func:`exact_arrays`.
     """
     lower, arrays = exact_arrays(full, forces, floating=True)
     columns, own, onto = columns_of_forces(full, lower, forces, most)
@@ -223,30 +268,36 @@ def field_response(full: FullModel, forces: np.ndarray, most: int) -> Bounding:
 
 
 def load_response(full: FullModel) -> tuple[np.ndarray, csc_matrix]:
-    """K^-1 loads, (own, 1 + T), as a product of few columns, (own, k), and a sparse matrix, (k, 1 + T).
+    """K^-1 loads, (own, 1 + T), as a product of few columns, (own, k), and a sparse matrix, (k, 1 +
+    T).
 
-    The columns belong to the nonzero terms, or to the loaded dofs if there are fewer of these, as for a pressure up to
-    a height that is a parameter.
+    The columns belong to the nonzero terms, or to the loaded dofs if there are fewer of these, as
+    for a pressure up to a height that is a parameter.
     """
     loads = csc_matrix(full.problem.loads)
     terms = np.flatnonzero(np.diff(loads.indptr))
     dofs = np.unique(loads.indices)
     if dofs.size < terms.size:
-        units = csr_matrix((np.ones(dofs.size), (dofs, np.arange(dofs.size))), shape=(loads.shape[0], dofs.size))
+        units = csr_matrix(
+            (np.ones(dofs.size), (dofs, np.arange(dofs.size))), shape=(loads.shape[0], dofs.size)
+        )
         own = csc_matrix(full.problem.spread.of(units))
         return np.asfortranarray(full.stiffness.columns(own)), csc_matrix(loads[dofs])
-    chosen = csc_matrix((np.ones(terms.size), (np.arange(terms.size), terms)), shape=(terms.size, loads.shape[1]))
+    chosen = csc_matrix(
+        (np.ones(terms.size), (np.arange(terms.size), terms)), shape=(terms.size, loads.shape[1])
+    )
     return np.asfortranarray(full.per_load[:, terms]), chosen
 
 
 def columns_of_forces(
     full: FullModel, lower: np.ndarray, forces: np.ndarray, most: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """Basis of the displacements of forces: all of K^-1 B^T, or combinations of it if these are more than ``most``.
+    """Basis of the displacements of forces: all of K^-1 B^T, or combinations of it if these are
+    more than ``most``.
 
-    L is that of S = L L^T, (m, m); forces are those of training, (m, S). Returns the columns, (own, c); their
-    directions in energy, (m, c), c = 0 if all are kept; and the map from forces to their coordinates, (c, m), None if
-    these are the forces.
+    L is that of S = L L^T, (m, m); forces are those of training, (m, S). Returns the columns, (own,
+    c); their directions in energy, (m, c), c = 0 if all are kept; and the map from forces to their
+    coordinates, (c, m), None if these are the forces.
     """
     if len(lower) <= most:
         return full.per_force, np.zeros((len(lower), 0)), None
@@ -256,10 +307,11 @@ def columns_of_forces(
 
 
 def leading(columns: np.ndarray, lower: np.ndarray, count: int) -> np.ndarray:
-    """Orthonormal directions of the response to forces, most important ones first, (m, count), count <= m.
+    """Orthonormal directions of the response to forces, most important ones first, (m, count),
+    count <= m.
 
-    ``columns`` are L^T times the training forces, (m, S), each of which is normalised. The remaining directions are
-    those along which forces have the largest response.
+    ``columns`` are L^T times the training forces, (m, S), each of which is normalised. The
+    remaining directions are those along which forces have the largest response.
     """
     sizes = np.linalg.norm(columns, axis=0)
     directions, values, _ = svd(columns[:, sizes > 0] / sizes[sizes > 0], full_matrices=False)
@@ -283,11 +335,16 @@ def output_difference(full: FullModel, training: Solutions | None = None) -> Out
     rows = csr_matrix(vstack([csr_matrix((0, size)), *read]))
     loaded = problem.spread.sum(rows.tocsc()[:, problem.rows] @ full.per_load)
     free = np.asfortranarray(loaded + (rows @ problem.lifts).toarray())
-    return OutputDifference(free, np.asfortranarray(full.pressed(rows)), _least_outputs(full, training))
+    return OutputDifference(
+        free, np.asfortranarray(full.pressed(rows)), _least_outputs(full, training)
+    )
 
 
 def _least_outputs(full: FullModel, training: Solutions | None) -> np.ndarray:
-    """A thousandth of the largest absolute value of each output in some training answers; zero without any, (n,)."""
+    """A thousandth of the largest absolute value of each output in some training answers.
+
+    Zero without any, (n,).
+    """
     assert full.functionals is not None
     if training is None:
         return np.zeros(len(full.functionals.items))

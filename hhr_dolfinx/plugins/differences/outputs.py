@@ -1,7 +1,7 @@
 """Errors of outputs for a constant stiffness: outputs of an answer less those of the exact one.
 
-Rows of outputs times the exact field are rows times K^-1 loads and the lift, less rows times K^-1 B^T Λ, all of them as
-small as the contact surface.
+Rows of outputs times the exact field are rows times K^-1 loads and the lift, less rows times K^-1
+B^T Λ, all of them as small as the contact surface.
 """
 
 from __future__ import annotations
@@ -32,10 +32,12 @@ def is_read(item: Functional, conditions: int) -> bool:
 class OutputDifference:
     """Arrays of the exact outputs (n outputs, m conditions, 1 + T terms)."""
 
-    # rows of these outputs times the displacement without contact forces, (K', 1 + T), and times K^-1 B^T, (K', m)
+    # rows of these outputs times the displacement without contact forces, (K', 1 + T), and times
+    # K^-1 B^T, (K', m)
     free: Annotated[Floats, "output rows", "terms"]
     pressed: Annotated[Floats, "output rows", "N_lambda"]
-    # a thousandth of the largest absolute value in training of each output, the least denominator of an error, (n,)
+    # a thousandth of the largest absolute value in training of each output, the least denominator
+    # of an error, (n,)
     least: Annotated[Floats, "outputs"]
 
     def knows(self, item: Functional) -> bool:
@@ -47,16 +49,24 @@ class OutputDifference:
         return float(self.least[[item.name for item in functionals.items].index(name)])
 
     def fits(self, functionals: Any) -> bool:
-        """True if these can be estimates of some outputs: sizes agree, and no smallest denominator is negative."""
+        """True if these can be estimates of some outputs: sizes agree, and no smallest denominator
+        is negative.
+        """
         rows = sum(item.count for item in functionals.items if self.knows(item))
         return (
-            len(self.free) == rows and self.least.shape == (len(functionals.items),) and bool((self.least >= 0).all())
+            len(self.free) == rows
+            and self.least.shape == (len(functionals.items),)
+            and bool((self.least >= 0).all())
         )
 
-    def errors(self, fields: Any, answer: Answer, forces: np.ndarray, exact: np.ndarray) -> dict[str, float]:
-        """Differences for an answer that converged, with the round-off of the subtraction, by the names of the outputs.
+    def errors(
+        self, fields: Any, answer: Answer, forces: np.ndarray, exact: np.ndarray
+    ) -> dict[str, float]:
+        """Differences for an answer that converged, with the round-off of the subtraction, by the
+        names of the outputs.
 
-        ``fields`` are its :class:`~hhr_dolfinx.models.reconstruct.Reconstruction`, ``forces`` the returned ones, (m,).
+        ``fields`` are its :class:`~hhr_dolfinx.models.reconstruct.Reconstruction`, ``forces`` the
+        returned ones, (m,).
         """
         functionals: Functionals = fields.functionals
         theta = fields.amplitudes.dense(answer.parameter)
@@ -73,7 +83,8 @@ class OutputDifference:
             first += item.count
             states = (forces, own[place]), (exact, nearer[rows]), (none, free[rows])
             value, there, unpressed = (
-                item.value(State(pressed, read, answer.parameter, theta, answer.stress)) for pressed, read in states
+                item.value(State(pressed, read, answer.parameter, theta, answer.stress))
+                for pressed, read in states
             )
             scale = abs(value) + abs(there) + CANCELLED * abs(unpressed)
             errors[item.name] = abs(value - there) + ROUND_OFF * scale

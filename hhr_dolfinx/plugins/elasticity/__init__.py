@@ -1,4 +1,6 @@
-"""Elasticity beyond constant moduli: formulas, gradings, nearly incompressible bodies, springs, strains as loads."""
+"""Elasticity beyond constant moduli: formulas, gradings, nearly incompressible bodies, springs,
+strains as loads.
+"""
 
 from hhr_dolfinx.registry import Plugin
 

@@ -1,7 +1,7 @@
 """Eigenstrains ε0, such as thermal ones: strains that are subtracted, σ = C (ε - ε0).
 
-F is ∫ C ε0 : ε(v), and stresses exclude ε0. Laws of bodies use ε - ε0 at Gauss points, so that internal forces contain
-a part that otherwise belongs to F.
+F is ∫ C ε0 : ε(v), and stresses exclude ε0. Laws of bodies use ε - ε0 at Gauss points, so that
+internal forces contain a part that otherwise belongs to F.
 """
 
 from __future__ import annotations
@@ -29,8 +29,9 @@ def eigenstress(
 ) -> list[tuple[Formula, np.ndarray]]:
     """Nodal forces that produce an eigenstrain of a free body, 3x3.
 
-    Each part of its stiffness gives its modulus, an expression of the parameters, and forces for the modulus 1, (N,).
-    For bodies with laws these are zero: a single zero vector makes the amplitude of the strain a term of θ.
+    Each part of its stiffness gives its modulus, an expression of the parameters, and forces for
+    the modulus 1, (N,). For bodies with laws these are zero: a single zero vector makes the
+    amplitude of the strain a term of θ.
 
     Raises:
         SceneError: if no body has the tag.
@@ -39,7 +40,8 @@ def eigenstress(
     tags = [body.tag for body in scene.bodies]
     if tag not in tags:
         raise SceneError(
-            f"an eigenstrain is that of cell tag {tag}, and the bodies of scene '{scene.name}' have the tags {tags}"
+            f"an eigenstrain is that of cell tag {tag}, and the bodies of scene '{scene.name}' "
+            f"have the tags {tags}"
         )
     place = tags.index(tag)
     body = scene.bodies[place]
@@ -48,11 +50,22 @@ def eigenstress(
     hypothesis = scene.hypothesis
     dx = discretisation.cells(tag)
     if (stress_of := scene.own_stress(body)) is not None:
-        work = ufl.inner(stress_of(strain), elasticity.strain(discretisation.arguments[1], hypothesis))
-        return [(Formula("1"), vector(elasticity.volume_weight(discretisation.mesh, hypothesis) * work * dx))]
-    if discretisation.mean_dilatation[place]:  # the strain at the points at which the body evaluates its strain
+        work = ufl.inner(
+            stress_of(strain), elasticity.strain(discretisation.arguments[1], hypothesis)
+        )
+        return [
+            (
+                Formula("1"),
+                vector(elasticity.volume_weight(discretisation.mesh, hypothesis) * work * dx),
+            )
+        ]
+    if discretisation.mean_dilatation[
+        place
+    ]:  # the strain at the points at which the body evaluates its strain
         dx = dx(degree=degree_of(discretisation))
-    measured = elasticity.in_plane(elasticity.strain(discretisation.arguments[1], hypothesis), hypothesis)
+    measured = elasticity.in_plane(
+        elasticity.strain(discretisation.arguments[1], hypothesis), hypothesis
+    )
     weight = elasticity.volume_weight(discretisation.mesh, hypothesis)
     # the product of two means is not the mean of the product, which the form needs
     graded = averaged(discretisation, place, _graded(discretisation, place, strain))
@@ -60,23 +73,35 @@ def eigenstress(
     found = []
     for part in parts_of(body, hypothesis):
         moduli = map(discretisation.constant, part.moduli)
-        stress = sum(modulus * item for modulus, item in zip(moduli, stresses, strict=True) if float(modulus.value))
+        stress = sum(
+            modulus * item
+            for modulus, item in zip(moduli, stresses, strict=True)
+            if float(modulus.value)
+        )
         forces = vector(weight * ufl.inner(stress, measured) * dx)
         found.append((Formula(part.factor).times(Formula(part.rest)), forces))
     return found
 
 
 def eigenstrain_at(discretisation: DiscreteSpace, place: int, point: np.ndarray) -> Expr | None:
-    """Eigenstrain of a body at a point of the parameters, (P,), times its grading; None without eigenstrains."""
+    """Eigenstrain of a body at a point of the parameters, (P,), times its grading.
+
+    None without eigenstrains.
+    """
     scene = discretisation.scene
     tag = scene.bodies[place].tag
     total = None
     for load in scene.loads:
-        if hasattr(load, "eigenstrain_of") and (found := load.eigenstrain_of(tag, discretisation.mesh)) is not None:
+        if (
+            hasattr(load, "eigenstrain_of")
+            and (found := load.eigenstrain_of(tag, discretisation.mesh)) is not None
+        ):
             amplitude, strain = found
             names = scene.parameters.names
             if isinstance(amplitude, Amplitude):
-                slopes = (slope * point[names.index(name)] for name, slope in amplitude.slopes.items())
+                slopes = (
+                    slope * point[names.index(name)] for name, slope in amplitude.slopes.items()
+                )
                 value = discretisation.constant(amplitude.constant + sum(slopes))
             else:
                 value = discretisation.constant(Scalar(amplitude.text, names).value(point))
@@ -86,22 +111,34 @@ def eigenstrain_at(discretisation: DiscreteSpace, place: int, point: np.ndarray)
 
 def _graded(discretisation: DiscreteSpace, place: int, strain: Expr) -> Expr:
     """A strain of a body times its grading."""
-    return grading_of(discretisation, discretisation.scene.bodies[place]) * averaged(discretisation, place, strain)
+    return grading_of(discretisation, discretisation.scene.bodies[place]) * averaged(
+        discretisation, place, strain
+    )
 
 
 def averaged(discretisation: DiscreteSpace, place: int, strain: Expr) -> Expr:
-    """A strain with the mean change of volume of each cell, if the body uses the mean dilatation."""
+    """A strain with the mean change of volume of each cell, if the body uses the mean
+    dilatation.
+    """
     if not discretisation.mean_dilatation[place]:
         return strain
     return volume.with_mean(strain, cell_means(discretisation, ufl.tr(strain)))
 
 
 def cell_means(space: DiscreteSpace, field: Expr) -> fem.Function:
-    """Mean of a UFL scalar over each cell's volume, by the rule of the stiffness; on the cells of this rank."""
+    """Mean of a UFL scalar over each cell's volume, by the rule of the stiffness.
+
+    On the cells of this rank.
+    """
     means = fem.Function(fem.functionspace(space.mesh, ("Discontinuous Lagrange", 0)))
     dx = ufl.dx(space.mesh, metadata={"quadrature_degree": degree_of(space)})
-    volume = elasticity.volume_weight(space.mesh, space.scene.hypothesis) * ufl.TestFunction(means.function_space)
-    change, size = (fem.assemble_vector(compat.jitted(fem.form, form * dx)).array for form in (field * volume, volume))
+    volume = elasticity.volume_weight(space.mesh, space.scene.hypothesis) * ufl.TestFunction(
+        means.function_space
+    )
+    change, size = (
+        fem.assemble_vector(compat.jitted(fem.form, form * dx)).array
+        for form in (field * volume, volume)
+    )
     own = means.function_space.dofmap.index_map.size_local
     means.x.array[:own] = change[:own] / size[:own]
     return means

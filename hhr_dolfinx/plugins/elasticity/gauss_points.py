@@ -1,4 +1,6 @@
-"""From UFL to arrays at Gauss points: the strain of bodies with a mean dilatation, or of bodies with laws."""
+"""From UFL to arrays at Gauss points: the strain of bodies with a mean dilatation, or of bodies
+with laws.
+"""
 
 from __future__ import annotations
 
@@ -34,12 +36,16 @@ class CellStrains(NamedTuple):
         return self.gradients.shape[2]
 
     def element_stiffness(self, tangents: np.ndarray) -> np.ndarray:
-        """Element stiffness matrices, (cells, d, d), for tangents H, (gauss_points, components, components)."""
+        """Element stiffness matrices, (cells, d, d), for tangents H, (gauss_points, components,
+        components).
+        """
         cells, per_cell, components, d = self.gradients.shape
         moduli = tangents.reshape(cells, per_cell, components, components)
         flux = moduli @ (self.weights[:, :, None, None] * self.gradients)
         rows = per_cell * components
-        return self.gradients.reshape(cells, rows, d).transpose(0, 2, 1) @ flux.reshape(cells, rows, d)
+        return self.gradients.reshape(cells, rows, d).transpose(0, 2, 1) @ flux.reshape(
+            cells, rows, d
+        )
 
 
 def degree_of(space: DiscreteSpace) -> int:
@@ -47,8 +53,13 @@ def degree_of(space: DiscreteSpace) -> int:
     return gauss_degree(*space.cells_and_order)
 
 
-def add_stiffness(discretisation: DiscreteSpace, matrix: PETSc.Mat, moduli: dict[int, tuple[float, float]]) -> None:
-    """Add the stiffness of bodies with a mean dilatation, by index: λ and μ of each; on each rank that of its cells."""
+def add_stiffness(
+    discretisation: DiscreteSpace, matrix: PETSc.Mat, moduli: dict[int, tuple[float, float]]
+) -> None:
+    """Add the stiffness of bodies with a mean dilatation, by index: λ and μ of each.
+
+    On each rank that of its cells.
+    """
     bodies = discretisation.cell_bodies()
     cells = np.flatnonzero(np.isin(bodies, list(moduli)))
     operator = tabulated(discretisation, cells)
@@ -66,7 +77,9 @@ def add_stiffness(discretisation: DiscreteSpace, matrix: PETSc.Mat, moduli: dict
 
 
 def gradings(discretisation: DiscreteSpace, places: Iterable[int], cells: np.ndarray) -> np.ndarray:
-    """Grading of the moduli of bodies, by their indices, at the Gauss points of cells, (cells, per_cell)."""
+    """Grading of the moduli of bodies, by their indices, at the Gauss points of cells, (cells,
+    per_cell).
+    """
     mesh = discretisation.mesh
     bodies = discretisation.cell_bodies()[cells]
     points, weights = compat.quadrature(mesh.topology.cell_name(), degree_of(discretisation))
@@ -79,21 +92,27 @@ def gradings(discretisation: DiscreteSpace, places: Iterable[int], cells: np.nda
             plain = abs(ufl.JacobianDeterminant(mesh))
             parts = (grading(ufl.SpatialCoordinate(mesh)) * plain, plain)
             graded, size = (
-                compat.jitted(fem.Expression, part, points).eval(mesh, cells[own].astype(np.int32)) for part in parts
+                compat.jitted(fem.Expression, part, points).eval(mesh, cells[own].astype(np.int32))
+                for part in parts
             )
             found[own] = (graded / size).reshape(len(own), len(weights))
     return found
 
 
 def tabulated(discretisation: DiscreteSpace, cells: np.ndarray) -> CellStrains:
-    """Strain at the Gauss points of some cells of this rank, with local numbers of the dofs; collective."""
+    """Strain at the Gauss points of some cells of this rank, with local numbers of the dofs.
+
+    collective.
+    """
     compat.require_numba()
     mesh = discretisation.mesh
     space = discretisation.space
     hypothesis = discretisation.scene.hypothesis
     cells = cells.astype(np.int32)
     points, weights = compat.quadrature(mesh.topology.cell_name(), degree_of(discretisation))
-    table = compat.jitted(fem.Expression, strain_vector(ufl.TrialFunction(space), hypothesis), points).eval(mesh, cells)
+    table = compat.jitted(
+        fem.Expression, strain_vector(ufl.TrialFunction(space), hypothesis), points
+    ).eval(mesh, cells)
     measure = volume_weight(mesh, hypothesis) * abs(ufl.JacobianDeterminant(mesh))
     volumes = weights * compat.jitted(fem.Expression, measure, points).eval(mesh, cells).reshape(
         len(cells), len(weights)
@@ -105,13 +124,17 @@ def tabulated(discretisation: DiscreteSpace, cells: np.ndarray) -> CellStrains:
     components = 6 if hypothesis == "solid" else 4
     dofs = (dim * blocks[:, :, None] + np.arange(dim)).reshape(len(cells), of_cell).astype(np.int64)
     gradients = np.ascontiguousarray(table.reshape(len(cells), len(weights), components, of_cell))
-    mean = np.flatnonzero(np.array(discretisation.mean_dilatation)[discretisation.cell_bodies()[cells]])
+    mean = np.flatnonzero(
+        np.array(discretisation.mean_dilatation)[discretisation.cell_bodies()[cells]]
+    )
     gradients[mean] = _with_mean_dilatation(gradients[mean], volumes[mean])
     return CellStrains(gradients, volumes, dofs)
 
 
 def _with_mean_dilatation(gradients: np.ndarray, volumes: np.ndarray) -> np.ndarray:
-    """B-bar: replace the trace of the strain, see :class:`CellStrains`, by its mean over the volume of the cell."""
+    """B-bar: replace the trace of the strain, see :class:`CellStrains`, by its mean over the volume
+    of the cell.
+    """
     trace = gradients[:, :, :3].sum(axis=2)
     shares = volumes / volumes.sum(axis=1, keepdims=True)
     mean = np.einsum("cq,cqk->ck", shares, trace)

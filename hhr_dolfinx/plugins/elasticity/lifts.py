@@ -1,10 +1,11 @@
 """Rigid motions of whole bodies as lifts.
 
-A body whose imposed displacements are those of a rigid motion is lifted as a whole, so that its lift has no strain. The
-lift of the thesis is nonzero on the imposed dofs alone (section 2.6), and K lift is a load. If K depends on
-parameters so does that load, and it is far larger than any force on the body: interpolated between parameters its
-terms cancel, and so do the energies in bounds. If the imposed values are those of a rigid motion, as for a block that
-is pressed down by its top, that motion of the whole body has these values too, and K is zero along it for any moduli.
+A body whose imposed displacements are those of a rigid motion is lifted as a whole, so that its
+lift has no strain. The lift of the thesis is nonzero on the imposed dofs alone (section 2.6), and K
+lift is a load. If K depends on parameters so does that load, and it is far larger than any force on
+the body: interpolated between parameters its terms cancel, and so do the energies in bounds. If the
+imposed values are those of a rigid motion, as for a block that is pressed down by its top, that
+motion of the whole body has these values too, and K is zero along it for any moduli.
 """
 
 from __future__ import annotations
@@ -23,9 +24,9 @@ def rigid_lifts(
 ) -> csc_matrix:
     """Replace lifts, (N, 1 + T), by rigid motions of whole bodies if these have the imposed values.
 
-    Each term is checked separately: in a body that it moves, the other imposed dofs stay zero. Given lifts are nonzero
-    on imposed dofs alone, those that are not ``free``, (N,) bool; ``points``, (nodes, dim), and ``cell_nodes``,
-    (cells, n), are those of the mesh.
+    Each term is checked separately: in a body that it moves, the other imposed dofs stay zero.
+    Given lifts are nonzero on imposed dofs alone, those that are not ``free``, (N,) bool;
+    ``points``, (nodes, dim), and ``cell_nodes``, (cells, n), are those of the mesh.
     """
     part = components_of_nodes(len(points), cell_nodes)
     found = [lifts[:, [term]] for term in range(lifts.shape[1])]

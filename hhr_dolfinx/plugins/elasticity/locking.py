@@ -1,11 +1,13 @@
-"""Volumetric locking: bodies that are integrated with a mean dilatation, and cells without such a remedy.
+"""Volumetric locking: bodies that are integrated with a mean dilatation, and cells without such a
+remedy.
 
-Functions of degree 1 have few fields that keep the volume at every Gauss point. A body whose deformation keeps its
-volume, since it has a law or is nearly incompressible, is then far too stiff: a perfectly plastic tube bears any
-pressure. Quadrilaterals and hexahedra keep only the volume of each cell if all its points use the mean
-dilatation of the cell (B-bar; J. C. Nagtegaal, D. M. Parks and J. R. Rice, Comput. Methods Appl. Mech. Eng. 4, 1974;
-T. J. R. Hughes, Int. J. Numer. Methods Eng. 15, 1980). In triangles and tetrahedra the dilatation is constant already:
-there is nothing to average within one cell.
+Functions of degree 1 have few fields that keep the volume at every Gauss point. A body whose
+deformation keeps its volume, since it has a law or is nearly incompressible, is then far too stiff:
+a perfectly plastic tube bears any pressure. Quadrilaterals and hexahedra keep only the volume of
+each cell if all its points use the mean dilatation of the cell (B-bar; J. C. Nagtegaal, D. M. Parks
+and J. R. Rice, Comput. Methods Appl. Mech. Eng. 4, 1974; T. J. R. Hughes, Int. J. Numer. Methods
+Eng. 15, 1980). In triangles and tetrahedra the dilatation is constant already: there is nothing to
+average within one cell.
 """
 
 from __future__ import annotations
@@ -24,7 +26,8 @@ SIMPLICES = {"triangle": "quadrilaterals", "tetrahedron": "hexahedra"}
 def keeps_volume(body: Body, scene: Scene) -> bool:
     """True if a body deforms without change of volume; in plane stress its thickness compensates.
 
-    A body whose Poisson's ratio depends on parameters does if it would anywhere in the parameter range.
+    A body whose Poisson's ratio depends on parameters does if it would anywhere in the parameter
+    range.
     """
     if scene.hypothesis == "plane_stress" or scene.own_stress(body) is not None:
         return False
@@ -33,33 +36,40 @@ def keeps_volume(body: Body, scene: Scene) -> bool:
     if not isinstance(body.poisson, str):
         return body.poisson > NEARLY_INCOMPRESSIBLE
     ratio = Scalar(body.poisson, scene.parameters.names)
-    return max(ratio.value(point) for point in box_samples(scene.parameters)) > NEARLY_INCOMPRESSIBLE
+    return (
+        max(ratio.value(point) for point in box_samples(scene.parameters)) > NEARLY_INCOMPRESSIBLE
+    )
 
 
 def mean_dilatation(scene: Scene, cell: str, order: int = 1) -> tuple[bool, ...]:
     """True for each body that uses the mean dilatation of its cells.
 
-    It warns of bodies that keep their volume on cells that lock. Functions of degree 2 do not lock, but their
-    pressures at single nodes alternate in nearly incompressible elastic bodies; it warns of that too.
+    It warns of bodies that keep their volume on cells that lock. Functions of degree 2 do not lock,
+    but their pressures at single nodes alternate in nearly incompressible elastic bodies; it warns
+    of that too.
     """
     bodies = tuple(keeps_volume(body, scene) for body in scene.bodies)
     if order == 1 and cell not in SIMPLICES:
         return bodies
     for body, keeps in zip(scene.bodies, bodies, strict=True):
-        why = "has a law" if body.law is not None else f"is nearly incompressible, nu = {body.poisson}"
+        why = (
+            "has a law"
+            if body.law is not None
+            else f"is nearly incompressible, nu = {body.poisson}"
+        )
         said = f"body {body.tag} of scene '{scene.name}' {why}, and its"
         if keeps and order == 1:
             said += (
-                f" cells are of the kind {cell}, which lock: the body answers too stiffly, bears more than its limit "
-                "load, and its pressures oscillate from cell to cell. "
-                f"Mesh it with {SIMPLICES[cell]}, which do not lock here"
+                f" cells are of the kind {cell}, which lock: the body answers too stiffly, bears "
+                "more than its limit load, and its pressures oscillate from cell to cell. Mesh it "
+                f"with {SIMPLICES[cell]}, which do not lock here"
             )
             warn(said, LockingWarning)
         elif keeps and body.law is None:
             said += (
-                " displacements are of second order: sums and means of contact pressures are right, and those of "
-                "single nodes alternate around them. Read resultants and means, or refine: the errors fall with the "
-                "square of the cells"
+                " displacements are of second order: sums and means of contact pressures are "
+                "right, and those of single nodes alternate around them. Read resultants and "
+                "means, or refine: the errors fall with the square of the cells"
             )
             warn(said, LockingWarning)
     return (False,) * len(bodies)
@@ -68,7 +78,8 @@ def mean_dilatation(scene: Scene, cell: str, order: int = 1) -> tuple[bool, ...]
 def gauss_degree(cell: str, order: int) -> int:
     """Degree of the rule for the strain of bodies that have laws or use a mean dilatation.
 
-    Of first order quadrilaterals get 2 x 2 points and hexahedra 2 x 2 x 2; of second order 3 along each axis, and
-    triangles 3 points and tetrahedra 4, which integrate the stiffness of straight cells exactly.
+    Of first order quadrilaterals get 2 x 2 points and hexahedra 2 x 2 x 2; of second order 3 along
+    each axis, and triangles 3 points and tetrahedra 4, which integrate the stiffness of straight
+    cells exactly.
     """
     return 2 if order == 1 or cell in SIMPLICES else 4

@@ -1,7 +1,7 @@
 """Parts of a stiffness that depends on parameters: K(mu) = sum of moduli(mu) times matrices.
 
-Bodies with constant elasticity make one part with the weight 1. Each other body makes one for its change of volume
-and one for its change of shape, or a single one if only its modulus varies.
+Bodies with constant elasticity make one part with the weight 1. Each other body makes one for its
+change of volume and one for its change of shape, or a single one if only its modulus varies.
 """
 
 from __future__ import annotations
@@ -42,7 +42,9 @@ def parts_by_modulus(discretisation: DiscreteSpace) -> tuple[list[csr_matrix], t
     varies = bool(groups)
     if constant:
         groups.append((Modulus("1", "1", names), constant))
-    matrices = [discretisation.own_rows(_assembled(discretisation, members)) for _, members in groups]
+    matrices = [
+        discretisation.own_rows(_assembled(discretisation, members)) for _, members in groups
+    ]
     return matrices, tuple(modulus for modulus, _ in groups) if varies else ()
 
 
@@ -53,22 +55,34 @@ def with_springs(
     moduli: tuple[Modulus, ...],
     first: int = 0,
 ) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
-    """Parts of K and their moduli, with a constant stiffness to ground of each dof, (N,); rows begin at ``first``."""
+    """Parts of K and their moduli, with a constant stiffness to ground of each dof, (N,).
+
+    Rows begin at ``first``.
+    """
     known = terms[0]
     rows = first + np.repeat(np.arange(known.shape[0]), np.diff(known.indptr))
     data = np.where(known.indices == rows, springs[rows], 0.0)
     if not moduli:
-        return (csr_matrix((known.data + data, known.indices, known.indptr), shape=known.shape),), ()
+        return (
+            csr_matrix((known.data + data, known.indices, known.indptr), shape=known.shape),
+        ), ()
     grounded = csr_matrix((data, known.indices, known.indptr), shape=known.shape)
     return (*terms, grounded), (*moduli, Modulus("1", "1", names))
 
 
 class CommonPattern:
-    """Union of the entries of several matrices of one mesh, (own, N), with stored zeros; sums are then sums of data."""
+    """Union of the entries of several matrices of one mesh, (own, N), with stored zeros.
+
+    Sums are then sums of data.
+    """
 
     def __init__(self, matrices: list[csr_matrix]):
-        # boolean entries, whose sums and products keep their order: entries of large matrices are slow to sort
-        own = [csr_matrix((np.ones(item.nnz, bool), item.indices, item.indptr), shape=item.shape) for item in matrices]
+        # boolean entries, whose sums and products keep their order: entries of large matrices are
+        # slow to sort
+        own = [
+            csr_matrix((np.ones(item.nnz, bool), item.indices, item.indptr), shape=item.shape)
+            for item in matrices
+        ]
         whole = reduce(add, own).astype(np.int32)
         whole.data = np.arange(1, whole.nnz + 1, dtype=np.int32)  # indices plus one: none is zero
         self._shape = whole.shape
@@ -92,9 +106,13 @@ def empty_matrix(space: DiscreteSpace) -> PETSc.Mat:
 
 
 def _assembled(discretisation: DiscreteSpace, members: dict[int, tuple[float, float]]) -> PETSc.Mat:
-    """Stiffness of some bodies, weights of their parts by index, in the pattern of the whole mesh."""
+    """Stiffness of some bodies, weights of their parts by index, in the pattern of the whole
+    mesh.
+    """
     matrix = empty_matrix(discretisation)
-    averaged = {place: moduli for place, moduli in members.items() if discretisation.mean_dilatation[place]}
+    averaged = {
+        place: moduli for place, moduli in members.items() if discretisation.mean_dilatation[place]
+    }
     ordinary = [_form(discretisation, *item) for item in members.items() if item[0] not in averaged]
     if ordinary:
         fem_petsc.assemble_matrix(matrix, compat.jitted(fem.form, sum(ordinary)))
@@ -114,9 +132,15 @@ def _form(discretisation: DiscreteSpace, place: int, moduli: tuple[float, float]
         return elasticity.stiffness_of_law(trial, test, stress_of, hypothesis, dx)
     volume, shape = elasticity.isotropic_parts(elasticity.strain(trial, hypothesis), hypothesis)
     weights = [discretisation.constant(value) for value in moduli]
-    stress = sum(weight * part for weight, part in zip(weights, (volume, shape), strict=True) if float(weight.value))
+    stress = sum(
+        weight * part
+        for weight, part in zip(weights, (volume, shape), strict=True)
+        if float(weight.value)
+    )
     measured = elasticity.in_plane(elasticity.strain(test, hypothesis), hypothesis)
-    weight = elasticity.volume_weight(discretisation.mesh, hypothesis) * grading_of(discretisation, body)
+    weight = elasticity.volume_weight(discretisation.mesh, hypothesis) * grading_of(
+        discretisation, body
+    )
     return weight * ufl.inner(stress, measured) * dx
 
 
@@ -136,7 +160,11 @@ def parts_of(body: Body, hypothesis: str) -> Iterator[Part]:
         yield Part(factor, volume, (1.0, 0.0))
         yield Part(factor, shape, (0.0, 1.0))
     else:
-        yield Part(factor, "1", (Scalar(volume, ()).value(np.zeros(0)), Scalar(shape, ()).value(np.zeros(0))))
+        yield Part(
+            factor,
+            "1",
+            (Scalar(volume, ()).value(np.zeros(0)), Scalar(shape, ()).value(np.zeros(0))),
+        )
 
 
 def grading_of(discretisation: DiscreteSpace, body: Body) -> object:

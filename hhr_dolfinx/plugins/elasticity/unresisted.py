@@ -14,7 +14,9 @@ ROUND_OFF_OF_ENERGY = 1e-13
 """Part of the sum of all terms of the energy of a motion up to which it is round-off."""
 
 
-def unresisted(bodies: list[FreeBody], problem: ContactProblem, stiffness: csr_matrix) -> list[FreeBody]:
+def unresisted(
+    bodies: list[FreeBody], problem: ContactProblem, stiffness: csr_matrix
+) -> list[FreeBody]:
     """Bodies with the motions along which a stiffness, local rows (own, N), does no work."""
     left = []
     for body in bodies:

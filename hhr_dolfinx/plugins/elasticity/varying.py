@@ -24,7 +24,12 @@ from hhr_dolfinx.plugins.elasticity.eigenstrains import cell_means, eigenstrain_
 from hhr_dolfinx.plugins.elasticity.gauss_points import add_stiffness
 from hhr_dolfinx.plugins.elasticity.lifts import rigid_lifts
 from hhr_dolfinx.plugins.elasticity.locking import mean_dilatation
-from hhr_dolfinx.plugins.elasticity.parts import CommonPattern, empty_matrix, parts_by_modulus, with_springs
+from hhr_dolfinx.plugins.elasticity.parts import (
+    CommonPattern,
+    empty_matrix,
+    parts_by_modulus,
+    with_springs,
+)
 from hhr_dolfinx.scene import Scene
 
 
@@ -34,9 +39,13 @@ class VaryingElasticity(ConstantElasticity):
     def __init__(self, scene: Scene, cell: str, order: int):
         super().__init__(scene, cell, order)
         self.mean_dilatation = mean_dilatation(scene, cell, order)
-        self._pattern: CommonPattern | None = None  # of the parts of K, after the first assembly of a mesh that moves
+        self._pattern: CommonPattern | None = (
+            None  # of the parts of K, after the first assembly of a mesh that moves
+        )
 
-    def stiffness_terms(self, space: DiscreteSpace) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
+    def stiffness_terms(
+        self, space: DiscreteSpace
+    ) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
         """See :class:`ConstantElasticity`."""
         scene = space.scene
         if any(body.varies or body.grading is not None for body in scene.bodies):
@@ -73,7 +82,9 @@ class VaryingElasticity(ConstantElasticity):
 
     def integrated(self, scene: Scene) -> Sequence[Body]:
         """See :class:`ConstantElasticity`."""
-        return [body for body, mean in zip(scene.bodies, self.mean_dilatation, strict=True) if not mean]
+        return [
+            body for body, mean in zip(scene.bodies, self.mean_dilatation, strict=True) if not mean
+        ]
 
     def springs(self, space: DiscreteSpace) -> np.ndarray | None:
         """See :class:`ConstantElasticity`."""
@@ -83,16 +94,25 @@ class VaryingElasticity(ConstantElasticity):
         return np.sum([load.stiffness(space.assembler(load)) for load in resisting], axis=0)
 
     def lifted(self, space: DiscreteSpace, lifts: csc_matrix, free: np.ndarray) -> csc_matrix:
-        """Rigid motions of whole bodies where these have the imposed values, if K depends on parameters.
+        """Rigid motions of whole bodies where these have the imposed values, if K depends on
+        parameters.
 
-        Inelastic bodies, bodies with a variable shape, and bodies that constraints join keep their lifts.
+        Inelastic bodies, bodies with a variable shape, and bodies that constraints join keep their
+        lifts.
         """
         scene = space.scene
-        if scene.shapes or scene.reader or scene.constraints or not any(body.varies for body in scene.bodies):
+        if (
+            scene.shapes
+            or scene.reader
+            or scene.constraints
+            or not any(body.varies for body in scene.bodies)
+        ):
             return lifts
         return rigid_lifts(scene.hypothesis, lifts, free, space._points(), space._cell_nodes())
 
-    def stress(self, space: DiscreteSpace, place: int, field: fem.Function, point: np.ndarray) -> Expr:
+    def stress(
+        self, space: DiscreteSpace, place: int, field: fem.Function, point: np.ndarray
+    ) -> Expr:
         """See :class:`ConstantElasticity`.
 
         A strain that is a load, times the grading, is subtracted from the graded strain.

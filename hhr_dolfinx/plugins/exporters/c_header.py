@@ -1,6 +1,8 @@
-"""A condensed model as one C header: its arrays, and code that solves the contact problem (C99, libm only).
+"""A condensed model as one C header: its arrays, and code that solves the contact problem (C99,
+libm only).
 
-The data are those of a page, see :mod:`hhr_dolfinx.plugins.pages.records`; ``pages/c/kernel.h`` has the code.
+The data are those of a page, see :mod:`hhr_dolfinx.plugins.pages.records`; ``pages/c/kernel.h`` has
+the code.
 """
 
 from __future__ import annotations
@@ -44,7 +46,8 @@ def write_c_header(path: str | Path, model: object) -> Path:
 
     Args:
         path: of the header, ``.h``; its stem must be an identifier of C.
-        model: of ``hhr.condense``, ``hhr.reduce`` or a file: elastic or condensed inelastic, with friction or without.
+        model: of ``hhr.condense``, ``hhr.reduce`` or a file: elastic or condensed inelastic, with
+            friction or without.
 
     Returns:
         The path.
@@ -65,7 +68,9 @@ def write_c_header(path: str | Path, model: object) -> Path:
 def c_header(model: Any, name: str) -> tuple[str, dict[str, Any]]:
     """Text of the header, with ``name`` instead of ``model``, and the tree it was made from."""
     if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
-        raise NotOfferedError(f"{name!r} is no identifier of C, from which names of the header are made: name it else")
+        raise NotOfferedError(
+            f"{name!r} is no identifier of C, from which names of the header are made: name it else"
+        )
     check_model(model, "a header")
     arrays = Packed()
     tree = contact_tree(model, arrays)
@@ -74,20 +79,26 @@ def c_header(model: Any, name: str) -> tuple[str, dict[str, Any]]:
     count = sum(array.size for array in arrays.arrays.values())
     if count > MOST_NUMBERS:
         raise NotOfferedError(
-            f"a header of {count} numbers takes a compiler too long, {MOST_NUMBERS} are the most: take a coarser mesh"
+            f"a header of {count} numbers takes a compiler too long, {MOST_NUMBERS} are the most: "
+            "take a coarser mesh"
         )
     if tree["missing"]:
         warn(
-            f"the C header has no output {', '.join(tree['missing'])}: only Python computes outputs that read "
-            "displacements if stiffness or shape varies, areas if shapes vary, von Mises' stress, and energies of "
-            "heated bodies, of those with laws and of those that contact alone holds",
+            f"the C header has no output {', '.join(tree['missing'])}: only Python computes "
+            "outputs that read displacements if stiffness or shape varies, areas if shapes vary, "
+            "von Mises' stress, and energies of heated bodies, of those with laws and of those "
+            "that contact alone holds",
             ModelFileWarning,
         )
-    text = kernel_text(kernel_parts(tree), laws_of(model.law, "a header")).replace("MODEL_TITLE", name)
+    text = kernel_text(kernel_parts(tree), laws_of(model.law, "a header")).replace(
+        "MODEL_TITLE", name
+    )
     text = text.replace("/*DATA*/", _Data(tree, arrays.arrays).text())
     own = {"model_": f"{name}_", "MODEL_": f"{name.upper()}_"}
     # quoted texts are names of the scene
-    return re.sub(r'"[^"\n]*"|\b(?:model_|MODEL_)', lambda found: own.get(found[0], found[0]), text), tree
+    return re.sub(
+        r'"[^"\n]*"|\b(?:model_|MODEL_)', lambda found: own.get(found[0], found[0]), text
+    ), tree
 
 
 def box_of(tree: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
@@ -100,7 +111,9 @@ def box_of(tree: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def formula(steps: list[Any]) -> str:
-    """C expression of the parameters ``p``, from operations of ``plugins.pages.packing.steps_of``."""
+    """C expression of the parameters ``p``, from operations of
+    ``plugins.pages.packing.steps_of``.
+    """
     stack: list[str] = []
     for step in steps:
         if isinstance(step, float):
@@ -114,7 +127,11 @@ def formula(steps: list[Any]) -> str:
         elif step in _SIGNS or step in ("^", "min", "max"):
             second = stack.pop()
             first = stack.pop()
-            stack.append(f"({first} {step} {second})" if step in _SIGNS else f"{_CALLS[step]}({first}, {second})")
+            stack.append(
+                f"({first} {step} {second})"
+                if step in _SIGNS
+                else f"{_CALLS[step]}({first}, {second})"
+            )
         else:
             only = stack.pop()
             stack.append(f"(-{only})" if step == "neg" else f"{_CALLS.get(step, step)}({only})")
@@ -137,7 +154,9 @@ class _Data:
 
     def _sizes(self) -> Iterable[str]:
         parts = kernel_parts(self.tree)
-        sizes = self.kernel.sizes | {name: int(part in parts) for part, name in FLAGS_OF_PARTS.items()}
+        sizes = self.kernel.sizes | {
+            name: int(part in parts) for part, name in FLAGS_OF_PARTS.items()
+        }
         return [f"#define MODEL_{name} {size}" for name, size in sizes.items()]
 
     def _names(self) -> Iterable[str]:
@@ -166,13 +185,23 @@ class _Data:
 
     def _array(self, name: str, values: np.ndarray) -> str:
         whole = values.dtype.kind in "iu"
-        numbers = [str(value) if whole else repr(value) for value in values.ravel().tolist()] or ["0"]
+        numbers = [str(value) if whole else repr(value) for value in values.ravel().tolist()] or [
+            "0"
+        ]
         lines = [", ".join(numbers[k : k + 8]) for k in range(0, len(numbers), 8)]
-        return f"static const {'int' if whole else 'double'} model_{name}[] = {{\n" + ",\n".join(lines) + "};"
+        return (
+            f"static const {'int' if whole else 'double'} model_{name}[] = {{\n"
+            + ",\n".join(lines)
+            + "};"
+        )
 
     def _record(self, record: Struct) -> str:
         """Initialiser of a record; its arrays and functions are declared separately."""
-        fields = {key: self._field(key, value) for key, value in record.fields.items() if value is not None}
+        fields = {
+            key: self._field(key, value)
+            for key, value in record.fields.items()
+            if value is not None
+        }
         return "{" + (", ".join(f".{key} = {text}" for key, text in fields.items()) or "0") + "}"
 
     def _field(self, key: str, value: Any) -> str:
@@ -182,10 +211,14 @@ class _Data:
             return self._record(value)
         if isinstance(value, Struct):
             text = self._record(value)
-            return "&" + self._put(key, lambda name: f"static const model_{value.kind} {name} = {text};")
+            return "&" + self._put(
+                key, lambda name: f"static const model_{value.kind} {name} = {text};"
+            )
         if isinstance(value, list):
             names = ", ".join(self._function(item.steps) for item in value)
-            return self._put(key, lambda name: f"static const model_function {name}[] = {{{names}}};")
+            return self._put(
+                key, lambda name: f"static const model_function {name}[] = {{{names}}};"
+            )
         if isinstance(value, str):
             self.parts[value] = self._array(value, self.arrays[value])
             return f"model_{value}"
@@ -204,11 +237,16 @@ class _Data:
         if steps is None:
             return "0"
         text = formula(steps)
-        return self._put("formula", lambda name: f"static double {name}(const double *p) {{ (void)p; return {text}; }}")
+        return self._put(
+            "formula",
+            lambda name: f"static double {name}(const double *p) {{ (void)p; return {text}; }}",
+        )
 
 
 def _quoted(text: str) -> str:
-    """C string literal in ASCII; other characters are escapes of their bytes, each ending a literal."""
+    """C string literal in ASCII; other characters are escapes of their bytes, each ending a
+    literal.
+    """
     found = "".join(
         chr(byte) if 32 <= byte < 127 and chr(byte) not in '"\\?' else f'\\x{byte:02x}""'
         for byte in text.encode(errors="replace")

@@ -16,17 +16,25 @@ DECKS = (".inp",)
 EMBEDDED = (".h", ".fmu")
 
 
-@click.command(epilog=examples("hhr embed model.npz --out press.h", "hhr embed model.npz --out press.fmu"))
+@click.command(
+    epilog=examples("hhr embed model.npz --out press.h", "hhr embed model.npz --out press.fmu")
+)
 @click.argument("model", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="the header, .h, or the unit, .fmu")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="the header, .h, or the unit, .fmu",
+)
 @KNOWN
 @guarded
 def embed(model: Path, out: Path, known: tuple[str, ...]) -> None:
     """Write a condensed model as a header of C, or as a unit for co-simulation (FMI 3.0).
 
-    The header holds the numbers of the model and solves the contact problem, without a library. Parameters are inputs
-    of a unit, outputs of the scene its outputs; it is compiled here, for this machine, and holds its sources. With
-    friction in the plane a step is an increment from where the unit is.
+    The header holds the numbers of the model and solves the contact problem, without a library.
+    Parameters are inputs of a unit, outputs of the scene its outputs; it is compiled here, for this
+    machine, and holds its sources. With friction in the plane a step is an increment from where the
+    unit is.
     """
     from hhr_dolfinx.command.loading import checked_target, model_of
 

@@ -1,8 +1,9 @@
 """The problem of one parameter as a deck for CalculiX or Abaqus, to check a scene in another code.
 
-Loads are nodal forces and imposed displacements are numbers, so the check covers mesh, materials, supports and contact.
-Contact is a surface-to-surface penalty: with nodes that face edges, as on matching meshes, CalculiX does not converge
-node to surface. The penalty stiffness can be changed in the deck.
+Loads are nodal forces and imposed displacements are numbers, so the check covers mesh, materials,
+supports and contact. Contact is a surface-to-surface penalty: with nodes that face edges, as on
+matching meshes, CalculiX does not converge node to surface. The penalty stiffness can be changed in
+the deck.
 """
 
 from __future__ import annotations
@@ -34,14 +35,18 @@ def write_deck(path: Path, discretisation: Discretisation, mu: PointLike) -> Non
     """Write the deck of a scene at a parameter.
 
     Raises:
-        SceneError: for scenes that a deck cannot describe: with inelastic bodies, shapes, gradings, rigid obstacles or
-            added gaps.
+        SceneError: for scenes that a deck cannot describe: with inelastic bodies, shapes, gradings,
+            rigid obstacles or added gaps.
     """
     scene = discretisation.scene
     point = scene.parameters.point(mu)
     _check(discretisation, point)
     problem = discretisation.contact_problem(*discretisation.stiffness_terms())
-    lines = ["*HEADING", f"{scene.name} at {scene.parameters.described(point)}", *_mesh(discretisation)]
+    lines = [
+        "*HEADING",
+        f"{scene.name} at {scene.parameters.described(point)}",
+        *_mesh(discretisation),
+    ]
     lines += [*_materials(discretisation, point), *_contacts(discretisation, point)]
     lines += _step(discretisation, problem, point)
     with replacing(path, text=True) as file:
@@ -60,14 +65,20 @@ def _check(discretisation: Discretisation, point: np.ndarray) -> None:
         "bodies are graded": any(body.grading is not None for body in scene.bodies),
         "bodies have a stress of their own": any(map(scene.own_stress, scene.bodies)),
         "a surface meets a rigid obstacle": any(len(item.tags) == 1 for item in scene.contacts),
-        "a contact has a law with a limit": any(_in_deck(law).limited(law) for law in scene.laws if law is not None),
+        "a contact has a law with a limit": any(
+            _in_deck(law).limited(law) for law in scene.laws if law is not None
+        ),
         "displacements follow others by constraints": bool(scene.constraints),
         "springs hold bodies": any(hasattr(load, "stiffness") for load in scene.loads),
-        "gaps are added": any(scene.opened(k, point) or scene.overwritten(k) for k in range(len(scene.contacts))),
+        "gaps are added": any(
+            scene.opened(k, point) or scene.overwritten(k) for k in range(len(scene.contacts))
+        ),
     }
     for fault, there in faults.items():
         if there:
-            raise SceneError(f"{fault} in scene '{scene.name}', which a deck cannot say: export it without")
+            raise SceneError(
+                f"{fault} in scene '{scene.name}', which a deck cannot say: export it without"
+            )
 
 
 class LawInDeck(Protocol):
@@ -76,8 +87,12 @@ class LawInDeck(Protocol):
     def limited(self, law: object) -> bool:
         """True if a deck cannot say all of a pair's law."""
 
-    def lines(self, law: object, number: Callable[[float | str], float], penalty: float) -> Iterator[str]:
-        """Lines in the interaction of a pair: its law, values of formulas at the point, and its penalty stiffness."""
+    def lines(
+        self, law: object, number: Callable[[float | str], float], penalty: float
+    ) -> Iterator[str]:
+        """Lines in the interaction of a pair: its law, values of formulas at the point, and its
+        penalty stiffness.
+        """
 
 
 def _in_deck(law: PairLaw) -> LawInDeck:
@@ -100,12 +115,18 @@ def _mesh(discretisation: Discretisation) -> Iterator[str]:
             yield ", ".join(str(n) for n in (number + 1, *(cells[number] + 1)))
     scene = discretisation.scene
     dim = points.shape[1]
-    tags = [item.tag for item in scene.displacements] + [getattr(load, "tag", None) for load in scene.loads]
+    tags = [item.tag for item in scene.displacements] + [
+        getattr(load, "tag", None) for load in scene.loads
+    ]
     bodies = {body.tag for body in scene.bodies}
     for tag in dict.fromkeys(tag for tag in tags if tag is not None and tag not in bodies):
         nodes = np.unique(discretisation._tagged_dofs(tag, 0) // dim) + 1
         yield f"*NSET, NSET={_word(tag)}"
-        yield from (", ".join(map(str, part)) for part in np.array_split(nodes, -(-nodes.size // 12)) if part.size)
+        yield from (
+            ", ".join(map(str, part))
+            for part in np.array_split(nodes, -(-nodes.size // 12))
+            if part.size
+        )
 
 
 def _cells(discretisation: Discretisation) -> np.ndarray:
@@ -119,17 +140,23 @@ def _cells(discretisation: Discretisation) -> np.ndarray:
 
 
 def _between(kind: str, cells: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Nodes on the edges of second-order cells, (cells, edges), from the order of their corners, (cells, corners)."""
+    """Nodes on the edges of second-order cells, (cells, edges), from the order of their corners,
+    (cells, corners).
+    """
     known: dict[tuple[int, ...], int] = {}
     for place, edge in enumerate(topology(kind)[0]):
         ends = np.sort(cells[:, edge], axis=1)
-        known |= dict(zip(map(tuple, ends.tolist()), cells[:, CORNERS[kind] + place].tolist(), strict=True))
+        known |= dict(
+            zip(map(tuple, ends.tolist()), cells[:, CORNERS[kind] + place].tolist(), strict=True)
+        )
     wanted = (np.sort(corners[:, edge], axis=1).tolist() for edge in EDGES[kind])
     return np.array([[known[tuple(ends)] for ends in edge] for edge in wanted]).T
 
 
 def _oriented(discretisation: Discretisation, cells: np.ndarray) -> np.ndarray:
-    """Corners of cells, reordered to be counterclockwise in the plane, and positively oriented in space."""
+    """Corners of cells, reordered to be counterclockwise in the plane, and positively oriented in
+    space.
+    """
     points = discretisation._points()[cells]
     if points.shape[2] == 2:
         first = points[:, 1] - points[:, 0]
@@ -137,7 +164,9 @@ def _oriented(discretisation: Discretisation, cells: np.ndarray) -> np.ndarray:
         left = first[:, 0] * last[:, 1] - first[:, 1] * last[:, 0] > 0
         cells[~left] = cells[~left][:, ::-1]
         return cells
-    others = (points[:, k] - points[:, 0] for k in ((1, 2, 3) if points.shape[1] == 4 else (1, 3, 4)))
+    others = (
+        points[:, k] - points[:, 0] for k in ((1, 2, 3) if points.shape[1] == 4 else (1, 3, 4))
+    )
     outward = np.linalg.det(np.stack(list(others), axis=1)) > 0
     order = [0, 2, 1, 3] if points.shape[1] == 4 else [0, 3, 2, 1, 4, 7, 6, 5]
     cells[~outward] = cells[~outward][:, order]
@@ -153,10 +182,15 @@ def _word(tag: object) -> str:
 def _materials(discretisation: Discretisation, point: np.ndarray) -> Iterator[str]:
     for body in discretisation.scene.bodies:
         name = _word(body.tag)
-        young, poisson = (_number(value, discretisation, point) for value in (body.young, body.poisson))
+        young, poisson = (
+            _number(value, discretisation, point) for value in (body.young, body.poisson)
+        )
         yield from (f"*MATERIAL, NAME=M{name}", "*ELASTIC", f"{_text(young)}, {_text(poisson)}")
         yield f"*SOLID SECTION, ELSET={name}, MATERIAL=M{name}"
-        if discretisation.mesh.geometry.dim == 2 and discretisation.scene.hypothesis != "axisymmetric":
+        if (
+            discretisation.mesh.geometry.dim == 2
+            and discretisation.scene.hypothesis != "axisymmetric"
+        ):
             yield "1.0"
 
 
@@ -192,15 +226,22 @@ def _contacts(discretisation: Discretisation, point: np.ndarray) -> Iterator[str
     stiffest = max(_number(body.young, discretisation, point) for body in scene.bodies)
     penalty = PENALTY * stiffest / min(sizes)
     for place, (item, law) in enumerate(zip(scene.contacts, scene.laws, strict=True)):
-        yield from (f"*SURFACE INTERACTION, NAME=CONTACT{place}", "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR")
+        yield from (
+            f"*SURFACE INTERACTION, NAME=CONTACT{place}",
+            "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR",
+        )
         yield f"{penalty:.6e}, {1e-6 * stiffest:.6e}"
         if law is not None:
-            yield from _in_deck(law).lines(law, lambda value: _number(value, discretisation, point), penalty)
+            yield from _in_deck(law).lines(
+                law, lambda value: _number(value, discretisation, point), penalty
+            )
         yield f"*CONTACT PAIR, INTERACTION=CONTACT{place}, TYPE=SURFACE TO SURFACE"
         yield f"{_word(item.tags[0])}, {_word(item.tags[1])}"
 
 
-def _step(discretisation: Discretisation, problem: ContactProblem, point: np.ndarray) -> Iterator[str]:
+def _step(
+    discretisation: Discretisation, problem: ContactProblem, point: np.ndarray
+) -> Iterator[str]:
     theta = problem.amplitudes(point)
     dim = problem.block_size
     yield from ("*STEP, INC=200", "*STATIC", "0.1, 1.0, 1e-6, 0.2", "*BOUNDARY")

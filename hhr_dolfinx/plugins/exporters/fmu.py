@@ -1,7 +1,8 @@
 """A condensed model as a unit for co-simulation, FMI 3.0 (Modelica Association, 2022).
 
-The archive has a description, the C sources, and a library compiled from them on this machine. Parameters are inputs; a
-step is one answer, or one increment."""
+The archive has a description, the C sources, and a library compiled from them on this machine.
+Parameters are inputs; a step is one answer, or one increment.
+"""
 
 from __future__ import annotations
 
@@ -32,8 +33,8 @@ def write_fmu(path: str | Path, model: object, compiler: str = "cc") -> Path:
 
     Args:
         path: of the archive, ``.fmu``.
-        model: of ``hhr.condense``, ``hhr.reduce`` or a file, of a scene with outputs. With friction or inelastic
-            bodies, a step is an increment, and moduli and laws are fixed.
+        model: of ``hhr.condense``, ``hhr.reduce`` or a file, of a scene with outputs. With friction
+            or inelastic bodies, a step is an increment, and moduli and laws are fixed.
         compiler: a C compiler that accepts the options of gcc.
 
     Returns:
@@ -67,11 +68,14 @@ def _check_names(tree: dict[str, Any]) -> None:
     if not tree["outputs"]:
         why = f": {', '.join(tree['missing'])} are read in Python alone" if tree["missing"] else ""
         raise NotOfferedError(
-            f"a unit hands out numbers, and this model has no outputs for it{why}. Name some in Scene(..., outputs=...)"
+            f"a unit hands out numbers, and this model has no outputs for it{why}. Name some in "
+            "Scene(..., outputs=...)"
         )
     names = ["time", *tree["names"], *(item["name"] for item in tree["outputs"])]
     if twice := sorted({name for name in names if names.count(name) > 1}):
-        raise NotOfferedError(f"variables of a unit have names of their own, and {twice} are there twice: rename them")
+        raise NotOfferedError(
+            f"variables of a unit have names of their own, and {twice} are there twice: rename them"
+        )
     words = names + [item["unit"] for item in tree["outputs"]]
     if odd := [word for word in words if word and not word.isprintable()]:
         raise NotOfferedError(f"names of a unit are printed, and {odd} cannot be: rename them")
@@ -103,7 +107,11 @@ def description(tree: dict[str, Any], name: str, token: str) -> bytes:
     variables = ElementTree.SubElement(root, "ModelVariables")
     _variable(variables, "time", 0, "independent")
     for k, parameter in enumerate(tree["names"]):
-        words = {"min": repr(lower[k]), "max": repr(upper[k]), "start": repr((lower[k] + upper[k]) / 2)}
+        words = {
+            "min": repr(lower[k]),
+            "max": repr(upper[k]),
+            "start": repr((lower[k] + upper[k]) / 2),
+        }
         stays = path is not None and k in path["fixed"]
         _variable(variables, parameter, 1 + k, "parameter" if stays else "input", **words)
     first = 1 + len(tree["names"])
@@ -113,16 +121,25 @@ def description(tree: dict[str, Any], name: str, token: str) -> bytes:
             # on a path outputs belong to the last step, and do not depend on the inputs
             ways = range(1, 1 if path and kind == "Output" else first)
             inputs = " ".join(str(place) for place in ways)
-            ElementTree.SubElement(structure, kind, valueReference=str(first + k), dependencies=inputs)
+            ElementTree.SubElement(
+                structure, kind, valueReference=str(first + k), dependencies=inputs
+            )
     for k, output in enumerate(tree["outputs"]):
         words = {"unit": output["unit"]} if output["unit"] else {}
         _variable(variables, output["name"], first + k, "output", **words)
     return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
 
 
-def _variable(parent: ElementTree.Element, name: str, place: int, causality: str, **words: str) -> None:
+def _variable(
+    parent: ElementTree.Element, name: str, place: int, causality: str, **words: str
+) -> None:
     variability = "fixed" if causality == "parameter" else "continuous"
-    own = {"name": name, "valueReference": str(place), "causality": causality, "variability": variability}
+    own = {
+        "name": name,
+        "valueReference": str(place),
+        "causality": causality,
+        "variability": variability,
+    }
     ElementTree.SubElement(parent, "Float64", {**own, **words})
 
 
@@ -137,7 +154,9 @@ def _build_description() -> bytes:
 def _system() -> tuple[str, str]:
     """Folder of the binaries of this machine, and the suffix of their names."""
     if platform.system() not in _SYSTEMS:
-        raise NotOfferedError(f"units are compiled on {', '.join(_SYSTEMS)}, and this is {platform.system()}")
+        raise NotOfferedError(
+            f"units are compiled on {', '.join(_SYSTEMS)}, and this is {platform.system()}"
+        )
     name, ending = _SYSTEMS[platform.system()]
     return f"{_MACHINES.get(platform.machine(), platform.machine())}-{name}", ending
 
@@ -146,13 +165,27 @@ def _compiled(sources: dict[str, str], compiler: str) -> bytes:
     with tempfile.TemporaryDirectory() as folder:
         for name, text in sources.items():
             (Path(folder) / name).write_text(text, encoding="utf-8")
-        words = [compiler, "-std=c99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "-o", "unit", "fmu.c", "-lm"]
+        words = [
+            compiler,
+            "-std=c99",
+            "-O2",
+            "-shared",
+            "-fPIC",
+            "-fvisibility=hidden",
+            "-o",
+            "unit",
+            "fmu.c",
+            "-lm",
+        ]
         try:
             subprocess.run(words, cwd=folder, check=True, capture_output=True, text=True)
         except FileNotFoundError:
             raise MissingPackageError(
-                f"a unit is compiled, and there is no compiler {compiler!r}: install one, or name it"
+                f"a unit is compiled, and there is no compiler {compiler!r}: install one, or name "
+                "it"
             ) from None
         except subprocess.CalledProcessError as error:
-            raise NotOfferedError(f"{compiler} does not compile the unit: {error.stderr[:500]}") from error
+            raise NotOfferedError(
+                f"{compiler} does not compile the unit: {error.stderr[:500]}"
+            ) from error
         return (Path(folder) / "unit").read_bytes()

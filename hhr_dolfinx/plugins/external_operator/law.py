@@ -1,5 +1,6 @@
-"""A function of arrays as a law of a body, called as by dolfinx-external-operator (Latyshev, Bleyer, Maurini and Hale
-2025, doi 10.46298/jtcam.14449), which is not needed for it."""
+"""A function of arrays as a law of a body, called as by dolfinx-external-operator (Latyshev,
+Bleyer, Maurini and Hale 2025, doi 10.46298/jtcam.14449), which is not needed for it.
+"""
 
 from __future__ import annotations
 
@@ -16,20 +17,23 @@ NONE: Mapping[str, int] = MappingProxyType({})
 
 
 class ExternalOperator(OutsideLaw):
-    """A law by the ``external_function`` of a ``FEMExternalOperator`` whose first operand is the strain.
+    """A law by the ``external_function`` of a ``FEMExternalOperator`` whose first operand is the
+    strain.
 
-    ``external((1, 0, ...))`` is the function that returns the derivative of the stress by the first operand, and
-    further results. Points come as cells of one point: tensors, in Kelvin's notation, as (n, 1, c), numbers as (n, 1).
-    Results may have any shape, points first. Stores of answers identify the law by its source and constants: other
-    values that the function reads must not change.
+    ``external((1, 0, ...))`` is the function that returns the derivative of the stress by the first
+    operand, and further results. Points come as cells of one point: tensors, in Kelvin's notation,
+    as (n, 1, c), numbers as (n, 1). Results may have any shape, points first. Stores of answers
+    identify the law by its source and constants: other values that the function reads must not
+    change.
 
     Args:
         external: this function.
         constants: numbers, or formulas of the parameters, by name.
-        operands: arguments by name: ``strain`` or its ``increment`` first, then ``stress``, ``inelastic``,
-            ``cumulated`` and ``memory`` before the step, ``dt``, ``young``, ``poisson`` and constants.
-        results: what it returns by name: ``tangents``, ``stress`` and memory after the step, or ``+`` and a name for an
-            increment.
+        operands: arguments by name: ``strain`` or its ``increment`` first, then ``stress``,
+            ``inelastic``, ``cumulated`` and ``memory`` before the step, ``dt``, ``young``,
+            ``poisson`` and constants.
+        results: what it returns by name: ``tangents``, ``stress`` and memory after the step, or
+            ``+`` and a name for an increment.
         memory: further internal variables, see :class:`~hhr_dolfinx.plugins.inelastic.law.Law`.
     """
 
@@ -46,16 +50,19 @@ class ExternalOperator(OutsideLaw):
         twice = sorted((known & {*memory, *constants}) | ({*memory} & {*constants}))
         if not callable(external) or twice:
             raise SceneError(
-                f"{external!r} must be the external_function of an operator, and {twice} of memory and constants are "
-                "names that all such laws have: give others"
+                f"{external!r} must be the external_function of an operator, and {twice} of "
+                "memory and constants are names that all such laws have: give others"
             )
         wrong = {*operands} - known - {*memory} - {*constants} | {*operands} & {"tangents"}
-        wrong |= ({name.removeprefix("+") for name in results} ^ {"tangents", "stress", *memory}) - {"cumulated"}
+        wrong |= (
+            {name.removeprefix("+") for name in results} ^ {"tangents", "stress", *memory}
+        ) - {"cumulated"}
         wrong |= {*results} & {"+tangents"}
         if wrong or not operands or operands[0] not in ("increment", "strain"):
             raise SceneError(
-                f"operands {operands} begin with strain or increment, and results {results} are tangents, stress and "
-                f"the memory {list(memory)}: {sorted(wrong)} are missing or unknown"
+                f"operands {operands} begin with strain or increment, and results {results} are "
+                f"tangents, stress and the memory {list(memory)}: {sorted(wrong)} are missing or "
+                "unknown"
             )
         self.external = external
         self.operands = operands
@@ -78,8 +85,13 @@ class ExternalOperator(OutsideLaw):
             "strain": step.strain,
             "increment": step.strain - old["strain"],
         }
-        arrays = (np.array(known[name]) for name in self.operands)  # copies, as a function may write into them
-        cells = [array[:, None] if array.ndim else np.full((len(step.strain), 1), array) for array in arrays]
+        arrays = (
+            np.array(known[name]) for name in self.operands
+        )  # copies, as a function may write into them
+        cells = [
+            array[:, None] if array.ndim else np.full((len(step.strain), 1), array)
+            for array in arrays
+        ]
         found = self.external((1,) + (0,) * (len(cells) - 1))(*cells)
         points, strains = step.strain.shape
         sizes = {"tangents": strains * strains, "stress": strains}
@@ -88,10 +100,12 @@ class ExternalOperator(OutsideLaw):
             for name, value in zip(self.results, found, strict=True):
                 own = name.removeprefix("+")
                 shape = (points, sizes[own]) if own in sizes else old[own].shape
-                values[own] = np.reshape(np.asarray(value, dtype=float), shape) + (0.0 if own == name else old[own])
+                values[own] = np.reshape(np.asarray(value, dtype=float), shape) + (
+                    0.0 if own == name else old[own]
+                )
         except (TypeError, ValueError) as error:
             raise SceneError(
-                f"{self.name} does not return its results {self.results} as numbers for {points} points and strains of "
-                f"{strains} components: {error}"
+                f"{self.name} does not return its results {self.results} as numbers for {points} "
+                f"points and strains of {strains} components: {error}"
             ) from error
         return values.pop("stress"), values, values.pop("tangents")

@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.errors import BoundError, HHRError, OutsideTrainingError, ParameterError, ReductionError
+from hhr_dolfinx.errors import (
+    BoundError,
+    HHRError,
+    OutsideTrainingError,
+    ParameterError,
+    ReductionError,
+)
 from hhr_dolfinx.models.answer import (
     Answer,
     CheckedStart,
@@ -47,7 +53,9 @@ _log = logging.getLogger(__name__)
 
 ASKED = "the full model is asked: %s"
 ALIKE = 1e-5
-"""Relative difference of gaps and S up to which two models are of one scene: S may be interpolated."""
+"""Relative difference of gaps and S up to which two models are of one scene: S may be
+interpolated.
+"""
 
 
 class _NotGoodEnough(Exception):
@@ -55,14 +63,16 @@ class _NotGoodEnough(Exception):
 
 
 class FallbackModel(AnsweringModel):
-    """Model whose answers come from a reduced model, or from the full one if the reduced error may exceed a tolerance.
+    """Model whose answers come from a reduced model, or from the full one if the reduced error may
+    exceed a tolerance.
 
-    The relative error of each answer is at most ``tolerance``, in the quantity ``of``: ``forces``, nodal contact forces
-    in the Euclidean norm; ``pressure``, the largest error of a nodal pressure over the peak pressure; ``displacement``,
-    in the energy norm; or an output, by its name. None means displacement in the energy norm and forces in the S norm:
-    errors of nodal forces and pressures may then be ten or more times larger. See :mod:`hhr_dolfinx.models.estimates`.
-    For answers without a bound the error is that of their ``estimate``.
-    Not thread-safe, since it counts its queries.
+    The relative error of each answer is at most ``tolerance``, in the quantity ``of``: ``forces``,
+    nodal contact forces in the Euclidean norm; ``pressure``, the largest error of a nodal pressure
+    over the peak pressure; ``displacement``, in the energy norm; or an output, by its name. None
+    means displacement in the energy norm and forces in the S norm: errors of nodal forces and
+    pressures may then be ten or more times larger. See :mod:`hhr_dolfinx.models.estimates`. For
+    answers without a bound the error is that of their ``estimate``. Not thread-safe, since it
+    counts its queries.
 
     Args:
         reduced: a model whose answers have a bound, or with friction an indicator of forces.
@@ -76,8 +86,8 @@ class FallbackModel(AnsweringModel):
 
     Raises:
         BoundError: for a reduced model whose answers have no bound.
-        ParameterError: for a tolerance that is not a positive number, an unknown quantity, or an output without a
-            bound.
+        ParameterError: for a tolerance that is not a positive number, an unknown quantity, or an
+            output without a bound.
         ReductionError: if ``full`` is not a full model, or of another scene.
     """
 
@@ -85,7 +95,9 @@ class FallbackModel(AnsweringModel):
     """The training range is ignored: the bound decides when the full model answers."""
     instead = "its full model needs the mesh. Keep the reduced one, save_model(path, safe.reduced)"
 
-    def __init__(self, reduced: Any, full: FullOrderModel, tolerance: float = 0.01, *, of: str | None = None):
+    def __init__(
+        self, reduced: Any, full: FullOrderModel, tolerance: float = 0.01, *, of: str | None = None
+    ):
         check_allowance(tolerance)
         _check_alike(reduced, full)
         check_asked(reduced.fields, of)
@@ -114,7 +126,10 @@ class FallbackModel(AnsweringModel):
         """See :attr:`AnsweringModel.known_error`."""
         quantity = "displacement or forces, in energy," if self.of is None else self.of
         known = known_error(self.reduced.fields)
-        return f"{known}. Where {quantity} may be off by more than {self.tolerance:g} the full model answers"
+        return (
+            f"{known}. Where {quantity} may be off by more than {self.tolerance:g} the full model "
+            "answers"
+        )
 
     @property
     def estimating(self) -> Any:
@@ -122,11 +137,15 @@ class FallbackModel(AnsweringModel):
         return self.reduced
 
     def columns(self, many: Iterable[Answer]) -> dict[str, np.ndarray]:
-        """See :meth:`AnsweringModel.columns`: 1 for answers of the full model, and the columns of the reduced model."""
+        """See :meth:`AnsweringModel.columns`: 1 for answers of the full model, and the columns of
+        the reduced model.
+        """
         answers = list(many)
         fell = np.array([self.fell_back(answer) for answer in answers], dtype=bool)
         found = {"fell_back": fell.astype(float)}
-        for head, values in self.reduced.columns(answer for answer in answers if not self.fell_back(answer)).items():
+        for head, values in self.reduced.columns(
+            answer for answer in answers if not self.fell_back(answer)
+        ).items():
             found[head] = np.full(len(fell), np.nan)
             found[head][~fell] = values
         return found
@@ -139,7 +158,9 @@ class FallbackModel(AnsweringModel):
         """True if the full model computed an answer."""
         return answer.fields is self.full
 
-    def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
+    def _answered(
+        self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool
+    ) -> Answer:
         """Answer of the reduced model if its error is small, else of the full one."""
         answer = self._reduced_answer(point, start, outside, gradient)
         self.asked += 1
@@ -149,7 +170,9 @@ class FallbackModel(AnsweringModel):
         return self.full._answered(point, None, outside, gradient)
 
     def follow(self, path: Path, settings: MarchSettings, **how: Any) -> History:
-        """See :class:`AnsweringModel`; one model answers the whole history of a law that remembers."""
+        """See :class:`AnsweringModel`; one model answers the whole history of a law that
+        remembers.
+        """
         if not self.by_paths:
             return super().follow(path, settings, **how)
         check_settings(settings)
@@ -160,8 +183,11 @@ class FallbackModel(AnsweringModel):
             history = self.full.follow(path, settings, **how)
         return history
 
-    def _reduced_history(self, path: Path, settings: MarchSettings, how: dict[str, Any]) -> History | None:
-        """History of the reduced model; None if it has none, or if the error of an increment may be too large.
+    def _reduced_history(
+        self, path: Path, settings: MarchSettings, how: dict[str, Any]
+    ) -> History | None:
+        """History of the reduced model; None if it has none, or if the error of an increment may be
+        too large.
 
         Warnings of a discarded history are discarded too.
         """
@@ -204,8 +230,12 @@ class FallbackModel(AnsweringModel):
         """Sizes of answers of the full model."""
         return self.full.sizes
 
-    def solve_many(self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
-        """Answer many parameters, (n, P), at once by the reduced model, those with a large error by the full one."""
+    def solve_many(
+        self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL
+    ) -> SeveralAnswers:
+        """Answer many parameters, (n, P), at once by the reduced model, those with a large error by
+        the full one.
+        """
         from hhr_dolfinx.models.many import PartedAnswers
 
         if self.by_paths:
@@ -218,7 +248,10 @@ class FallbackModel(AnsweringModel):
         except HHRError:  # a single point may be refused, or have no estimate
             errors = None
         if errors is None:
-            one_by_one = (self.solve(point, raise_on_failure=raise_on_failure, outside=outside) for point in checked)
+            one_by_one = (
+                self.solve(point, raise_on_failure=raise_on_failure, outside=outside)
+                for point in checked
+            )
             return ListedAnswers(tuple(one_by_one))
         good = errors <= self.tolerance
         self.asked += len(checked)
@@ -230,10 +263,14 @@ class FallbackModel(AnsweringModel):
         parts += [(np.flatnonzero(~good), ListedAnswers(tuple(exact)))] if exact else []
         return PartedAnswers.of(parts, np.where(good, 0, 1))
 
-    def _reduced_answer(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer | None:
+    def _reduced_answer(
+        self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool
+    ) -> Answer | None:
         """Answer of the reduced model; None if it has none, for any reason."""
         try:
-            return self.reduced.solve(point, start=start, raise_on_failure=False, outside=outside, gradient=gradient)
+            return self.reduced.solve(
+                point, start=start, raise_on_failure=False, outside=outside, gradient=gradient
+            )
         except OutsideTrainingError:
             return None
         except ParameterError:  # an invalid start or ``outside``
@@ -246,7 +283,9 @@ class FallbackModel(AnsweringModel):
         try:
             estimate = answer.estimate()
             # False for NaN
-            return estimate is not None and relative_error(answer, estimate, self.of) <= self.tolerance
+            return (
+                estimate is not None and relative_error(answer, estimate, self.of) <= self.tolerance
+            )
         except HHRError as error:
             _log.info(ASKED, error)
             return False
@@ -261,23 +300,32 @@ def check_allowance(tolerance: Any) -> None:
 def _remedy(full: FullOrderModel) -> str:
     """Sentence with the scene of the full model and the model that is needed."""
     name = full.scene.name
-    return f". It is of scene '{name}': give the FullOrderModel of the scene that was trained, or train this one"
+    return (
+        f". It is of scene '{name}': give the FullOrderModel of the scene that was trained, or "
+        "train this one"
+    )
 
 
 def _check_alike(reduced: Any, full: FullOrderModel) -> None:
-    """Check that a reduced model has a bound, and that the full one is of the same scene: box, S and an answer."""
+    """Check that a reduced model has a bound, and that the full one is of the same scene: box, S
+    and an answer.
+    """
     fields = reduced.fields if isinstance(reduced, AnsweringModel) else ModelFields()
     bound = fields.bound
     if bound is None and fields.estimated != FORCES:
         why = known_error(fields).removeprefix("none: ")
         raise BoundError(
-            f"answers of this reduced model have no bound, so that nothing says when to ask the full one: {why}"
+            "answers of this reduced model have no bound, so that nothing says when to ask the "
+            f"full one: {why}"
         )
     if not isinstance(full, FullModel):
-        raise ReductionError(f"{full!r} is no full model, whose answers are exact: give FullOrderModel(scene)")
+        raise ReductionError(
+            f"{full!r} is no full model, whose answers are exact: give FullOrderModel(scene)"
+        )
     if reduced.parameters != full.parameters:
         raise ReductionError(
-            f"the reduced model has the parameters {reduced.parameters}, and the full one {full.parameters}"
+            f"the reduced model has the parameters {reduced.parameters}, and the full one "
+            f"{full.parameters}"
         )
     if bound is None:
         _check_same_law(reduced, full)
@@ -286,34 +334,52 @@ def _check_alike(reduced: Any, full: FullOrderModel) -> None:
 
 
 def _check_same_law(reduced: Any, full: FullOrderModel) -> None:
-    """ReductionError unless a reduced model with a law of interfaces was built from this full model."""
+    """ReductionError unless a reduced model with a law of interfaces was built from this full
+    model.
+    """
     own = reduced.fields.interface
     if full.law.plugins != own.whole.plugins or full.equilibrium is not None:
         what = "bodies that flow" if full.equilibrium is not None else full.law.name
         raise ReductionError(f"the full model has {what}, unlike the reduced one{_remedy(full)}")
     if differences := own.differences(full.problem):
-        raise ReductionError(f"the full model is that of another scene or mesh: {differences} differ{_remedy(full)}")
+        raise ReductionError(
+            f"the full model is that of another scene or mesh: {differences} differ{_remedy(full)}"
+        )
 
 
 def _check_same_scene(reduced: Any, bound: Any, full: FullOrderModel) -> None:
     """ReductionError unless S and an answer of the full model agree with the reduced one."""
-    if bound.schur.shape != full.schur.shape or np.abs(bound.schur - full.schur).max() > ALIKE * full.schur.max():
-        raise ReductionError(f"the full model is that of another scene or mesh: its stiffness differs{_remedy(full)}")
+    if (
+        bound.schur.shape != full.schur.shape
+        or np.abs(bound.schur - full.schur).max() > ALIKE * full.schur.max()
+    ):
+        raise ReductionError(
+            f"the full model is that of another scene or mesh: its stiffness differs{_remedy(full)}"
+        )
     point = reduced.parameters.random(1, seed=1)[0]
     answer = full.solve(point, raise_on_failure=False)
     problem = full.problem.at(point)
     if answer.converged:
         gaps = problem.gaps @ problem.theta(point)
-        found = bound.at(point[None], reduced.fields.amplitudes(point)).slack(answer.forces()[None])[0]
+        found = bound.at(point[None], reduced.fields.amplitudes(point)).slack(
+            answer.forces()[None]
+        )[0]
         slack = gaps - problem.contact @ answer.unknown
         kernel: Any = full.problem.kernel
         if kernel is not None:  # S does not include rigid motions
             contact_of_motions = kernel.contact_of_motions
-            slack = slack + contact_of_motions @ np.linalg.lstsq(contact_of_motions, found - slack, rcond=None)[0]
+            slack = (
+                slack
+                + contact_of_motions
+                @ np.linalg.lstsq(contact_of_motions, found - slack, rcond=None)[0]
+            )
         # relative to displacements: if all conditions are active, slack and gaps may be round-off
-        if np.abs(found - slack).max() > ALIKE * max(np.abs(gaps).max(), np.abs(answer.unknown).max()):
+        if np.abs(found - slack).max() > ALIKE * max(
+            np.abs(gaps).max(), np.abs(answer.unknown).max()
+        ):
             raise ReductionError(
-                f"the full model is that of another scene: its gaps, its loads or its materials differ{_remedy(full)}"
+                "the full model is that of another scene: its gaps, its loads or its materials "
+                f"differ{_remedy(full)}"
             )
 
 
@@ -327,14 +393,15 @@ def safe_model(
 ) -> FallbackModel | CondensedModel:
     """Build a model whose answers all have errors within a tolerance.
 
-    For elastic bodies of constant stiffness without friction it is the condensed model, which is exact. Else it is a
-    reduced model that calls the full one if its error may exceed the tolerance.
+    For elastic bodies of constant stiffness without friction it is the condensed model, which is
+    exact. Else it is a reduced model that calls the full one if its error may exceed the tolerance.
 
     Args:
         training: the full model with its answers.
         tolerance: largest relative error of any answer.
         of: quantity of the error, see :class:`FallbackModel`.
-        recipe, checked: of the reduced model, see :meth:`hhr_dolfinx.study.training.train.Training.build`.
+        recipe, checked: of the reduced model, see
+            :meth:`hhr_dolfinx.study.training.train.Training.build`.
 
     Raises:
         BoundError: if answers of the reduced model have no bound.
@@ -344,10 +411,13 @@ def safe_model(
     full = there.full_order
     # before a model is built, which takes long
     check_allowance(tolerance)
-    check_word([] if full.functionals is None else [item.name for item in full.functionals.items], of)
+    check_word(
+        [] if full.functionals is None else [item.name for item in full.functionals.items], of
+    )
     if full.law.remembers:
         check_of_forces(of)
     elif full.equilibrium is None and not full.problem.varies:
-        # an estimate solves the exact problem on S: the condensed model answers with it, and is faster
+        # an estimate solves the exact problem on S: the condensed model answers with it, and is
+        # faster
         return training.condense()
     return FallbackModel(there.build(recipe, checked=checked), full, tolerance, of=of)

@@ -1,4 +1,6 @@
-"""Bodies that contact alone holds: their rigid motions, the kernel of K, are unknowns of the contact problem."""
+"""Bodies that contact alone holds: their rigid motions, the kernel of K, are unknowns of the
+contact problem.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,10 @@ def _wanted(full: FullModel, recipe: Recipe) -> bool:
 PLUGIN = Plugin(
     name="floating",
     optional=("contact_laws",),
-    classes={f"{_HERE}.elimination": "FloatingElimination", f"{_HERE}.interpolated": "MotionsBeside"},
+    classes={
+        f"{_HERE}.elimination": "FloatingElimination",
+        f"{_HERE}.interpolated": "MotionsBeside",
+    },
     tools={"kernel": f"{_HERE}.kernel:RigidKernel"},
     stages=(Stage(f"{_HERE}.on_s:check_on_s", "hhr_dolfinx.reduction.build:assemble", _wanted),),
     switches={f"{_HERE}.switches": "floating"},

@@ -1,8 +1,9 @@
-"""Elimination for bodies with rigid motions: the primal unknown is eliminated, rigid motions are not.
+"""Elimination for bodies with rigid motions: the primal unknown is eliminated, rigid motions are
+not.
 
-In a reduced model the first modes are rigid motions R, on which K~ has columns of zeros. The equations tested with
-them are the balance of whole bodies, see :meth:`RigidKernel.balanced`. The other modes are eliminated as usual. What
-remains is G^T lambda = driving, see ``statuses``.
+In a reduced model the first modes are rigid motions R, on which K~ has columns of zeros. The
+equations tested with them are the balance of whole bodies, see :meth:`RigidKernel.balanced`. The
+other modes are eliminated as usual. What remains is G^T lambda = driving, see ``statuses``.
 """
 
 from __future__ import annotations
@@ -31,7 +32,9 @@ Changed = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 @dataclass(eq=False)  # one for each query, as CondensedContact
 class Floating:
-    """Rigid motions of bodies that contact alone holds: a :class:`~hhr_dolfinx.contact.kernel.CondensedKernel`."""
+    """Rigid motions of bodies that contact alone holds: a
+    :class:`~hhr_dolfinx.contact.kernel.CondensedKernel`.
+    """
 
     equalities: FloatingEqualities
     driving: np.ndarray
@@ -39,9 +42,14 @@ class Floating:
     drift: Callable[[np.ndarray, np.ndarray], np.ndarray]
 
     def answer(
-        self, contact: CondensedContact, point: np.ndarray, start: np.ndarray, pairs: Pairs | None, fields: ModelFields,
+        self,
+        contact: CondensedContact,
+        point: np.ndarray,
+        start: np.ndarray,
+        pairs: Pairs | None,
+        fields: ModelFields,
         gradient: bool,
-    ) -> Answer:  # fmt: skip
+    ) -> Answer:
         """See :class:`~hhr_dolfinx.contact.kernel.CondensedKernel`."""
         equalities = self.equalities
         free_slack = contact.free_slack
@@ -57,7 +65,9 @@ class Floating:
             unknown = unknown + self.modes @ left.shift
             slack = slack - equalities.contact_of_motions @ left.shift
             found = found._replace(active=found.active & ~left.opened)
-            answer = found_as(found, point, unknown, fields)._replace(undetermined=self.modes @ left.ways)
+            answer = found_as(found, point, unknown, fields)._replace(
+                undetermined=self.modes @ left.ways
+            )
         if not gradient:
             return answer
         of_slack, of_unknown = contact.at_fixed_forces(found.forces, unknown)
@@ -65,7 +75,9 @@ class Floating:
         changes, opened, of_motions = equalities.several(found.active, of_slack, driven)
         of_unknown = of_unknown - contact.pushed(changes) + self.modes @ of_motions
         return answer._replace(
-            gradient=Gradient(of_unknown, changes, grazing(found.active, found.forces, slack), opened)
+            gradient=Gradient(
+                of_unknown, changes, grazing(found.active, found.forces, slack), opened
+            )
         )
 
 
@@ -87,19 +99,34 @@ class FloatingElimination(Rebuilt, Elimination):
         return FloatingEqualities(self.responses.schur, self.taken)
 
     def __call__(self, point: np.ndarray, changed: Changed | None = None) -> CondensedContact:
-        """Contact problem at a point, (P,); ``changed``: derivatives at fixed forces and motions, if K varies."""
+        """Contact problem at a point, (P,).
+
+        ``changed``: derivatives at fixed forces and motions, if K varies.
+        """
         theta = self.amplitudes(point)
         left = self.responses
         changes = partial(self._changes, point) if changed is None else changed
-        motions = Floating(self.equalities, self.driving @ theta, self.modes, lambda _, unknown: changes(unknown)[2])
+        motions = Floating(
+            self.equalities,
+            self.driving @ theta,
+            self.modes,
+            lambda _, unknown: changes(unknown)[2],
+        )
         slack = left.free_slack @ theta
         free = left.free_primal @ theta
         respond = partial(np.matmul, left.primal_per_force)
         return CondensedContact(
-            left.schur, slack, free, respond, lambda _, unknown: changes(unknown)[:2], kernel=motions
+            left.schur,
+            slack,
+            free,
+            respond,
+            lambda _, unknown: changes(unknown)[:2],
+            kernel=motions,
         )
 
-    def _changes(self, point: np.ndarray, _: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _changes(
+        self, point: np.ndarray, _: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         acting, slopes = self.amplitudes.slopes_at(point)
         parts = self.responses.free_slack, self.responses.free_primal, self.driving
         slack, free, driving = (part[:, acting] @ slopes for part in parts)
@@ -126,11 +153,15 @@ class ReducedFloatingElimination(Elimination):
         return self._eliminated(self.problem)[1]
 
     def _eliminated(self, problem: ReducedProblem) -> tuple[LapackLU, FloatingElimination]:
-        """Factors of K~ without the motions, and the eliminated problem, for a problem of constant stiffness."""
+        """Factors of K~ without the motions, and the eliminated problem, for a problem of constant
+        stiffness.
+        """
         r = problem.motions
         held = problem.held
         factor = LapackLU(held.stiffness)
-        found = Responses.eliminate(factor, held.loads, held.gaps, held.contact_test, held.contact_trial)
+        found = Responses.eliminate(
+            factor, held.loads, held.gaps, held.contact_test, held.contact_trial
+        )
         contact_of_motions = np.ascontiguousarray(problem.contact_trial[:, :r])
         free, per_force = (_after(r, part) for part in (found.free_primal, found.primal_per_force))
         responses = replace(found, free_primal=free, primal_per_force=per_force)

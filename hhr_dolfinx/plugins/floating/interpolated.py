@@ -1,7 +1,8 @@
 """Rigid motions beside an elimination whose S depends on parameters, such as an interpolated one.
 
-The elimination leaves out the rigid motions R of bodies that contact alone holds: its S is B K^+ B^T with the inverse
-K^+ of K on displacements orthogonal to R. The motions are then the part R R^T u of a displacement u.
+The elimination leaves out the rigid motions R of bodies that contact alone holds: its S is B K^+
+B^T with the inverse K^+ of K on displacements orthogonal to R. The motions are then the part R R^T
+u of a displacement u.
 """
 
 from __future__ import annotations
@@ -23,7 +24,9 @@ from hhr_dolfinx.plugins.floating.statuses import FloatingEqualities
 
 @dataclass(frozen=True, eq=False)
 class MotionsBeside(Rebuilt, Elimination):
-    """Motions as the only unknowns beside the forces of another elimination (m conditions, r motions, 1 + T terms)."""
+    """Motions as the only unknowns beside the forces of another elimination (m conditions, r
+    motions, 1 + T terms).
+    """
 
     keeps_kernel: ClassVar[bool] = True
 
@@ -37,7 +40,9 @@ class MotionsBeside(Rebuilt, Elimination):
         return self._beside(contact, FloatingEqualities(contact.schur, self.taken), point)
 
     def along_path(self) -> Callable[[np.ndarray], CondensedContact]:
-        """See :class:`Elimination`; neighbours of equal stiffness share the equality problems on S."""
+        """See :class:`Elimination`; neighbours of equal stiffness share the equality problems on
+        S.
+        """
         made = self.held.along_path()
         last: list[FloatingEqualities] = []
 
@@ -63,9 +68,13 @@ class MotionsBeside(Rebuilt, Elimination):
             return self.driving[:, acting] @ slopes
 
         modes = np.eye(count)
-        kernel: CondensedKernel = Floating(equalities, self.driving @ amplitudes(point), modes, drift)
+        kernel: CondensedKernel = Floating(
+            equalities, self.driving @ amplitudes(point), modes, drift
+        )
         pushed = partial(_nothing, count)
-        return replace(contact, free=np.zeros(count), pushed=pushed, at_fixed_forces=changes, kernel=kernel)
+        return replace(
+            contact, free=np.zeros(count), pushed=pushed, at_fixed_forces=changes, kernel=kernel
+        )
 
 
 def _nothing(count: int, forces: np.ndarray) -> np.ndarray:

@@ -1,7 +1,9 @@
-"""The kernel of K: rigid motions that contact prevents, and those that nothing prevents and no load drives.
+"""The kernel of K: rigid motions that contact prevents, and those that nothing prevents and no load
+drives.
 
-Motions that contact resists are unknowns of the active set, see :mod:`hhr_dolfinx.plugins.floating.statuses`. Motions
-without resistance of contact and without loads, such as the rotation of a round body without friction, are set to zero.
+Motions that contact resists are unknowns of the active set, see
+:mod:`hhr_dolfinx.plugins.floating.statuses`. Motions without resistance of contact and without
+loads, such as the rotation of a round body without friction, are set to zero.
 """
 
 from __future__ import annotations
@@ -28,7 +30,11 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.full_order.free_bodies import ALMOST_NONE, FreeBody
 from hhr_dolfinx.plugins.contact_laws.interface import Interface, Range
-from hhr_dolfinx.plugins.floating.elimination import Floating, FloatingElimination, ReducedFloatingElimination
+from hhr_dolfinx.plugins.floating.elimination import (
+    Floating,
+    FloatingElimination,
+    ReducedFloatingElimination,
+)
 from hhr_dolfinx.plugins.floating.interpolated import MotionsBeside
 from hhr_dolfinx.plugins.floating.linearised import LinearisedMotions
 from hhr_dolfinx.plugins.floating.statuses import FloatingEqualities
@@ -44,11 +50,17 @@ if TYPE_CHECKING:
     from hhr_dolfinx.scene import Scene
 
 UNEVEN = 1e-3
-"""Part of the work of its nodal forces, without signs, that a load on a round surface may do on its rotation."""
+"""Part of the work of its nodal forces, without signs, that a load on a round surface may do on its
+rotation.
+"""
 WEAK = 0.1
-"""Part of the effect of other motions up to which that of one may come from the facets of a round surface alone."""
+"""Part of the effect of other motions up to which that of one may come from the facets of a round
+surface alone.
+"""
 NO_WORK = 1e-9
-"""Part of the largest work of a unit force along a rigid motion below which a condition does not act on it."""
+"""Part of the largest work of a unit force along a rigid motion below which a condition does not
+act on it.
+"""
 SAMPLES = 64
 """Points of the box at which the sum of the loads is judged, beside its middle."""
 SAME = 1e-9
@@ -65,7 +77,9 @@ def undetermined_outputs(answer: Any) -> set[str]:
     before = fields.measured(answer, theta)
     found: set[str] = set()
     for motion in answer.undetermined.T:
-        change = np.abs(fields.measured(answer._replace(unknown=answer.unknown + motion), theta) - before)
+        change = np.abs(
+            fields.measured(answer._replace(unknown=answer.unknown + motion), theta) - before
+        )
         least = SAME * max(change.max(initial=0.0), np.abs(before).max(initial=0.0))
         pairs = zip(functionals.items, functionals.places, strict=True)
         found |= {item.name for item, place in pairs if change[place].max(initial=0.0) > least}
@@ -73,7 +87,9 @@ def undetermined_outputs(answer: Any) -> set[str]:
 
 
 def undetermined_motions(answer: Any) -> str:
-    """Description of the undetermined motions of an answer: the nodes of the mesh that move, and how."""
+    """Description of the undetermined motions of an answer: the nodes of the mesh that move, and
+    how.
+    """
     before = answer.displacement()
     words = []
     for motion in answer.undetermined.T:
@@ -83,13 +99,18 @@ def undetermined_motions(answer: Any) -> str:
         moving = np.flatnonzero(sizes > SAME * sizes.max())
         way = field[moving].mean(axis=0)
         shifted = np.abs(field[moving] - way).max() <= 1e-6 * sizes.max()
-        how = f"moves along {np.round(way / np.linalg.norm(way), 3).tolist()}" if shifted else "turns"
+        how = (
+            f"moves along {np.round(way / np.linalg.norm(way), 3).tolist()}" if shifted else "turns"
+        )
         words.append(f"{_moving_bodies(answer.fields.full, moving)} {how}")
     return ", ".join(words)
 
 
 def _moving_bodies(full: Any, nodes: np.ndarray) -> str:
-    """Bodies that have some nodes, by their tags; by the numbers of the nodes if no mesh is known, as from a file."""
+    """Bodies that have some nodes, by their tags.
+
+    By the numbers of the nodes if no mesh is known, as from a file.
+    """
     discretisation = getattr(full, "discretisation", None)
     if discretisation is None:
         return f"the body whose nodes have the numbers {nodes[0]} to {nodes[-1]} in the mesh"
@@ -100,7 +121,10 @@ def _moving_bodies(full: Any, nodes: np.ndarray) -> str:
 
 @dataclass(eq=False)
 class RigidKernel:
-    """See :class:`~hhr_dolfinx.contact.kernel.Kernel`; m conditions, 1 + T terms. The class is the tool ``kernel``."""
+    """See :class:`~hhr_dolfinx.contact.kernel.Kernel`; m conditions, 1 + T terms.
+
+    The class is the tool ``kernel``.
+    """
 
     motions: np.ndarray
     idle: np.ndarray
@@ -121,18 +145,26 @@ class RigidKernel:
         """
         remedy = "Impose displacements that hold every body without its contacts"
         for body in bodies:
-            vector = np.zeros((len(problem.points), problem.block_size))  # no dof of the body is zero
-            vector[body.nodes] = np.random.default_rng(0).uniform(1.0, 2.0, (len(body.nodes), problem.block_size))
+            vector = np.zeros(
+                (len(problem.points), problem.block_size)
+            )  # no dof of the body is zero
+            vector[body.nodes] = np.random.default_rng(0).uniform(
+                1.0, 2.0, (len(body.nodes), problem.block_size)
+            )
             touched = np.abs(problem.contact @ vector.ravel()).max(initial=0.0)
             if touched == 0.0:
-                raise NotSolvableError(f"{body.name} can move freely: it {body.described(body.left)}. {remedy}")
+                raise NotSolvableError(
+                    f"{body.name} can move freely: it {body.described(body.left)}. {remedy}"
+                )
         columns = [body.columns(len(problem.points)) for body in bodies]
         # bodies have no common nodes
         motions = np.hstack([np.linalg.qr(part)[0] for part in columns])
         owner = np.repeat(np.arange(len(columns)), [part.shape[1] for part in columns])
         effect = problem.contact @ motions
         # appended zero rows give one singular value for each motion
-        _, sizes, ways = np.linalg.svd(np.vstack([effect, np.zeros((motions.shape[1],) * 2)]), full_matrices=False)
+        _, sizes, ways = np.linalg.svd(
+            np.vstack([effect, np.zeros((motions.shape[1],) * 2)]), full_matrices=False
+        )
         unresisted = sizes <= ALMOST_NONE * np.sqrt(len(effect)) * problem.contact_norm
         idle = motions @ ways[unresisted].T
         _check_idle(bodies, problem, idle)
@@ -147,9 +179,9 @@ class RigidKernel:
         if rigid.shape[1] and law.plugin and not law.floats:
             if "range" not in registry.installed()[law.plugin].facets:
                 raise SceneError(
-                    f"contact alone holds bodies of scene '{scene.name}', {loose}, and its law, {law.name}, does not "
-                    "solve for their motions, nor does its plug-in have the facet 'range', by which others do: hold "
-                    "them by a displacement"
+                    f"contact alone holds bodies of scene '{scene.name}', {loose}, and its law, "
+                    f"{law.name}, does not solve for their motions, nor does its plug-in have the "
+                    "facet 'range', by which others do: hold them by a displacement"
                 )
             law = Interface((Range(law, np.arange(len(problem.gaps))),))
         on_rows = problem.contact @ rigid, (problem.loads.T @ rigid).T
@@ -161,10 +193,12 @@ class RigidKernel:
         idle = np.abs(problem.contact @ self.idle).max(initial=0.0)
         if idle > ALMOST_NONE * np.sqrt(len(effect)) * problem.contact_norm:
             raise NotOfferedError(
-                f"contact resists a motion of bodies at one shape and not at another: {self.described}. Hold it by a "
-                "displacement"
+                "contact resists a motion of bodies at one shape and not at another: "
+                f"{self.described}. Hold it by a displacement"
             )
-        return replace(self, contact_of_motions=effect, loads=(problem.loads.T @ self.motions).T, reshaped=True)
+        return replace(
+            self, contact_of_motions=effect, loads=(problem.loads.T @ self.motions).T, reshaped=True
+        )
 
     elimination = staticmethod(ReducedFloatingElimination)
     linearised = staticmethod(LinearisedMotions)
@@ -172,7 +206,10 @@ class RigidKernel:
     undetermined_motions = staticmethod(undetermined_motions)
 
     def condensed(self, there: SystemAt) -> Floating | None:
-        """See :class:`~hhr_dolfinx.contact.kernel.Kernel`; lifts do not contribute: rigid motions have no strain."""
+        """See :class:`~hhr_dolfinx.contact.kernel.Kernel`.
+
+        Lifts do not contribute: rigid motions have no strain.
+        """
         if not self.motions.shape[1]:
             return None
         amplitudes = there.problem.amplitudes
@@ -193,7 +230,10 @@ class RigidKernel:
         known = self._known
         if known is None or known[0] is not stiffness:
             # in one assignment: several threads may call this
-            self._known = known = stiffness, FloatingEqualities(stiffness.schur, self.contact_of_motions)
+            self._known = known = (
+                stiffness,
+                FloatingEqualities(stiffness.schur, self.contact_of_motions),
+            )
         return known[1]
 
     def exact(self, problem: ContactProblem, responses: Responses) -> FloatingElimination:
@@ -231,17 +271,18 @@ class RigidKernel:
     ) -> ReducedProblem:
         """See :class:`~hhr_dolfinx.contact.kernel.Kernel`.
 
-        All conditions that hold the bodies are in the RID, so all of their forces are included; K does no work along
-        rigid motions. Cut off outside A, a motion would strain cells there, and forces would balance the projection
-        error.
+        All conditions that hold the bodies are in the RID, so all of their forces are included; K
+        does no work along rigid motions. Cut off outside A, a motion would strain cells there, and
+        forces would balance the projection error.
         """
         r = reduced.motions
         motions = basis[:, :r]
         acting = np.setdiff1d(self.holding(), sets.A_lambda)
         if acting.size:
             raise ReductionError(
-                f"{acting.size} contact conditions that hold a body are outside the RID, e.g. the one at "
-                f"{problem.contact_points[acting[0]].tolist()}: nothing else holds it, so that all must be in it"
+                f"{acting.size} contact conditions that hold a body are outside the RID, e.g. the "
+                f"one at {problem.contact_points[acting[0]].tolist()}: nothing else holds it, so "
+                "that all must be in it"
             )
         loads = problem.spread.sum(motions.T @ problem.spread.of(problem.loads.tocsr()))
         stiffness = reduced.stiffness.copy()
@@ -264,12 +305,16 @@ class RigidKernel:
         return replace(reduced, stiffness=stiffness, contact_test=test, loads=forces, terms=terms)
 
 
-def _round_turns(found: Sequence[FreeBody], problem: ContactProblem, rigid: np.ndarray) -> np.ndarray:
-    """Mask of the rotations, of (N, r), that only the facets of round surfaces resist, (r,) bool; it warns of them.
+def _round_turns(
+    found: Sequence[FreeBody], problem: ContactProblem, rigid: np.ndarray
+) -> np.ndarray:
+    """Mask of the rotations, of (N, r), that only the facets of round surfaces resist, (r,) bool.
 
-    A large rotation of this kind opens every gap, unlike that of a round body. Without loads these rotations are set to
-    zero, and the moment of the facets' normals is distributed over the body. It also warns of loads along the axis of a
-    cylinder, whose facets are not quite parallel to it.
+    It warns of them.
+
+    A large rotation of this kind opens every gap, unlike that of a round body. Without loads these
+    rotations are set to zero, and the moment of the facets' normals is distributed over the body.
+    It also warns of loads along the axis of a cylinder, whose facets are not quite parallel to it.
     """
     effects = np.linalg.norm(problem.contact @ rigid, axis=0)
     # motions along which loads do work beyond the discretisation error of a round body
@@ -284,30 +329,45 @@ def _round_turns(found: Sequence[FreeBody], problem: ContactProblem, rigid: np.n
             if effects[place] >= WEAK * effects[own].max() or not (turning or driven[place]):
                 continue
             found_round[place] = turning and not driven[place]
-            what = "and no load drives: it is left at rest" if not driven[place] else "though loads drive it"
+            what = (
+                "and no load drives: it is left at rest"
+                if not driven[place]
+                else "though loads drive it"
+            )
             if turning:
                 moves = "turns"
-                why = "are round only their facets do so, and turned far they open every gap. Hold the turn"
+                why = (
+                    "are round only their facets do so, and turned far they open every gap. Hold "
+                    "the turn"
+                )
             else:
                 along = motion.mean(axis=0) / np.abs(motion).max()
                 moves = f"moves along {rounded(np.round(along, 1))}"
-                why = "are cylinders only their facets do so, and where it stops means nothing. Hold the motion"
+                why = (
+                    "are cylinders only their facets do so, and where it stops means nothing. "
+                    "Hold the motion"
+                )
             warn(
-                f"{body.name} {moves}, which contact resists {effects[place] / effects[own].max():.1g} times as much "
-                f"as other motions of it, {what}. If its surfaces {why} by a displacement where that is not meant",
+                f"{body.name} {moves}, which contact resists "
+                f"{effects[place] / effects[own].max():.1g} times as much as other motions of it, "
+                f"{what}. If its surfaces {why} by a displacement where that is not meant",
                 SceneWarning,
             )
     return found_round
 
 
 def _by_body(effect: np.ndarray, idle: np.ndarray, body: np.ndarray) -> np.ndarray:
-    """Orthonormal combinations, (k, r), of k motions with an effect, (m, k), and those without, (l, k).
+    """Orthonormal combinations, (k, r), of k motions with an effect, (m, k), and those without, (l,
+    k).
 
-    Each is of one of the bodies, (k,), unless idle motions are of several at once: loads of a light body would be
-    lost in round-off of those of a heavy one. Combinations of one body have effects as different as possible.
+    Each is of one of the bodies, (k,), unless idle motions are of several at once: loads of a light
+    body would be lost in round-off of those of a heavy one. Combinations of one body have effects
+    as different as possible.
     """
     projector = idle.T @ idle
-    _, group = connected_components((np.abs(projector) > ALMOST_NONE) | (body[:, None] == body), directed=False)
+    _, group = connected_components(
+        (np.abs(projector) > ALMOST_NONE) | (body[:, None] == body), directed=False
+    )
     found = []
     for number in np.unique(group):
         own = np.flatnonzero(group == number)
@@ -321,10 +381,12 @@ def _by_body(effect: np.ndarray, idle: np.ndarray, body: np.ndarray) -> np.ndarr
 
 
 def _driven(problem: ContactProblem, motions: np.ndarray, limits: np.ndarray) -> np.ndarray:
-    """Mask of motions, (N, l), along which all loads together do work at some point of the box, (l,) bool.
+    """Mask of motions, (N, l), along which all loads together do work at some point of the box,
+    (l,) bool.
 
-    Loads that balance each other, such as tractions on opposite sides, do work one by one and not together. Work counts
-    if it is more than the work of the magnitudes of the loads along ``limits``, (N, l).
+    Loads that balance each other, such as tractions on opposite sides, do work one by one and not
+    together. Work counts if it is more than the work of the magnitudes of the loads along
+    ``limits``, (N, l).
     """
     work = np.asarray(problem.loads.T @ motions)
     least = np.asarray(abs(problem.loads).T @ limits)
@@ -333,17 +395,27 @@ def _driven(problem: ContactProblem, motions: np.ndarray, limits: np.ndarray) ->
     for point in (space.middle, *space.random(SAMPLES, seed=0)):
         with suppress(ParameterError):  # some scenes have no meaning at some points of the box
             theta = problem.amplitudes(point)
-            driven |= np.abs(theta.values @ work[theta.terms]) > np.abs(theta.values) @ least[theta.terms]
+            driven |= (
+                np.abs(theta.values @ work[theta.terms]) > np.abs(theta.values) @ least[theta.terms]
+            )
     return driven
 
 
 def _check_idle(found: Iterable[FreeBody], problem: ContactProblem, idle: np.ndarray) -> None:
-    """Refuse motions, (N, l), without resistance of contact and with loads; warn of those without loads."""
+    """Refuse motions, (N, l), without resistance of contact and with loads.
+
+    Warn of those without loads.
+    """
     if not idle.shape[1]:
         return
     sizes = np.abs(idle).max(axis=0)
-    moving = np.abs(idle).reshape(len(problem.points), -1, idle.shape[1]).max(axis=1) > ALMOST_NONE * sizes
-    driven = _driven(problem, idle, ALMOST_NONE * sizes * np.repeat(moving, problem.block_size, axis=0))
+    moving = (
+        np.abs(idle).reshape(len(problem.points), -1, idle.shape[1]).max(axis=1)
+        > ALMOST_NONE * sizes
+    )
+    driven = _driven(
+        problem, idle, ALMOST_NONE * sizes * np.repeat(moving, problem.block_size, axis=0)
+    )
     for motion, loaded in zip(idle.T, driven, strict=True):
         texts = []
         for body in found:
@@ -355,11 +427,11 @@ def _check_idle(found: Iterable[FreeBody], problem: ContactProblem, idle: np.nda
         text = " while ".join(texts)
         if loaded:
             raise NotSolvableError(
-                f"{text}, which loads drive and no contact resists: there is no equilibrium. Hold it by a "
-                "displacement, or add the contact that does"
+                f"{text}, which loads drive and no contact resists: there is no equilibrium. Hold "
+                "it by a displacement, or add the contact that does"
             )
         warn(
-            f"{text}, which no contact resists and no load drives: it is left at rest. Hold it by a displacement where "
-            "that is not meant",
+            f"{text}, which no contact resists and no load drives: it is left at rest. Hold it by "
+            "a displacement where that is not meant",
             SceneWarning,
         )

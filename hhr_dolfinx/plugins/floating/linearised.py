@@ -1,8 +1,10 @@
-"""Rigid motions in the linearised contact problems of a step, whose S depends on the tangents of inelastic bodies.
+"""Rigid motions in the linearised contact problems of a step, whose S depends on the tangents of
+inelastic bodies.
 
-A tangent of a body leaves its rigid motions without stiffness as its elasticity does: stress depends on strain alone,
-and a stress does no work along a rigid motion. K of the pinned body is therefore definite where tangents are, and the
-contact problem has the form of :mod:`hhr_dolfinx.plugins.floating.statuses`, with R^T times the residual as loads.
+A tangent of a body leaves its rigid motions without stiffness as its elasticity does: stress
+depends on strain alone, and a stress does no work along a rigid motion. K of the pinned body is
+therefore definite where tangents are, and the contact problem has the form of
+:mod:`hhr_dolfinx.plugins.floating.statuses`, with R^T times the residual as loads.
 """
 
 from __future__ import annotations
@@ -13,22 +15,31 @@ import numpy as np
 
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, Statuses
 from hhr_dolfinx.contact.law import UNILATERAL_STEP, StepContact
-from hhr_dolfinx.plugins.floating.statuses import MOST_STEPS, FloatingEqualities, floating_set, open_motions
+from hhr_dolfinx.plugins.floating.statuses import (
+    MOST_STEPS,
+    FloatingEqualities,
+    floating_set,
+    open_motions,
+)
 
 BALANCED = 1e-12
 """Imbalance of the forces, relative to the largest, at which the search for motions ends."""
 CLOSE = 1e-10
-"""The same at which it may end where one more step does not halve the imbalance: round-off of the law."""
+"""The same at which it may end where one more step does not halve the imbalance: round-off of the
+law.
+"""
 
 
 class LinearisedMotions:
     """Motions R as unknowns beside those of a linearisation (n unknowns, m conditions, r motions).
 
-    ``equalities`` are those on S of the pinned bodies, ``contact_of_motions`` is B R, (m, r), and ``modes`` are the
-    motions as unknowns, (n, r).
+    ``equalities`` are those on S of the pinned bodies, ``contact_of_motions`` is B R, (m, r), and
+    ``modes`` are the motions as unknowns, (n, r).
     """
 
-    def __init__(self, equalities: SchurEqualities, contact_of_motions: np.ndarray, modes: np.ndarray):
+    def __init__(
+        self, equalities: SchurEqualities, contact_of_motions: np.ndarray, modes: np.ndarray
+    ):
         self._pinned = equalities
         self._effect = contact_of_motions
         self._modes = modes
@@ -39,10 +50,16 @@ class LinearisedMotions:
         return FloatingEqualities(self._pinned.whole(), self._effect)
 
     def solved(
-        self, contact: StepContact, free_slack: np.ndarray, residual: np.ndarray, unknown: np.ndarray,
-        active: np.ndarray, pairs: Pairs | None,
-    ) -> tuple[Statuses, np.ndarray]:  # fmt: skip
-        """Forces with their statuses, and the motion, (n,), under the slack of an unknown without contact forces.
+        self,
+        contact: StepContact,
+        free_slack: np.ndarray,
+        residual: np.ndarray,
+        unknown: np.ndarray,
+        active: np.ndarray,
+        pairs: Pairs | None,
+    ) -> tuple[Statuses, np.ndarray]:
+        """Forces with their statuses, and the motion, (n,), under the slack of an unknown without
+        contact forces.
 
         Unilateral contact that leaves motions undetermined gets the least ones of the unknown.
         """
@@ -54,22 +71,33 @@ class LinearisedMotions:
         found, motions = floating_set(equalities, free_slack, driving, active, pairs)
         if found.status is Status.CONVERGED:
             slack = free_slack + equalities.schur @ found.forces - self._effect @ motions
-            left = open_motions(equalities, found.forces, free_slack, slack, self._modes.T @ unknown + motions)
+            left = open_motions(
+                equalities, found.forces, free_slack, slack, self._modes.T @ unknown + motions
+            )
             if left is not None:
                 motions = motions + left.shift
                 found = found._replace(active=found.active & ~left.opened)
         return found, self._modes @ motions
 
     def _by_springs(
-        self, contact: StepContact, free_slack: np.ndarray, driving: np.ndarray, active: np.ndarray, pairs: Pairs | None
+        self,
+        contact: StepContact,
+        free_slack: np.ndarray,
+        driving: np.ndarray,
+        active: np.ndarray,
+        pairs: Pairs | None,
     ) -> tuple[Statuses, np.ndarray]:
-        """Solve by any law: springs hold the bodies, and their ends move until they bear nothing."""
+        """Solve by any law: springs hold the bodies, and their ends move until they bear
+        nothing.
+        """
         ends = np.zeros(driving.size)
         spent = 0
         for compliance, held in self.equalities.springs:
             before = np.inf
             for _ in range(MOST_STEPS):
-                found = contact.solved(held, free_slack - self._effect @ (ends + compliance * driving), active, pairs)
+                found = contact.solved(
+                    held, free_slack - self._effect @ (ends + compliance * driving), active, pairs
+                )
                 spent += found.iterations
                 if found.status is not Status.CONVERGED:
                     return found._replace(iterations=spent), ends
@@ -86,15 +114,20 @@ class LinearisedMotions:
     def changed(
         self, residual: np.ndarray, free_slack: np.ndarray, active: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Forces, (m,), and motion, (n,), of a small change by its residual and slack, at constant statuses."""
+        """Forces, (m,), and motion, (n,), of a small change by its residual and slack, at constant
+        statuses.
+        """
         driving = self._modes.T @ residual
         forces, _, motions = self.equalities.several(active, free_slack[:, None], driving[:, None])
         return forces[:, 0], self._modes @ motions[:, 0]
 
-    def undetermined(self, forces: np.ndarray, slack: np.ndarray, holding: np.ndarray | None) -> np.ndarray | None:
+    def undetermined(
+        self, forces: np.ndarray, slack: np.ndarray, holding: np.ndarray | None
+    ) -> np.ndarray | None:
         """Motions, (n, d), that forces leave undetermined; None without any.
 
-        ``holding`` are the conditions that hold beside those with a pressure, such as tangential rows; None for none.
+        ``holding`` are the conditions that hold beside those with a pressure, such as tangential
+        rows; None for none.
         """
         bearing = self.equalities.bearing(forces, slack)
         ways = self.equalities.left_open(bearing if holding is None else bearing | holding)

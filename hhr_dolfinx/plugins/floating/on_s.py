@@ -10,7 +10,9 @@ from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.reduction.build import Draft
 
 ON_S = 200
-"""Random points at which forces are compared with those of the contact problem on S, at half a millisecond each."""
+"""Random points at which forces are compared with those of the contact problem on S, at half a
+millisecond each.
+"""
 
 
 def check_on_s(draft: Draft) -> None:
@@ -27,8 +29,8 @@ def check_on_s(draft: Draft) -> None:
 def compare_on_s(model: AnsweringModel) -> Comparison:
     """Errors at these points.
 
-    A few points in hundreds have large errors, where a body tilts or a contact has just closed; validation points may
-    miss all of them.
+    A few points in hundreds have large errors, where a body tilts or a contact has just closed;
+    validation points may miss all of them.
     """
     points = model.parameters.random(ON_S, seed=ON_S)
     many = model.solve_many(points, outside="ignore", raise_on_failure=False)

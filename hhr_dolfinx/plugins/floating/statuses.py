@@ -1,19 +1,23 @@
-"""Active set of bodies that only contact holds: their rigid motions are unknowns in addition to the contact forces.
+"""Active set of bodies that only contact holds: their rigid motions are unknowns in addition to the
+contact forces.
 
-With r rigid motions and their amplitudes q, elimination of the displacement leaves the contact problem
+With r rigid motions and their amplitudes q, elimination of the displacement leaves the contact
+problem
 
     slack = free_slack + S lambda - G q >= 0,   lambda >= 0,   G^T lambda = driving,
 
-where G = B R is the effect of the motions on the contact rows. The last equation is the balance of forces along the
-motions, of whole bodies in a reduced model too. On a set of statuses this is one linear system. It is singular if the
-set does not hold all bodies. Then, or if statuses cycle, weak springs hold the bodies: with a stiffness k the motions
-are q0 + (driving - G^T lambda) / k, and S + G G^T / k is that of held bodies. Updating the ends q0 of the springs is
-the proximal point method (R. T. Rockafellar, SIAM J. Control Optim. 14, 1976), which ends in finitely many steps for
-such problems.
+where G = B R is the effect of the motions on the contact rows. The last equation is the balance of
+forces along the motions, of whole bodies in a reduced model too. On a set of statuses this is one
+linear system. It is singular if the set does not hold all bodies. Then, or if statuses cycle, weak
+springs hold the bodies: with a stiffness k the motions are q0 + (driving - G^T lambda) / k, and S +
+G G^T / k is that of held bodies. Updating the ends q0 of the springs is the proximal point method
+(R. T. Rockafellar, SIAM J. Control Optim. 14, 1976), which ends in finitely many steps for such
+problems.
 
-The forces of a solution need not determine the motions. Example: two nodes of a disc that bear force allow a rotation
-about the point where their normals meet, as long as no other node touches. All of these motions are solutions. Every
-model returns the one of least norm, see :func:`open_motions`.
+The forces of a solution need not determine the motions. Example: two nodes of a disc that bear
+force allow a rotation about the point where their normals meet, as long as no other node touches.
+All of these motions are solutions. Every model returns the one of least norm, see
+:func:`open_motions`.
 """
 
 from __future__ import annotations
@@ -30,7 +34,9 @@ from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.linear.dense import LapackLU
 
 WEAKNESS = (1e3, 1e5, 1e7, 1e9)
-"""Compliances of the springs over that of the bodies: weaker springs need fewer steps and lose more digits."""
+"""Compliances of the springs over that of the bodies: weaker springs need fewer steps and lose more
+digits.
+"""
 MOST_STEPS = 30
 """Steps of the proximal point method with springs of one kind; two or three are usual."""
 BALANCED = 1e-12
@@ -38,29 +44,38 @@ BALANCED = 1e-12
 ROUND_OFF = 1e-13
 """Round-off in the balance of one body, relative to the forces on all bodies."""
 ACTING = 1e-12
-"""Part of the largest share of a row in the least motion, up to which the row counts as inactive."""
+"""Part of the largest share of a row in the least motion, up to which the row counts as
+inactive.
+"""
 NOTHING = 1e-14
-"""Part of the force that would close the largest gap, up to which a force is round-off of that gap."""
+"""Part of the force that would close the largest gap, up to which a force is round-off of that
+gap.
+"""
 BEARING = 1e-9
 BEARING_OF_GAPS = 1e-12
-"""Parts of the largest contact force, and of the force that would close the largest gap, up to which a condition bears
-no force that holds a body: loads balance each other only up to round-off."""
+"""Parts of the largest contact force, and of the force that would close the largest gap, up to
+which a condition bears no force that holds a body: loads balance each other only up to round-off.
+"""
 HELD = 1e-10
-"""Ratio of the squares of the least and the largest effect of motions above which none is without effect: far above the
-square of SINGULAR, so that an SVD, which takes as long as the rest of an answer, would find none either."""
+"""Ratio of the squares of the least and the largest effect of motions above which none is without
+effect: far above the square of SINGULAR, so that an SVD, which takes as long as the rest of an
+answer, would find none either.
+"""
 SINGULAR = 1e-8
 """Relative residual of an equality problem above which it counts as singular."""
 
 
 class FloatingEqualities:
-    """Equality problems on S, (m, m), with rigid motions, whose effect on the contact rows is G = B R, (m, r)."""
+    """Equality problems on S, (m, m), with rigid motions, whose effect on the contact rows is G = B
+    R, (m, r).
+    """
 
     def __init__(self, schur: np.ndarray, contact_of_motions: np.ndarray):
         self.schur = schur
         self.contact_of_motions = contact_of_motions
         count = contact_of_motions.shape[1]
-        # each motion in a unit that makes its column as large as those of S: rotations of a nearly round body have
-        # little effect
+        # each motion in a unit that makes its column as large as those of S: rotations of a nearly
+        # round body have little effect
         self._size = float(np.abs(np.diag(schur)).mean() or 1.0)
         largest = np.abs(contact_of_motions).max(axis=0, initial=0.0)
         self._units = self._size / np.where(largest > 0, largest, 1.0)
@@ -71,7 +86,10 @@ class FloatingEqualities:
     def __call__(
         self, active: np.ndarray, free_slack: np.ndarray, driving: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Forces and slack, (m,) each, and motions, (r,); SingularError if the statuses do not hold all bodies."""
+        """Forces and slack, (m,) each, and motions, (r,).
+
+        SingularError if the statuses do not hold all bodies.
+        """
         both = np.concatenate([active, np.ones(driving.size, dtype=bool)])
         right = np.concatenate([free_slack, -self._units * driving])
         found, slack = self._equalities(both, right)
@@ -99,14 +117,17 @@ class FloatingEqualities:
         sizes = np.linalg.eigvalsh(rows.T @ rows)
         if sizes[0] > HELD * sizes[-1]:
             return np.zeros((count, 0))
-        # all columns of G are as large as S here; a zero column is a motion without effect on any condition
+        # all columns of G are as large as S here; a zero column is a motion without effect on any
+        # condition
         ways = null_space(np.vstack([rows, np.zeros((count, count))]), rcond=SINGULAR)
         return np.linalg.qr(self._units[:, None] * ways)[0]
 
     def balanced(self, forces: np.ndarray, driving: np.ndarray, nothing: float = 0.0) -> np.ndarray:
-        """True for each motion along which forces, (m,), balance the loads, (r,), up to round-off: (r,) bool.
+        """True for each motion along which forces, (m,), balance the loads, (r,), up to round-off:
+        (r,) bool.
 
-        Round-off is measured by all loads too: those along a motion may be far below those of a heavier body.
+        Round-off is measured by all loads too: those along a motion may be far below those of a
+        heavier body.
         """
         units = self._units
         left = units * np.abs(driving - forces @ self.contact_of_motions)
@@ -115,7 +136,9 @@ class FloatingEqualities:
 
     @cached_property
     def springs(self) -> tuple[tuple[np.ndarray, SchurEqualities], ...]:
-        """Compliances of springs along each motion, 1 / k, (r,), and equality problems of bodies on them."""
+        """Compliances of springs along each motion, 1 / k, (r,), and equality problems of bodies on
+        them.
+        """
         push = (self.contact_of_motions**2).mean(axis=0)
         unit = self._size / np.where(push > 0, push, 1.0)
         found = []
@@ -124,12 +147,18 @@ class FloatingEqualities:
             found.append((compliance, SchurEqualities.of(held, LapackLU)))
         return tuple(found)
 
-    def several(self, active: np.ndarray, free_slacks: np.ndarray, drivings: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Forces, slacks, (m, k), and motions, (r, k), the smallest ones, for many right-hand sides, (m, k), (r, k)."""
+    def several(
+        self, active: np.ndarray, free_slacks: np.ndarray, drivings: np.ndarray
+    ) -> tuple[np.ndarray, ...]:
+        """Forces, slacks, (m, k), and motions, (r, k), the smallest ones, for many right-hand
+        sides, (m, k), (r, k).
+        """
         both = np.concatenate([active, np.ones(len(drivings), dtype=bool)])
         right = np.concatenate([free_slacks, -self._units[:, None] * drivings])
         found = np.zeros_like(right)
-        found[both] = -np.linalg.lstsq(self._whole[np.ix_(both, both)], right[both], rcond=SINGULAR)[0]
+        found[both] = -np.linalg.lstsq(
+            self._whole[np.ix_(both, both)], right[both], rcond=SINGULAR
+        )[0]
         m = active.size
         slacks = (right + self._whole @ found)[:m]
         slacks[active] = 0.0
@@ -137,10 +166,12 @@ class FloatingEqualities:
 
 
 class OpenMotions(NamedTuple):
-    """Rigid motions that contact forces leave undetermined: orthonormal ones, ``ways``, (r, d), d >= 1.
+    """Rigid motions that contact forces leave undetermined: orthonormal ones, ``ways``, (r, d), d
+    >= 1.
 
-    ``shift`` is the difference between the motions of least norm and those that were found, (r,), and ``opened`` are
-    the conditions without force that were closed and are open after the shift, (m,) bool.
+    ``shift`` is the difference between the motions of least norm and those that were found, (r,),
+    and ``opened`` are the conditions without force that were closed and are open after the shift,
+    (m,) bool.
     """
 
     ways: np.ndarray
@@ -149,7 +180,11 @@ class OpenMotions(NamedTuple):
 
 
 def open_motions(
-    equalities: FloatingEqualities, forces: np.ndarray, free_slack: np.ndarray, slack: np.ndarray, motions: np.ndarray
+    equalities: FloatingEqualities,
+    forces: np.ndarray,
+    free_slack: np.ndarray,
+    slack: np.ndarray,
+    motions: np.ndarray,
 ) -> OpenMotions | None:
     """Motions that no bearing condition resists; None if the forces determine all of them.
 
@@ -165,14 +200,16 @@ def open_motions(
     change = _nearest(rows, np.maximum(slack[~bearing], 0.0), -ways.T @ motions)
     shift = ways @ change
     opening = -equalities.contact_of_motions @ shift
-    return OpenMotions(ways, shift, ~bearing & (opening > BEARING * np.abs(opening).max(initial=0.0)))
+    return OpenMotions(
+        ways, shift, ~bearing & (opening > BEARING * np.abs(opening).max(initial=0.0))
+    )
 
 
 def _nearest(rows: np.ndarray, limits: np.ndarray, target: np.ndarray) -> np.ndarray:
     """The point w with rows w <= limits that is nearest to a target, (d,); w = 0 must satisfy them.
 
-    Least distance by non-negative least squares: C. L. Lawson and R. J. Hanson, Solving Least Squares Problems, 1974,
-    chapter 23.
+    Least distance by non-negative least squares: C. L. Lawson and R. J. Hanson, Solving Least
+    Squares Problems, 1974, chapter 23.
     """
     beyond = rows @ target - limits
     if not (beyond > 0).any():
@@ -183,14 +220,18 @@ def _nearest(rows: np.ndarray, limits: np.ndarray, target: np.ndarray) -> np.nda
 
     def point(shares: np.ndarray) -> np.ndarray:
         acting = shares > ACTING * shares.max()
-        # the residual of the least squares has half of the digits of the point; active rows give all of them
+        # the residual of the least squares has half of the digits of the point; active rows give
+        # all of them
         return target - np.linalg.lstsq(rows[acting], beyond[acting], rcond=None)[0]
 
-    # nnls of scipy 1.15 stops too early, and bvls where rows are opposite, as examples of the tests show
+    # nnls of scipy 1.15 stops too early, and bvls where rows are opposite, as examples of the tests
+    # show
     found = point(lsq_linear(system, unit, bounds=(0.0, np.inf), method="bvls", tol=1e-15).x)
     if (rows @ found - limits).max() <= SINGULAR * beyond.max():
         return found
-    return min(found, point(nnls(system, unit)[0]), key=lambda one: float((rows @ one - limits).max()))
+    return min(
+        found, point(nnls(system, unit)[0]), key=lambda one: float((rows @ one - limits).max())
+    )
 
 
 def floating_set(
@@ -200,12 +241,16 @@ def floating_set(
     start: np.ndarray,
     pairs: Pairs | None = None,
 ) -> tuple[Statuses, np.ndarray]:
-    """Statuses, see :func:`active_set`, and motions, (r,); ADRIFT if ``driving``, loads along them, meet no contact."""
+    """Statuses, see :func:`active_set`, and motions, (r,).
+
+    ADRIFT if ``driving``, loads along them, meet no contact.
+    """
     direct = _direct(equalities, free_slack, driving, start, pairs)
     if direct is not None:
         return direct
     contact_of_motions = equalities.contact_of_motions
-    # forces that only close round-off of the gaps: without loads there are no other forces to compare with
+    # forces that only close round-off of the gaps: without loads there are no other forces to
+    # compare with
     nothing = NOTHING * np.abs(free_slack).max() / (np.abs(np.diag(equalities.schur)).mean() or 1.0)
     ends = np.zeros(driving.size)
     spent = 0
@@ -231,7 +276,11 @@ def floating_set(
 
 
 def _direct(
-    equalities: FloatingEqualities, free_slack: np.ndarray, driving: np.ndarray, start: np.ndarray, pairs: Pairs | None
+    equalities: FloatingEqualities,
+    free_slack: np.ndarray,
+    driving: np.ndarray,
+    start: np.ndarray,
+    pairs: Pairs | None,
 ) -> tuple[Statuses, np.ndarray] | None:
     """The plain active set; None if a set on the way is singular, or statuses cycle."""
 

@@ -10,7 +10,10 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
 
 _HERE = "hhr_dolfinx.plugins.friction"
-_OUTPUTS = {f"{_HERE}.outputs": "DissipatedWork FrictionForce LargestSlip LargestWear SlipArea StickArea Torque"}
+_OUTPUTS = {
+    f"{_HERE}.outputs": "DissipatedWork FrictionForce LargestSlip LargestWear SlipArea "
+    "StickArea Torque"
+}
 
 _BUILD = "hhr_dolfinx.reduction.build"
 _OURS = "friction"

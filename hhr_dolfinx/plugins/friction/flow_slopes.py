@@ -1,9 +1,11 @@
-"""Facet ``flow_slopes`` of friction: derivatives of its contacts in histories of bodies that flow, step by step.
+"""Facet ``flow_slopes`` of friction: derivatives of its contacts in histories of bodies that flow,
+step by step.
 
-See :mod:`hhr_dolfinx.plugins.inelastic.history_gradient`. With the consistent tangent of a step its unknown is
-eliminated, and contact forces solve an increment of friction on S = B K_T^-1 B^T. Their derivative is that of this
-increment at its statuses, under the derivative of the slack and of the bounds. Slip hands on the derivative of the
-position at which contacts stick: the slack of an increment is measured from there.
+See :mod:`hhr_dolfinx.plugins.inelastic.history_gradient`. With the consistent tangent of a step its
+unknown is eliminated, and contact forces solve an increment of friction on S = B K_T^-1 B^T. Their
+derivative is that of this increment at its statuses, under the derivative of the slack and of the
+bounds. Slip hands on the derivative of the position at which contacts stick: the slack of an
+increment is measured from there.
 """
 
 from __future__ import annotations
@@ -23,13 +25,17 @@ NOTHING = np.zeros(0)
 
 
 class FlowSlopes:
-    """See :class:`~hhr_dolfinx.plugins.inelastic.contact_slopes.ContactSlopes`, for one history of an equilibrium."""
+    """See :class:`~hhr_dolfinx.plugins.inelastic.contact_slopes.ContactSlopes`, for one history of
+    an equilibrium.
+    """
 
     def __init__(self, model: Any, count: int):
         self._friction = model.law
         self._surface = Surface.of(model)
         self._slip = SlipState.at_rest(self._surface.whole)
-        self._position = np.zeros((self._friction.tangential.size, count))  # its derivatives, (T, K)
+        self._position = np.zeros(
+            (self._friction.tangential.size, count)
+        )  # its derivatives, (T, K)
 
     @property
     def remembers(self) -> bool:
@@ -62,9 +68,16 @@ class FlowSlopes:
             opened = linear.slack_of(gaps, free)
             opened[rows] -= self._position
             coefficient, limit = (part @ way for part in friction.bound_slopes(answer.parameter))
-            pushed, _ = contact.changes(given, found, opened, (coefficient, limit), np.zeros((0, way.shape[1])))
+            pushed, _ = contact.changes(
+                given, found, opened, (coefficient, limit), np.zeros((0, way.shape[1]))
+            )
             opened = opened + contact.schur @ pushed
             opened[answer.active] = 0.0
             self._position = self._position + opened[rows]  # none where contacts stick
             self._slip = answer.memory[SLIP]
-            return ContactChange(free - columnwise(linear.push, pushed), pushed, opened, contact.grazing(given, found))
+            return ContactChange(
+                free - columnwise(linear.push, pushed),
+                pushed,
+                opened,
+                contact.grazing(given, found),
+            )

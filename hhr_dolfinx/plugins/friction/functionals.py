@@ -39,12 +39,16 @@ class RememberedShare(Remembered):
         """Value up to the time of the answer."""
         if SLIP not in state.memory:
             return 0.0
-        return float(self.factor * (self.shares @ getattr(state.memory[SLIP], self.quantity)[self.contacts]))
+        return float(
+            self.factor * (self.shares @ getattr(state.memory[SLIP], self.quantity)[self.contacts])
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class StatusArea(Functional):
-    """Tributary areas, (c,), of the closed ones of some contacts with friction, by number, that stick, or that slip."""
+    """Tributary areas, (c,), of the closed ones of some contacts with friction, by number, that
+    stick, or that slip.
+    """
 
     differentiable: ClassVar[bool] = False
 

@@ -1,10 +1,13 @@
 """Friction of contact pairs: laws over the parameter range, and the tangential rows of B.
 
 A contact with friction has one tangential row in the plane and two in space, see
-:mod:`hhr_dolfinx.plugins.friction.tangents`. The slack of such a row decreases by the relative displacement along a
-tangent. Its multiplier τ is the tangential force on the slave with the opposite sign. Coulomb's law is
+:mod:`hhr_dolfinx.plugins.friction.tangents`. The slack of such a row decreases by the relative
+displacement along a tangent. Its multiplier τ is the tangential force on the slave with the
+opposite sign. Coulomb's law is
 
-    |τ| <= min(coefficient λ, limit area),     and τ is opposed to the slack of an increment unless that is zero.
+    |τ| <= min(coefficient λ, limit area),
+
+and τ is opposed to the slack of an increment unless that is zero.
 """
 
 from __future__ import annotations
@@ -27,30 +30,40 @@ OPEN, STICKS, SLIPS = 0, 1, 2
 """Statuses of a contact with friction."""
 _CONSTANTS = ("coefficient", "limit")
 SLIPPING = 1e-3
-"""Margin, as a part of its bound, within which a fitted tangential force counts as slipping: it has no status."""
+"""Margin, as a part of its bound, within which a fitted tangential force counts as slipping: it has
+no status.
+"""
 SLIP = "slip"
 """Name of the :class:`SlipState` in the memory of an answer."""
 
 
 @dataclass(frozen=True)
 class FrictionLaw(Rebuilt):
-    """A law of friction whose constants are functions of the parameters; None for one that it does not have."""
+    """A law of friction whose constants are functions of the parameters.
+
+    None for one that it does not have.
+    """
 
     coefficient: Scalar | None
     limit: Scalar | None
 
     @classmethod
     def of(cls, law: Any, space: ParameterSpace, what: str) -> FrictionLaw:
-        """Law over the parameter range of a scene, of a user's ``Coulomb`` or ``Tresca`` for a pair, ``what``.
+        """Law over the parameter range of a scene, of a user's ``Coulomb`` or ``Tresca`` for a
+        pair, ``what``.
 
         Raises:
-            SceneError: if a constant is negative or not finite somewhere in the range, or names an unknown parameter.
+            SceneError: if a constant is negative or not finite somewhere in the range, or names an
+                unknown parameter.
         """
         return cls(*(_scalar(getattr(law, name), name, space, what) for name in _CONSTANTS))
 
     def at(self, point: np.ndarray) -> tuple[float, float]:
         """Coefficient and limit at a point, (P,); infinite for no limit."""
-        values = [np.inf if scalar is None else scalar.value(point) for scalar in (self.coefficient, self.limit)]
+        values = [
+            np.inf if scalar is None else scalar.value(point)
+            for scalar in (self.coefficient, self.limit)
+        ]
         return values[0], values[1]
 
 
@@ -58,13 +71,22 @@ ENDLESS = ("inf", "infinity", "infinite", "rough")
 """Texts for a constant without bound, unless they are names of parameters."""
 REMEDIES = {
     "coefficient": "surfaces that never slip while they touch have a large number, such as 1e6",
-    "limit": "leave a limit out of Coulomb if there is none, and take a Tie for surfaces that never slip nor open",
+    "limit": (
+        "leave a limit out of Coulomb if there is none, and take a Tie for surfaces that never "
+        "slip nor open"
+    ),
 }
-"""Remedy for an infinite constant of friction. Answers had the same digits for coefficients from 1e3 to 1e12."""
+"""Remedy for an infinite constant of friction.
+
+Answers had the same digits for coefficients from 1e3 to 1e12.
+"""
 
 
 def check_finite(value: object, name: str, called: str, names: tuple[str, ...] = ()) -> None:
-    """Raise SceneError for an infinite number or a text for it, with its remedy; ``names`` are those of parameters."""
+    """Raise SceneError for an infinite number or a text for it, with its remedy.
+
+    ``names`` are those of parameters.
+    """
     if isinstance(value, str):
         infinite = value.strip().lower() in ENDLESS and value.strip() not in names
     else:
@@ -73,7 +95,9 @@ def check_finite(value: object, name: str, called: str, names: tuple[str, ...] =
         raise SceneError(f"{called} = {value!r} must be finite: {REMEDIES[name]}")
 
 
-def _scalar(value: float | str | None, name: str, space: ParameterSpace, what: str) -> Scalar | None:
+def _scalar(
+    value: float | str | None, name: str, space: ParameterSpace, what: str
+) -> Scalar | None:
     if value is None:
         return None
     called = f"the {name} of friction of {what}"
@@ -82,14 +106,19 @@ def _scalar(value: float | str | None, name: str, space: ParameterSpace, what: s
         scalar = Scalar(formula_of(value, called).text, space.names)
     except SceneError as error:
         raise SceneError(f"{called}: {error}") from None
-    remedy = "it must be finite and not negative everywhere in the box: change the formula, or narrow the box"
+    remedy = (
+        "it must be finite and not negative everywhere in the box: change the formula, or narrow "
+        "the box"
+    )
     check_over_box(scalar, space, called, -1e-300, np.inf, remedy)
     return scalar
 
 
 @dataclass(frozen=True)
 class Friction(ContactLaw, Rebuilt):
-    """Tangential rows of B, and the bounds of their forces (C contacts with friction, T tangential rows)."""
+    """Tangential rows of B, and the bounds of their forces (C contacts with friction, T tangential
+    rows).
+    """
 
     plugin: ClassVar[str] = "friction"
     name: ClassVar[str] = "friction"
@@ -98,8 +127,9 @@ class Friction(ContactLaw, Rebuilt):
     normal: Annotated[Integers, "frictional"]  # row of the pressure of each contact, (C,)
     area: Annotated[Floats, "frictional"]  # its tributary area, (C,)
     spacing: Annotated[Floats, "frictional"]
-    """Largest slip at which the contact is still next to the nodes it was paired with, (C,); 0 for an obstacle, which
-    is the same everywhere, and if rows are updated."""
+    """Largest slip at which the contact is still next to the nodes it was paired with, (C,); 0 for
+    an obstacle, which is the same everywhere, and if rows are updated.
+    """
     law: Annotated[Integers, "frictional"]  # index of its law in ``laws``, (C,)
     tangential: Annotated[Integers, "tangential"]
     """Tangential rows, contact by contact, (T,): none if all dofs along the surface are imposed."""
@@ -107,11 +137,16 @@ class Friction(ContactLaw, Rebuilt):
     tangents: Annotated[Floats, "tangential", "dimension"]  # its unit vector, (T, dim)
     laws: tuple[FrictionLaw, ...]  # of the pairs
     fixed: Annotated[Integers, "fixed parameters"]
-    """Indices of the parameters of laws, moduli or shapes: they are constant while loads grow in proportion."""
-    shaped: Annotated[Integers, "shaping parameters"]  # indices of those of shapes, which are constant along a path
+    """Indices of the parameters of laws, moduli or shapes: they are constant while loads grow in
+    proportion.
+    """
+    shaped: Annotated[
+        Integers, "shaping parameters"
+    ]  # indices of those of shapes, which are constant along a path
     twice: Annotated[Integers, "said twice"]
-    """Tangential rows with undetermined forces, (k,): rows that other conditions on the same nodes repeat, as in
-    corners, and rows along which all nodes are imposed, whose slip is given."""
+    """Tangential rows with undetermined forces, (k,): rows that other conditions on the same nodes
+    repeat, as in corners, and rows along which all nodes are imposed, whose slip is given.
+    """
 
     @property
     def reshapes(self) -> bool:  # type: ignore[override]
@@ -121,11 +156,15 @@ class Friction(ContactLaw, Rebuilt):
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Missing or unsorted rows."""
         rows = np.concatenate([self.normal, self.tangential])
-        if rows.size and not (0 <= rows.min() and rows.max() < sizes.get("N_lambda", sizes.get("m", np.inf))):
+        if rows.size and not (
+            0 <= rows.min() and rows.max() < sizes.get("N_lambda", sizes.get("m", np.inf))
+        ):
             yield "rows of friction are not among the contact conditions"
         if np.unique(rows).size != rows.size:
             yield "rows of friction are there twice"
-        if self.owner.size and (np.diff(self.owner).min(initial=0) < 0 or self.owner.max() >= self.normal.size):
+        if self.owner.size and (
+            np.diff(self.owner).min(initial=0) < 0 or self.owner.max() >= self.normal.size
+        ):
             yield "tangential rows belong to no contact"
         if np.bincount(self.owner, minlength=1).max() > self.tangents.shape[1] - 1:
             yield "a contact has more tangential rows than there are directions"
@@ -138,7 +177,9 @@ class Friction(ContactLaw, Rebuilt):
         if self.law.size and not (0 <= self.law.min() and self.law.max() < len(self.laws)):
             yield "contacts have a law of friction that is not there"
         scalars = [scalar for scalar in self._scalars if scalar is not None]
-        named = {scalar.names.index(name) for scalar in scalars for name in scalar.formula.variables}
+        named = {
+            scalar.names.index(name) for scalar in scalars for name in scalar.formula.variables
+        }
         if not named <= set(self.fixed.tolist()):
             yield "a law of friction depends on a parameter that grows with the loads"
 
@@ -156,7 +197,9 @@ class Friction(ContactLaw, Rebuilt):
         return ~np.isin(np.arange(count), self.twice)
 
     def kept_with(self, inside: np.ndarray, contact: Any) -> np.ndarray:
-        """See :class:`ContactLaw`: tangential forces that act on no unknown are kept with their pressures."""
+        """See :class:`ContactLaw`: tangential forces that act on no unknown are kept with their
+        pressures.
+        """
         found = inside.copy()
         idle = np.diff(contact.indptr)[self.tangential] == 0
         found[self.tangential[idle]] = inside[self.normal[self.owner[idle]]]
@@ -165,7 +208,16 @@ class Friction(ContactLaw, Rebuilt):
     def parts(self) -> list[Any]:
         """See :class:`ContactLaw`."""
         texts = ["" if scalar is None else scalar.text for scalar in self._scalars]
-        rows = [self.normal, self.area, self.law, self.tangential, self.owner, self.tangents, self.fixed, self.twice]
+        rows = [
+            self.normal,
+            self.area,
+            self.law,
+            self.tangential,
+            self.owner,
+            self.tangents,
+            self.fixed,
+            self.twice,
+        ]
         return [*texts, *rows]
 
     def faults_for(self, dimension: int) -> Iterator[str]:
@@ -174,19 +226,28 @@ class Friction(ContactLaw, Rebuilt):
             yield f"tangents of friction have {self.tangents.shape[1]} components, not {dimension}"
 
     def check_path(self, space: ParameterSpace, points: np.ndarray) -> None:
-        """Refuse a path along which bodies change their shape, with ParameterError: slip is measured on one."""
+        """Refuse a path along which bodies change their shape, with ParameterError: slip is
+        measured on one.
+        """
         for place in self.shaped.tolist():
             if np.ptp(points[:, place]) > 0:
                 raise ParameterError(
-                    f"{space.names[place]} changes along the path, and the shape of bodies depends on it: what slips "
-                    "is measured on one shape. Keep it as it is along the path"
+                    f"{space.names[place]} changes along the path, and the shape of bodies "
+                    "depends on it: what slips is measured on one shape. Keep it as it is along "
+                    "the path"
                 )
 
     @property
     def layout(self) -> dict[str, tuple[str, ...]]:
         """See :class:`ContactLaw`."""
-        of_contacts = {name: ("float", "frictional") for name in ("path", "work", "wear", "pressure", "bound")}
-        return {"position": ("float", "tangential"), **of_contacts, "statuses": ("int", "frictional")}
+        of_contacts = {
+            name: ("float", "frictional") for name in ("path", "work", "wear", "pressure", "bound")
+        }
+        return {
+            "position": ("float", "tangential"),
+            **of_contacts,
+            "statuses": ("int", "frictional"),
+        }
 
     @property
     def sizes(self) -> dict[str, int]:
@@ -208,9 +269,14 @@ class Friction(ContactLaw, Rebuilt):
         return coefficients[self.law], np.where(np.isinf(limits), np.inf, limits * self.area)
 
     def bound_slopes(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of :meth:`bounds` along the parameters, (C, P) each; zero for infinite bounds."""
+        """Derivatives of :meth:`bounds` along the parameters, (C, P) each.
+
+        Zero for infinite bounds.
+        """
         nothing = np.zeros(point.size)
-        found = [nothing if scalar is None else scalar.derivative(point) for scalar in self._scalars]
+        found = [
+            nothing if scalar is None else scalar.derivative(point) for scalar in self._scalars
+        ]
         slopes = np.array(found).reshape(len(self.laws), 2, point.size)
         return slopes[self.law, 0], slopes[self.law, 1] * self.area[:, None]
 
@@ -221,7 +287,10 @@ class Friction(ContactLaw, Rebuilt):
     def limited(
         self, forces: np.ndarray, changes: np.ndarray, fitted: np.ndarray, point: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """See :class:`ContactLaw`: tangential forces up to their bound; contacts well below it stick."""
+        """See :class:`ContactLaw`: tangential forces up to their bound.
+
+        Contacts well below it stick.
+        """
         rows = self.tangential
         coefficient, limit = self.bounds(point)
         found = forces.copy()
@@ -234,18 +303,30 @@ class Friction(ContactLaw, Rebuilt):
         if changes.shape[1]:
             of_coefficient, of_limit = self.bound_slopes(point)
             with np.errstate(invalid="ignore"):  # of Tresca's law, which has no coefficient
-                carried = coefficient[:, None] * changes[self.normal] + of_coefficient * pressure[:, None]
+                carried = (
+                    coefficient[:, None] * changes[self.normal] + of_coefficient * pressure[:, None]
+                )
             of_bound = np.where((admitted < limit)[:, None], carried, of_limit)
-            slopes = self._scaled(forces, changes, beyond, admitted / np.where(size > 0, size, 1.0), of_bound)
+            slopes = self._scaled(
+                forces, changes, beyond, admitted / np.where(size > 0, size, 1.0), of_bound
+            )
         active = found > 0
         sticks = active[self.normal] & (self.lengths(found[rows]) < (1.0 - SLIPPING) * admitted)
         active[rows] = sticks[self.owner]
         return found, slopes, active
 
     def _scaled(
-        self, forces: np.ndarray, changes: np.ndarray, beyond: np.ndarray, share: np.ndarray, of_bound: np.ndarray
+        self,
+        forces: np.ndarray,
+        changes: np.ndarray,
+        beyond: np.ndarray,
+        share: np.ndarray,
+        of_bound: np.ndarray,
     ) -> np.ndarray:
-        """Derivatives of bound t / |t| for the vectors t of the contacts ``beyond`` it; ``share`` is bound / |t|."""
+        """Derivatives of bound t / |t| for the vectors t of the contacts ``beyond`` it.
+
+        ``share`` is bound / |t|.
+        """
         slopes = changes.copy()
         owner = self.owner[beyond[self.owner]]
         rows = self.tangential[beyond[self.owner]]
@@ -257,33 +338,48 @@ class Friction(ContactLaw, Rebuilt):
         return slopes
 
     def statuses(self, active: np.ndarray) -> np.ndarray:
-        """Status of each contact from those of all rows, (M,) bool: 0 open, 1 sticks, 2 slips, (C,)."""
+        """Status of each contact from those of all rows, (M,) bool: 0 open, 1 sticks, 2 slips,
+        (C,).
+        """
         sticks = np.bincount(self.owner, ~active[self.tangential], self.normal.size) == 0
         return np.where(active[self.normal], np.where(sticks, STICKS, SLIPS), OPEN)
 
     def within(self, conditions: np.ndarray) -> Friction:
-        """Friction of some conditions, (m,), in their order there; ValueError if a contact lacks some of its rows."""
+        """Friction of some conditions, (m,), in their order there.
+
+        ValueError if a contact lacks some of its rows.
+        """
         contacts = np.isin(self.normal, conditions)
         rows = np.isin(self.tangential, conditions)
         if not (contacts[self.owner] == rows).all():
             raise ValueError("a pressure and its tangential rows go together")
         return replace(
-            self, normal=places_of(self.normal[contacts], conditions), area=self.area[contacts],
-            spacing=self.spacing[contacts], law=self.law[contacts],
+            self,
+            normal=places_of(self.normal[contacts], conditions),
+            area=self.area[contacts],
+            spacing=self.spacing[contacts],
+            law=self.law[contacts],
             tangential=places_of(self.tangential[rows], conditions),
-            owner=(np.cumsum(contacts) - 1)[self.owner[rows]], tangents=self.tangents[rows],
+            owner=(np.cumsum(contacts) - 1)[self.owner[rows]],
+            tangents=self.tangents[rows],
             twice=places_of(np.intersect1d(self.twice, conditions), conditions),
-        )  # fmt: skip
+        )
 
     def among(self, conditions: np.ndarray) -> Friction:
         """See :class:`ContactLaw`."""
         return replace(
-            self, normal=conditions[self.normal], tangential=conditions[self.tangential], twice=conditions[self.twice]
+            self,
+            normal=conditions[self.normal],
+            tangential=conditions[self.tangential],
+            twice=conditions[self.twice],
         )
 
 
 def bounds(coefficient: np.ndarray, limit: np.ndarray, forces: np.ndarray) -> np.ndarray:
-    """min(coefficient max(0, pressure), limit); an infinite coefficient gives the limit at any pressure."""
+    """min(coefficient max(0, pressure), limit).
+
+    An infinite coefficient gives the limit at any pressure.
+    """
     with np.errstate(invalid="ignore"):
         carried = coefficient * np.maximum(forces, 0.0)
     return np.minimum(np.where(np.isinf(coefficient), np.inf, carried), limit)
@@ -301,7 +397,9 @@ class SlipState(NamedTuple):
     position: np.ndarray  # slack of the tangential rows, from which the next increment slips, (T,)
     path: np.ndarray  # length that each contact has slipped while closed, (C,)
     work: np.ndarray  # energy dissipated by friction there, (C,)
-    wear: np.ndarray  # pressure integrated along the slip, (C,): Archard's wear in depth per unit of his constant
+    wear: (
+        np.ndarray
+    )  # pressure integrated along the slip, (C,): Archard's wear in depth per unit of his constant
     pressure: np.ndarray  # current force of its pressure, (C,)
     bound: np.ndarray  # current largest tangential force, (C,)
     statuses: np.ndarray  # 0 open, 1 sticks, 2 slips, (C,)
@@ -316,15 +414,30 @@ class SlipState(NamedTuple):
         """State without slip and without pressure."""
         nothing = np.zeros(friction.normal.size)
         rows = np.zeros(friction.tangential.size)
-        return cls(rows, nothing, nothing, nothing, nothing, nothing, np.zeros(friction.normal.size, dtype=np.int64))
+        return cls(
+            rows,
+            nothing,
+            nothing,
+            nothing,
+            nothing,
+            nothing,
+            np.zeros(friction.normal.size, dtype=np.int64),
+        )
 
     def after(
-        self, friction: Friction, forces: np.ndarray, slack: np.ndarray, active: np.ndarray, bound: np.ndarray
+        self,
+        friction: Friction,
+        forces: np.ndarray,
+        slack: np.ndarray,
+        active: np.ndarray,
+        bound: np.ndarray,
     ) -> SlipState:
-        """State after an increment, with forces, slack and statuses of all rows, (M,) each, and the bounds then, (C,).
+        """State after an increment, with forces, slack and statuses of all rows, (M,) each, and the
+        bounds then, (C,).
 
-        Tangential slack is the slip of the increment. Bounds and pressures are averaged over it, which is exact for
-        proportional growth; a contact that opens has slipped half of the increment while closed.
+        Tangential slack is the slip of the increment. Bounds and pressures are averaged over it,
+        which is exact for proportional growth; a contact that opens has slipped half of the
+        increment while closed.
         """
         slip = slack[friction.tangential]
         count = friction.normal.size
@@ -335,6 +448,11 @@ class SlipState(NamedTuple):
         stress = np.divide(mean, friction.area, out=np.zeros(count), where=friction.area > 0)
         work = 0.5 * (self.bound + bound) * slipped
         return SlipState(
-            self.position + slip, self.path + slipped * closed, self.work + work, self.wear + stress * slipped,
-            pressure, bound, friction.statuses(active),
-        )  # fmt: skip
+            self.position + slip,
+            self.path + slipped * closed,
+            self.work + work,
+            self.wear + stress * slipped,
+            pressure,
+            bound,
+            friction.statuses(active),
+        )

@@ -1,4 +1,7 @@
-"""Outputs of contacts with friction, and the torque that friction can bear; see :mod:`hhr_dolfinx.outputs`."""
+"""Outputs of contacts with friction, and the torque that friction can bear.
+
+See :mod:`hhr_dolfinx.outputs`.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,8 @@ from hhr_dolfinx.plugins.friction.laws import Friction
 
 @dataclass(frozen=True)
 class Torque(OfContact):
-    """Torque about an axis that friction can bear: its coefficient times the sum of force times distance to the axis.
+    """Torque about an axis that friction can bear: its coefficient times the sum of force times
+    distance to the axis.
 
     Attributes:
         friction: coefficient of friction.
@@ -35,7 +39,10 @@ class Torque(OfContact):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not is_number(self.friction) or self.friction < 0:
-            raise SceneError(f"output '{self.name}': the friction {self.friction!r} must be a number, not negative")
+            raise SceneError(
+                f"output '{self.name}': the friction {self.friction!r} must be a number, not "
+                "negative"
+            )
 
     def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
@@ -45,7 +52,10 @@ class Torque(OfContact):
         if probe.scene.hypothesis == "axisymmetric":
             no_axis(self)
             if self.origin is not None:
-                raise SceneError(f"output '{self.name}': the axis of an axisymmetric scene is given, leave out origin")
+                raise SceneError(
+                    f"output '{self.name}': the axis of an axisymmetric scene is given, leave out "
+                    "origin"
+                )
             distances = np.abs(points[:, 0])
         else:
             arms = points - place_of(self, "origin", dim)
@@ -55,15 +65,19 @@ class Torque(OfContact):
             else:
                 distances = np.linalg.norm(np.cross(unit_vector(self, "axis", 3), arms), axis=1)
         shares = probe.problem.shares_of(self.contact)[conditions]
-        return Linear.of(self.name, self.unit, conditions, float(self.friction) * shares * distances)
+        return Linear.of(
+            self.name, self.unit, conditions, float(self.friction) * shares * distances
+        )
 
 
 @dataclass(frozen=True)
 class FrictionForce(OfContact):
-    """Component of the resultant of the tangential forces of a contact on the body of its first surface, the slave.
+    """Component of the resultant of the tangential forces of a contact on the body of its first
+    surface, the slave.
 
     Attributes:
-        direction: direction of the component, see :class:`ContactForce`, which is the sum of pressures and friction.
+        direction: direction of the component, see :class:`ContactForce`, which is the sum of
+            pressures and friction.
     """
 
     vectors: ClassVar[tuple[str, ...]] = ("direction",)
@@ -81,7 +95,9 @@ class FrictionForce(OfContact):
 
 @dataclass(frozen=True)
 class _Accumulated(OfContact):
-    """The largest value, or the sum, of an accumulated quantity of friction in a contact, times a constant."""
+    """The largest value, or the sum, of an accumulated quantity of friction in a contact, times a
+    constant.
+    """
 
     quantity: ClassVar[str]
     largest: ClassVar[bool] = True
@@ -91,7 +107,11 @@ class _Accumulated(OfContact):
         factor = float(getattr(self, "constant", 1.0))
         given = self.name, self.unit, *no_rows(), own, self.quantity, factor, self.largest
         shares = probe.problem.shares_of(self.contact)[friction.normal[own]]
-        return Remembered(*given) if self.largest or (shares == 1.0).all() else RememberedShare(*given, shares)
+        return (
+            Remembered(*given)
+            if self.largest or (shares == 1.0).all()
+            else RememberedShare(*given, shares)
+        )
 
 
 @dataclass(frozen=True)
@@ -111,7 +131,8 @@ class DissipatedWork(_Accumulated):
 
 @dataclass(frozen=True)
 class LargestWear(_Accumulated):
-    """Largest accumulated wear depth by Archard's law: a constant times the integral of the pressure over the slip.
+    """Largest accumulated wear depth by Archard's law: a constant times the integral of the
+    pressure over the slip.
 
     It is an output only: gaps do not change with it.
 
@@ -126,7 +147,10 @@ class LargestWear(_Accumulated):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not is_number(self.constant) or self.constant < 0:
-            raise SceneError(f"output '{self.name}': the constant {self.constant!r} must be a number, not negative")
+            raise SceneError(
+                f"output '{self.name}': the constant {self.constant!r} must be a number, not "
+                "negative"
+            )
 
 
 @dataclass(frozen=True)
@@ -150,12 +174,16 @@ class SlipArea(StickArea):
 
 
 def _sliding(output: OfContact, probe: ModelProbe) -> tuple[np.ndarray, Friction]:
-    """Numbers of the contacts with friction of the pair of an output, and the friction; SceneError without any."""
+    """Numbers of the contacts with friction of the pair of an output, and the friction.
+
+    SceneError without any.
+    """
     friction = probe.problem.law.of("friction")
     if isinstance(friction, Friction):
         own = np.flatnonzero(np.isin(friction.normal, probe.conditions(output)))
         if own.size:
             return own, friction
     raise SceneError(
-        f"output '{output.name}': contact {output.contact} has no friction: give its pair one, friction=0.3"
+        f"output '{output.name}': contact {output.contact} has no friction: give its pair one, "
+        "friction=0.3"
     )

@@ -1,4 +1,6 @@
-"""Facet ``page`` of friction: its rows and laws for pages and C headers, and the file that solves by them."""
+"""Facet ``page`` of friction: its rows and laws for pages and C headers, and the file that solves
+by them.
+"""
 
 from __future__ import annotations
 

@@ -40,11 +40,18 @@ class _Tangential(KnownArguments, PairLaw):
 
     def check(self, scene: Any, what: str) -> None:
         coefficient = FrictionLaw.of(self, scene.parameters, what).coefficient
-        if coefficient is not None and LARGE < (value := coefficient.value(scene.parameters.middle)) < ROUGH:
-            angle = f"; of an angle of {value:g} degrees it is {np.tan(np.radians(value)):.3g}" if value < 90 else ""
+        if (
+            coefficient is not None
+            and LARGE < (value := coefficient.value(scene.parameters.middle)) < ROUGH
+        ):
+            angle = (
+                f"; of an angle of {value:g} degrees it is {np.tan(np.radians(value)):.3g}"
+                if value < 90
+                else ""
+            )
             warn(
-                f"{what}: a coefficient of friction of {value:g} is more than rubber has, about 1. It is a ratio of "
-                f"forces, no angle and no percentage{angle}",
+                f"{what}: a coefficient of friction of {value:g} is more than rubber has, about "
+                f"1. It is a ratio of forces, no angle and no percentage{angle}",
                 SceneWarning,
             )
 
@@ -61,13 +68,20 @@ class _Tangential(KnownArguments, PairLaw):
     ) -> tuple[ContactRows, np.ndarray, Friction]:
         from hhr_dolfinx.plugins.friction.tangents import Mesh, with_tangents
 
-        own = {place: FrictionLaw.of(law, scene.parameters, f"contact {place}") for place, law in laws.items()}
+        own = {
+            place: FrictionLaw.of(law, scene.parameters, f"contact {place}")
+            for place, law in laws.items()
+        }
         shaped: set[str] = set().union(*(shape.variables for shape in scene.shapes))
 
         def places(some: set[str]) -> np.ndarray:
-            return np.array([k for k, name in enumerate(scene.parameters.names) if name in some], dtype=np.int64)
+            return np.array(
+                [k for k, name in enumerate(scene.parameters.names) if name in some], dtype=np.int64
+            )
 
-        return with_tangents(rows, pairs, own, free, lifts, places(scene.named), places(shaped), Mesh(*mesh))
+        return with_tangents(
+            rows, pairs, own, free, lifts, places(scene.named), places(shaped), Mesh(*mesh)
+        )
 
 
 @dataclass(frozen=True)
@@ -76,8 +90,8 @@ class Coulomb(_Tangential):
 
     Attributes:
         coefficient: not negative; a number, or an expression of the parameters.
-        limit: largest shear stress at any pressure, in the unit of stress; a number or an expression; None for no
-            limit.
+        limit: largest shear stress at any pressure, in the unit of stress; a number or an
+            expression; None for no limit.
     """
 
     coefficient: float | str
@@ -91,13 +105,15 @@ class Coulomb(_Tangential):
 
 @dataclass(frozen=True)
 class Tresca(_Tangential):
-    """Tresca's law: the tangential stress is at most a given one at any pressure, also on open contacts.
+    """Tresca's law: the tangential stress is at most a given one at any pressure, also on open
+    contacts.
 
-    This is the classical problem, which has one solution. For a stress that vanishes on open contacts use a limit of
-    Coulomb's law, ``Coulomb(coefficient, limit)``.
+    This is the classical problem, which has one solution. For a stress that vanishes on open
+    contacts use a limit of Coulomb's law, ``Coulomb(coefficient, limit)``.
 
     Attributes:
-        limit: shear stress, not negative, in the unit of stress; a number, or an expression of the parameters.
+        limit: shear stress, not negative, in the unit of stress; a number, or an expression of the
+            parameters.
     """
 
     limit: float | str
@@ -116,15 +132,20 @@ def _check_constant(value: float | str, name: str) -> None:
 
 Law = Coulomb | Tresca
 LARGE = 5.0
-"""Coefficient of friction in the middle of the box above which it may be an angle or a percentage."""
+"""Coefficient of friction in the middle of the box above which it may be an angle or a
+percentage.
+"""
 ROUGH = 1e3
 """Coefficient from which on it states surfaces that never slip."""
 STICK = 0.1
-"""Stiffness of sticking contacts in a deck of CalculiX or Abaqus, as a part of that of pressures."""
+"""Stiffness of sticking contacts in a deck of CalculiX or Abaqus, as a part of that of
+pressures.
+"""
 
 
 def law_of(friction: Any, what: str) -> Law | None:
-    """Law for the friction that a user gave for a pair: None, a law, or the coefficient of Coulomb's law.
+    """Law for the friction that a user gave for a pair: None, a law, or the coefficient of
+    Coulomb's law.
 
     Raises:
         SceneError: for anything else.
@@ -137,8 +158,8 @@ def law_of(friction: Any, what: str) -> Law | None:
         return Coulomb(friction)
     except SceneError:
         raise SceneError(
-            f"friction = {friction!r} of {what} is unknown: give the coefficient as a number or a formula, "
-            "friction=0.3, or a law, Coulomb(0.3, limit) or Tresca(limit)"
+            f"friction = {friction!r} of {what} is unknown: give the coefficient as a number or a "
+            "formula, friction=0.3, or a law, Coulomb(0.3, limit) or Tresca(limit)"
         ) from None
 
 
@@ -148,7 +169,9 @@ class _Deck:
     def limited(self, law: Law) -> bool:
         return law.limit is not None
 
-    def lines(self, law: Law, number: Callable[[float | str], float], penalty: float) -> Iterator[str]:
+    def lines(
+        self, law: Law, number: Callable[[float | str], float], penalty: float
+    ) -> Iterator[str]:
         coefficient = 0.0 if law.coefficient is None else number(law.coefficient)
         if coefficient > 0.0:  # CalculiX refuses zero
             yield from ("*FRICTION", f"{coefficient:.6g}, {STICK * penalty:.6e}")

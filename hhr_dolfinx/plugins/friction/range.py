@@ -1,4 +1,6 @@
-"""Facet ``range`` of friction: increments next to laws of other plug-ins, see :mod:`plugins.contact_laws.ranges`."""
+"""Facet ``range`` of friction: increments next to laws of other plug-ins, see
+:mod:`plugins.contact_laws.ranges`.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhr_dolfinx.memory import Memory
-from hhr_dolfinx.plugins.contact_laws.ranges import Coupling, Linearised, RangeSolver, RangeStep, UnilateralStep
+from hhr_dolfinx.plugins.contact_laws.ranges import (
+    Coupling,
+    Linearised,
+    RangeSolver,
+    RangeStep,
+    UnilateralStep,
+)
 from hhr_dolfinx.plugins.friction.laws import SLIP, Friction, SlipState, bounds
 from hhr_dolfinx.plugins.friction.slider import APART, WORK
 from hhr_dolfinx.plugins.friction.sliding_set import PROBES, elastic_slip
@@ -38,8 +46,12 @@ class FrictionRange(RangeSolver):
         """One increment."""
         return FrictionStep(self.law, before[SLIP], point)
 
-    def difference(self, off: float, ends: Sequence[Any], rows: np.ndarray, largest: float) -> float:
-        """As that of :class:`~hhr_dolfinx.plugins.friction.slider.Slider`, of the contacts of the range."""
+    def difference(
+        self, off: float, ends: Sequence[Any], rows: np.ndarray, largest: float
+    ) -> float:
+        """As that of :class:`~hhr_dolfinx.plugins.friction.slider.Slider`, of the contacts of the
+        range.
+        """
         own = self.law
         held = []
         for before, after in pairwise(ends[:3]):
@@ -50,14 +62,19 @@ class FrictionRange(RangeSolver):
         _, _, second, whole = ends
         work = float(second.memory[SLIP].work.sum())
         change = abs(work - float(whole.memory[SLIP].work.sum()))
-        return max(off + float(np.linalg.norm(held)) / largest, change / (work + WORK * second.energy or 1.0))
+        return max(
+            off + float(np.linalg.norm(held)) / largest,
+            change / (work + WORK * second.energy or 1.0),
+        )
 
     def check(self, memory: Mapping[str, Any], place: str) -> None:
         """Check the sliding distance."""
         self._far.check(self.law, memory[SLIP], place)
 
     def coupling(self, schur: np.ndarray, rows: np.ndarray, point: np.ndarray) -> float:
-        """See :mod:`.uniqueness`, on the whole S: monotone laws of other rows only add to the left-hand side."""
+        """See :mod:`.uniqueness`, on the whole S: monotone laws of other rows only add to the
+        left-hand side.
+        """
         coefficient, _ = self.law.bounds(point)
         return coupling(schur, self.law.among(rows), coefficient)
 
@@ -76,9 +93,18 @@ class _At(NamedTuple):
 
 
 class FrictionStep(RangeStep):
-    """Friction from a slip state to a point, (P,); ``under`` is the law of the pressures, unilateral by default."""
+    """Friction from a slip state to a point, (P,).
 
-    def __init__(self, friction: Friction, before: SlipState, point: np.ndarray, under: RangeStep | None = None):
+    ``under`` is the law of the pressures, unilateral by default.
+    """
+
+    def __init__(
+        self,
+        friction: Friction,
+        before: SlipState,
+        point: np.ndarray,
+        under: RangeStep | None = None,
+    ):
         self.friction = friction
         self.under = under or UnilateralStep(friction.normal.size)
         self.before = before
@@ -87,9 +113,13 @@ class FrictionStep(RangeStep):
         self.shift = np.zeros(friction.normal.size + friction.tangential.size)
         self.shift[friction.tangential] = -before.position
         self.shift[friction.normal] = self.under.shift
-        self._turns = np.bincount(friction.owner, minlength=friction.normal.size)[friction.owner] > 1
+        self._turns = (
+            np.bincount(friction.owner, minlength=friction.normal.size)[friction.owner] > 1
+        )
 
-    def _at(self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int) -> _At:
+    def _at(
+        self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int
+    ) -> _At:
         own = self.friction
         rows = own.tangential
         pressures = own.normal
@@ -104,9 +134,13 @@ class FrictionStep(RangeStep):
         size = own.lengths(probed)
         bears = (bound > 0) | (borne > 0)
         direction = probed / np.where(size > 0, size, 1.0)[own.owner]
-        return _At(c, normal, bound, bound >= self.limit, bears, bears & (size > bound), direction, size)
+        return _At(
+            c, normal, bound, bound >= self.limit, bears, bears & (size > bound), direction, size
+        )
 
-    def linearised(self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int) -> Linearised:
+    def linearised(
+        self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int
+    ) -> Linearised:
         """Newton's rows for the projection on the disc, see :mod:`.sliding_system`."""
         own = self.friction
         rows = own.tangential
@@ -124,7 +158,9 @@ class FrictionStep(RangeStep):
         slips = at.slips[owner]
         d = np.where(slips, at.direction, 0.0)
         # across the slip a turning contact sticks, with a compliance that grows with the slip
-        yielding = np.where(slips & self._turns, at.bound[owner] / np.where(slips, at.size[owner], 1.0), 0.0)
+        yielding = np.where(
+            slips & self._turns, at.bound[owner] / np.where(slips, at.size[owner], 1.0), 0.0
+        )
         across = yielding * (1.0 - d**2)
         probe = PROBES[attempt] * at.stiffness[rows]
         on_forces[rows] = np.where(slips, 1.0 - across, ~bears)
@@ -144,8 +180,16 @@ class FrictionStep(RangeStep):
         active = np.zeros(forces.size, dtype=bool)
         active[pressures] = at.normal.active
         active[rows] = bears & ~slips
-        key = at.normal.key + at.bears.tobytes() + at.slips.tobytes() + np.sign(d).tobytes() + limited.tobytes()
-        return Linearised(off, on_forces, on_slack, right, key, active, self._with_under(beside, at.normal))
+        key = (
+            at.normal.key
+            + at.bears.tobytes()
+            + at.slips.tobytes()
+            + np.sign(d).tobytes()
+            + limited.tobytes()
+        )
+        return Linearised(
+            off, on_forces, on_slack, right, key, active, self._with_under(beside, at.normal)
+        )
 
     def _with_under(self, beside: Coupling, normal: Linearised) -> Coupling:
         """Entries of friction, and those of the law of the pressures."""
@@ -172,11 +216,17 @@ class FrictionStep(RangeStep):
         grown = np.where(at.limited[:, None], limit, coefficient * pressure)[own.owner]
         found = np.zeros((forces.size, grown.shape[1]))
         found[own.tangential] = np.where(at.slips[own.owner], -at.direction, 0.0)[:, None] * grown
-        found[own.normal] = self.under.slopes(forces[own.normal], slack[own.normal], at.stiffness[own.normal])
+        found[own.normal] = self.under.slopes(
+            forces[own.normal], slack[own.normal], at.stiffness[own.normal]
+        )
         return found
 
-    def carried(self, before: np.ndarray, forces: np.ndarray, slack: np.ndarray, active: np.ndarray) -> np.ndarray:
-        """The shift is minus the position, which grows by the slip, a slack that has the shift in it."""
+    def carried(
+        self, before: np.ndarray, forces: np.ndarray, slack: np.ndarray, active: np.ndarray
+    ) -> np.ndarray:
+        """The shift is minus the position, which grows by the slip, a slack that has the shift in
+        it.
+        """
         own = self.friction
         found = before.copy()
         found[own.tangential] -= np.where(active[own.tangential, None], 0.0, slack[own.tangential])
@@ -184,14 +234,20 @@ class FrictionStep(RangeStep):
         found[own.normal] = self.under.carried(*of_pressures)
         return found
 
-    def grazing(self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, near: float) -> np.ndarray:
+    def grazing(
+        self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, near: float
+    ) -> np.ndarray:
         """Pressures about to open or to close, and contacts about to stick or to slip."""
         own = self.friction
         at = self._at(forces, slack, stiffness, 1)
         found = np.zeros(forces.size, dtype=bool)
         normal = own.normal
-        found[normal] = self.under.grazing(forces[normal], slack[normal], at.stiffness[normal], near)
+        found[normal] = self.under.grazing(
+            forces[normal], slack[normal], at.stiffness[normal], near
+        )
         slip = own.lengths(at.stiffness[own.tangential] * slack[own.tangential])
-        close = np.where(at.slips, slip <= near, own.lengths(forces[own.tangential]) >= at.bound - near)
+        close = np.where(
+            at.slips, slip <= near, own.lengths(forces[own.tangential]) >= at.bound - near
+        )
         found[own.tangential] = (close & at.bears)[own.owner]
         return found

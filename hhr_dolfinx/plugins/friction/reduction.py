@@ -11,14 +11,15 @@ with_friction = of_paths
 
 
 def check_forces(draft: Draft) -> None:
-    """Raise NotSolvableError for a singular S of the RID: forces of sticking contacts are then undetermined.
+    """Raise NotSolvableError for a singular S of the RID: forces of sticking contacts are then
+    undetermined.
 
     Without friction this may be correct for a body that only contact holds; with friction a second
     solution was found, 10 % off.
     """
     if abs(draft.stability.contact_definite) < DEPENDENT:
         raise NotSolvableError(
-            "the contact rows are dependent on the modes without rigid motions, so that friction has several answers: "
-            "enrich the basis further, enrichment=Enrich(2.0), as the usual recipe does where its first enrichment is "
-            "too small, or take a condensed model"
+            "the contact rows are dependent on the modes without rigid motions, so that friction "
+            "has several answers: enrich the basis further, enrichment=Enrich(2.0), as the usual "
+            "recipe does where its first enrichment is too small, or take a condensed model"
         )

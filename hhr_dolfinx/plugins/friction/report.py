@@ -12,8 +12,11 @@ from hhr_dolfinx.plugins.friction.laws import SLIP, Friction
 class _Report:
     """See :func:`hhr_dolfinx.plugins.checks.fields.grid_of`."""
 
-    def point_fields(self, problem: ContactProblem, answer: Answer, forces: np.ndarray) -> dict[str, np.ndarray]:
-        """Friction at the nodes of the mesh: traction on slaves (nodes, 3), length slipped, and status.
+    def point_fields(
+        self, problem: ContactProblem, answer: Answer, forces: np.ndarray
+    ) -> dict[str, np.ndarray]:
+        """Friction at the nodes of the mesh: traction on slaves (nodes, 3), length slipped, and
+        status.
 
         The status is 0 if contact is open or without friction, 1 if it sticks, 2 if it slips.
         """

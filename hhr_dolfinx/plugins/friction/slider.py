@@ -1,9 +1,9 @@
 """Increments of elastic bodies with friction, whose memory is their slip.
 
-An increment goes from one point of a path to the next and slips in a straight line, backward Euler for the rate of
-slip. A step in two halves differs from the whole one by its forces and its dissipated work. A contact that closes
-within an increment sticks relative to the start of the increment, as a whole and in halves alike: its sticking force
-counts as an error too.
+An increment goes from one point of a path to the next and slips in a straight line, backward Euler
+for the rate of slip. A step in two halves differs from the whole one by its forces and its
+dissipated work. A contact that closes within an increment sticks relative to the start of the
+increment, as a whole and in halves alike: its sticking force counts as an error too.
 """
 
 from __future__ import annotations
@@ -28,7 +28,10 @@ WORK = 1e-3
 """Part of the elastic energy of contact below which dissipated work counts as zero."""
 APART = 1e-9
 """Part of the largest gap above which a contact is open."""
-NOTE = "derivative of the path in its increments, at their statuses: check that more increments do not change it"
+NOTE = (
+    "derivative of the path in its increments, at their statuses: check that more increments do "
+    "not change it"
+)
 """Note of derivatives."""
 
 
@@ -47,14 +50,20 @@ class Reached(NamedTuple):
     changes: np.ndarray
     """Derivatives of the position of tangential rows, (T, P)."""
     closing: np.ndarray
-    """Change of these if an open contact closes next: its position where it closes moves too, (T, P)."""
+    """Change of these if an open contact closes next: its position where it closes moves too, (T,
+    P).
+    """
     displacement: np.ndarray | None = None
     surface_forces: np.ndarray | None = None
-    """Displacement of, and forces on, all dofs of surfaces, (n,), for surfaces that are paired again."""
+    """Displacement of, and forces on, all dofs of surfaces, (n,), for surfaces that are paired
+    again.
+    """
 
 
 class Solved(NamedTuple):
-    """An increment: its solution, the state at its end, the contact problem there, and derivatives if requested."""
+    """An increment: its solution, the state at its end, the contact problem there, and derivatives
+    if requested.
+    """
 
     found: Sliding
     reached: Reached
@@ -78,14 +87,17 @@ class Solved(NamedTuple):
 
 
 class Slider:
-    """Solves increments of one model; see :class:`~hhr_dolfinx.plugins.contact_laws.increments.Increments`.
+    """Solves increments of one model; see
+    :class:`~hhr_dolfinx.plugins.contact_laws.increments.Increments`.
 
-    The model is full or condensed, with a :class:`Friction` as its law; its ``contacts`` makes the contact problems.
+    The model is full or condensed, with a :class:`Friction` as its law; its ``contacts`` makes the
+    contact problems.
 
     Attributes:
         friction: on the conditions of the model.
         surface: the whole contact surface, whose slip is stored.
-        largest, energy: largest norm of forces, and elastic energy of contact, so far: the units of errors.
+        largest, energy: largest norm of forces, and elastic energy of contact, so far: the units of
+            errors.
     """
 
     def __init__(self, model: Any, gradient: bool = False, limit: bool = False):
@@ -105,7 +117,9 @@ class Slider:
         forces = np.zeros(self.model.own_conditions)
         gap = self._contact_at(point).free_slack[self.friction.normal]
         slip = SlipState.at_rest(self.surface.whole)
-        return Reached(point, time, forces, None, gap, slip, weights, self._no_changes, self._no_changes)
+        return Reached(
+            point, time, forces, None, gap, slip, weights, self._no_changes, self._no_changes
+        )
 
     @property
     def _no_changes(self) -> np.ndarray:
@@ -118,17 +132,31 @@ class Slider:
         self.largest = max(self.largest, float(np.linalg.norm(forces)))
         self.energy = max(self.energy, 0.5 * float(forces @ (schur @ forces)))
         problem = self.model.problem.at(answer.parameter)
-        slack = problem.gaps @ problem.amplitudes(answer.parameter) - problem.contact @ answer.unknown
+        slack = (
+            problem.gaps @ problem.amplitudes(answer.parameter) - problem.contact @ answer.unknown
+        )
         gap = slack[self.friction.normal]
         slip = answer.memory[SLIP]
         nothing = self._no_changes
-        return Reached(answer.parameter, answer.time, forces, answer.active, gap, slip, weights, nothing, nothing)
+        return Reached(
+            answer.parameter,
+            answer.time,
+            forces,
+            answer.active,
+            gap,
+            slip,
+            weights,
+            nothing,
+            nothing,
+        )
 
     def increment(self, before: Reached, target: Target) -> Solved:
         """Solve one increment; it may not converge."""
         point = target.point
         contact = self._contact_at(point)
-        of_motions = None if contact.kernel is None else contact.kernel.equalities.contact_of_motions
+        of_motions = (
+            None if contact.kernel is None else contact.kernel.equalities.contact_of_motions
+        )
         if self._sliding is None or self._sliding.given is not contact.schur:
             self._sliding = SlidingContact(contact.schur, self.friction, of_motions)
         slack = contact.free_slack.copy()
@@ -136,7 +164,9 @@ class Slider:
         driving = np.zeros(0) if contact.kernel is None else contact.kernel.driving
         given = Increment(slack, *self.friction.bounds(point), driving)
         found = self._sliding.increment(given, before.forces, before.active)
-        slip = self.surface.after(before.slip, given, found, partial(unknown_of, contact, found), point)
+        slip = self.surface.after(
+            before.slip, given, found, partial(unknown_of, contact, found), point
+        )
         gradient = None
         changes = before.changes
         closing = self._no_changes
@@ -144,24 +174,31 @@ class Slider:
             closes = self._closes(before, found)
             references = before.changes + np.where(closes, before.closing, 0.0)
             gradient = self._gradient(references, target, given, found, contact)
-            # one that closes within an increment may slip in it alone, as it is drawn from the start of the increment
+            # one that closes within an increment may slip in it alone, as it is drawn from the
+            # start of the increment
             follows = ~found.active[self.friction.tangential, None] & ~closes
             changes = references + np.where(follows, gradient.slack[self.friction.tangential], 0.0)
             closing = self._closing(before, found, gradient)
-        return Solved(found, self._reached(target, found, slip, (changes, closing)), contact, gradient)
+        return Solved(
+            found, self._reached(target, found, slip, (changes, closing)), contact, gradient
+        )
 
     def _closes(self, before: Reached, found: Sliding) -> np.ndarray:
-        """Tangential rows of contacts that close in an increment, if derivatives are those of a limit, (T, 1) bool."""
+        """Tangential rows of contacts that close in an increment, if derivatives are those of a
+        limit, (T, 1) bool.
+        """
         friction = self.friction
         if not self._limit or before.active is None:
             return np.zeros((friction.tangential.size, 1), dtype=bool)
         return (found.active & ~before.active)[friction.normal[friction.owner], None]
 
     def _closing(self, before: Reached, found: Sliding, gradient: Gradient) -> np.ndarray:
-        """Derivatives of the position at which open contacts will close, less those at a fixed time, (T, P).
+        """Derivatives of the position at which open contacts will close, less those at a fixed
+        time, (T, P).
 
-        A contact that closes at the time t sticks at its position g_t(t) then, and t changes by -dg / (dg/dt) of its
-        gap g. In increments the position is that at the start of one, whose derivative always misses this.
+        A contact that closes at the time t sticks at its position g_t(t) then, and t changes by -dg
+        / (dg/dt) of its gap g. In increments the position is that at the start of one, whose
+        derivative always misses this.
         """
         friction = self.friction
         gap = found.slack[friction.normal]
@@ -187,20 +224,29 @@ class Slider:
         return Reached(target.point, target.time, *state, target.weights, *changes, *of_surfaces)
 
     def _gradient(
-        self, references: np.ndarray, target: Target, given: Increment, found: Sliding, contact: CondensedContact
+        self,
+        references: np.ndarray,
+        target: Target,
+        given: Increment,
+        found: Sliding,
+        contact: CondensedContact,
     ) -> Gradient:
         """Derivatives of an increment at fixed statuses, also of the increments before."""
         assert self._sliding is not None
         floating = contact.kernel
         unknown = unknown_of(contact, found)
-        slack, of_unknown = (part * target.weights for part in contact.at_fixed_forces(found.forces, unknown))
+        slack, of_unknown = (
+            part * target.weights for part in contact.at_fixed_forces(found.forces, unknown)
+        )
         slack = slack.copy()
         slack[self.friction.tangential] -= references
         bounds = [part * target.weights for part in self.friction.bound_slopes(target.point)]
         driving = np.zeros((0, slack.shape[1]))
         if floating is not None:
             driving = floating.drift(found.forces, unknown) * target.weights
-        forces, motions = self._sliding.changes(given, found, slack, (bounds[0], bounds[1]), driving)
+        forces, motions = self._sliding.changes(
+            given, found, slack, (bounds[0], bounds[1]), driving
+        )
         slack = slack + self._sliding.schur @ forces - self._sliding.contact_of_motions @ motions
         slack[found.active] = 0.0
         of_unknown = of_unknown - contact.pushed(forces)
@@ -209,16 +255,25 @@ class Slider:
         return Gradient(of_unknown, forces, self._sliding.grazing(given, found), slack, note=NOTE)
 
     def held(self, before: Reached, after: Reached) -> float:
-        """Sticking force of contacts that closed in this increment; its reference is the start of the increment."""
+        """Sticking force of contacts that closed in this increment.
+
+        Its reference is the start of the increment.
+        """
         assert after.active is not None
         friction = self.friction
         # a contact that was closed at the start has no motion before its closing
-        closed = after.active[friction.normal] & (before.gap > APART * np.abs(before.gap).max(initial=0.0))
+        closed = after.active[friction.normal] & (
+            before.gap > APART * np.abs(before.gap).max(initial=0.0)
+        )
         return float(np.linalg.norm(after.forces[friction.tangential][closed[friction.owner]]))
 
     def difference(self, before: Reached, half: Solved, second: Solved, whole: Solved) -> float:
-        """Error of a step in two halves: of forces over the largest so far, of work over the dissipated work."""
-        closing = np.linalg.norm([self.held(before, half.reached), self.held(half.reached, second.reached)])
+        """Error of a step in two halves: of forces over the largest so far, of work over the
+        dissipated work.
+        """
+        closing = np.linalg.norm(
+            [self.held(before, half.reached), self.held(half.reached, second.reached)]
+        )
         off = np.linalg.norm(second.found.forces - whole.found.forces) + closing
         work = float(second.reached.slip.work.sum())
         change = abs(work - float(whole.reached.slip.work.sum()))
@@ -230,7 +285,9 @@ class Slider:
 
     def check(self, place: Reached) -> None:
         """Check the sliding distance."""
-        self._far.check(self.surface.whole, place.slip, self.model.parameters.described(place.point))
+        self._far.check(
+            self.surface.whole, place.slip, self.model.parameters.described(place.point)
+        )
 
     def advice(self, solved: Solved) -> Mapping[Status, str]:
         """See :class:`~hhr_dolfinx.plugins.contact_laws.increments.Increments`."""
@@ -239,7 +296,11 @@ class Slider:
             return {found.status: "friction does not bear its loads, or nothing presses on it"}
         if not found.unsettled.size:
             return {}
-        return {found.status: f"between stick and slip, conditions {found.unsettled[:8].tolist()} keep changing"}
+        return {
+            found.status: (
+                f"between stick and slip, conditions {found.unsettled[:8].tolist()} keep changing"
+            )
+        }
 
     def elastic_energy(self, solved: Solved) -> float:
         """Elastic energy of contact forces."""
@@ -250,13 +311,25 @@ class Slider:
         """Answer of an increment."""
         found, reached, contact, gradient = solved
         return Answer(
-            reached.point, unknown_of(contact, found), found.forces, found.active, found.iterations, found.status,
-            found.sweeps > 0, self.model.fields, time=reached.time, gradient=gradient, memory=Memory(slip=reached.slip),
+            reached.point,
+            unknown_of(contact, found),
+            found.forces,
+            found.active,
+            found.iterations,
+            found.status,
+            found.sweeps > 0,
+            self.model.fields,
+            time=reached.time,
+            gradient=gradient,
+            memory=Memory(slip=reached.slip),
             undetermined=self._undetermined(contact, found),
-        )  # fmt: skip
+        )
 
     def _undetermined(self, contact: CondensedContact, found: Sliding) -> np.ndarray | None:
-        """Motions that neither closed nor sticking contacts hold, see :class:`Answer`; None if there are none."""
+        """Motions that neither closed nor sticking contacts hold, see :class:`Answer`.
+
+        None if there are none.
+        """
         floating = contact.kernel
         if floating is None or found.status is not Status.CONVERGED:
             return None

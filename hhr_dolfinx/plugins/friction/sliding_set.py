@@ -1,20 +1,22 @@
-"""Active set of contact with friction: open, stick or slip at each contact, one function for full and reduced models.
+"""Active set of contact with friction: open, stick or slip at each contact, one function for full
+and reduced models.
 
-The rows of B are those of pressures, and for each contact with friction one or two tangential ones, so that forces
-x = (λ, τ) give slack = free_slack + S x, see :mod:`hhr_dolfinx.plugins.friction.laws`. The slack of a tangential row
-is the slip of an increment, with the sign by which τ opposes it. With c = 1 / S_ii, which turns slacks into forces, and
-y = x - c slack the conditions of one increment are projections,
+The rows of B are those of pressures, and for each contact with friction one or two tangential ones,
+so that forces x = (λ, τ) give slack = free_slack + S x, see
+:mod:`hhr_dolfinx.plugins.friction.laws`. The slack of a tangential row is the slip of an increment,
+with the sign by which τ opposes it. With c = 1 / S_ii, which turns slacks into forces, and y = x -
+c slack the conditions of one increment are projections,
 
     λ = max(0, y_n),      τ = y_t min(1, b / |y_t|),      b = min(coefficient max(0, y_n), limit),
 
-on the disc of Coulomb's law, not on a pyramid; for Tresca's law b = limit, with an infinite coefficient. A semi-smooth
-Newton method solves them: a set of statuses and slip directions gives one linear system, in which the bound b changes
-with λ. This is the primal-dual active set of S. Hüeber, G. Stadler and B. Wohlmuth (SIAM J. Sci. Comput.
-30, 2008) on the condensed problem.
+on the disc of Coulomb's law, not on a pyramid; for Tresca's law b = limit, with an infinite
+coefficient. A semi-smooth Newton method solves them: a set of statuses and slip directions gives
+one linear system, in which the bound b changes with λ. This is the primal-dual active set of S.
+Hüeber, G. Stadler and B. Wohlmuth (SIAM J. Sci. Comput. 30, 2008) on the condensed problem.
 
-Newton's statuses may cycle. Then sweeps over single contacts, by projection (F. Jourdan, P. Alart and M. Jean,
-CMAME 155, 1998), improve the forces, and Newton's method starts again from them. If that does not converge, the status
-is ``UNSETTLED``, with the contacts that still change.
+Newton's statuses may cycle. Then sweeps over single contacts, by projection (F. Jourdan, P. Alart
+and M. Jean, CMAME 155, 1998), improve the forces, and Newton's method starts again from them. If
+that does not converge, the status is ``UNSETTLED``, with the contacts that still change.
 """
 
 from __future__ import annotations
@@ -28,24 +30,42 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.plugins.friction.laws import Friction, bounds, places_of
-from hhr_dolfinx.plugins.friction.sliding_system import Rows, SlidingSystem, SlidingSystems, Statuses
+from hhr_dolfinx.plugins.friction.sliding_system import (
+    Rows,
+    SlidingSystem,
+    SlidingSystems,
+    Statuses,
+)
 from hhr_dolfinx.plugins.friction.sweeps import swept
 
 TOLERANCE = 1e-11
-"""Relative deviation of forces from their projection up to which they have converged (measured round-off: 1e-14)."""
+"""Relative deviation of forces from their projection up to which they have converged (measured
+round-off: 1e-14).
+"""
 PROBES = (0.2, 1.0, 0.01)
-"""Factors of the stiffness by which the slip of a contact enters its status, tried in this order. Neighbours slip at
-the same time, so that the stiffness of a single contact overestimates the change: with the full factor, slip may
-alternate between directions and never stick. On 256 contacts in space 0.1 to 0.3 took the fewest iterations."""
+"""Factors of the stiffness by which the slip of a contact enters its status, tried in this order.
+
+Neighbours slip at the same time, so that the stiffness of a single contact overestimates the
+change: with the full factor, slip may alternate between directions and never stick. On 256 contacts
+in space 0.1 to 0.3 took the fewest iterations.
+"""
 NEWTON = 40
-"""Iterations of Newton's method before another attempt; two to five are usual from the previous increment."""
+"""Iterations of Newton's method before another attempt.
+
+Two to five are usual from the previous increment.
+"""
 SWEEPS = (10, 30, 100, 300, 1000, 3000)
 """Sweeps over all contacts between one attempt of Newton's method and the next."""
 ELASTIC_SLIP = 1e-4
-"""Part of the compliance of a contact by which it yields if another condition repeats its friction. With 1e-6 one of
-40,000 random jumps of the pellet, which has such a corner, did not converge; with 1e-4 all do."""
+"""Part of the compliance of a contact by which it yields if another condition repeats its friction.
+
+With 1e-6 one of 40,000 random jumps of the pellet, which has such a corner, did not converge; with
+1e-4 all do.
+"""
 STALLED = 0.2
-"""Reduction of the deviation above which a step with old factors counts as failed, and the factors are updated."""
+"""Reduction of the deviation above which a step with old factors counts as failed, and the factors
+are updated.
+"""
 GRAZING = 1e-7
 """Part of the largest force within which a contact is about to change its status."""
 
@@ -54,20 +74,28 @@ class Sliding(NamedTuple):
     """Outcome of an increment (M rows, r rigid motions)."""
 
     forces: np.ndarray  # of all rows, (M,)
-    active: np.ndarray  # rows whose slack is zero: closed contacts, and tangential rows that stick, (M,) bool
+    active: (
+        np.ndarray
+    )  # rows whose slack is zero: closed contacts, and tangential rows that stick, (M,) bool
     slack: np.ndarray  # of all rows, (M,); of tangential rows the slip of the increment
     motions: np.ndarray  # amplitudes of rigid motions of bodies that only contact holds, (r,)
     iterations: int  # linear systems solved
     sweeps: int  # over single contacts, 0 if Newton's method converged alone
     status: Status
-    unsettled: np.ndarray = np.zeros(0, dtype=np.int64)  # rows of pressure of contacts that still change
+    unsettled: np.ndarray = np.zeros(
+        0, dtype=np.int64
+    )  # rows of pressure of contacts that still change
 
 
 class Increment(NamedTuple):
     """Loads and friction bounds of an increment."""
 
-    slack: np.ndarray  # without contact forces; of tangential rows less their position before the increment, (M,)
-    coefficient: np.ndarray  # of friction of each contact with friction, (C,); infinite of Tresca's law
+    slack: (
+        np.ndarray
+    )  # without contact forces; of tangential rows less their position before the increment, (M,)
+    coefficient: (
+        np.ndarray
+    )  # of friction of each contact with friction, (C,); infinite of Tresca's law
     limit: np.ndarray  # upper bound of its tangential force at any pressure, (C,)
     driving: np.ndarray  # loads along rigid motions that only contact holds, (r,)
 
@@ -90,7 +118,9 @@ class _Given(NamedTuple):
 
 
 class _Iterate(NamedTuple):
-    """Statuses and directions of a Newton step, and the deviation of the forces from their projection."""
+    """Statuses and directions of a Newton step, and the deviation of the forces from their
+    projection.
+    """
 
     statuses: Statuses
     limited: np.ndarray  # tangential rows whose bound is the limit, (T,) bool
@@ -100,20 +130,32 @@ class _Iterate(NamedTuple):
     def key(self) -> bytes:
         at = self.statuses
         signs = np.sign(at.direction[at.slips])
-        return at.acting.tobytes() + at.slips.tobytes() + self.limited[at.slips].tobytes() + signs.tobytes()
+        return (
+            at.acting.tobytes()
+            + at.slips.tobytes()
+            + self.limited[at.slips].tobytes()
+            + signs.tobytes()
+        )
 
 
 class SlidingContact:
-    """The contact problem with friction on one S, (M, M), for any number of increments; results are new arrays.
+    """The contact problem with friction on one S, (M, M), for any number of increments.
 
-    ``contact_of_motions`` is G = B R of rigid motions that only contact holds, (M, r); None without such motions.
+    Results are new arrays.
+
+    ``contact_of_motions`` is G = B R of rigid motions that only contact holds, (M, r); None without
+    such motions.
     """
 
-    def __init__(self, schur: np.ndarray, friction: Friction, contact_of_motions: np.ndarray | None = None):
+    def __init__(
+        self, schur: np.ndarray, friction: Friction, contact_of_motions: np.ndarray | None = None
+    ):
         self.given = schur
         self.schur = schur = _softened(schur, friction)
         self.friction = friction
-        self.contact_of_motions = np.zeros((len(schur), 0)) if contact_of_motions is None else contact_of_motions
+        self.contact_of_motions = (
+            np.zeros((len(schur), 0)) if contact_of_motions is None else contact_of_motions
+        )
         rows = self._rows = friction.tangential
         owner = self._owner = friction.owner
         self._normal = friction.normal[owner]  # row of pressure of each tangential row
@@ -134,10 +176,13 @@ class SlidingContact:
         self._nowhere = np.zeros(rows.size, dtype=bool)
         self._systems = SlidingSystems(self._problem)
 
-    def increment(self, given: Increment, start: np.ndarray, active: np.ndarray | None = None) -> Sliding:
+    def increment(
+        self, given: Increment, start: np.ndarray, active: np.ndarray | None = None
+    ) -> Sliding:
         """Solve an increment from forces, (M,), and statuses, (M,) bool, of the previous one.
 
-        The first system is solved with these statuses; None derives them from the forces and the loads.
+        The first system is solved with these statuses; None derives them from the forces and the
+        loads.
         """
         motions = np.zeros(self.contact_of_motions.shape[1])
         if not (np.isfinite(given.slack).all() and np.isfinite(given.driving).all()):
@@ -150,15 +195,25 @@ class SlidingContact:
         found = self._tried(own, start, motions)
         if found.status is Status.CONVERGED:
             return found
-        return self._by_sweeps(given, own, found) if not motions.size else self._by_springs(given, own, found)
+        return (
+            self._by_sweeps(given, own, found)
+            if not motions.size
+            else self._by_springs(given, own, found)
+        )
 
     def _prepared(self, given: Increment) -> _Given:
         unforced = -self.stiffness * given.slack
         plain = bool(np.isfinite(given.coefficient).all() and np.isinf(given.limit).all())
         return _Given(
-            given.slack, given.driving, given.coefficient[self._owner], given.limit[self._owner], plain, unforced,
-            1e-15 * np.abs(unforced).max(initial=0.0), given.coefficient.tobytes(),
-        )  # fmt: skip
+            given.slack,
+            given.driving,
+            given.coefficient[self._owner],
+            given.limit[self._owner],
+            plain,
+            unforced,
+            1e-15 * np.abs(unforced).max(initial=0.0),
+            given.coefficient.tobytes(),
+        )
 
     def _as_before(self, given: _Given, forces: np.ndarray, active: np.ndarray) -> _Iterate:
         """Statuses and directions of a solved increment."""
@@ -168,7 +223,9 @@ class SlidingContact:
         bound, limited = self._bound(given, np.maximum(forces, 0.0))
         acting[self._rows] = (bound > 0) | active[self._normal]
         slips = ~active[self._rows] & (size > 0) & acting[self._rows]
-        return self._iterate(given, acting, slips, limited, bound, own, size, PROBES[0], np.zeros(0))
+        return self._iterate(
+            given, acting, slips, limited, bound, own, size, PROBES[0], np.zeros(0)
+        )
 
     def _tried(self, given: _Given, start: np.ndarray, motions: np.ndarray) -> Sliding:
         """Newton's method, with one factor of the slip after another."""
@@ -182,10 +239,13 @@ class SlidingContact:
             self._systems.forget()
         return found._replace(iterations=iterations)
 
-    def _newton(self, given: _Given, start: np.ndarray, motions: np.ndarray, probe: float, old: bool) -> Sliding:
+    def _newton(
+        self, given: _Given, start: np.ndarray, motions: np.ndarray, probe: float, old: bool
+    ) -> Sliding:
         """Newton's method; the status is ``UNSETTLED`` if statuses repeat, or ``SINGULAR``.
 
-        ``probe`` is one of :data:`PROBES`; ``old`` allows factors of other statuses while steps converge.
+        ``probe`` is one of :data:`PROBES`; ``old`` allows factors of other statuses while steps
+        converge.
         """
         forces = start
         seen: set[bytes] = set()
@@ -222,15 +282,26 @@ class SlidingContact:
             forces = solved[: forces.size]
             motions = solved[forces.size :]
         return Sliding(
-            forces, at.statuses.acting, slack, motions, iteration, 0, status,
+            forces,
+            at.statuses.acting,
+            slack,
+            motions,
+            iteration,
+            0,
+            status,
             self._pressures[np.abs(at.off[self._pressures]) > noise],
-        )  # fmt: skip
+        )
 
     def changes(
-        self, given: Increment, found: Sliding, slack: np.ndarray, bounds: tuple[np.ndarray, np.ndarray],
+        self,
+        given: Increment,
+        found: Sliding,
+        slack: np.ndarray,
+        bounds: tuple[np.ndarray, np.ndarray],
         driving: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-        """Derivatives of forces, (M, P), and of rigid motions, (r, P), along parameters at constant statuses.
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of forces, (M, P), and of rigid motions, (r, P), along parameters at constant
+        statuses.
 
         Args:
             given, found: loads and bounds of the increment, and its solution.
@@ -246,7 +317,10 @@ class SlidingContact:
         pressure = np.maximum(found.forces[self._normal], 0.0)[:, None]
         grown = np.where(at.limited[:, None], bounds[1][owner], bounds[0][owner] * pressure)
         right = self._right(
-            at.statuses, -self.stiffness[:, None] * slack, grown * at.statuses.direction[:, None], driving
+            at.statuses,
+            -self.stiffness[:, None] * slack,
+            grown * at.statuses.direction[:, None],
+            driving,
         )
         solved = SlidingSystem(self._problem, at.statuses).solve(right)
         return solved[: len(slack)], solved[len(slack) :]
@@ -265,7 +339,9 @@ class SlidingContact:
         close[self._rows] = tangential & at.statuses.acting[self._normal]
         return close
 
-    def _projected(self, given: _Given, forces: np.ndarray, slack: np.ndarray, probe: float) -> _Iterate:
+    def _projected(
+        self, given: _Given, forces: np.ndarray, slack: np.ndarray, probe: float
+    ) -> _Iterate:
         """Statuses of forces and slacks, and their deviation from a solution."""
         y = forces - self.stiffness * slack
         projected = np.maximum(y, 0.0)
@@ -282,21 +358,43 @@ class SlidingContact:
         bears = acting[self._normal] if given.plain else (bound > 0) | acting[self._normal]
         acting[self._rows] = bears
         slips = (size > bound) & bears
-        return self._iterate(given, acting, slips, limited, bound, tangential, size, probe, forces - projected)
+        return self._iterate(
+            given, acting, slips, limited, bound, tangential, size, probe, forces - projected
+        )
 
     def _iterate(
-        self, given: _Given, acting: np.ndarray, slips: np.ndarray, limited: np.ndarray, bound: np.ndarray,
-        tangential: np.ndarray, size: np.ndarray, probe: float, off: np.ndarray,
-    ) -> _Iterate:  # fmt: skip
+        self,
+        given: _Given,
+        acting: np.ndarray,
+        slips: np.ndarray,
+        limited: np.ndarray,
+        bound: np.ndarray,
+        tangential: np.ndarray,
+        size: np.ndarray,
+        probe: float,
+        off: np.ndarray,
+    ) -> _Iterate:
         """Statuses and directions for tangential vectors, (T,), of some magnitude, (T,)."""
         followed = given.coefficient if given.plain else np.where(limited, 0.0, given.coefficient)
         if not self._turns:
-            return _Iterate(Statuses(acting, slips, followed, np.sign(tangential), size, probe), limited, bound, off)
+            return _Iterate(
+                Statuses(acting, slips, followed, np.sign(tangential), size, probe),
+                limited,
+                bound,
+                off,
+            )
         direction = tangential / np.where(size > 0, size, 1.0)
-        return _Iterate(Statuses(acting, slips, followed, direction, _share(bound, size), probe), limited, bound, off)
+        return _Iterate(
+            Statuses(acting, slips, followed, direction, _share(bound, size), probe),
+            limited,
+            bound,
+            off,
+        )
 
     def _bound(self, given: _Given, pressures: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Largest force of each tangential row, (T,), and True for rows bounded by the limit, (T,) bool."""
+        """Largest force of each tangential row, (T,), and True for rows bounded by the limit, (T,)
+        bool.
+        """
         own = pressures[self._normal]
         if given.plain:
             return given.coefficient * own, self._nowhere
@@ -318,9 +416,12 @@ class SlidingContact:
         return bool((left <= 1e-10 * size.max()).all())
 
     def _solved(self, given: _Given, at: _Iterate, near: np.ndarray | None = None) -> np.ndarray:
-        """Forces and motions on some statuses and directions, (M + r,); SingularError if they are undetermined.
+        """Forces and motions on some statuses and directions, (M + r,).
 
-        If only directions differ from the factored system, approximate ones, ``near``, are improved, which is cheaper.
+        SingularError if they are undetermined.
+
+        If only directions differ from the factored system, approximate ones, ``near``, are
+        improved, which is cheaper.
         """
         statuses = at.statuses
         right = self._right_of(given, at)
@@ -333,18 +434,22 @@ class SlidingContact:
     def _right_of(self, given: _Given, at: _Iterate) -> np.ndarray:
         """Right-hand sides of an increment on some statuses, (M + r,)."""
         statuses = at.statuses
-        if given.plain and not self._turns:  # slip forces follow the pressure, there are no given ones
+        if (
+            given.plain and not self._turns
+        ):  # slip forces follow the pressure, there are no given ones
             right = np.where(statuses.acting, given.unforced, 0.0)
             right[self._rows[statuses.slips]] = 0.0
             return np.concatenate([right, given.driving]) if given.driving.size else right
         known = np.where(at.limited, at.bound * statuses.direction, 0.0)[:, None]
         return self._right(statuses, given.unforced[:, None], known, given.driving[:, None])[:, 0]
 
-    def _right(self, at: Statuses, unforced: np.ndarray, known: np.ndarray, driving: np.ndarray) -> np.ndarray:
+    def _right(
+        self, at: Statuses, unforced: np.ndarray, known: np.ndarray, driving: np.ndarray
+    ) -> np.ndarray:
         """Right-hand sides of all rows, (M + r, P).
 
-        ``unforced``, (M, P), are forces that would compensate the slack, row by row, and ``known``, (T, P), those of
-        slipping rows that do not follow a pressure.
+        ``unforced``, (M, P), are forces that would compensate the slack, row by row, and ``known``,
+        (T, P), those of slipping rows that do not follow a pressure.
         """
         right = np.where(at.acting[:, None], unforced, 0.0)
         turning = at.slips & self._curved
@@ -357,7 +462,9 @@ class SlidingContact:
             right[self._rows[turning]] += across.reshape(-1, unforced.shape[1])
         return np.concatenate([right, driving]) if len(driving) else right
 
-    def _settled(self, at: Statuses, forces: np.ndarray, slack: np.ndarray, motions: np.ndarray, count: int) -> Sliding:
+    def _settled(
+        self, at: Statuses, forces: np.ndarray, slack: np.ndarray, motions: np.ndarray, count: int
+    ) -> Sliding:
         """A converged solution, with the statuses of its rows."""
         active = at.acting.copy()
         active[self._rows] &= ~at.slips
@@ -373,7 +480,9 @@ class SlidingContact:
         iterations = found.iterations
         total = 0
         for count in SWEEPS:
-            forces = swept(self.schur, self.friction, self._pressures, self.stiffness, given, forces, count)
+            forces = swept(
+                self.schur, self.friction, self._pressures, self.stiffness, given, forces, count
+            )
             total += count
             if not np.isfinite(forces).all():
                 break
@@ -385,14 +494,19 @@ class SlidingContact:
 
     @cached_property
     def _sprung(self) -> tuple[tuple[np.ndarray, SlidingContact], ...]:
-        """Compliances of springs that hold the bodies, (r,), and the contact problems with these springs."""
+        """Compliances of springs that hold the bodies, (r,), and the contact problems with these
+        springs.
+        """
         motions = self.contact_of_motions
         push = (motions**2).mean(axis=0)
         unit = np.abs(np.diag(self.schur)).mean() / np.where(push > 0, push, 1.0)
         from hhr_dolfinx.plugins.floating.statuses import WEAKNESS
 
         springs = (unit * weak for weak in WEAKNESS)
-        return tuple((one, SlidingContact(self.schur + (motions * one) @ motions.T, self.friction)) for one in springs)
+        return tuple(
+            (one, SlidingContact(self.schur + (motions * one) @ motions.T, self.friction))
+            for one in springs
+        )
 
     def _by_springs(self, given: Increment, own: _Given, failed: Sliding) -> Sliding:
         """Hold the bodies by weak springs, and update the ends of these, as without friction."""
@@ -405,7 +519,9 @@ class SlidingContact:
         nothing = NOTHING * np.abs(given.slack).max() * self.stiffness.max()
         for compliance, sprung in (spring for spring in self._sprung for _ in range(MOST_STEPS)):
             offset = ends + compliance * given.driving
-            held = given._replace(slack=given.slack - self.contact_of_motions @ offset, driving=given.driving[:0])
+            held = given._replace(
+                slack=given.slack - self.contact_of_motions @ offset, driving=given.driving[:0]
+            )
             found = sprung.increment(held, forces)
             iterations += found.iterations
             sweeps += found.sweeps
@@ -416,7 +532,9 @@ class SlidingContact:
             ends = ends + compliance * left
             direct = self._tried(own, forces, ends)
             iterations += direct.iterations
-            largest = (np.abs(given.driving) + np.abs(forces) @ np.abs(self.contact_of_motions)).max()
+            largest = (
+                np.abs(given.driving) + np.abs(forces) @ np.abs(self.contact_of_motions)
+            ).max()
             if direct.status is Status.CONVERGED:
                 return direct._replace(iterations=iterations, sweeps=sweeps)
             if (np.abs(left) <= BALANCED * largest + nothing).all():
@@ -425,9 +543,11 @@ class SlidingContact:
 
 
 def _softened(schur: np.ndarray, friction: Friction) -> np.ndarray:
-    """S with some elastic slip of rows that leave their forces undetermined: the slip selects one of these forces.
+    """S with some elastic slip of rows that leave their forces undetermined: the slip selects one
+    of these forces.
 
-    A row without effect on unknowns has no compliance, and yields by a part of the compliance of its pressure.
+    A row without effect on unknowns has no compliance, and yields by a part of the compliance of
+    its pressure.
     """
     twice = friction.twice
     if not twice.size:
@@ -438,7 +558,9 @@ def _softened(schur: np.ndarray, friction: Friction) -> np.ndarray:
 
 
 def elastic_slip(diagonal: np.ndarray, friction: Friction) -> np.ndarray:
-    """Compliance of the rows that leave their forces undetermined, ``twice``, by the diagonal of S."""
+    """Compliance of the rows that leave their forces undetermined, ``twice``, by the diagonal of
+    S.
+    """
     twice = friction.twice
     pressure = friction.normal[friction.owner[places_of(twice, friction.tangential)]]
     return ELASTIC_SLIP * np.where(diagonal[twice] > 0, diagonal[twice], diagonal[pressure])

@@ -1,19 +1,21 @@
-"""Linear system of an increment with friction on some statuses, without unknowns along the slip of slipping contacts.
+"""Linear system of an increment with friction on some statuses, without unknowns along the slip of
+slipping contacts.
 
-Closed contacts bear a pressure, sticking ones a tangential force, and both have no slack. A slipping contact bears b
-along its direction d. The bound b follows the pressure, or is given by a limit or Tresca's law. In the plane that is
-all. In space the direction may turn: Newton's step for the projection on a disc is the row
+Closed contacts bear a pressure, sticking ones a tangential force, and both have no slack. A
+slipping contact bears b along its direction d. The bound b follows the pressure, or is given by a
+limit or Tresca's law. In the plane that is all. In space the direction may turn: Newton's step for
+the projection on a disc is the row
 
     τ - b d - (b / |y|) (1 - d d^T) y,      y = τ - c slack.
 
-Along d this is τ·d = b. Across, with e in the plane of the contact, τ·e = α is an unknown: the contact sticks across
-the slip, with a compliance that grows with the slip. Forces are x = known + E z with the unknowns z. R is E without the
-coefficients of followed pressures and tests the slack. R^T S E has as many rows as there are pressures, sticking rows
-and turning contacts.
+Along d this is τ·d = b. Across, with e in the plane of the contact, τ·e = α is an unknown: the
+contact sticks across the slip, with a compliance that grows with the slip. Forces are x = known + E
+z with the unknowns z. R is E without the coefficients of followed pressures and tests the slack.
+R^T S E has as many rows as there are pressures, sticking rows and turning contacts.
 
-Sets of statuses that differ in few rows share factors: with E the columns of the identity at the rows that differ and
-V these rows, (M + E (V - M_E))^-1 right = x - Y (V Y)^-1 (V x - right_E), with x = M^-1 right and Y = M^-1 E (Sherman,
-Morrison and Woodbury).
+Sets of statuses that differ in few rows share factors: with E the columns of the identity at the
+rows that differ and V these rows, (M + E (V - M_E))^-1 right = x - Y (V Y)^-1 (V x - right_E), with
+x = M^-1 right and Y = M^-1 E (Sherman, Morrison and Woodbury).
 """
 
 from __future__ import annotations
@@ -36,8 +38,9 @@ PART = 0.3
 FEW = 8
 """Number of rows that may always differ."""
 TURNING, GIVEN, HELD, UP, DOWN = range(-1, 4)
-"""Codes of rows: that slip in space, whose coefficients change each time; with a given force; without slack; that slip
-in one direction or the other, with a bound that follows the pressure."""
+"""Codes of rows: that slip in space, whose coefficients change each time; with a given force;
+without slack; that slip in one direction or the other, with a bound that follows the pressure.
+"""
 
 DEPENDENT = "the contacts that touch leave their forces undetermined"
 
@@ -46,8 +49,11 @@ class Rows(NamedTuple):
     """The problem to which statuses refer (M rows, T tangential rows, r rigid motions)."""
 
     scaled: np.ndarray
-    """S, followed by the effect of rigid motions on the slack, (M, M + r). Its rows are multiplied by the factor that
-    gives them the unit of forces: otherwise products with given forces cancel."""
+    """S, followed by the effect of rigid motions on the slack, (M, M + r).
+
+    Its rows are multiplied by the factor that gives them the unit of forces: otherwise products
+    with given forces cancel.
+    """
     balance: np.ndarray  # resultants of forces along rigid motions, (r, M)
     tangential: np.ndarray  # tangential rows, contact by contact, (T,)
     normal: np.ndarray  # row of the pressure of each, (T,)
@@ -57,9 +63,12 @@ class Rows(NamedTuple):
 class Statuses(NamedTuple):
     """Statuses and directions on which a Newton step is based."""
 
-    acting: np.ndarray  # rows that bear a force: closed contacts, and tangential rows that friction resists, (M,) bool
+    # rows that bear a force: closed contacts, and tangential rows that friction resists, (M,) bool
+    acting: np.ndarray
     slips: np.ndarray  # acting tangential rows that slip, (T,) bool
-    followed: np.ndarray  # coefficient of rows whose bound follows their pressure, 0 of others, (T,)
+    followed: (
+        np.ndarray
+    )  # coefficient of rows whose bound follows their pressure, 0 of others, (T,)
     direction: np.ndarray  # d = y_t / |y_t|, (T,)
     shrunk: np.ndarray  # b / |y_t|, (T,)
     measure: float  # factor of the stiffness by which slip enters y
@@ -93,7 +102,9 @@ class SlidingSystem:
         self._along = at.direction[turning].reshape(-1, 2)
         self._across = self._along[:, ::-1] * (-1.0, 1.0)
         self._yielding = at.shrunk[turning][::2]
-        self._turns = slice(self.size, self.size + self._yielding.size)  # unknowns of turning contacts
+        self._turns = slice(
+            self.size, self.size + self._yielding.size
+        )  # unknowns of turning contacts
         m = len(rows.scaled)
         moving = np.arange(m, m + len(rows.balance))
         self._tests = np.concatenate([self._held, self._turning[:, 0], moving])
@@ -105,7 +116,9 @@ class SlidingSystem:
                 raise SingularError(DEPENDENT)
 
     def _tested_rows(self, measure: float) -> np.ndarray:
-        """R^T S and the balance below it, with the effect of rigid motions in the last columns, (k + r, M + r)."""
+        """R^T S and the balance below it, with the effect of rigid motions in the last columns, (k
+        + r, M + r).
+        """
         every = self._rows.scaled
         parts = [every[self._held]]
         if self._yielding.size:
@@ -143,7 +156,8 @@ class SlidingSystem:
     def solve(self, right: np.ndarray, check: bool = True) -> np.ndarray:
         """Forces and amplitudes of rigid motions for right-hand sides of all rows, (M + r, P) each.
 
-        SingularError if they are undetermined; only ``check`` looks for round-off of a singular system.
+        SingularError if they are undetermined; only ``check`` looks for round-off of a singular
+        system.
         """
         m = len(self._rows.scaled)
         known = right.copy()
@@ -152,7 +166,9 @@ class SlidingSystem:
         own = right[self._tests]
         if self._yielding.size:
             pairs = right[self._turning]  # (contacts, 2, P)
-            along, across = ((pairs * way[:, :, None]).sum(axis=1) for way in (self._along, self._across))
+            along, across = (
+                (pairs * way[:, :, None]).sum(axis=1) for way in (self._along, self._across)
+            )
             known[self._turning] = self._along[:, :, None] * along[:, None]
             own[self._turns] = across
         if known.any():
@@ -169,7 +185,9 @@ class SlidingSystem:
         return known
 
     def holds(self, unknowns: np.ndarray, right: np.ndarray, changed: np.ndarray) -> bool:
-        """True if all rows without slack, except some rows, (k,), hold for unknowns and right-hand sides, (M + r,)."""
+        """True if all rows without slack, except some rows, (k,), hold for unknowns and right-hand
+        sides, (M + r,).
+        """
         kept = np.ones(len(self._rows.scaled), dtype=bool)
         kept[changed] = False
         left = self._tested[: self.size] @ unknowns - right[self._held]
@@ -180,11 +198,16 @@ def _sound(left: np.ndarray, found: np.ndarray, right: np.ndarray) -> bool:
     """False for a solution that is round-off of a singular system, by its residual and its size."""
     size = np.abs(found).max(initial=0.0)
     wanted = np.abs(right).max(initial=1e-300)
-    return bool(np.abs(left).max(initial=0.0) <= SINGULAR * wanted + ROUND_OFF * size and size <= HUGE * wanted)
+    return bool(
+        np.abs(left).max(initial=0.0) <= SINGULAR * wanted + ROUND_OFF * size
+        and size <= HUGE * wanted
+    )
 
 
 class SlidingSystems:
-    """Solves systems of statuses in turn, with factors of a similar system while the differences are few."""
+    """Solves systems of statuses in turn, with factors of a similar system while the differences
+    are few.
+    """
 
     def __init__(self, rows: Rows):
         self._rows = rows
@@ -193,7 +216,9 @@ class SlidingSystems:
         self._factored: SlidingSystem | None = None
         self._codes = np.full(len(rows.scaled), TURNING, dtype=np.int8)
         self._label = b""
-        self._columns = np.empty((len(rows.scaled), rows.scaled.shape[1]))  # of the inverse, as rows
+        self._columns = np.empty(
+            (len(rows.scaled), rows.scaled.shape[1])
+        )  # of the inverse, as rows
 
     def solve(self, at: Statuses, right: np.ndarray, label: bytes) -> np.ndarray:
         """Forces and amplitudes of rigid motions for right-hand sides of all rows, (M + r,) each.
@@ -213,7 +238,9 @@ class SlidingSystems:
             self._factored = factored
             self._codes = codes
             self._label = label
-            self._slots = np.full(len(codes), -1)  # of each row among the columns of the inverse that are known
+            self._slots = np.full(
+                len(codes), -1
+            )  # of each row among the columns of the inverse that are known
             self._known = 0
             self._right = right
             return self._found
@@ -227,15 +254,19 @@ class SlidingSystems:
         return self._corrected(changed, codes, at, right)
 
     def holds(self, at: Statuses, right: np.ndarray, unknowns: np.ndarray) -> bool:
-        """True if unknowns, (M + r,), solve the system of some statuses, which corrections do not guarantee.
+        """True if unknowns, (M + r,), solve the system of some statuses, which corrections do not
+        guarantee.
 
         In a nearly singular system they may be round-off.
         """
         changed = self._changed(at.codes(self._rows))
         return self._factored is not None and self._factored.holds(unknowns, right, changed)
 
-    def nearer(self, at: Statuses, right: np.ndarray, label: bytes, unknowns: np.ndarray) -> np.ndarray | None:
-        """Improve approximate unknowns, (M + r,), by factors of a system with other slip directions.
+    def nearer(
+        self, at: Statuses, right: np.ndarray, label: bytes, unknowns: np.ndarray
+    ) -> np.ndarray | None:
+        """Improve approximate unknowns, (M + r,), by factors of a system with other slip
+        directions.
 
         None if the statuses differ.
         """
@@ -255,7 +286,9 @@ class SlidingSystems:
         """Factor the next system in any case: corrections add round-off."""
         self._factored = None
 
-    def _corrected(self, changed: np.ndarray, codes: np.ndarray, at: Statuses, right: np.ndarray) -> np.ndarray:
+    def _corrected(
+        self, changed: np.ndarray, codes: np.ndarray, at: Statuses, right: np.ndarray
+    ) -> np.ndarray:
         """Solution of the factored system, (M + r,), corrected for changed rows."""
         assert self._factored is not None
         found = self._found
@@ -275,7 +308,9 @@ class SlidingSystems:
             raise SingularError(DEPENDENT)
         return found - step @ columns
 
-    def _values(self, unknowns: np.ndarray, chosen: np.ndarray, codes: np.ndarray, at: Statuses) -> np.ndarray:
+    def _values(
+        self, unknowns: np.ndarray, chosen: np.ndarray, codes: np.ndarray, at: Statuses
+    ) -> np.ndarray:
         """Left-hand sides of some rows, (k, P), for some unknowns, (P, M + r)."""
         rows = self._rows
         own = codes[chosen]

@@ -21,14 +21,21 @@ from hhr_dolfinx.plugins.friction.surfaces import FarSliding, Surface
 
 
 class _RubbingStep:
-    """Contact problems of the linearisations of one step of inelastic bodies, from a slip state and forces, (m,).
+    """Contact problems of the linearisations of one step of inelastic bodies, from a slip state and
+    forces, (m,).
 
-    All measure slip from the beginning of the step, backward Euler for the rate of slip, to a point, (P,). The last
-    one, at which the stress has converged, gives the slip of the step. ``earlier`` is that of another step.
+    All measure slip from the beginning of the step, backward Euler for the rate of slip, to a
+    point, (P,). The last one, at which the stress has converged, gives the slip of the step.
+    ``earlier`` is that of another step.
     """
 
     def __init__(
-        self, model: Any, point: np.ndarray, before: SlipState, forces: np.ndarray, earlier: _RubbingStep | None
+        self,
+        model: Any,
+        point: np.ndarray,
+        before: SlipState,
+        forces: np.ndarray,
+        earlier: _RubbingStep | None,
     ):
         self._friction = model.law
         self._surface = Surface.of(model)
@@ -42,7 +49,11 @@ class _RubbingStep:
         self._last: tuple[Increment, Sliding] | None = None
 
     def solved(
-        self, equalities: SchurEqualities, free_slack: np.ndarray, active: np.ndarray, pairs: Pairs | None
+        self,
+        equalities: SchurEqualities,
+        free_slack: np.ndarray,
+        active: np.ndarray,
+        pairs: Pairs | None,
     ) -> Statuses:
         if self._contact is None or equalities is not self._on:
             self._contact = SlidingContact(equalities.whole(), self._friction)
@@ -54,16 +65,24 @@ class _RubbingStep:
         if found.status is Status.CONVERGED:  # else no start for the next one
             self._forces = found.forces
         self._last = given, found
-        return Statuses(found.forces, found.active, found.iterations, found.status, found.sweeps > 0)
+        return Statuses(
+            found.forces, found.active, found.iterations, found.status, found.sweeps > 0
+        )
 
-    def changes(self, equalities: SchurEqualities, found: Statuses, slack: np.ndarray) -> np.ndarray:
+    def changes(
+        self, equalities: SchurEqualities, found: Statuses, slack: np.ndarray
+    ) -> np.ndarray:
         assert self._contact is not None and self._last is not None
         same = np.zeros((self._friction.normal.size, slack.shape[1]))
-        return self._contact.changes(*self._last, slack, (same, same), np.zeros((0, slack.shape[1])))[0]
+        return self._contact.changes(
+            *self._last, slack, (same, same), np.zeros((0, slack.shape[1]))
+        )[0]
 
     def memory(self, unknown: np.ndarray) -> Memory:
         assert self._last is not None
-        return Memory(slip=self._surface.after(self._before, *self._last, lambda: unknown, self._point))
+        return Memory(
+            slip=self._surface.after(self._before, *self._last, lambda: unknown, self._point)
+        )
 
 
 class _Steps(LawSteps):
@@ -72,7 +91,9 @@ class _Steps(LawSteps):
     def increments(self, model: Any, settings: MarchSettings) -> Increments:
         return Slider(model, settings.gradient, settings.limit)
 
-    def step_contact(self, model: Any, before: Answer, point: np.ndarray, time: float, last: Any = None) -> StepContact:
+    def step_contact(
+        self, model: Any, before: Answer, point: np.ndarray, time: float, last: Any = None
+    ) -> StepContact:
         return _RubbingStep(model, point, before.memory[SLIP], before.multipliers, last)
 
     def at_rest(self, model: Any) -> Memory:
@@ -81,7 +102,9 @@ class _Steps(LawSteps):
     def watch(self, model: Any) -> Callable[[Answer], None]:
         far = FarSliding()
         friction = Surface.of(model).whole
-        return lambda answer: far.check(friction, answer.memory[SLIP], model.parameters.described(answer.parameter))
+        return lambda answer: far.check(
+            friction, answer.memory[SLIP], model.parameters.described(answer.parameter)
+        )
 
     def coupling(self, model: Any, point: np.ndarray) -> float:
         if model.equilibrium is not None:  # each linearisation has another S
@@ -90,10 +113,17 @@ class _Steps(LawSteps):
 
         contact = model.contacts()(point)
         coefficient, _ = model.law.bounds(point)
-        return np.nan if contact.kernel is not None else coupling(contact.schur, model.law, coefficient)
+        return (
+            np.nan
+            if contact.kernel is not None
+            else coupling(contact.schur, model.law, coefficient)
+        )
 
     def known_error(self, known: str) -> str:
-        return f"{known}; with friction of one answer, of several unless uniqueness(mu) says 'one answer'"
+        return (
+            f"{known}; with friction of one answer, of several unless uniqueness(mu) says 'one "
+            "answer'"
+        )
 
 
 STEPS = _Steps()

@@ -19,7 +19,10 @@ PRESSED = 1e-9
 
 
 class Surface:
-    """Contacts with friction of a model that solves for all of them; ``whole`` is the friction whose slip is stored."""
+    """Contacts with friction of a model that solves for all of them.
+
+    ``whole`` is the friction whose slip is stored.
+    """
 
     def __init__(self, friction: Friction):
         self.whole = friction
@@ -34,20 +37,33 @@ class Surface:
         return slip.position
 
     def after(
-        self, before: SlipState, given: Increment, found: Sliding, unknown: Callable[[], np.ndarray], point: np.ndarray
+        self,
+        before: SlipState,
+        given: Increment,
+        found: Sliding,
+        unknown: Callable[[], np.ndarray],
+        point: np.ndarray,
     ) -> SlipState:
-        """Slip state after an increment with a solution; ``unknown`` computes the primal unknown at its end, (n,)."""
+        """Slip state after an increment with a solution.
+
+        ``unknown`` computes the primal unknown at its end, (n,).
+        """
         bound = given.bounds(self.whole, found.forces)
         return before.after(self.whole, found.forces, found.slack, found.active, bound)
 
 
 class _PartSurface(Surface):
-    """Surface of a hyper-reduced model, at one shape; contacts outside its RID follow the displacement."""
+    """Surface of a hyper-reduced model, at one shape.
+
+    Contacts outside its RID follow the displacement.
+    """
 
     def __init__(self, fields: Any):
         self._fields = fields
         self._parts: InterfaceCompletion = fields.interface
-        self._inside: Any = self._parts.inside  # friction of the RID, with the row numbers of the RID
+        self._inside: Any = (
+            self._parts.inside
+        )  # friction of the RID, with the row numbers of the RID
         friction: Any = self._parts.whole
         super().__init__(friction)
 
@@ -55,7 +71,12 @@ class _PartSurface(Surface):
         return slip.position[self._own]
 
     def after(
-        self, before: SlipState, given: Increment, found: Sliding, unknown: Callable[[], np.ndarray], point: np.ndarray
+        self,
+        before: SlipState,
+        given: Increment,
+        found: Sliding,
+        unknown: Callable[[], np.ndarray],
+        point: np.ndarray,
     ) -> SlipState:
         friction = self.whole
         slack = np.zeros(self._fields.conditions)
@@ -71,7 +92,9 @@ class _PartSurface(Surface):
 
     @cached_property
     def _own(self) -> np.ndarray:
-        """Indices of the tangential rows of the RID among all tangential ones, in the order of the RID."""
+        """Indices of the tangential rows of the RID among all tangential ones, in the order of the
+        RID.
+        """
         return np.searchsorted(self.whole.tangential, self._parts.within[self._inside.tangential])
 
     @cached_property
@@ -87,14 +110,18 @@ class _PartSurface(Surface):
 
 
 class FarSliding:
-    """Warns once of a history in which a surface slides too far for the pairing of its undeformed meshes."""
+    """Warns once of a history in which a surface slides too far for the pairing of its undeformed
+    meshes.
+    """
 
     def __init__(self) -> None:
         self._largest = 0.0
         self._said = False
 
     def check(self, friction: Friction, slip: SlipState, place: str) -> None:
-        """Check the slip of the whole contact surface after a step; ``place`` is the parameter, in words.
+        """Check the slip of the whole contact surface after a step.
+
+        ``place`` is the parameter, in words.
 
         Warns:
             FarSlidingWarning: once.
@@ -110,8 +137,8 @@ class FarSliding:
             return
         at = int(share.argmax())
         warn(
-            f"at {place}: contact {at} has slid by {slid[at]:.3g}, {share[at]:.2g} times the distance between the "
-            "nodes it faces where it was meshed, and still presses on these. Pair surfaces that slide far anew, "
-            "hhr.slide(scene)",
+            f"at {place}: contact {at} has slid by {slid[at]:.3g}, {share[at]:.2g} times the "
+            "distance between the nodes it faces where it was meshed, and still presses on these. "
+            "Pair surfaces that slide far anew, hhr.slide(scene)",
             FarSlidingWarning,
         )

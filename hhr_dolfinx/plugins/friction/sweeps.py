@@ -1,6 +1,8 @@
-"""Sweeps over single contacts with friction, each projected on its cone: slow, but nearly always an improvement.
+"""Sweeps over single contacts with friction, each projected on its cone: slow, but nearly always an
+improvement.
 
-Compiled if numba is installed; without it they take a hundred times as long, for the few increments that need sweeps.
+Compiled if numba is installed; without it they take a hundred times as long, for the few increments
+that need sweeps.
 """
 
 from __future__ import annotations
@@ -28,8 +30,9 @@ def swept(
 ) -> np.ndarray:
     """Forces, (M,), after some sweeps from others over S, (M, M).
 
-    ``pressures`` are rows of pressures, (n,), ``stiffness`` is the force that changes the slack of a row by one, (M,),
-    and ``given`` the :class:`~hhr_dolfinx.plugins.friction.sliding_set.Increment`.
+    ``pressures`` are rows of pressures, (n,), ``stiffness`` is the force that changes the slack of
+    a row by one, (M,), and ``given`` the
+    :class:`~hhr_dolfinx.plugins.friction.sliding_set.Increment`.
     """
     contact = np.full(len(schur), -1)
     contact[friction.normal] = np.arange(friction.normal.size)
@@ -37,7 +40,14 @@ def swept(
     found = forces.copy()
     layout = pressures, contact[pressures], starts, friction.tangential
     _kernel()(
-        np.ascontiguousarray(schur), *layout, stiffness, given.slack, given.coefficient, given.limit, found, count
+        np.ascontiguousarray(schur),
+        *layout,
+        stiffness,
+        given.slack,
+        given.coefficient,
+        given.limit,
+        found,
+        count,
     )
     return found
 
@@ -66,7 +76,9 @@ def _sweep(
     for _ in range(count):
         for k in range(pressures.size):
             row = pressures[k]
-            force = max(0.0, forces[row] - stiffness[row] * (slack[row] + np.dot(schur[row], forces)))
+            force = max(
+                0.0, forces[row] - stiffness[row] * (slack[row] + np.dot(schur[row], forces))
+            )
             forces[row] = force
             own = contact[k]
             if own < 0:
@@ -75,7 +87,9 @@ def _sweep(
             size = 0.0
             for j in range(first, starts[own + 1]):
                 row = tangential[j]
-                y[j - first] = forces[row] - stiffness[row] * (slack[row] + np.dot(schur[row], forces))
+                y[j - first] = forces[row] - stiffness[row] * (
+                    slack[row] + np.dot(schur[row], forces)
+                )
                 size += y[j - first] ** 2
             size = np.sqrt(size)
             bound = limit[own]

@@ -1,7 +1,8 @@
 """Tangential rows of B for contacts with friction, for any pairing.
 
-The relative displacement of slave and master has the same weights at the same nodes, with tangents instead of the
-normal: B U <= D of thesis (1.27) gains rows whose slack decreases by the relative displacement along a tangent.
+The relative displacement of slave and master has the same weights at the same nodes, with tangents
+instead of the normal: B U <= D of thesis (1.27) gains rows whose slack decreases by the relative
+displacement along a tangent.
 """
 
 from __future__ import annotations
@@ -39,10 +40,13 @@ def with_tangents(
     shaped: np.ndarray,
     mesh: Mesh,
 ) -> tuple[ContactRows, np.ndarray, Friction]:
-    """Append the tangential rows of some pairs to the conditions; return all rows, the pair of each, and the friction.
+    """Append the tangential rows of some pairs to the conditions.
 
-    Tangents along which all displacements are imposed to be the same are left out: nothing slips. If imposed
-    displacements slide both sides past each other, friction does no work on unknowns and enters resultants as a force.
+    Return all rows, the pair of each, and the friction.
+
+    Tangents along which all displacements are imposed to be the same are left out: nothing slips.
+    If imposed displacements slide both sides past each other, friction does no work on unknowns and
+    enters resultants as a force.
 
     Args:
         rows, pairs: conditions of pressures, and the contact pair of each, (n,).
@@ -65,33 +69,54 @@ def with_tangents(
     matrix = csr_matrix(turns @ matrix)
     matrix = csr_matrix(matrix - diags(driven.astype(float)) @ matrix @ diags(free.astype(float)))
     tangents = turns @ tangents.reshape(-1, dim)
-    added = ContactRows(matrix, np.zeros(owner.size), own.slaves[owner], own.points[owner], own.areas[owner])
+    added = ContactRows(
+        matrix, np.zeros(owner.size), own.slaves[owner], own.points[owner], own.areas[owner]
+    )
     held = csr_matrix(rows.matrix.multiply(free.astype(float)))
     moving = csr_matrix(matrix.multiply(free.astype(float)))
     moving.eliminate_zeros()
     twice = _said_twice(held, moving, normal, owner, dim)
     numbers = np.array(list(laws))
     friction = Friction(
-        normal, own.areas, _spacing(own, pairs[normal], normals, mesh), np.searchsorted(numbers, pairs[normal]),
-        len(pairs) + np.arange(owner.size), owner, tangents, tuple(laws.values()), fixed, shaped, len(pairs) + twice,
-    )  # fmt: skip
+        normal,
+        own.areas,
+        _spacing(own, pairs[normal], normals, mesh),
+        np.searchsorted(numbers, pairs[normal]),
+        len(pairs) + np.arange(owner.size),
+        owner,
+        tangents,
+        tuple(laws.values()),
+        fixed,
+        shaped,
+        len(pairs) + twice,
+    )
     return joined([rows, added]), np.concatenate([pairs, pairs[normal][owner]]), friction
 
 
 def _spacing(rows: ContactRows, pairs: np.ndarray, normals: np.ndarray, mesh: Mesh) -> np.ndarray:
-    """Distance of each row to neighbouring nodes, beyond which it has left its partners, (n,); 0 without partners.
+    """Distance of each row to neighbouring nodes, beyond which it has left its partners, (n,).
 
-    The minimum of the distance between partners, for a single partner that to the nodes of its cells along the surface,
-    and the distance to the nearest slave of another row of the pair, unless slaves are partners too, as in a double
-    pass.
+    0 without partners.
+
+    The minimum of the distance between partners, for a single partner that to the nodes of its
+    cells along the surface, and the distance to the nearest slave of another row of the pair,
+    unless slaves are partners too, as in a double pass.
     """
     points = mesh.points
     entries = rows.matrix.tocoo()
     shape = len(pairs), len(points)
-    nodes = csr_matrix((np.ones(entries.nnz), (entries.row, entries.col // points.shape[1])), shape=shape)
-    # second-order conditions contain neighbours of their slave too: partners are nodes of another body
-    body = components_of_nodes(len(points), mesh.cells) if mesh.order > 1 else np.arange(len(points))
-    partners = [row.indices[body[row.indices] != body[slave]] for row, slave in zip(nodes, rows.slaves, strict=True)]
+    nodes = csr_matrix(
+        (np.ones(entries.nnz), (entries.row, entries.col // points.shape[1])), shape=shape
+    )
+    # second-order conditions contain neighbours of their slave too: partners are nodes of another
+    # body
+    body = (
+        components_of_nodes(len(points), mesh.cells) if mesh.order > 1 else np.arange(len(points))
+    )
+    partners = [
+        row.indices[body[row.indices] != body[slave]]
+        for row, slave in zip(nodes, rows.slaves, strict=True)
+    ]
     found = np.full(len(pairs), np.inf)
     for place, own in enumerate(partners):
         if len(own) > 1:
@@ -118,7 +143,9 @@ class Mesh(MeshArrays):
         return csr_matrix((np.ones(cells * k), places), shape=(len(self.points), cells))
 
     def width(self, node: int, normal: np.ndarray) -> float:
-        """Smallest distance from a node to others of its cells that lie across rather than along a normal, (dim,)."""
+        """Smallest distance from a node to others of its cells that lie across rather than along a
+        normal, (dim,).
+        """
         others = np.setdiff1d(self.cells[self._around[node].indices], node)
         ways = self.points[others] - self.points[node]
         lengths = np.linalg.norm(ways, axis=1)
@@ -130,8 +157,9 @@ def _movable(
 ) -> tuple[csr_matrix, np.ndarray, np.ndarray]:
     """Combinations of the tangential rows of each contact, (T', T), and the contact of each.
 
-    If all of its rows are independent on free dofs they are kept. Otherwise they are rotated, and imposed combinations
-    are left out, unless imposed displacements move them: a mask, (T',), is True for those without free dofs.
+    If all of its rows are independent on free dofs they are kept. Otherwise they are rotated, and
+    imposed combinations are left out, unless imposed displacements move them: a mask, (T',), is
+    True for those without free dofs.
     """
     moving = csr_matrix(matrix.multiply(free.astype(float)))
     imposed = abs(matrix.multiply(~free) @ lifts)
@@ -149,7 +177,11 @@ def _movable(
         blocks.append(np.eye(dim - 1) if moves.all() else ways[:, kept].T)
         driven.append(~moves[kept])
     turns = csr_matrix(block_diag([csr_matrix(block) for block in blocks]))
-    return turns, np.repeat(np.arange(len(blocks)), [len(block) for block in blocks]), np.concatenate(driven)
+    return (
+        turns,
+        np.repeat(np.arange(len(blocks)), [len(block) for block in blocks]),
+        np.concatenate(driven),
+    )
 
 
 def _said_twice(
@@ -157,9 +189,10 @@ def _said_twice(
 ) -> np.ndarray:
     """Tangential rows that leave a part of their forces undetermined, (k,).
 
-    These are rows without free dofs, and those of contacts on whose nodes other conditions are the same. In a corner
-    between two surfaces a tangent of one is the normal of the other: if both are closed and stick, the distribution of
-    the force is undetermined. ``pressing`` and ``matrix`` are pressures and tangential rows on free dofs.
+    These are rows without free dofs, and those of contacts on whose nodes other conditions are the
+    same. In a corner between two surfaces a tangent of one is the normal of the other: if both are
+    closed and stick, the distribution of the force is undetermined. ``pressing`` and ``matrix`` are
+    pressures and tangential rows on free dofs.
     """
     found = [np.flatnonzero(np.diff(matrix.indptr) == 0)]
     for contact, others in _sharing_nodes(pressing, normal, dim).items():
@@ -177,13 +210,17 @@ def _said_twice(
 
 
 def _sharing_nodes(normals: csr_matrix, normal: np.ndarray, dim: int) -> dict[int, np.ndarray]:
-    """Contacts on whose free nodes there are other conditions without further free nodes, and these conditions."""
+    """Contacts on whose free nodes there are other conditions without further free nodes, and these
+    conditions.
+    """
     entries = normals.tocoo()
     shape = normals.shape[0], normals.shape[1] // dim
     touches = csr_matrix((np.ones(entries.nnz), (entries.row, entries.col // dim)), shape=shape)
     touches.data[:] = 1.0
     common = (touches[normal] @ touches.T).tocoo()
-    inside = (common.data == np.diff(touches.indptr)[common.col]) & (common.col != normal[common.row])
+    inside = (common.data == np.diff(touches.indptr)[common.col]) & (
+        common.col != normal[common.row]
+    )
     found: dict[int, list[int]] = {}
     for contact, row in zip(common.row[inside].tolist(), common.col[inside].tolist(), strict=True):
         found.setdefault(contact, []).append(row)
@@ -191,11 +228,14 @@ def _sharing_nodes(normals: csr_matrix, normal: np.ndarray, dim: int) -> dict[in
 
 
 def tangents_of(normals: np.ndarray) -> np.ndarray:
-    """Orthonormal tangents of each normal, (m, dim - 1, dim): rotated by 90 degrees, in space along two axes."""
+    """Orthonormal tangents of each normal, (m, dim - 1, dim): rotated by 90 degrees, in space along
+    two axes.
+    """
     m, dim = normals.shape
     if dim == 2:
         return np.stack([-normals[:, 1], normals[:, 0]], axis=1)[:, None, :]
-    # one axis for the whole surface if it is nowhere a normal: neighbours agree, and so do changed shapes
+    # one axis for the whole surface if it is nowhere a normal: neighbours agree, and so do changed
+    # shapes
     common = np.abs(normals).max(axis=0)
     places = np.full(m, common.argmin()) if common.min() < STEEP else np.abs(normals).argmin(axis=1)
     axis = np.zeros((m, 3))
@@ -206,7 +246,8 @@ def tangents_of(normals: np.ndarray) -> np.ndarray:
 
 
 def tangential_rows(matrix: csr_matrix, normals: np.ndarray, tangents: np.ndarray) -> csr_matrix:
-    """Rows of B, (m, N), with k tangents each, (m, k, dim), instead of their normals, (m, dim): (m k, N).
+    """Rows of B, (m, N), with k tangents each, (m, k, dim), instead of their normals, (m, dim): (m
+    k, N).
 
     Raises:
         SceneError: for rows that are not along a single normal, as sum_j w_j n·u_j is.
@@ -214,7 +255,9 @@ def tangential_rows(matrix: csr_matrix, normals: np.ndarray, tangents: np.ndarra
     m, dim = normals.shape
     coo = matrix.tocoo()
     node, component = np.divmod(coo.col, dim)
-    weights = csr_matrix((coo.data * normals[coo.row, component], (coo.row, node)), shape=(m, matrix.shape[1] // dim))
+    weights = csr_matrix(
+        (coo.data * normals[coo.row, component], (coo.row, node)), shape=(m, matrix.shape[1] // dim)
+    )
     weights = weights.tocoo()
     columns = weights.col[:, None] * dim + np.arange(dim)
 
@@ -226,8 +269,8 @@ def tangential_rows(matrix: csr_matrix, normals: np.ndarray, tangents: np.ndarra
     off = abs(matrix - along(normals))
     if off.nnz and off.max() > PARALLEL * abs(matrix).max():
         raise SceneError(
-            "friction needs rows that are along one normal each: those of this pairing are not. On curved sides of "
-            "cells of second order take Mortar"
+            "friction needs rows that are along one normal each: those of this pairing are not. "
+            "On curved sides of cells of second order take Mortar"
         )
     k = tangents.shape[1]
     parts = vstack([along(tangents[:, j]) for j in range(k)])

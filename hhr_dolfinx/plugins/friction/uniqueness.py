@@ -1,7 +1,7 @@
 """Distance of contact with friction from having several solutions.
 
-Let e = x' - x be the difference of two solutions of an increment. For monotone laws e·S e is at most the effect of
-their different bounds, the sum of coefficient |λ' - λ| |slip' - slip|,
+Let e = x' - x be the difference of two solutions of an increment. For monotone laws e·S e is at
+most the effect of their different bounds, the sum of coefficient |λ' - λ| |slip' - slip|,
 
     |e|_S^2 <= sum_c f_c |e_n| |(S e)_t| <= f κ |e|_S^2,
     (f κ)^2 = λ_max(D f (S^-1)_nn f D) λ_max(D^-1 S_tt D^-1)
@@ -23,12 +23,15 @@ SYMMETRIC = 1e-8
 
 
 def coupling(schur: np.ndarray, friction: Friction, coefficient: np.ndarray) -> float:
-    """f κ; below one each increment has a unique solution. Infinite if S is singular, NaN if it is not symmetric.
+    """f κ; below one each increment has a unique solution.
+
+    Infinite if S is singular, NaN if it is not symmetric.
 
     Args:
         schur: S, (M, M).
         friction: which of the rows are tangential.
-        coefficient: of each contact, (C,); infinite for Tresca's law, whose bound does not depend on pressure.
+        coefficient: of each contact, (C,); infinite for Tresca's law, whose bound does not depend
+            on pressure.
     """
     if np.abs(schur - schur.T).max() > SYMMETRIC * np.abs(schur).max():
         return np.nan
@@ -54,5 +57,7 @@ def coupling(schur: np.ndarray, friction: Friction, coefficient: np.ndarray) -> 
     np.maximum.at(largest, place, np.diag(tangential))
     weights = (largest / np.diag(inverse)) ** 0.25
     largest_normal = np.linalg.eigvalsh(inverse * np.outer(weights, weights))[-1]
-    largest_tangential = np.linalg.eigvalsh(tangential / np.outer(weights[place], weights[place]))[-1]
+    largest_tangential = np.linalg.eigvalsh(tangential / np.outer(weights[place], weights[place]))[
+        -1
+    ]
     return math.sqrt(float(largest_normal) * float(largest_tangential))

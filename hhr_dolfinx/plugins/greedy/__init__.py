@@ -1,4 +1,6 @@
-"""Greedy training: training points where indicators expect the largest errors, and these indicators."""
+"""Greedy training: training points where indicators expect the largest errors, and these
+indicators.
+"""
 
 from hhr_dolfinx.registry import Plugin
 

@@ -15,7 +15,11 @@ class Chosen:
     """A training that chooses its points."""
 
     options = (
-        click.option("--greedy", type=float, help="train where a model is worst, up to this error of the forces"),
+        click.option(
+            "--greedy",
+            type=float,
+            help="train where a model is worst, up to this error of the forces",
+        ),
         click.option("--budget", type=click.IntRange(2), help="most answers of a greedy training"),
     )
     names = ("greedy", "budget")

@@ -1,7 +1,9 @@
-"""Greedy training, thesis Alg. 1.3: each round adds answers at the largest error indicators of the reduced model.
+"""Greedy training, thesis Alg. 1.3: each round adds answers at the largest error indicators of the
+reduced model.
 
-An error indicator selects the worst candidate (:mod:`hhr_dolfinx.plugins.greedy.indicators`); it needs no full answer.
-Points are chosen in the box of the scene or, for inelastic bodies, of a family of paths.
+An error indicator selects the worst candidate (:mod:`hhr_dolfinx.plugins.greedy.indicators`); it
+needs no full answer. Points are chosen in the box of the scene or, for inelastic bodies, of a
+family of paths.
 """
 
 from __future__ import annotations
@@ -17,12 +19,23 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from hhr_dolfinx.declared import check_layout
-from hhr_dolfinx.errors import BudgetWarning, ConvergenceError, FileContentError, NotSolvableError, StudyError
+from hhr_dolfinx.errors import (
+    BudgetWarning,
+    ConvergenceError,
+    FileContentError,
+    NotSolvableError,
+    StudyError,
+)
 from hhr_dolfinx.files import read_arrays, write_arrays
 from hhr_dolfinx.group import group_of
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 from hhr_dolfinx.plugins.greedy.digest import digest_of_values
-from hhr_dolfinx.plugins.greedy.indicators import ForceError, GreedyIndicator, LargestEstimate, Score
+from hhr_dolfinx.plugins.greedy.indicators import (
+    ForceError,
+    GreedyIndicator,
+    LargestEstimate,
+    Score,
+)
 from hhr_dolfinx.plugins.greedy.lattice import Lattice
 from hhr_dolfinx.reduction.build import build, usual_recipe
 from hhr_dolfinx.reduction.recipe import Pod, Recipe
@@ -43,11 +56,18 @@ _log = logging.getLogger(__name__)
 
 FORMAT = "hhr_dolfinx greedy choice"
 VERSION = 1
-_LAYOUT = {"points": ("float", "S", "P"), "counts": ("int", "R"), "worst": ("float", "R"), "middle": ("float", "R")}
+_LAYOUT = {
+    "points": ("float", "S", "P"),
+    "counts": ("int", "R"),
+    "worst": ("float", "R"),
+    "middle": ("float", "R"),
+}
 FINE = 1e-13
 """Tolerance of the POD of a greedy training of points."""
 UNKNOWN = 1e6
-"""Indicator of a candidate without an answer: more than any error, and finite, so that distances still count."""
+"""Indicator of a candidate without an answer: more than any error, and finite, so that distances
+still count.
+"""
 NOTHING = 1e-12
 """Part of an error that counts as round-off after the directions of others are removed."""
 
@@ -61,7 +81,9 @@ class Round(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """Points of the box in the order in which they were chosen, (S, P), the models on the way, and their recipe."""
+    """Points of the box in the order in which they were chosen, (S, P), the models on the way, and
+    their recipe.
+    """
 
     points: np.ndarray
     rounds: tuple[Round, ...]
@@ -73,22 +95,25 @@ class Greedy:
     """Greedy choice of training points: a few points first, then those with the largest indicator.
 
     Attributes:
-        indicator: estimates the error of an answer. None takes :class:`ForceError` for points, and for histories the
-            largest estimate of their steps, :class:`LargestEstimate`.
+        indicator: estimates the error of an answer. None takes :class:`ForceError` for points, and
+            for histories the largest estimate of their steps, :class:`LargestEstimate`.
         tolerance: indicator at which the training stops, the largest among the candidates.
         budget: points, or paths, at which it stops otherwise.
-        start: a sampling of the first ones. None takes a ``Lattice(20)``, or half of the budget of Sobol points if
-            the stiffness varies.
-        candidates: a sampling of those to choose from. None takes a ``Lattice(1000)``, or ``Sobol(2048)`` if the
-            stiffness varies. For constant stiffness, points that share coordinates share fields of loads, and fewer
-            answers suffice: on the pellet 150 chosen among Sobol points have errors more than ten times larger. For
-            variable stiffness they share none, and a choice on few values of a modulus is inaccurate between them.
+        start: a sampling of the first ones. None takes a ``Lattice(20)``, or half of the budget of
+            Sobol points if the stiffness varies.
+        candidates: a sampling of those to choose from. None takes a ``Lattice(1000)``, or
+            ``Sobol(2048)`` if the stiffness varies. For constant stiffness, points that share
+            coordinates share fields of loads, and fewer answers suffice: on the pellet 150 chosen
+            among Sobol points have errors more than ten times larger. For variable stiffness they
+            share none, and a choice on few values of a modulus is inaccurate between them.
         together: number of points that are added between two models.
-        recipe: of the models on the way, which are not checked, and of those that the training builds by default. None
-            takes the default for inelastic bodies, and for elastic ones the default with more modes: each chosen answer
-            differs from the others, and a POD that leaves part of it out makes errors five times larger.
-            If the stiffness varies, each mode belongs to one body: an answer adds as many modes as there are bodies.
-        family: of the paths, for inelastic bodies; samplings are then drawn in the box of its parameters.
+        recipe: of the models on the way, which are not checked, and of those that the training
+            builds by default. None takes the default for inelastic bodies, and for elastic ones the
+            default with more modes: each chosen answer differs from the others, and a POD that
+            leaves part of it out makes errors five times larger. If the stiffness varies, each mode
+            belongs to one body: an answer adds as many modes as there are bodies.
+        family: of the paths, for inelastic bodies; samplings are then drawn in the box of its
+            parameters.
     """
 
     indicator: GreedyIndicator | None = None
@@ -106,13 +131,19 @@ class Greedy:
             raise StudyError(f"tolerance = {self.tolerance!r} of Greedy must be a positive number")
         for name in ("budget", "together"):
             if not is_whole(getattr(self, name), 1):
-                raise StudyError(f"{name} = {getattr(self, name)!r} of Greedy must be a whole number from 1")
+                raise StudyError(
+                    f"{name} = {getattr(self, name)!r} of Greedy must be a whole number from 1"
+                )
         for name in ("start", "candidates"):
             given = getattr(self, name)
             if given is not None and not callable(getattr(given, "points", None)):
-                raise StudyError(f"{name} = {given!r} of Greedy must be a sampling, such as Sobol(16)")
+                raise StudyError(
+                    f"{name} = {given!r} of Greedy must be a sampling, such as Sobol(16)"
+                )
         if self.indicator is not None and not callable(getattr(self.indicator, "prepared", None)):
-            raise StudyError(f"indicator = {self.indicator!r} of Greedy must have prepared(full), as Eta2() has")
+            raise StudyError(
+                f"indicator = {self.indicator!r} of Greedy must have prepared(full), as Eta2() has"
+            )
         if not isinstance(self.recipe, Recipe | None):
             raise StudyError(f"recipe = {self.recipe!r} of Greedy must be a Recipe")
         if self.family is not None:  # the type is imported only by trainings that have one
@@ -122,21 +153,26 @@ class Greedy:
                 raise StudyError(f"family = {self.family!r} of Greedy must be a PathFamily")
 
     def space(self, scene: Any) -> ParameterSpace:
-        """Box of the points; StudyError for a family that does not fit the scene, or none with inelastic bodies."""
+        """Box of the points; StudyError for a family that does not fit the scene, or none with
+        inelastic bodies.
+        """
         flows = any(body.law is not None for body in scene.bodies)
         if flows and self.family is None:
             raise StudyError(
-                f"bodies of scene '{scene.name}' flow: a greedy training chooses among the paths of a family, "
-                "Greedy(family=...)"
+                f"bodies of scene '{scene.name}' flow: a greedy training chooses among the paths "
+                "of a family, Greedy(family=...)"
             )
         if self.family is None:
             return scene.parameters
         if not flows:
-            raise StudyError(f"nothing of scene '{scene.name}' flows: a greedy training chooses points, not paths")
+            raise StudyError(
+                f"nothing of scene '{scene.name}' flows: a greedy training chooses points, not "
+                "paths"
+            )
         if self.family.space.names != scene.parameters.names:
             raise StudyError(
-                f"the family '{self.family.name}' has parameters {self.family.space.names}, the scene "
-                f"'{scene.name}' {scene.parameters.names}"
+                f"the family '{self.family.name}' has parameters {self.family.space.names}, the "
+                f"scene '{scene.name}' {scene.parameters.names}"
             )
         return self.family.own
 
@@ -150,9 +186,9 @@ class Greedy:
     ) -> tuple[SnapshotSet, Choice]:
         """Compute training answers, and the record of their choice.
 
-        Each rank of ``comm`` has a full model and all answers; they share the candidates. ``solve`` returns answers to
-        points, (n, P), or paths; collective. ``progress`` wraps the iteration over the models. The folder of the store
-        keeps the choice too, which later runs continue.
+        Each rank of ``comm`` has a full model and all answers; they share the candidates. ``solve``
+        returns answers to points, (n, P), or paths; collective. ``progress`` wraps the iteration
+        over the models. The folder of the store keeps the choice too, which later runs continue.
         """
         space = self.space(full.scene)
         usual = ForceError() if self.family is None else LargestEstimate()
@@ -163,7 +199,9 @@ class Greedy:
         rounds = []
         kept = None
         if store is not None and comm.rank == 0:
-            kept = KeptChoice(store.folder, store.problem_digest, self, self._recipe(full), full.parameters)
+            kept = KeptChoice(
+                store.folder, store.problem_digest, self, self._recipe(full), full.parameters
+            )
         earlier = comm.bcast(None if kept is None else kept.load(space))
         if earlier is not None:
             points, rounds = earlier
@@ -183,7 +221,9 @@ class Greedy:
             if chosen.size:
                 more = candidates[chosen]
                 points = np.vstack([points, more])
-                with suppress(ConvergenceError):  # none of them has an answer; they are not tried again
+                with suppress(
+                    ConvergenceError
+                ):  # none of them has an answer; they are not tried again
                     known = known.joined(solve(self._queries(more)))
             if kept is not None:
                 kept.save(points, rounds)
@@ -191,8 +231,9 @@ class Greedy:
                 break
         if rounds[-1].worst > self.tolerance and comm.rank == 0:
             warn(
-                f"the greedy training ended after {len(points)} answers, its budget is {self.budget}: its indicator is "
-                f"{rounds[-1].worst:.2g} where {self.tolerance:g} was wished. Raise the budget, or accept that error",
+                f"the greedy training ended after {len(points)} answers, its budget is "
+                f"{self.budget}: its indicator is {rounds[-1].worst:.2g} where {self.tolerance:g} "
+                "was wished. Raise the budget, or accept that error",
                 BudgetWarning,
             )
         return known, Choice(points, tuple(rounds), self._recipe(full))
@@ -201,7 +242,10 @@ class Greedy:
         varies = self.family is None and full.problem.varies
         start = Sobol(-(-self.budget // 2)) if varies else Lattice(20)
         candidates = Sobol(2048, seed=5) if varies else Lattice(1000)
-        return start if self.start is None else self.start, candidates if self.candidates is None else self.candidates
+        return (
+            start if self.start is None else self.start,
+            candidates if self.candidates is None else self.candidates,
+        )
 
     def _recipe(self, full: FullOrderModel) -> Recipe:
         if self.recipe is not None:
@@ -214,7 +258,12 @@ class Greedy:
         return points if self.family is None else self.family.paths(points)
 
     def _errors(
-        self, full: FullOrderModel, known: SnapshotSet, candidates: np.ndarray, score: Score, comm: Comm
+        self,
+        full: FullOrderModel,
+        known: SnapshotSet,
+        candidates: np.ndarray,
+        score: Score,
+        comm: Comm,
     ) -> np.ndarray:
         """Indicators of a model of the present answers, (n, k)."""
         recipe = self._recipe(full).as_it_is()
@@ -223,7 +272,9 @@ class Greedy:
         with group_of(comm).each("choosing where to train"):
             try:
                 model = build(full, known, recipe)
-            except NotSolvableError as error:  # too few answers for a model: errors are unknown in the whole box
+            except (
+                NotSolvableError
+            ) as error:  # too few answers for a model: errors are unknown in the whole box
                 _log.info("greedy training: no model of %d answers: %s", len(known.points), error)
                 found = np.full((len(mine), 1), UNKNOWN)
             else:
@@ -252,7 +303,9 @@ def _marched(model: AnsweringModel, path: Any) -> Any:
 def _chosen(
     errors: np.ndarray, candidates: np.ndarray, known: np.ndarray, space: ParameterSpace, count: int
 ) -> np.ndarray:
-    """Numbers of the candidates to add, (k,): by their error vectors if all have one, else by distances."""
+    """Numbers of the candidates to add, (k,): by their error vectors if all have one, else by
+    distances.
+    """
     if errors.shape[1] == 1 or (np.linalg.norm(errors, axis=1) >= UNKNOWN / 2).any():
         return apart(candidates, np.linalg.norm(errors, axis=1), known, space, count)
     there = (candidates[:, None] == known).all(axis=2).any(axis=1)
@@ -260,10 +313,11 @@ def _chosen(
 
 
 def independent(errors: np.ndarray, count: int) -> np.ndarray:
-    """Numbers of the errors, (n, k), that are largest without the directions of those chosen before, up to ``count``.
+    """Numbers of the errors, (n, k), that are largest without the directions of those chosen
+    before, up to ``count``.
 
-    One answer reduces all errors of the same direction. On the pellet 150 answers chosen so, 16 at a time, have half
-    the error of as many chosen by size and distance.
+    One answer reduces all errors of the same direction. On the pellet 150 answers chosen so, 16 at
+    a time, have half the error of as many chosen by size and distance.
     """
     left = errors.copy()
     chosen = list[int]()
@@ -283,10 +337,12 @@ def independent(errors: np.ndarray, count: int) -> np.ndarray:
 def apart(
     candidates: np.ndarray, values: np.ndarray, known: np.ndarray, space: ParameterSpace, count: int
 ) -> np.ndarray:
-    """Numbers of candidates, (n, P), with large values, (n,), far from present points, (S, P), and each other, (k,).
+    """Numbers of candidates, (n, P), with large values, (n,), far from present points, (S, P), and
+    each other, (k,).
 
-    The worst alone would be neighbours, which one answer improves all. So each value is weighted by the distance to the
-    nearest present or chosen point, over the average distance. Candidates that are present already are never chosen.
+    The worst alone would be neighbours, which one answer improves all. So each value is weighted by
+    the distance to the nearest present or chosen point, over the average distance. Candidates that
+    are present already are never chosen.
     """
     lower, upper = np.array([space.lower, space.upper])
     scaled, there = ((points - lower) / (upper - lower) for points in (candidates, known))
@@ -303,10 +359,17 @@ def apart(
 
 
 class KeptChoice:
-    """Choice of a greedy training, kept next to its answers, so that an interrupted one continues."""
+    """Choice of a greedy training, kept next to its answers, so that an interrupted one
+    continues.
+    """
 
-    def __init__(self, folder: Path, problem: str, greedy: Greedy, recipe: Recipe, space: ParameterSpace):
-        box = [space.names, *(tuple(float(end) for end in ends) for ends in (space.lower, space.upper))]
+    def __init__(
+        self, folder: Path, problem: str, greedy: Greedy, recipe: Recipe, space: ParameterSpace
+    ):
+        box = [
+            space.names,
+            *(tuple(float(end) for end in ends) for ends in (space.lower, space.upper)),
+        ]
         parts = FORMAT, VERSION, problem, greedy, recipe, box
         self._digest = digest_of_values(parts, "a greedy training that is kept in a folder")[:40]
         self._path = folder / f"greedy_{self._digest[:16]}.npz"
@@ -320,11 +383,23 @@ class KeptChoice:
             return None
         if header.get("asked") != self._digest:
             return None
-        rounds = zip(arrays["counts"].tolist(), arrays["worst"].tolist(), arrays["middle"].tolist(), strict=True)
+        rounds = zip(
+            arrays["counts"].tolist(),
+            arrays["worst"].tolist(),
+            arrays["middle"].tolist(),
+            strict=True,
+        )
         return arrays["points"], [Round(*row) for row in rounds]
 
     def save(self, points: np.ndarray, rounds: list[Round]) -> None:
         """Keep the choice so far; FileError if the file cannot be written."""
         counts, worst, middle = (np.array(part) for part in zip(*rounds, strict=True))
-        arrays = {"points": points, "counts": counts.astype(np.int64), "worst": worst, "middle": middle}
-        write_arrays(self._path, {"format": FORMAT, "version": VERSION, "asked": self._digest}, arrays)
+        arrays = {
+            "points": points,
+            "counts": counts.astype(np.int64),
+            "worst": worst,
+            "middle": middle,
+        }
+        write_arrays(
+            self._path, {"format": FORMAT, "version": VERSION, "asked": self._digest}, arrays
+        )

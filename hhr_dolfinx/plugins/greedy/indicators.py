@@ -1,8 +1,9 @@
 """Error indicators of greedy training, which need no full answer.
 
-A user-defined indicator is an object with ``prepared(full)``, which returns a function of a reduced model, the answers
-it was built from and some of its answers (histories, for inelastic bodies). The function returns one number for each of
-them, or one vector whose norm counts: vectors also show which errors have the same direction.
+A user-defined indicator is an object with ``prepared(full)``, which returns a function of a reduced
+model, the answers it was built from and some of its answers (histories, for inelastic bodies). The
+function returns one number for each of them, or one vector whose norm counts: vectors also show
+which errors have the same direction.
 """
 
 from __future__ import annotations
@@ -39,7 +40,9 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.reduced import ReducedModel
 
 Score = Callable[[Any, SnapshotSet, Sequence[Any]], np.ndarray]
-"""Maps a reduced model, the answers it was built from, and some of its answers to indicators, (n,) or (n, k)."""
+"""Maps a reduced model, the answers it was built from, and some of its answers to indicators, (n,)
+or (n, k).
+"""
 
 NO_ANSWER = np.inf
 """Indicator of a query without an answer."""
@@ -49,30 +52,40 @@ class GreedyIndicator(Protocol):
     """Estimate of the errors of answers."""
 
     def prepared(self, full: FullOrderModel) -> Score:
-        """Compute all that does not depend on a reduced model; StudyError for an unsuitable full model."""
+        """Compute all that does not depend on a reduced model.
+
+        StudyError for an unsuitable full model.
+        """
 
 
 def _refuse_flow(full: FullOrderModel, name: str) -> None:
     if full.equilibrium is not None:
         raise StudyError(
-            f"bodies of scene '{full.scene.name}' flow, and {name} judges single answers of elastic ones: take "
-            "LargestEstimate()"
+            f"bodies of scene '{full.scene.name}' flow, and {name} judges single answers of "
+            "elastic ones: take LargestEstimate()"
         )
 
 
 @dataclass(frozen=True)
 class LargestEstimate:
-    """Estimates of answers: the larger of both relative errors of ``estimate()``; the largest one of a history.
+    """Estimates of answers: the larger of both relative errors of ``estimate()``.
 
-    For an elastic answer it is a bound or nearly one, if its model has one. For a step of inelastic bodies it is the
-    part of its stress that no mode of training explains; it follows the error of the stress, see docs/bounds.md.
+    The largest one of a history.
+
+    For an elastic answer it is a bound or nearly one, if its model has one. For a step of inelastic
+    bodies it is the part of its stress that no mode of training explains; it follows the error of
+    the stress, see docs/bounds.md.
     """
 
     def prepared(self, full: FullOrderModel) -> Score:
         """See :class:`GreedyIndicator`."""
 
-        def score(model: ReducedModel, known: SnapshotSet, answers: Sequence[Answer | History | None]) -> np.ndarray:
-            return np.array([NO_ANSWER if item is None else self._of(item, full) for item in answers])
+        def score(
+            model: ReducedModel, known: SnapshotSet, answers: Sequence[Answer | History | None]
+        ) -> np.ndarray:
+            return np.array(
+                [NO_ANSWER if item is None else self._of(item, full) for item in answers]
+            )
 
         return score
 
@@ -84,7 +97,8 @@ class LargestEstimate:
             estimate = answer.estimate()
             if estimate is None:
                 raise StudyError(
-                    f"answers of scene '{full.scene.name}' have no estimate: take another indicator, ForceError()"
+                    f"answers of scene '{full.scene.name}' have no estimate: take another "
+                    "indicator, ForceError()"
                 )
             found.append(max(estimate.primal_relative, estimate.dual_relative))
         return max(found)
@@ -92,11 +106,12 @@ class LargestEstimate:
 
 @dataclass(frozen=True)
 class ForceError:
-    """Error of all contact forces, a vector, against a condensed model that keeps all contact conditions.
+    """Error of all contact forces, a vector, against a condensed model that keeps all contact
+    conditions.
 
-    For constant stiffness condensation is exact, and the indicator is the error. Otherwise condensation is interpolated
-    between few parameters, and accurate to a small part of the tolerance. The denominator is at least a thousandth of
-    the largest training forces.
+    For constant stiffness condensation is exact, and the indicator is the error. Otherwise
+    condensation is interpolated between few parameters, and accurate to a small part of the
+    tolerance. The denominator is at least a thousandth of the largest training forces.
 
     Attributes:
         settings: of the interpolation, a ``GridSettings``; None for the defaults.
@@ -109,9 +124,10 @@ class ForceError:
         _refuse_flow(full, "ForceError()")
         if full.problem.varies and full.problem.kernel is not None:
             raise StudyError(
-                f"contact alone holds bodies of scene '{full.scene.name}', and their elasticity depends on parameters: "
-                "nothing tells a greedy training how wrong its forces are there. Train on points of the whole box "
-                "instead: Sobol(128), or --sobol 128 in a command"
+                f"contact alone holds bodies of scene '{full.scene.name}', and their elasticity "
+                "depends on parameters: nothing tells a greedy training how wrong its forces are "
+                "there. Train on points of the whole box instead: Sobol(128), or --sobol 128 in a "
+                "command"
             )
         condensed: list[Any] = []
         exact: dict[bytes, np.ndarray] = {}
@@ -143,7 +159,8 @@ class ForceError:
             return made(condensing(full).usual(self.settings, fields=None), Task(full, known))
         except ReductionError as error:
             raise StudyError(
-                f"scene '{full.scene.name}' cannot be condensed, {error}: choose by another indicator, such as Eta2()"
+                f"scene '{full.scene.name}' cannot be condensed, {error}: choose by another "
+                "indicator, such as Eta2()"
             ) from error
 
 
@@ -152,15 +169,22 @@ _OfAnswer = Callable[[Answer, np.ndarray], float]
 
 @dataclass(frozen=True)
 class Restriction:
-    """The problem of a RID, whose free dofs are A; dofs of its other nodes are imposed, including the interface I."""
+    """The problem of a RID, whose free dofs are A.
 
-    problem: ContactProblem  # with U0 = 0 on imposed dofs; loads are those of A, conditions those of A_lambda, (1.21)
+    Dofs of its other nodes are imposed, including the interface I.
+    """
+
+    # with U0 = 0 on imposed dofs; loads are those of A, conditions those of A_lambda, (1.21)
+    problem: ContactProblem
     dofs: np.ndarray  # number in the whole problem of each of its dofs, (n,)
-    gap_of: csr_matrix  # closure of each gap by unit values on imposed dofs, -B, sparse, (N_lambda_C, n)
+    # closure of each gap by unit values on imposed dofs, -B, sparse, (N_lambda_C, n)
+    gap_of: csr_matrix
 
 
 def restricted(problem: ContactProblem, sets: IndexSets) -> Restriction:
-    """Cut the problem of a RID out of the whole one; for a RID of the whole domain return the whole problem.
+    """Cut the problem of a RID out of the whole one.
+
+    For a RID of the whole domain return the whole problem.
 
     The RID is closed: no condition outside A_lambda acts on A.
     """
@@ -194,7 +218,9 @@ def restricted(problem: ContactProblem, sets: IndexSets) -> Restriction:
 
 @dataclass(frozen=True)
 class CellStiffness:
-    """K of some cells alone at any point, without boundary conditions, (N, N): no cell outside adds to an interface."""
+    """K of some cells alone at any point, without boundary conditions, (N, N): no cell outside adds
+    to an interface.
+    """
 
     part: Discretisation  # the discretisation with the bodies of these cells
     terms: tuple[csr_matrix, ...]  # parts of K on the mesh of the scene
@@ -202,7 +228,10 @@ class CellStiffness:
 
     @classmethod
     def of(cls, full: FullOrderModel, cells: np.ndarray) -> CellStiffness:
-        """K of some cells of a full model, in the order of ``ContactProblem.cell_nodes``. Collective."""
+        """K of some cells of a full model, in the order of ``ContactProblem.cell_nodes``.
+
+        Collective.
+        """
         part = _of_cells(full.discretisation, cells)
         return cls(part, *_terms(part))
 
@@ -214,7 +243,9 @@ class CellStiffness:
                 terms, _ = _terms(self.part)
         if not self.moduli:
             return terms[0]
-        return sum(modulus.value(point) * term for modulus, term in zip(self.moduli, terms, strict=True))
+        return sum(
+            modulus.value(point) * term for modulus, term in zip(self.moduli, terms, strict=True)
+        )
 
 
 def _terms(part: Discretisation) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
@@ -241,7 +272,9 @@ def _of_cells(discretisation: Discretisation, cells: np.ndarray) -> Discretisati
 
 
 class _OnRid(ABC):
-    """An indicator by the full equations of the RID, with the interpolated displacement of its interface, (1.72)."""
+    """An indicator by the full equations of the RID, with the interpolated displacement of its
+    interface, (1.72).
+    """
 
     def prepared(self, full: FullOrderModel) -> Score:
         _refuse_flow(full, f"{type(self).__name__}()")
@@ -251,30 +284,39 @@ class _OnRid(ABC):
             interface = _interpolated(full.problem, known, answers, domain.interface)
             of = self.of_model(full, model, known, domain)
             pairs = zip(answers, interface, strict=True)
-            return np.array([of(answer, there) if answer.converged else NO_ANSWER for answer, there in pairs])
+            return np.array(
+                [of(answer, there) if answer.converged else NO_ANSWER for answer, there in pairs]
+            )
 
         return score
 
     @abstractmethod
-    def of_model(self, full: FullOrderModel, model: ReducedModel, known: SnapshotSet, domain: _Domain) -> _OfAnswer:
+    def of_model(
+        self, full: FullOrderModel, model: ReducedModel, known: SnapshotSet, domain: _Domain
+    ) -> _OfAnswer:
         """Indicator of an answer, by the displacement of the interface."""
 
 
 @dataclass(frozen=True)
 class Eta(_OnRid):
-    """The indicator (1.73) of Fauque et al. (2018), from the full equations of the RID: eta_u + eta_λ.
+    """The indicator (1.73) of Fauque et al.
 
-    The displacement on the interface of the RID is interpolated between training answers, (1.72). The thesis
-    interpolates on a regular grid. Points that are chosen one by one form none; radial functions r, which are exact at
-    training points and linear in one parameter, replace it.
+    (2018), from the full equations of the RID: eta_u + eta_λ.
 
-    Three things differ from (1.73). Its norms are of U; those here are of U0, the unknown without the imposed part. The
-    forces in the denominator of eta_λ count as at least a thousandth of the largest of training, since forces near zero
-    would choose every point without contact. If the interpolated interface penetrates, the thesis sets the gap to
-    zero; here only the conditions of the RID are solved for.
+    The displacement on the interface of the RID is interpolated between training answers, (1.72).
+    The thesis interpolates on a regular grid. Points that are chosen one by one form none; radial
+    functions r, which are exact at training points and linear in one parameter, replace it.
+
+    Three things differ from (1.73). Its norms are of U; those here are of U0, the unknown without
+    the imposed part. The forces in the denominator of eta_λ count as at least a thousandth of the
+    largest of training, since forces near zero would choose every point without contact. If the
+    interpolated interface penetrates, the thesis sets the gap to zero; here only the conditions of
+    the RID are solved for.
     """
 
-    def of_model(self, full: FullOrderModel, model: ReducedModel, known: SnapshotSet, domain: _Domain) -> _OfAnswer:
+    def of_model(
+        self, full: FullOrderModel, model: ReducedModel, known: SnapshotSet, domain: _Domain
+    ) -> _OfAnswer:
         """See :class:`_OnRid`."""
         floor = force_floor(full.problem, known)
 
@@ -288,15 +330,18 @@ class Eta(_OnRid):
 
 @dataclass(frozen=True)
 class Eta2(_OnRid):
-    """The indicator (2.124) of the thesis: residual on the RID, and jump on its interface to the interpolated field.
+    """The indicator (2.124) of the thesis: residual on the RID, and jump on its interface to the
+    interpolated field.
 
-    It uses the energy norm of the cells of the RID, in which the form a has α = M_a = 1: |R|_{K^-1} + 2 |jump|_a. The
-    printed number is absolute; here it is divided by the energy norm of the answer, so that candidates compare. The
-    jump is that of U0; it is zero off the interface, (2.40), (2.123). The field is interpolated as for
-    :class:`Eta`.
+    It uses the energy norm of the cells of the RID, in which the form a has α = M_a = 1: |R|_{K^-1}
+    + 2 |jump|_a. The printed number is absolute; here it is divided by the energy norm of the
+    answer, so that candidates compare. The jump is that of U0; it is zero off the interface,
+    (2.40), (2.123). The field is interpolated as for :class:`Eta`.
     """
 
-    def of_model(self, full: FullOrderModel, model: ReducedModel, known: SnapshotSet, domain: _Domain) -> _OfAnswer:
+    def of_model(
+        self, full: FullOrderModel, model: ReducedModel, known: SnapshotSet, domain: _Domain
+    ) -> _OfAnswer:
         """See :class:`_OnRid`."""
         stiffness = CellStiffness.of(full, model.offline.sets.cells)
 
@@ -321,13 +366,18 @@ def _ratio(error: np.ndarray, exact: np.ndarray, floor: float = 0.0) -> float:
 def _interpolated(
     problem: ContactProblem, known: SnapshotSet, answers: Sequence[Answer], dofs: np.ndarray
 ) -> np.ndarray:
-    """U0 on some dofs between training answers, at the points of some answers, (n, dofs), see (1.72)."""
+    """U0 on some dofs between training answers, at the points of some answers, (n, dofs), see
+    (1.72).
+    """
     from scipy.interpolate import RBFInterpolator
 
     lower, upper = np.array([problem.parameters.lower, problem.parameters.upper])
     points = np.array([answer.parameter for answer in answers]).reshape(len(answers), -1)
     between = RBFInterpolator(
-        (known.points - lower) / (upper - lower), known.displacements[dofs].T, kernel="linear", degree=0
+        (known.points - lower) / (upper - lower),
+        known.displacements[dofs].T,
+        kernel="linear",
+        degree=0,
     )
     return between((points - lower) / (upper - lower))
 
@@ -339,7 +389,9 @@ class _Domain:
         self._problem = problem
         self._sets = sets
         part = restricted(problem, sets)
-        self.places = np.flatnonzero(~part.problem.free)  # indices of the interface among the dofs of the RID
+        self.places = np.flatnonzero(
+            ~part.problem.free
+        )  # indices of the interface among the dofs of the RID
         self.inner = part.dofs[part.problem.free]  # dofs of A, in the whole problem
         self.interface = part.dofs[self.places]  # dofs of the RID outside A, in the whole problem
         self._constant = None if problem.varies else _Inside(part)
@@ -355,14 +407,20 @@ class _Inside:
         self.part = part
         problem = part.problem
         whole = slice(0, problem.free.size)
-        self._factors = FreeCholesky(problem.stiffness, problem.free, whole, "rid", "qmd", MPI.COMM_SELF)
+        self._factors = FreeCholesky(
+            problem.stiffness, problem.free, whole, "rid", "qmd", MPI.COMM_SELF
+        )
 
     @cached_property
     def _contact(self) -> tuple[np.ndarray, SchurEqualities, Pairs | None]:
         """K^-1 B^T, the equality problems for forces, and their pairs."""
         problem = self.part.problem
         per_force = self._factors.solve_columns(problem.contact.T)
-        return per_force, SchurEqualities.of(problem.contact @ per_force), Pairs.of(problem.contact_pairs)
+        return (
+            per_force,
+            SchurEqualities.of(problem.contact @ per_force),
+            Pairs.of(problem.contact_pairs),
+        )
 
     def solved(self, interface: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """U0 on A, and the forces of the RID, for U0 given on its interface, see (1.73)."""
@@ -379,7 +437,11 @@ class _Inside:
     def residual(self, field: np.ndarray, forces: np.ndarray, point: np.ndarray) -> np.ndarray:
         """R of (2.91) on A, 0 elsewhere, of U0 on the RID and its forces."""
         problem = self.part.problem
-        left = problem.loads @ problem.amplitudes(point) - problem.stiffness @ field - problem.contact.T @ forces
+        left = (
+            problem.loads @ problem.amplitudes(point)
+            - problem.stiffness @ field
+            - problem.contact.T @ forces
+        )
         return left * problem.free
 
     def dual(self, residual: np.ndarray) -> float:

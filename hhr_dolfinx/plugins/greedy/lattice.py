@@ -13,14 +13,17 @@ from hhr_dolfinx.sampling import Sobol
 
 @dataclass(frozen=True)
 class Lattice:
-    """Points drawn uniformly from a regular grid: they share coordinates, and many lie on the sides of the box.
+    """Points drawn uniformly from a regular grid: they share coordinates, and many lie on the sides
+    of the box.
 
-    Many answers then have the field of a load in common and differ by contact only. On the pellet 150 answers on a grid
-    span a space that takes 500 answers elsewhere, so that greedy trainings choose from such points.
+    Many answers then have the field of a load in common and differ by contact only. On the pellet
+    150 answers on a grid span a space that takes 500 answers elsewhere, so that greedy trainings
+    choose from such points.
 
     Attributes:
         count: number of points, or all of the grid if it has fewer.
-        levels: number of values of each parameter, including the bounds: one number for all, or one for each.
+        levels: number of values of each parameter, including the bounds: one number for all, or one
+            for each.
         seed: seed of the drawing.
     """
 
@@ -43,7 +46,9 @@ class Lattice:
         size = len(space.names)
         levels = np.array(self.levels if isinstance(self.levels, tuple) else (self.levels,) * size)
         if levels.size != size:
-            raise ParameterError(f"levels = {self.levels} of a Lattice must be one for each of {space.names}")
+            raise ParameterError(
+                f"levels = {self.levels} of a Lattice must be one for each of {space.names}"
+            )
         places = self._places(levels)
         lower, upper = np.array([space.lower, space.upper], dtype=float)
         return lower + places / (levels - 1) * (upper - lower)

@@ -14,8 +14,8 @@ _HERE = "hhr_dolfinx.plugins.inelastic"
 _BUILD = "hhr_dolfinx.reduction.build"
 _OURS = "inelastic"
 _LAWS = (
-    "Arrhenius Chaboche ChangingStiffness DruckerPrager Heated Hill Lemaitre Norton Orthotropic Plasticity "
-    "PlasticityWithCreep PrimaryCreep TabulatedHardening Voce"
+    "Arrhenius Chaboche ChangingStiffness DruckerPrager Heated Hill Lemaitre Norton Orthotropic "
+    "Plasticity PlasticityWithCreep PrimaryCreep TabulatedHardening Voce"
 )
 _STEPS = "FlowDeim FlowLimits StressDeim Tangents"
 
@@ -46,7 +46,11 @@ PLUGIN = Plugin(
     },
     methods={"force_correction": f"{_HERE}.project:force_correction"},
     recipes={"flowing": f"{_HERE}.recipe:flowing"},
-    reductors={"plastic_correction": Way(f"{_HERE}.condense_flow:CorrectionSettings", _wanted, condenses=True)},
+    reductors={
+        "plastic_correction": Way(
+            f"{_HERE}.condense_flow:CorrectionSettings", _wanted, condenses=True
+        )
+    },
     stages=(
         Stage(f"{_HERE}.project:project_points", f"{_BUILD}:project_problem", _wanted),
         Stage(f"{_HERE}.project:complete_flow", f"{_BUILD}:reconstruct", _wanted),

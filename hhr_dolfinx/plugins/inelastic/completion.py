@@ -1,4 +1,6 @@
-"""Completion of stress and plastic strain of hyper-reduced inelastic models, gappy POD, thesis section 6.2.3."""
+"""Completion of stress and plastic strain of hyper-reduced inelastic models, gappy POD, thesis
+section 6.2.3.
+"""
 
 from __future__ import annotations
 
@@ -17,18 +19,25 @@ from hhr_dolfinx.models.estimates import STRESS, Estimate
 from hhr_dolfinx.plugins.inelastic.state import state
 from hhr_dolfinx.plugins.inelastic.trained import share_of_stress
 
-KNOWN_ERROR = "indicator of the stress: the part of it that no training explains; without a proof, silent on forces"
+KNOWN_ERROR = (
+    "indicator of the stress: the part of it that no training explains; without a proof, silent "
+    "on forces"
+)
 """Estimates of inelastic models in one line."""
 SHOWN = 1e-8
-"""Norm of a mode on the known values, relative to the largest of the modes, below which its amplitude is round-off: the
-root of the machine's precision. One of round-off, 5e-14 there, was multiplied to errors of 6e8."""
+"""Norm of a mode on the known values, relative to the largest of the modes, below which its
+amplitude is round-off: the root of the machine's precision. One of round-off, 5e-14 there, was
+multiplied to errors of 6e8.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class GappyField:
     """A field of the Gauss points from its values in the RID (gappy POD, section 6.2.3)."""
 
-    modes: Annotated[Floats, "values", "modes"]  # POD modes of training states, (values everywhere, modes)
+    modes: Annotated[
+        Floats, "values", "modes"
+    ]  # POD modes of training states, (values everywhere, modes)
     fit: Annotated[Floats, "modes", "known values"]  # amplitudes of the modes per value in the RID
 
     def __post_init__(self) -> None:
@@ -37,7 +46,10 @@ class GappyField:
 
     @classmethod
     def fitted(cls, modes: np.ndarray, inside: np.ndarray) -> GappyField:
-        """Field from modes and the numbers of the values in the RID; modes that these do not show have no amplitude."""
+        """Field from modes and the numbers of the values in the RID.
+
+        Modes that these do not show have no amplitude.
+        """
         return cls(modes, np.linalg.pinv(modes[inside], rcond=SHOWN))
 
     def everywhere(self, inside: np.ndarray) -> np.ndarray:
@@ -52,9 +64,13 @@ class FlowFields:
     kind: ClassVar[str] = STRESS
     known_error: ClassVar[str] = KNOWN_ERROR
 
-    points: Annotated[Integers, "points", "< gauss points"]  # numbers of the Gauss points of the RID in the full model
+    points: Annotated[
+        Integers, "points", "< gauss points"
+    ]  # numbers of the Gauss points of the RID in the full model
     stress: GappyField  # reconstruction of the stress, with adjacent components of each point
-    cumulated: GappyField | None  # reconstruction of the cumulated plastic strain; None if it was zero in training
+    cumulated: (
+        GappyField | None
+    )  # reconstruction of the cumulated plastic strain; None if it was zero in training
     gauss_points: Annotated[Size, "gauss points"]  # number of Gauss points of the full model
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
@@ -63,7 +79,10 @@ class FlowFields:
         known = self.stress.fit.shape[1]
         components = values // max(self.gauss_points, 1)
         if (values, known) != (components * self.gauss_points, components * self.points.size):
-            yield f"{values} values of the stress, {known} of them known, are not the same for each Gauss point"
+            yield (
+                f"{values} values of the stress, {known} of them known, are not the same for each "
+                "Gauss point"
+            )
         if self.cumulated is not None:
             found = len(self.cumulated.modes), self.cumulated.fit.shape[1]
             if found != (self.gauss_points, self.points.size):
@@ -75,14 +94,18 @@ class FlowFields:
         return self.gauss_points
 
     def stress_of(self, answer: Answer) -> np.ndarray:
-        """Stress of an answer at all Gauss points, of laws in the RID, (Gauss points, components)."""
+        """Stress of an answer at all Gauss points, of laws in the RID, (Gauss points,
+        components).
+        """
         inside = state(answer).stress
         field = self.stress.everywhere(inside.ravel()).reshape(self.gauss_points, inside.shape[1])
         field[self.points] = inside
         return field
 
     def plastic_strain(self, answer: Answer) -> np.ndarray:
-        """Cumulated plastic strain of an answer at all Gauss points, never negative, (Gauss points,)."""
+        """Cumulated plastic strain of an answer at all Gauss points, never negative, (Gauss
+        points,).
+        """
         inside = state(answer).state.cumulated
         field = np.zeros(self.gauss_points)
         if self.cumulated is not None:
@@ -91,20 +114,30 @@ class FlowFields:
         return field
 
     def estimate(self, answer: Answer) -> Estimate:
-        """Indicator of the error, the part of the stress that the training does not represent; see docs/bounds.md."""
+        """Indicator of the error, the part of the stress that the training does not represent.
+
+        See docs/bounds.md.
+        """
         return Estimate.indicated(share_of_stress(*self.unexplained(state(answer).stress)), STRESS)
 
     @cached_property
     def _products(self) -> np.ndarray:
-        """Gram matrix of the modes of the stress on the values at evaluated points, (modes, modes)."""
+        """Gram matrix of the modes of the stress on the values at evaluated points, (modes,
+        modes).
+        """
         components = len(self.stress.modes) // self.gauss_points
         shown = self.stress.modes.reshape(self.gauss_points, components, -1)[self.points]
         shown = shown.reshape(self.points.size * components, -1)
         return shown.T @ shown
 
     def unexplained(self, inside: np.ndarray) -> tuple[float, float]:
-        """|σ - Φ fit σ| and |σ| of the stress at evaluated points; values below 1e-8 of the stress are round-off."""
+        """|σ - Φ fit σ| and |σ| of the stress at evaluated points.
+
+        Values below 1e-8 of the stress are round-off.
+        """
         stress = inside.ravel()
         amplitudes = self.stress.fit @ stress
         size = float(stress @ stress)
-        return math.sqrt(max(size - float(amplitudes @ (self._products @ amplitudes)), 0.0)), math.sqrt(size)
+        return math.sqrt(
+            max(size - float(amplitudes @ (self._products @ amplitudes)), 0.0)
+        ), math.sqrt(size)

@@ -1,9 +1,11 @@
-"""Condensation of inelastic models, offline: elastic response, modes of the plastic correction, cubature, check.
+"""Condensation of inelastic models, offline: elastic response, modes of the plastic correction,
+cubature, check.
 
-Weights of the cubature are fitted to two kinds of integrals: the stress of the correction at training states, see
-:mod:`hhr_dolfinx.plugins.inelastic.condensed_step`, and loosely the energies ∫ (G V)^T C G V of the modes in inelastic
-regions. With the first alone, modes of small energy were overestimated by up to 70 % in the tangent, whose sign then
-changed: steps stalled, or jumped. With both, none did.
+Weights of the cubature are fitted to two kinds of integrals: the stress of the correction at
+training states, see :mod:`hhr_dolfinx.plugins.inelastic.condensed_step`, and loosely the energies ∫
+(G V)^T C G V of the modes in inelastic regions. With the first alone, modes of small energy were
+overestimated by up to 70 % in the tangent, whose sign then changed: steps stalled, or jumped. With
+both, none did.
 """
 
 from __future__ import annotations
@@ -36,7 +38,11 @@ from hhr_dolfinx.plugins.inelastic.completion import GappyField
 from hhr_dolfinx.plugins.inelastic.condensed_fields import CondensedFlowFields, PlasticFields
 from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlow, CondensedFlowModel
 from hhr_dolfinx.plugins.inelastic.cubature import Cubature, compressed, fitted
-from hhr_dolfinx.plugins.inelastic.elastic_response import ElasticResponse, correction_modes, elastic_response
+from hhr_dolfinx.plugins.inelastic.elastic_response import (
+    ElasticResponse,
+    correction_modes,
+    elastic_response,
+)
 from hhr_dolfinx.plugins.inelastic.full_order import FullEquilibrium, equilibrium_of
 from hhr_dolfinx.plugins.inelastic.recipe import PLASTIC_ERROR, STRESS_ERROR, FlowLimits
 from hhr_dolfinx.plugins.inelastic.state import deviator, rows_of, state_modes, states_of
@@ -57,15 +63,22 @@ ROWS = 1500
 CHUNK = 2000
 """Gauss points whose contributions are computed at once."""
 FLOWED = 1e-4
-"""Plastic strain, relative to the largest of any training state, above which a point may have a weight."""
+"""Plastic strain, relative to the largest of any training state, above which a point may have a
+weight.
+"""
 ALIKE_MODES = 1e-4
 """Part of the norm of training states that their compression may leave out."""
 
 
 def correction_strain(
-    full: FullModel, elastic: ElasticResponse, answer: Answer, correction: np.ndarray, strain: StrainAt
+    full: FullModel,
+    elastic: ElasticResponse,
+    answer: Answer,
+    correction: np.ndarray,
+    strain: StrainAt,
 ) -> np.ndarray:
-    """Strain ε_c of the correction of a full answer, (p, c), with that of the change of contact forces.
+    """Strain ε_c of the correction of a full answer, (p, c), with that of the change of contact
+    forces.
 
     With a law of interfaces it has no such part: forces depend on the path.
     """
@@ -91,18 +104,27 @@ class FlowingDomain:
     stresses: np.ndarray  # of these strains over 2 μ, (p, c, ell)
 
     @classmethod
-    def of(cls, full: FullModel, basis: np.ndarray, answers: Sequence[Answer], sizes: np.ndarray) -> FlowingDomain:
+    def of(
+        cls, full: FullModel, basis: np.ndarray, answers: Sequence[Answer], sizes: np.ndarray
+    ) -> FlowingDomain:
         """Domain of training answers with corrections of given energy norms."""
         equilibrium = equilibrium_of(full)
         largest = np.zeros(equilibrium.material.gauss_points)
         for answer, size in zip(answers, sizes, strict=True):
-            largest = np.maximum(largest, np.abs(gauss_of(answer).state.inelastic).max(axis=1) / size)
+            largest = np.maximum(
+                largest, np.abs(gauss_of(answer).state.inelastic).max(axis=1) / size
+            )
         points = np.flatnonzero(largest > FLOWED * largest.max())
         strains = np.stack([equilibrium.strain_of(column)[points] for column in basis.T], axis=2)
         elastic = equilibrium.material.moduli_at(full.problem.middle).elastic[points]
         stiff = elastic[:, -1, -1]
         stresses = np.einsum("pij,pjl->pil", elastic / stiff[:, None, None], strains)
-        return cls(points, equilibrium.operator.weights.ravel()[points] * stiff, deviator(strains), stresses)
+        return cls(
+            points,
+            equilibrium.operator.weights.ravel()[points] * stiff,
+            deviator(strains),
+            stresses,
+        )
 
     def stressed(
         self,
@@ -112,7 +134,9 @@ class FlowingDomain:
         corrections: np.ndarray,
         sizes: np.ndarray,
     ) -> np.ndarray:
-        """ε_p - dev ε_c at training states, over the energy norms of their corrections, (S, p c)."""
+        """ε_p - dev ε_c at training states, over the energy norms of their corrections, (S, p
+        c).
+        """
         there = StrainAt(equilibrium_of(full).operator, self.points)
         found = np.empty((len(answers), self.deviators[:, :, 0].size))
         for k, (answer, correction) in enumerate(zip(answers, corrections.T, strict=True)):
@@ -121,14 +145,19 @@ class FlowingDomain:
             found[k] = (plastic - deviator(strain)).ravel() / sizes[k]
         return found
 
-    def cubature(self, stressed: np.ndarray, settings: CorrectionSettings, start: Cubature | None = None) -> Cubature:
-        """Points and weights for :meth:`stressed` states, (S, p c), and loosely for energies of the modes.
+    def cubature(
+        self, stressed: np.ndarray, settings: CorrectionSettings, start: Cubature | None = None
+    ) -> Cubature:
+        """Points and weights for :meth:`stressed` states, (S, p c), and loosely for energies of the
+        modes.
 
         ``start`` is a cubature for fewer modes, or for a larger tolerance.
         """
         # few rows with nearly the same products as all, by the method of snapshots
         squares, ways = linalg.eigh(stressed @ stressed.T)
-        count = min(int((squares > ALIKE_MODES**2 * squares[-1]).sum()), ROWS // self.deviators.shape[2])
+        count = min(
+            int((squares > ALIKE_MODES**2 * squares[-1]).sum()), ROWS // self.deviators.shape[2]
+        )
         few = ways[:, ::-1][:, :count].T @ stressed
         few = few.reshape(len(few), self.points.size, -1)
         pairs = np.triu_indices(self.deviators.shape[2])
@@ -136,7 +165,9 @@ class FlowingDomain:
         def needed() -> Iterator[np.ndarray]:
             for part in _chunks(self.points.size):
                 tested = self.weights[part, None, None] * self.stresses[part]
-                yield np.einsum("pcj,rpc->jrp", tested, few[:, part], optimize=True).reshape(-1, tested.shape[0])
+                yield np.einsum("pcj,rpc->jrp", tested, few[:, part], optimize=True).reshape(
+                    -1, tested.shape[0]
+                )
 
         def energies() -> Iterator[np.ndarray]:
             for part in _chunks(self.points.size):
@@ -168,7 +199,9 @@ def _chunks(count: int) -> Iterator[slice]:
 
 
 class StrainAt:
-    """Strain at some Gauss points of the operator of a whole mesh, from the cells around them alone."""
+    """Strain at some Gauss points of the operator of a whole mesh, from the cells around them
+    alone.
+    """
 
     def __init__(self, operator: StrainOperator, points: np.ndarray):
         per_cell = operator.per_cell
@@ -186,8 +219,10 @@ class StrainAt:
 
 
 LEFT_OUT = {"plastic": 1e-8, "cumulated": 1e-6}
-"""Part of the squared training fields that the modes for plastic and cumulated plastic strain leave out. Stress is the
-difference of strain and plastic strain, which may be a hundred times as large: the latter has the smaller tolerance."""
+"""Part of the squared training fields that the modes for plastic and cumulated plastic strain leave
+out. Stress is the difference of strain and plastic strain, which may be a hundred times as large:
+the latter has the smaller tolerance.
+"""
 WATCHED = 12
 """Points without weight at which laws are evaluated, or a tenth of the others if that is more."""
 ALIKE = 1e-6
@@ -195,27 +230,35 @@ ALIKE = 1e-6
 SPARE = 2
 """Least number of values per mode in a fit, so that the surplus ones measure its quality."""
 NOTHING = 1e-8
-"""Energy of a correction, relative to the largest, below which it counts as round-off of the elastic solution."""
+"""Energy of a correction, relative to the largest, below which it counts as round-off of the
+elastic solution.
+"""
 LARGEST_ENERGY = 1.2
-"""Energy of a mode by the cubature above which tangents may change sign; the exact one is at most 1."""
+"""Energy of a mode by the cubature above which tangents may change sign.
+
+The exact one is at most 1.
+"""
 
 
 @dataclass(frozen=True)
 class CorrectionSettings(Reductor["_Shared"]):
-    """Targets of a reduced plastic correction: a model of inelastic bodies that keeps all contact conditions.
+    """Targets of a reduced plastic correction: a model of inelastic bodies that keeps all contact
+    conditions.
 
-    It is a reductor, ``build(full, snapshots, CorrectionSettings())``, of a full model on one rank and training
-    histories. It refuses scenes whose moduli are no factors of connected components, and gives the warnings of
-    :func:`hhr_dolfinx.reduction.build.build`.
+    It is a reductor, ``build(full, snapshots, CorrectionSettings())``, of a full model on one rank
+    and training histories. It refuses scenes whose moduli are no factors of connected components,
+    and gives the warnings of :func:`hhr_dolfinx.reduction.build.build`.
 
     Attributes:
-        modes: energy norm that the modes leave out of training corrections, each over the root of its norm, relative.
+        modes: energy norm that the modes leave out of training corrections, each over the root of
+            its norm, relative.
         cubature: relative misfit of the integrals at training states.
         stability: relative misfit of the energies of the modes.
         most_modes, most_points: upper limits; None for none.
-        attempts: most attempts; each reduces the tolerances of modes and cubature by a factor of three.
-        primal, dual, stress, plastic: target errors of displacement, forces, stress and cumulated plastic strain along
-            known histories.
+        attempts: most attempts; each reduces the tolerances of modes and cubature by a factor of
+            three.
+        primal, dual, stress, plastic: target errors of displacement, forces, stress and cumulated
+            plastic strain along known histories.
         trust: limits at which a model is refused or raises a warning; None leaves out the check.
     """
 
@@ -230,31 +273,44 @@ class CorrectionSettings(Reductor["_Shared"]):
     stress: float = 0.02
     plastic: float = 0.05
     trust: TrustLimits | None = field(
-        default_factory=lambda: FlowLimits.of_histories(refuse_primal=0.02, refuse_dual=0.2, warn_primal=0.01)
+        default_factory=lambda: FlowLimits.of_histories(
+            refuse_primal=0.02, refuse_dual=0.2, warn_primal=0.01
+        )
     )
     method: ClassVar[str] = "condensed"
     own_range: ClassVar[bool] = True
     level: ClassVar[str] = "attempt"
-    remedy: ClassVar[str] = "train on more histories, as more modes and points do not know other ones"
-    refusals: ClassVar[tuple[type[HHRError], ...]] = (UnstableModelError, ConvergenceError, NotSolvableError)
+    remedy: ClassVar[str] = (
+        "train on more histories, as more modes and points do not know other ones"
+    )
+    refusals: ClassVar[tuple[type[HHRError], ...]] = (
+        UnstableModelError,
+        ConvergenceError,
+        NotSolvableError,
+    )
 
     def __post_init__(self) -> None:
         """Refuse invalid values with ReductionError."""
         for name in ("modes", "cubature", "stability"):
             if not (is_number(getattr(self, name)) and 0 < getattr(self, name) < 1):
-                raise ReductionError(f"{name} = {getattr(self, name)!r} must be a fraction in (0, 1)")
+                raise ReductionError(
+                    f"{name} = {getattr(self, name)!r} must be a fraction in (0, 1)"
+                )
         for name in ("primal", "dual", "stress", "plastic"):
             value = getattr(self, name)
             if not (value == math.inf or (is_number(value) and value > 0)):
                 raise ReductionError(
-                    f"{name} = {value!r} must be a positive number: an error that is small; math.inf asks for none"
+                    f"{name} = {value!r} must be a positive number: an error that is small; "
+                    "math.inf asks for none"
                 )
         if not isinstance(self.trust, TrustLimits | None):
             raise ReductionError(f"trust = {self.trust!r} must be TrustLimits(...), or None")
         for name, unbounded in (("most_modes", True), ("most_points", True), ("attempts", False)):
             value = getattr(self, name)
             if not (is_whole(value, 1) or (value is None and unbounded)):
-                raise ReductionError(f"{name} = {value!r} must be a whole number from 1" + ", or None" * unbounded)
+                raise ReductionError(
+                    f"{name} = {value!r} must be a whole number from 1" + ", or None" * unbounded
+                )
 
     @classmethod
     def usual(cls, settings: Any, *, fields: bool | None) -> Reductor:
@@ -271,22 +327,30 @@ class CorrectionSettings(Reductor["_Shared"]):
         full = task.full
         snapshots = task.snapshots
         if full.equilibrium is None:
-            raise ReductionError(f"nothing flows in scene '{full.scene.name}': take exact or interpolated condensation")
+            raise ReductionError(
+                f"nothing flows in scene '{full.scene.name}': take exact or interpolated "
+                "condensation"
+            )
         full.problem.require_whole()
         if full.problem.kernel is not None:
             raise NotOfferedError(
-                f"contact alone holds bodies of scene '{full.scene.name}', and bodies have laws: forces of a condensed "
-                "step follow from its slack alone, and these must balance bodies too, whose motions are unknowns. Take "
-                "the hyper-reduced model, training.build()"
+                f"contact alone holds bodies of scene '{full.scene.name}', and bodies have laws: "
+                "forces of a condensed step follow from its slack alone, and these must balance "
+                "bodies too, whose motions are unknowns. Take the hyper-reduced model, "
+                "training.build()"
             )
         check_of_problem("snapshots", snapshots, full.problem)
         if snapshots is None or not snapshots.histories:
             raise ReductionError(
-                "a reduced plastic correction is trained on histories, all steps: SnapshotSet.of_histories"
+                "a reduced plastic correction is trained on histories, all steps: "
+                "SnapshotSet.of_histories"
             )
         if not any_flowed(snapshots) and not equilibrium_of(full).material.linear:
             # corrections are then round-off, not zero
-            raise ReductionError("no body flows in any training history: train at higher loads, or leave the laws out")
+            raise ReductionError(
+                "no body flows in any training history: train at higher loads, or leave the laws "
+                "out"
+            )
 
     def prepare(self, task: Task, before: _Shared | None = None) -> _Shared:
         """Elastic response, corrections of training states, and modes of fields."""
@@ -299,10 +363,18 @@ class CorrectionSettings(Reductor["_Shared"]):
             elastic = elastic_response(full) if before is None else before.elastic
         with task.log.stage("corrections", task.announce):
             answers = [answer for history in snapshots.histories for answer in history.answers]
-            corrections = np.stack([elastic.correction(full.problem, answer) for answer in answers], axis=1)
+            corrections = np.stack(
+                [elastic.correction(full.problem, answer) for answer in answers], axis=1
+            )
         with task.log.stage("reconstruction", task.announce):
-            fields = _FieldModes.of(full, snapshots) if any_flowed(snapshots) else _FieldModes.at_rest(full)
-        return _Shared(full, snapshots, elastic, answers, corrections, fields, task.log, task.announce)
+            fields = (
+                _FieldModes.of(full, snapshots)
+                if any_flowed(snapshots)
+                else _FieldModes.at_rest(full)
+            )
+        return _Shared(
+            full, snapshots, elastic, answers, corrections, fields, task.log, task.announce
+        )
 
     def levels(self, task: Task) -> Iterable[int]:
         """Powers of three by which the tolerances of modes and cubature are divided."""
@@ -318,28 +390,37 @@ class CorrectionSettings(Reductor["_Shared"]):
         energy = domain.largest_energy(cubature)
         if energy > LARGEST_ENERGY:
             raise UnstableModelError(
-                f"the cubature on {cubature.points.size} points gives a mode {energy:.2f} times its energy, and "
-                "tangents may turn their sign: allow more points (most_points), or a smaller stability"
+                f"the cubature on {cubature.points.size} points gives a mode {energy:.2f} times "
+                "its energy, and tangents may turn their sign: allow more points (most_points), "
+                "or a smaller stability"
             )
         model = _model(prepared, chosen)
         counts = chosen.basis.shape[1], model.flow.points.size, domain.points.size
         return model, CorrectionFacts(settings, *counts, cubature.misfit, energy)
 
     def _chosen(self, settings: CorrectionSettings, prepared: _Shared) -> _Chosen:
-        """Modes of the corrections of training states, points with inelastic strain there, and their cubature."""
+        """Modes of the corrections of training states, points with inelastic strain there, and
+        their cubature.
+        """
         full = prepared.full
         problem = full.problem
         log = prepared.log
         elastic = prepared.elastic
         with log.stage("modes", prepared.announce):
             most = settings.most_modes
-            basis, sizes = correction_modes(problem, prepared.corrections, elastic, settings.modes, most)
+            basis, sizes = correction_modes(
+                problem, prepared.corrections, elastic, settings.modes, most
+            )
         with log.stage("cubature", prepared.announce):
             kept = np.flatnonzero(sizes > NOTHING * sizes.max(initial=0.0))
             answers = [prepared.answers[k] for k in kept]
             domain = FlowingDomain.of(full, basis, answers, sizes[kept])
-            stressed = domain.stressed(full, elastic, answers, prepared.corrections[:, kept], sizes[kept])
-            cubature = domain.cubature(stressed, settings, prepared.known[-1] if prepared.known else None)
+            stressed = domain.stressed(
+                full, elastic, answers, prepared.corrections[:, kept], sizes[kept]
+            )
+            cubature = domain.cubature(
+                stressed, settings, prepared.known[-1] if prepared.known else None
+            )
             prepared.known[:] = [cubature]
         return _Chosen(basis, domain, cubature, answers)
 
@@ -357,15 +438,21 @@ class CorrectionSettings(Reductor["_Shared"]):
         from hhr_dolfinx.plugins.one_call.proposals import of_more_answers
 
         tolerance = search.target.error / 2  # a margin for errors that the check does not see
-        own = replace(self, primal=min(self.primal, tolerance), dual=min(self.dual, tolerance), attempts=6)
-        if search.target.elastic:  # else an output may need the stress, which must be refined further
+        own = replace(
+            self, primal=min(self.primal, tolerance), dual=min(self.dual, tolerance), attempts=6
+        )
+        if (
+            search.target.elastic
+        ):  # else an output may need the stress, which must be refined further
             own = replace(own, stress=math.inf, plastic=math.inf)
         return of_more_answers(own, search)
 
 
 @dataclass(frozen=True, eq=False)
 class CorrectionFacts:
-    """Facts of a condensed inelastic model, in its :class:`~hhr_dolfinx.reduction.reductor.Record`."""
+    """Facts of a condensed inelastic model, in its
+    :class:`~hhr_dolfinx.reduction.reductor.Record`.
+    """
 
     settings: CorrectionSettings  # of the chosen attempt
     modes: int  # number of them
@@ -401,7 +488,9 @@ class _Chosen(NamedTuple):
 
 
 def _at_rest(prepared: _Shared) -> _Chosen:
-    """A mode and points that do no work, one of each body: laws are evaluated there, and the correction stays zero."""
+    """A mode and points that do no work, one of each body: laws are evaluated there, and the
+    correction stays zero.
+    """
     full = prepared.full
     elastic = prepared.elastic
     points = _first_points(equilibrium_of(full).material.groups)
@@ -428,12 +517,23 @@ def _model(prepared: _Shared, chosen: _Chosen) -> CondensedFlowModel:
     with prepared.log.stage("online_arrays", prepared.announce):
         flow = _online(full, elastic, *chosen)
         fields = CondensedFlowFields(
-            problem.amplitudes, elastic.factors, elastic.parts, chosen.basis, elastic.per_force, elastic.forced,
-            elastic.given, problem.block_size, prepared.fields.on(flow.points, equilibrium_of(full)),
-            plain_outputs(full), problem.law, full,
-        )  # fmt: skip
+            problem.amplitudes,
+            elastic.factors,
+            elastic.parts,
+            chosen.basis,
+            elastic.per_force,
+            elastic.forced,
+            elastic.given,
+            problem.block_size,
+            prepared.fields.on(flow.points, equilibrium_of(full)),
+            plain_outputs(full),
+            problem.law,
+            full,
+        )
         model = CondensedFlowModel(flow, full.parameters, fields)
-    with prepared.log.stage("compilation", prepared.announce):  # once for an installation, not for each model
+    with prepared.log.stage(
+        "compilation", prepared.announce
+    ):  # once for an installation, not for each model
         model.march(prepared.snapshots.histories[0].path[:2], MarchSettings(outside="ignore"))
     return model
 
@@ -482,25 +582,31 @@ def _online(
         moved=problem.contact @ basis,
         modal=np.eye(len(per_mode)) - work(basis) + tested @ _deviators(per_mode, components).T,
         coupled=coupled,
-        mode_parts=elastic.parts[np.abs(basis).argmax(axis=0)],  # if there are several parts, each mode is on one
+        mode_parts=elastic.parts[
+            np.abs(basis).argmax(axis=0)
+        ],  # if there are several parts, each mode is on one
         schur=schur,
         pressed=pressed,
         gaps=gaps,
     )
 
 
-def _watched(domain: FlowingDomain, cubature: Cubature, answers: Sequence[Answer]) -> tuple[np.ndarray, np.ndarray]:
-    """Points of a cubature and their weights, and, without weight, those of the largest plastic strain in training.
+def _watched(
+    domain: FlowingDomain, cubature: Cubature, answers: Sequence[Answer]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points of a cubature and their weights, and, without weight, those of the largest plastic
+    strain in training.
 
-    The few points of a cubature may all lie away from the place of the first plastic strain. A history with plastic
-    strain there alone would look elastic, whatever stress it causes.
+    The few points of a cubature may all lie away from the place of the first plastic strain. A
+    history with plastic strain there alone would look elastic, whatever stress it causes.
     """
     flowed = np.array([gauss_of(answer).state.cumulated[domain.points] for answer in answers])
     largest = flowed.max(axis=1, keepdims=True)
     # the first of points that are equal up to round-off
     order = [k for k in np.argsort(largest[:, 0], kind="stable") if largest[k] > 0]
     most = (flowed >= (1 - ALIKE) * largest).argmax(axis=1)[order]
-    # start with the smallest states, the onset of plastic flow: more points would cost what a cubature saves
+    # start with the smallest states, the onset of plastic flow: more points would cost what a
+    # cubature saves
     known = set(cubature.points.tolist())
     others = [point for point in dict.fromkeys(most.tolist()) if point not in known]
     kept = np.array(others[: max(cubature.points.size // 10, WATCHED)], dtype=np.int64)
@@ -529,7 +635,9 @@ def _by_body(groups: tuple[Group, ...], points: np.ndarray) -> tuple[tuple[Group
 
 @dataclass(frozen=True)
 class _FieldModes:
-    """POD modes of plastic and cumulated plastic strain, at the points with plastic strain in training."""
+    """POD modes of plastic and cumulated plastic strain, at the points with plastic strain in
+    training.
+    """
 
     flowed: np.ndarray  # numbers of these points
     plastic: np.ndarray  # modes, as the next
@@ -544,8 +652,12 @@ class _FieldModes:
         """Modes of training histories."""
         states = [item.state for item in states_of(snapshots)]
         flowed = np.flatnonzero(np.any([state.inelastic.any(axis=1) for state in states], axis=0))
-        plastic = state_modes([state.inelastic[flowed].ravel() for state in states], LEFT_OUT["plastic"])
-        cumulated = state_modes([state.cumulated[flowed] for state in states], LEFT_OUT["cumulated"])
+        plastic = state_modes(
+            [state.inelastic[flowed].ravel() for state in states], LEFT_OUT["plastic"]
+        )
+        cumulated = state_modes(
+            [state.cumulated[flowed] for state in states], LEFT_OUT["cumulated"]
+        )
         return cls._balanced(full, flowed, plastic, cumulated)
 
     @classmethod
@@ -553,11 +665,15 @@ class _FieldModes:
         """A mode each, at a point of each body, of which linear laws take no part."""
         equilibrium = equilibrium_of(full)
         flowed = _first_points(equilibrium.material.groups)
-        plastic, cumulated = (np.eye(flowed.size * count, 1) for count in (equilibrium.operator.components, 1))
+        plastic, cumulated = (
+            np.eye(flowed.size * count, 1) for count in (equilibrium.operator.components, 1)
+        )
         return cls._balanced(full, flowed, plastic, cumulated)
 
     @classmethod
-    def _balanced(cls, full: FullModel, flowed: np.ndarray, plastic: np.ndarray, cumulated: np.ndarray) -> _FieldModes:
+    def _balanced(
+        cls, full: FullModel, flowed: np.ndarray, plastic: np.ndarray, cumulated: np.ndarray
+    ) -> _FieldModes:
         """Modes with the displacement that balances each."""
         problem = full.problem
         equilibrium = equilibrium_of(full)

@@ -1,4 +1,6 @@
-"""Fields of condensed inelastic models on the whole mesh, exact up to the correction and the completion of ε_p."""
+"""Fields of condensed inelastic models on the whole mesh, exact up to the correction and the
+completion of ε_p.
+"""
 
 from __future__ import annotations
 
@@ -31,39 +33,55 @@ if TYPE_CHECKING:
 
 
 LEAST = 0.05
-"""Lower limit of 1 - h_ii (leverage) in the leave-one-out residual: below it a point is fitted by itself, and the
-residual is round-off over round-off."""
+"""Lower limit of 1 - h_ii (leverage) in the leave-one-out residual: below it a point is fitted by
+itself, and the residual is round-off over round-off.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class PlasticFields:
     """Completion of the fields at Gauss points.
 
-    Gappy POD (thesis section 6.2.3) completes the plastic strain ε_p alone, from modes Φ a. The displacement and stress
-    that balance each mode are computed in advance: K u = ∫ G^T C Φ, σ = C (ε(u) - Φ). So the stress is exact in elastic
-    regions, and balances the loads for any a; completed from few points itself, its elastic part would be wrong.
+    Gappy POD (thesis section 6.2.3) completes the plastic strain ε_p alone, from modes Φ a. The
+    displacement and stress that balance each mode are computed in advance: K u = ∫ G^T C Φ, σ = C
+    (ε(u) - Φ). So the stress is exact in elastic regions, and balances the loads for any a;
+    completed from few points itself, its elastic part would be wrong.
     """
 
     kind: ClassVar[str] = STRESS
     known_error: ClassVar[str] = KNOWN_ERROR
 
-    points: Annotated[Integers, "points", "< gauss points"]  # numbers of the points Z where laws are evaluated
+    points: Annotated[
+        Integers, "points", "< gauss points"
+    ]  # numbers of the points Z where laws are evaluated
     flowed: Annotated[Integers, "flowed", "< gauss points"]  # those with plastic strain in training
-    plastic: GappyField  # completion of the plastic strain on these; components of a point are adjacent
+    plastic: (
+        GappyField  # completion of the plastic strain on these; components of a point are adjacent
+    )
     cumulated: GappyField  # completion of the cumulated plastic strain
-    moved: Annotated[Floats, "N", "plastic modes"]  # K^-1 ∫ G^T C Φ of each mode of the plastic strain
+    moved: Annotated[
+        Floats, "N", "plastic modes"
+    ]  # K^-1 ∫ G^T C Φ of each mode of the plastic strain
     strain: StrainOperator  # ε(u) at all Gauss points
-    unstressed: Annotated[csc_matrix, "components * gauss points", "terms"]  # strains without stress
-    elastic: Annotated[Floats, "kinds", "components", "components"]  # different C in the middle of the box
+    unstressed: Annotated[
+        csc_matrix, "components * gauss points", "terms"
+    ]  # strains without stress
+    elastic: Annotated[
+        Floats, "kinds", "components", "components"
+    ]  # different C in the middle of the box
     kinds: Annotated[Integers, "gauss points", "< kinds"]  # that of each Gauss point
-    grading: Annotated[Floats, "graded"] = field(default_factory=lambda: UNGRADED)  # factor of that, or empty for 1
+    grading: Annotated[Floats, "graded"] = field(
+        default_factory=lambda: UNGRADED
+    )  # factor of that, or empty for 1
 
     def __post_init__(self) -> None:
         """Convert the arrays to the layout of files."""
         lay_out(self)
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """Faults: points that do not increase, moduli that are not positive, strain and modes of other sizes."""
+        """Faults: points that do not increase, moduli that are not positive, strain and modes of
+        other sizes.
+        """
         if not (np.diff(self.flowed) > 0).all() or not np.isin(self.points, self.flowed).all():
             yield "the points that flowed must increase, those where laws are evaluated among them"
         stiffnesses = np.linalg.eigvalsh(self.elastic)
@@ -76,11 +94,24 @@ class PlasticFields:
         components = self.strain.components
         count = self.plastic.modes.shape[1]
         found = (*self.plastic.modes.shape, *self.plastic.fit.shape, self.cumulated.modes.shape[0])
-        wanted = (self.flowed.size * components, count, count, self.points.size * components, self.flowed.size)
-        if found != wanted or self.moved.shape[1] != count or self.cumulated.fit.shape[1] != self.points.size:
+        wanted = (
+            self.flowed.size * components,
+            count,
+            count,
+            self.points.size * components,
+            self.flowed.size,
+        )
+        if (
+            found != wanted
+            or self.moved.shape[1] != count
+            or self.cumulated.fit.shape[1] != self.points.size
+        ):
             yield f"modes of the plastic strain have sizes {found}, and not {wanted}"
         if self.strain.weights.size != self.places or self.strain.size != len(self.moved):
-            yield f"strains at all Gauss points are not those of {len(self.moved)} dofs and {self.places} points"
+            yield (
+                f"strains at all Gauss points are not those of {len(self.moved)} dofs and "
+                f"{self.places} points"
+            )
 
     @property
     def places(self) -> int:
@@ -89,7 +120,9 @@ class PlasticFields:
 
     @cached_property
     def shear(self) -> np.ndarray:
-        """2 μ of each Gauss point, or of anisotropic ones that of the last component, (Gauss points,)."""
+        """2 μ of each Gauss point, or of anisotropic ones that of the last component, (Gauss
+        points,).
+        """
         found = self.elastic[self.kinds, -1, -1]
         return found * self.grading if self.grading.size else found
 
@@ -98,7 +131,9 @@ class PlasticFields:
         return answer.fields.stress(answer)
 
     def plastic_strain(self, answer: Answer) -> np.ndarray:
-        """Cumulated plastic strain of an answer at all Gauss points, never negative, (Gauss points,)."""
+        """Cumulated plastic strain of an answer at all Gauss points, never negative, (Gauss
+        points,).
+        """
         inside = gauss_of(answer).state.cumulated
         field = np.zeros(self.places)
         field[self.flowed] = np.maximum(self.cumulated.everywhere(inside), 0.0)
@@ -112,7 +147,8 @@ class PlasticFields:
     def stress(self, elastic: np.ndarray, theta: np.ndarray, plastic: np.ndarray) -> np.ndarray:
         """Stress at all Gauss points for the moduli of the middle, (Gauss points, components).
 
-        ``elastic``: displacement of loads and forces with the lift; ``plastic``: strain where laws are evaluated.
+        ``elastic``: displacement of loads and forces with the lift; ``plastic``: strain where laws
+        are evaluated.
         """
         shares = self.plastic.fit @ plastic.ravel()
         found = self.strain.strain(elastic + self.moved @ shares)
@@ -127,7 +163,8 @@ class PlasticFields:
     def unforeseen(self, plastic: np.ndarray) -> np.ndarray:
         """Leave-one-out residual of the plastic strain at each point, times 2 μ, (n, components).
 
-        The residual of the fit, (I - H) ε_p, is far less than elsewhere; (I - H_ii)^-1 predicts a point without itself.
+        The residual of the fit, (I - H) ε_p, is far less than elsewhere; (I - H_ii)^-1 predicts a
+        point without itself.
         """
         values = plastic.ravel()
         left = (values - self.spanned @ (self.spanned.T @ values)).reshape(plastic.shape)
@@ -135,20 +172,26 @@ class PlasticFields:
 
     @cached_property
     def shown(self) -> np.ndarray:
-        """Modes of the plastic strain at the points where laws are evaluated, (n components, modes)."""
+        """Modes of the plastic strain at the points where laws are evaluated, (n components,
+        modes).
+        """
         rows = np.searchsorted(self.flowed, self.points)
         modes = self.plastic.modes.reshape(self.flowed.size, self.strain.components, -1)
         return modes[rows].reshape(rows.size * self.strain.components, -1)
 
     @cached_property
     def spanned(self) -> np.ndarray:
-        """Orthonormal basis of these modes: half of the memory that a product with the modes and their fit reads."""
+        """Orthonormal basis of these modes: half of the memory that a product with the modes and
+        their fit reads.
+        """
         basis, sizes, _ = np.linalg.svd(self.shown, full_matrices=False)
         return np.ascontiguousarray(basis[:, sizes > np.finfo(float).eps * sizes.max(initial=0.0)])
 
     @cached_property
     def without(self) -> np.ndarray:
-        """2 μ (I - H_ii)^-1 of each point, (n, components, components), with I - H_ii at least LEAST."""
+        """2 μ (I - H_ii)^-1 of each point, (n, components, components), with I - H_ii at least
+        LEAST.
+        """
         count = self.points.size
         components = self.strain.components
         shown = self.shown.reshape(count, components, -1)
@@ -168,7 +211,9 @@ class CondensedFlowFields(Rebuilt, ModelFields):
     basis: Annotated[Floats, "N", "ell"]  # V, (N, ell)
     per_force: Annotated[Floats, "N", "m"]  # K^-1 B^T in the middle of the box, (N, m)
     forced: Annotated[Floats, "N", "terms"]  # K^-1 F there, (N, 1 + T)
-    given: Annotated[Floats, "N", "terms"]  # imposed displacements and the response to them, (N, 1 + T)
+    given: Annotated[
+        Floats, "N", "terms"
+    ]  # imposed displacements and the response to them, (N, 1 + T)
     dimension: int  # components of the displacement at a node
     flow: PlasticFields  # completes stress and plastic strain
     functionals: Functionals | None = None  # outputs of the scene; None if it has none
@@ -201,7 +246,9 @@ class CondensedFlowFields(Rebuilt, ModelFields):
         """Stress at all Gauss points, Kelvin's notation, (Gauss points, components)."""
         theta = self.amplitudes.dense(answer.parameter)
         plastic = gauss_of(answer).state.inelastic
-        return self.flow.stress(self._elastic(answer), theta, plastic) / self._giving(answer.parameter)
+        return self.flow.stress(self._elastic(answer), theta, plastic) / self._giving(
+            answer.parameter
+        )
 
     def estimate(self, answer: Answer) -> Estimate | None:
         """Indicator of the error, :meth:`unexplained` over the stress; None without a solution."""
@@ -217,7 +264,10 @@ class CondensedFlowFields(Rebuilt, ModelFields):
         return float(np.linalg.norm(left)), float(np.linalg.norm(gauss.stress))
 
     def _giving(self, point: np.ndarray, places: Any = slice(None)) -> Any:
-        """Compliance of some Gauss points relative to the middle of the box, (places, 1); 1 for constant moduli."""
+        """Compliance of some Gauss points relative to the middle of the box, (places, 1).
+
+        1 for constant moduli.
+        """
         if not self.factors.moduli:
             return 1.0
         return self.factors.compliances(point)[self._parts_of_points[places]][:, None]
@@ -235,7 +285,9 @@ class CondensedFlowFields(Rebuilt, ModelFields):
         rows = csr_matrix(functionals.rows)
         count = max(len(self.factors.moduli), 1)
         masked = [rows @ diags((self.parts == part).astype(float)) for part in range(count)]
-        per_force, forced = (np.array([part @ item for part in masked]) for item in (self.per_force, self.forced))
+        per_force, forced = (
+            np.array([part @ item for part in masked]) for item in (self.per_force, self.forced)
+        )
         return rows @ self.basis, rows @ self.given, per_force, forced
 
     def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
@@ -245,8 +297,12 @@ class CondensedFlowFields(Rebuilt, ModelFields):
         found = given @ theta + per_mode @ answer.unknown[: per_mode.shape[1]]
         return found + self.factors.compliances(answer.parameter) @ elastic
 
-    def measured_changes(self, answer: Answer, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all forces and of these products: :class:`~models.displacement.LinearDisplacement`."""
+    def measured_changes(
+        self, answer: Answer, changes: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of all forces and of these products:
+        :class:`~models.displacement.LinearDisplacement`.
+        """
         assert answer.gradient is not None
         per_mode, given, per_force, forced = self._measures
         theta = self.amplitudes.dense(answer.parameter)
@@ -264,13 +320,20 @@ SAME = 1e-9
 
 @dataclass(frozen=True)
 class PartFactors:
-    """Young's moduli as factors of the connected components of a scene (Q parts, one for constant elasticity)."""
+    """Young's moduli as factors of the connected components of a scene (Q parts, one for constant
+    elasticity).
+    """
 
     moduli: tuple[Modulus, ...]  # of each part; empty for constant elasticity
-    middle: Annotated[Floats, "parts"]  # their values in the middle of the box, for which a model is made
+    middle: Annotated[
+        Floats, "parts"
+    ]  # their values in the middle of the box, for which a model is made
 
     def faults_for(self, space: ParameterSpace) -> Iterator[str]:
-        """Faults: moduli that are no formulas of these parameters, or other in the middle; SceneError if negative."""
+        """Faults: moduli that are no formulas of these parameters, or other in the middle.
+
+        SceneError if negative.
+        """
         for modulus in self.moduli:
             if modulus.names != space.names or modulus.rest != "1":
                 yield f"the modulus {modulus.factor[:60]!r} is no formula of {space.names}"
@@ -278,9 +341,18 @@ class PartFactors:
                 remedy = "Young's modulus must be positive"
                 check_over_box(modulus.factor_scalar, space, "young", 0.0, math.inf, remedy)
         middle = space.middle
-        values = np.array([modulus.value(middle) for modulus in self.moduli]) if self.moduli else np.ones(1)
-        if self.middle.shape != values.shape or not np.allclose(self.middle, values, rtol=SAME, atol=0.0):
-            yield f"the moduli are {values} in the middle of the box, and the arrays are made for {self.middle}"
+        values = (
+            np.array([modulus.value(middle) for modulus in self.moduli])
+            if self.moduli
+            else np.ones(1)
+        )
+        if self.middle.shape != values.shape or not np.allclose(
+            self.middle, values, rtol=SAME, atol=0.0
+        ):
+            yield (
+                f"the moduli are {values} in the middle of the box, and the arrays are made for "
+                f"{self.middle}"
+            )
 
     def compliances(self, point: np.ndarray) -> np.ndarray:
         """Compliance of each part at a point, (P,), relative to the middle of the box, (Q,)."""

@@ -1,13 +1,16 @@
-"""Condensed inelastic models: the elastic response is eliminated exactly; unknowns are corrections and contact forces.
+"""Condensed inelastic models: the elastic response is eliminated exactly.
+
+Unknowns are corrections and contact forces.
 
 If elasticity is constant along a history, the displacement of the full model is
 
     u = u_F θ - X λ + u_p,      X = K^-1 B^T,      u_p = K^-1 ∫ G^T C ε_p,
 
-and only the last part is unknown. Its training states have few modes V, orthonormal in energy: u_p = V g with
-g = ∫ (G V)^T C ε_p, an integral over few Gauss points Z with weights of their cubature. The unknowns are g and λ; laws
-see the strain ε = ε_F θ + E_p g - E_X^T λ on Z. Related methods without contact are transformation field analysis with
-non-uniform modes (Michel and Suquet 2003) and empirical cubature (Hernandez, Caicedo and Ferrer 2017).
+and only the last part is unknown. Its training states have few modes V, orthonormal in energy: u_p
+= V g with g = ∫ (G V)^T C ε_p, an integral over few Gauss points Z with weights of their cubature.
+The unknowns are g and λ; laws see the strain ε = ε_F θ + E_p g - E_X^T λ on Z. Related methods
+without contact are transformation field analysis with non-uniform modes (Michel and Suquet 2003)
+and empirical cubature (Hernandez, Caicedo and Ferrer 2017).
 
 Needs neither DOLFINx nor PETSc.
 """
@@ -48,36 +51,60 @@ from hhr_dolfinx.plugins.inelastic.update import Group, LastOf, Material
 
 @dataclass(frozen=True)
 class CondensedFlow:
-    """Arrays in the middle of the box (n points of c components, ell modes, m conditions, Q parts)."""
+    """Arrays in the middle of the box (n points of c components, ell modes, m conditions, Q
+    parts).
+    """
 
-    # numbers of the points Z in the full model, body by body; those without weight detect plastic strain elsewhere
+    # numbers of the points Z in the full model, body by body; those without weight detect plastic
+    # strain elsewhere
     points: Annotated[Integers, "points", "< gauss points"]
-    groups: tuple[Group, ...]  # elasticity and laws of these points by body, with consecutive indices
+    groups: tuple[
+        Group, ...
+    ]  # elasticity and laws of these points by body, with consecutive indices
     per_cell: Annotated[Size, "per cell"]  # Gauss points of a cell of the full model
     parts: Annotated[Integers, "points", "< Q"]  # part of the stiffness that holds each point, (n,)
     factors: PartFactors  # moduli of the parts
-    per_mode: Annotated[Floats, "ell", "components * points"]  # strain of V, component by component, (ell, c n)
-    tested: Annotated[Floats, "ell", "components * points"]  # weight of each point times its stress C
+    per_mode: Annotated[
+        Floats, "ell", "components * points"
+    ]  # strain of V, component by component, (ell, c n)
+    tested: Annotated[
+        Floats, "ell", "components * points"
+    ]  # weight of each point times its stress C
     per_force: Annotated[Floats, "m", "components * points"]  # strain of K^-1 B^T, (m, c n)
     forced: Annotated[Floats, "components * points", "terms"]  # strain of K^-1 F, (c n, 1 + T)
     # strain of imposed displacements and of the response to them, minus strains without stress
     given: Annotated[Floats, "components * points", "terms"]
     moved: Annotated[Floats, "m", "ell"]  # B V, (m, ell)
-    modal: Annotated[Floats, "ell", "ell"]  # Q of :mod:`plugins.inelastic.condensed_step`, (ell, ell)
+    modal: Annotated[
+        Floats, "ell", "ell"
+    ]  # Q of :mod:`plugins.inelastic.condensed_step`, (ell, ell)
     coupled: Annotated[Floats, "ell", "m"]  # P there, (ell, m)
-    mode_parts: Annotated[Integers, "ell", "< Q"]  # part of the stiffness of each mode, if moduli vary
+    mode_parts: Annotated[
+        Integers, "ell", "< Q"
+    ]  # part of the stiffness of each mode, if moduli vary
     schur: Annotated[Floats, "Q", "m", "m"]  # B K^-1 B^T of each part, (Q, m, m)
     pressed: Annotated[Floats, "Q", "m", "terms"]  # B K^-1 F of each part, (Q, m, 1 + T)
     gaps: Annotated[Floats, "m", "terms"]  # gaps minus imposed displacements, (m, 1 + T)
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """Faults: repeated points, groups that are not consecutive (compiled loops rely on it), and an indefinite S."""
+        """Faults: repeated points, groups that are not consecutive (compiled loops rely on it), and
+        an indefinite S.
+        """
         if np.unique(self.points).size < self.points.size:
             yield "flow.points has a number twice"
-        indices = np.concatenate([np.zeros(0, dtype=np.int64), *(group.indices for group in self.groups)])
-        if not np.array_equal(indices, np.arange(self.points.size)) or not all(len(g.indices) for g in self.groups):
-            yield f"the groups must hold the points 0 .. {self.points.size - 1} once and one behind another"
-        if len(self.schur) != max(len(self.factors.moduli), 1) or self.factors.middle.size != len(self.schur):
+        indices = np.concatenate(
+            [np.zeros(0, dtype=np.int64), *(group.indices for group in self.groups)]
+        )
+        if not np.array_equal(indices, np.arange(self.points.size)) or not all(
+            len(g.indices) for g in self.groups
+        ):
+            yield (
+                f"the groups must hold the points 0 .. {self.points.size - 1} once and one behind "
+                "another"
+            )
+        if len(self.schur) != max(len(self.factors.moduli), 1) or self.factors.middle.size != len(
+            self.schur
+        ):
             yield f"S of {len(self.schur)} parts is not that of {len(self.factors.moduli)} moduli"
         diagonals = np.einsum("qmm->qm", self.schur)
         if not np.array_equal(self.schur, self.schur.transpose(0, 2, 1)):
@@ -105,7 +132,9 @@ class CondensedEquilibrium(Histories):
     scale: np.ndarray  # factor of the strain of contact forces, (c n,)
     free_strain: np.ndarray  # without correction and contact forces as terms of θ, (c n, 1 + T)
 
-    def __init__(self, flow: CondensedFlow, parameters: ParameterSpace, fields: CondensedFlowFields):
+    def __init__(
+        self, flow: CondensedFlow, parameters: ParameterSpace, fields: CondensedFlowFields
+    ):
         super().__init__()
         self.flow = flow
         self.amplitudes = fields.amplitudes
@@ -152,7 +181,9 @@ class CondensedEquilibrium(Histories):
         correction, forces = np.split(x, [self.modes])
         return correction @ self.flow.per_mode - self.scale * (forces @ self.flow.per_force)
 
-    def strain_under(self, free: np.ndarray, correction: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    def strain_under(
+        self, free: np.ndarray, correction: np.ndarray, forces: np.ndarray
+    ) -> np.ndarray:
         """Strain on Z, (n, c), from a free one, (c n,), a correction, (ell,), and forces, (m,)."""
         return self._by_point(free + self._strain_of(np.concatenate([correction, forces])))
 
@@ -166,14 +197,19 @@ class CondensedEquilibrium(Histories):
             slopes = np.linalg.pinv(elastic, rcond=SAME, hermitian=True) @ (elastic - tangents)
         else:
             slopes = np.linalg.solve(elastic, elastic - tangents)
-        return np.einsum("lin,nij->ljn", self.flow.tested.reshape(shape), slopes).reshape(self.modes, -1)
+        return np.einsum("lin,nij->ljn", self.flow.tested.reshape(shape), slopes).reshape(
+            self.modes, -1
+        )
 
     def gaps(self, theta: Theta) -> np.ndarray:
         """Slack without correction and contact forces, (m,)."""
         return self._free_slack @ theta
 
     def residual(self, x: np.ndarray, gauss: Any, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
-        """R for the inelastic strain of ``gauss.state``, :mod:`plugins.inelastic.condensed_step`; size of g, (1,)."""
+        """R for the inelastic strain of ``gauss.state``, :mod:`plugins.inelastic.condensed_step`.
+
+        Size of g, (1,).
+        """
         correction = x[: self.modes]
         flow = self.flow
         found = flow.tested @ gauss.state.inelastic.T.ravel() - flow.modal @ correction
@@ -181,11 +217,16 @@ class CondensedEquilibrium(Histories):
         return found, np.array([np.linalg.norm(correction)])
 
     def elastic_forces(self, theta: Theta) -> np.ndarray:
-        """Contact forces λ_e of the elastic bodies, without plastic strain, (m,); NotSolvableError without any."""
+        """Contact forces λ_e of the elastic bodies, without plastic strain, (m,).
+
+        NotSolvableError without any.
+        """
         slack = self.gaps(theta)
         found = active_set(self.equalities, slack, slack < 0)
         if found.status is not Status.CONVERGED:
-            raise NotSolvableError(f"the elastic contact problem has no solution: {found.status.value}")
+            raise NotSolvableError(
+                f"the elastic contact problem has no solution: {found.status.value}"
+            )
         return found.forces
 
     def strain_along(self, x: np.ndarray, way: Way) -> np.ndarray:
@@ -193,7 +234,9 @@ class CondensedEquilibrium(Histories):
         change = self.free_strain @ way.change
         if self.moduli:
             elastic = self.flow.forced @ way.theta - x[self.modes :] @ self.flow.per_force
-            change = change + np.tile(self._softer(way)[self.flow.parts], self.flow.components) * elastic
+            change = (
+                change + np.tile(self._softer(way)[self.flow.parts], self.flow.components) * elastic
+            )
         return self._by_point(change)
 
     def gaps_along(self, x: np.ndarray, way: Way) -> np.ndarray:
@@ -202,7 +245,11 @@ class CondensedEquilibrium(Histories):
             return self.gaps(way.change)
         softer = self._softer(way)
         by_forces = np.tensordot(softer, self.flow.schur, 1) @ x[self.modes :]
-        return self.gaps(way.change) + by_forces - np.tensordot(softer, self.flow.pressed, 1) @ way.theta
+        return (
+            self.gaps(way.change)
+            + by_forces
+            - np.tensordot(softer, self.flow.pressed, 1) @ way.theta
+        )
 
     def residual_along(self, x: np.ndarray, change: Update, way: Way) -> np.ndarray:
         """See :class:`Equilibrium`; elastic forces change on their active conditions."""
@@ -236,7 +283,9 @@ class CondensedEquilibrium(Histories):
         return _CondensedLinearisation(self, tangents)
 
     def stepper(self, settings: MarchSettings) -> Stepper:
-        """Solver of the steps of one history: a compiled loop of programs with unilateral contact, or Python."""
+        """Solver of the steps of one history: a compiled loop of programs with unilateral contact,
+        or Python.
+        """
         code = any(isinstance(group.law, LawCode) for group in self.flow.groups)
         return (NewtonStepper if code or self.law.remembers else CondensedStepper)(self, settings)
 
@@ -245,14 +294,29 @@ class CondensedEquilibrium(Histories):
         """Arrays of the compiled loop; moduli must be numbers."""
         flow = self.flow
         scale = self.scale if (self.scale != 1.0).any() else np.zeros(0)
-        arrays = flow.per_mode, flow.tested, flow.per_force, scale, self.schur, flow.moved, flow.modal, self.coupled
-        rest = flow.ends, float(np.linalg.norm(flow.tested)), np.array([flow.per_mode, flow.tested], dtype=np.float32)
+        arrays = (
+            flow.per_mode,
+            flow.tested,
+            flow.per_force,
+            scale,
+            self.schur,
+            flow.moved,
+            flow.modal,
+            self.coupled,
+        )
+        rest = (
+            flow.ends,
+            float(np.linalg.norm(flow.tested)),
+            np.array([flow.per_mode, flow.tested], dtype=np.float32),
+        )
         every: list[Any] = [*map(np.ascontiguousarray, arrays), *rest]
         return StepModel(*every)
 
 
 class _CondensedLinearisation:
-    """Linearisation of a converged step with consistent tangents on Z, (n, c, c), for derivatives of histories."""
+    """Linearisation of a converged step with consistent tangents on Z, (n, c, c), for derivatives
+    of histories.
+    """
 
     def __init__(self, model: CondensedEquilibrium, tangents: np.ndarray):
         self._model = model
@@ -291,8 +355,11 @@ class _CondensedLinearisation:
         model = self._model
         return gaps + model.schur @ x[model.modes :] - model.flow.moved @ x[: model.modes]
 
-    def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Solve Q dg + P dλ = tested dε_p/dε (E_p dg - E_X^T dλ) + residual, B V dg - S dλ = gaps where active.
+    def changed(
+        self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Solve Q dg + P dλ = tested dε_p/dε (E_p dg - E_X^T dλ) + residual, B V dg - S dλ = gaps
+        where active.
 
         Elsewhere dλ = 0. Returns (dg, dλ) and dλ.
         """
@@ -359,9 +426,13 @@ class CondensedStepper(CorrectionStepper):
             spent += int(self._work.numbers[compiled_step.ITERATION])
             if code == compiled_step.CONVERGED:
                 return self._answer(goal, load, spent)
-        left = self._work.numbers[compiled_step.MERIT] / max(float(np.linalg.norm(self._work.here)), 1e-300)
+        left = self._work.numbers[compiled_step.MERIT] / max(
+            float(np.linalg.norm(self._work.here)), 1e-300
+        )
         why = self._complaint(load, material) if code == compiled_step.NOT_FINITE else _WHY[code]
-        left_over = f", with a residual of {left:.2g} of the correction" if np.isfinite(left) else ""
+        left_over = (
+            f", with a residual of {left:.2g} of the correction" if np.isfinite(left) else ""
+        )
         raise Diverged(f"{why}{left_over} after {spent} iterations")
 
     def _solve(self, load: StepLoad, laws: StepLaws) -> int:
@@ -409,7 +480,9 @@ def laws_of(material: Material) -> StepLaws:
     laws = [group.law for group in material.groups]
     numbers = np.cumsum([law is not None for law in laws]) - 1
     numbers[[law is None for law in laws]] = -1
-    constants = np.zeros((max(len(given.constants) for given in material.given), material.gauss_points))
+    constants = np.zeros(
+        (max(len(given.constants) for given in material.given), material.gauss_points)
+    )
     for group, given in zip(material.groups, material.given, strict=True):
         constants[: len(given.constants), group.indices] = given.constants
     compliance = np.stack([given.compliance for given in material.given])
@@ -417,7 +490,9 @@ def laws_of(material: Material) -> StepLaws:
 
 
 class CondensedFlowModel(KeptModel):
-    """Condensed model of inelastic bodies; answers paths. See :mod:`hhr_dolfinx.plugins.inelastic.condensed_flow`.
+    """Condensed model of inelastic bodies; answers paths.
+
+    See :mod:`hhr_dolfinx.plugins.inelastic.condensed_flow`.
 
     Threads may share a model; it can be copied and pickled.
 
@@ -458,14 +533,18 @@ class CondensedFlowModel(KeptModel):
         if flow.components != (4 if fields.dimension == 2 else 6):
             yield f"{flow.components} components of a strain in dimension {fields.dimension}"
         if not np.array_equal(flow.points, fields.flow.points):
-            yield "the points of the step and those from which fields are completed are not the same"
+            yield (
+                "the points of the step and those from which fields are completed are not the same"
+            )
         same = np.array_equal(fields.factors.middle, flow.factors.middle)
         if fields.factors.moduli != flow.factors.moduli or not same:
             yield "the moduli of the step and those of the fields are not the same"
         if fields.parts.min() < 0 or fields.parts.max() >= len(flow.schur):
             yield "fields.parts has indices outside the parts of the stiffness"
         yield from flow.factors.faults_for(space)
-        yield from Material(flow.groups, flow.components, space.names).faults_for(space, fields.dimension)
+        yield from Material(flow.groups, flow.components, space.names).faults_for(
+            space, fields.dimension
+        )
         factors = [modulus.factor for modulus in flow.factors.moduli] or ["1"]
         for group in flow.groups:
             own = group.young if isinstance(group.young, str) else "1"

@@ -1,30 +1,34 @@
-"""Compiled step of condensed inelastic models: plastic correction g and all contact forces λ, by Newton's method.
+"""Compiled step of condensed inelastic models: plastic correction g and all contact forces λ, by
+Newton's method.
 
-With the elastic response eliminated exactly (see :mod:`hhr_dolfinx.plugins.inelastic.condensed_flow`), a step is
+With the elastic response eliminated exactly (see
+:mod:`hhr_dolfinx.plugins.inelastic.condensed_flow`), a step is
 
     ∫ (G V)^T C ε_p(ε) - g = 0,      ε = ε_e + ε_c,      ε_c = E_p g - E_X^T (λ(g) - λ_e),
 
-where λ(g) solves the contact problem with the slack s - B V g + S λ, and λ_e the one without correction, of strain
-ε_e. λ is piecewise linear and continuous in g, so that the residual is continuous and a line search on its norm is
-meaningful. The few points Z integrate the stress of the correction in inelastic regions, C (ε_p - dev ε_c). The rest is
-linear in g and λ, and computed exactly. Summed over Z, with weights w, that is
+where λ(g) solves the contact problem with the slack s - B V g + S λ, and λ_e the one without
+correction, of strain ε_e. λ is piecewise linear and continuous in g, so that the residual is
+continuous and a line search on its norm is meaningful. The few points Z integrate the stress of the
+correction in inelastic regions, C (ε_p - dev ε_c). The rest is linear in g and λ, and computed
+exactly. Summed over Z, with weights w, that is
 
     R(g) = sum of w (G V)^T C ε_p - Q g - P (λ - λ_e),
     Q = I - (∫ - sum of w) (G V)^T C dev G V,      P = (∫ - sum of w) (G V)^T C dev G K^-1 B^T,
 
-so that Q and P correct the error of the cubature when ε_p follows dev ε, as in slow creep: the tangent stays definite
-there. With Q = I and P = 0 its sign would change with the errors of the weights. On statuses A, with
-E_A = E_p - E_X,A^T W and W = S_AA^-1 (B V)_A, the derivative is a sum over the points with plastic flow,
+so that Q and P correct the error of the cubature when ε_p follows dev ε, as in slow creep: the
+tangent stays definite there. With Q = I and P = 0 its sign would change with the errors of the
+weights. On statuses A, with E_A = E_p - E_X,A^T W and W = S_AA^-1 (B V)_A, the derivative is a sum
+over the points with plastic flow,
 
     J = sum of w (G V)^T C (dε_p/dε) E_A - Q - P_A W,      dε_p/dε = 1 - C^-1 H,
 
-with consistent tangents H. ε_p = ε - C^-1 σ is the inelastic strain of any law, with the elasticity C of the bodies.
-The first step of an installation waits for the compiler. It optimises a called function again for each caller, so calls
-are few and shallow. Loops are written out: they compile ten times as fast as
-expressions of whole arrays.
+with consistent tangents H. ε_p = ε - C^-1 σ is the inelastic strain of any law, with the elasticity
+C of the bodies. The first step of an installation waits for the compiler. It optimises a called
+function again for each caller, so calls are few and shallow. Loops are written out: they compile
+ten times as fast as expressions of whole arrays.
 
-The sections of this file: arrays of a step and their names (few arguments, since each takes time to compile), contact
-forces for one correction, sums over the points, and Newton's method.
+The sections of this file: arrays of a step and their names (few arguments, since each takes time to
+compile), contact forces for one correction, sums over the points, and Newton's method.
 """
 
 from __future__ import annotations
@@ -39,15 +43,21 @@ from hhr_dolfinx.plugins.inelastic.local_solver import MEMORY, Code, solve_point
 EVALUATE, CONVERGED, STALLED, LIMIT, NOT_FINITE, CONTACT = range(6)
 """Evaluate the laws at the trial point, or the reason to stop."""
 ITERATION, MERIT, SHARE, SIZE, COUNT, SWITCHED, LINEAR, NUMBERS = range(8)
-"""Indices in ``Work.numbers``: evaluations of laws, |R| at ``here``, part of the direction tried, largest |g| so far,
-active conditions, changes of the inverse; and the state of J: absent, outdated, or that of ``here``."""
+"""Indices in ``Work.numbers``: evaluations of laws, |R| at ``here``, part of the direction tried,
+largest |g| so far, active conditions, changes of the inverse; and the state of J: absent, outdated,
+or that of ``here``.
+"""
 NO_TANGENT, OLD_TANGENT, NEW_TANGENT = range(3)
 
 
 class StepModel(NamedTuple):
-    """Arrays of a model at its moduli (n points of c components, ell modes, m conditions, G groups of points)."""
+    """Arrays of a model at its moduli (n points of c components, ell modes, m conditions, G groups
+    of points).
+    """
 
-    per_mode: np.ndarray  # strain of each mode, (ell, c n), by component, so that loops over points vectorise
+    per_mode: (
+        np.ndarray
+    )  # strain of each mode, (ell, c n), by component, so that loops over points vectorise
     tested: np.ndarray  # weight times the stress C of each, in the moduli of unit energy
     per_force: np.ndarray  # strain of K^-1 B^T in these moduli, (m, c n)
     scale: np.ndarray  # factor of the strain of contact forces, (c n,); empty if it is 1
@@ -57,7 +67,9 @@ class StepModel(NamedTuple):
     coupled: np.ndarray  # P, (ell, m)
     ends: np.ndarray  # last point of each group and one, (G,)
     weight: float  # norm of ``tested``
-    single: np.ndarray  # ``per_mode`` and ``tested`` in single precision, for Newton's matrix, (2, ell, c n)
+    single: (
+        np.ndarray
+    )  # ``per_mode`` and ``tested`` in single precision, for Newton's matrix, (2, ell, c n)
 
 
 class StepLoad(NamedTuple):
@@ -66,7 +78,8 @@ class StepLoad(NamedTuple):
     strain: np.ndarray  # strain without correction and contact forces, (c n,)
     forces: np.ndarray  # λ_e, (m,)
     slack: np.ndarray  # slack without correction and contact forces, (m,)
-    memory: np.ndarray  # before the step: inelastic strain, its cumulated amount and further variables, (c + 1 + k, n)
+    # before the step: inelastic strain, its cumulated amount and further variables, (c + 1 + k, n)
+    memory: np.ndarray
     dt: float  # its duration in seconds
 
 
@@ -81,7 +94,9 @@ class StepLaws(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Work arrays of a step; ``here`` is the last accepted correction, ``there`` the one that is tried."""
+    """Work arrays of a step; ``here`` is the last accepted correction, ``there`` the one that is
+    tried.
+    """
 
     here: np.ndarray  # (ell,), as the next four
     there: np.ndarray
@@ -106,7 +121,9 @@ class Work(NamedTuple):
     def of(cls, modes: int, conditions: int, points: int, components: int, memory: int) -> Work:
         """Arrays of these sizes, without active conditions."""
         # not by shape: two sizes may be the same
-        shapes: dict[str, Any] = dict.fromkeys(("here", "there", "direction", "residual", "left"), modes)
+        shapes: dict[str, Any] = dict.fromkeys(
+            ("here", "there", "direction", "residual", "left"), modes
+        )
         shapes |= dict.fromkeys(("forces", "slack"), conditions) | {"newton": (modes, modes)}
         shapes |= {"stress": (components, points), "memory": (memory, points)}
         shapes |= {"strain": components * points, "rows": (conditions, components * points)}
@@ -119,11 +136,17 @@ class Work(NamedTuple):
 
 
 PATIENCE = 10
-"""Contact iterations that switch all wrong statuses without progress before one is switched at a time."""
+"""Contact iterations that switch all wrong statuses without progress before one is switched at a
+time.
+"""
 UPDATES = 64
-"""Updates of the inverse of S_AA after which it is computed again: round-off of as many stays below 1e-12."""
+"""Updates of the inverse of S_AA after which it is computed again: round-off of as many stays below
+1e-12.
+"""
 TOLERANCE = 1e-11
-"""Negative forces and slacks below this part of the largest are round-off, as in :mod:`contact.active_set`."""
+"""Negative forces and slacks below this part of the largest are round-off, as in
+:mod:`contact.active_set`.
+"""
 
 STEP = "steps of condensed flow"
 """Name of the compiled functions, for messages."""
@@ -131,13 +154,18 @@ STEP = "steps of condensed flow"
 
 @compiled(dear=STEP)
 def touch(model: StepModel, load: StepLoad, work: Work) -> bool:
-    """Solve for contact forces at ``work.there`` from the present statuses; returns False if none were found."""
+    """Solve for contact forces at ``work.there`` from the present statuses.
+
+    Returns False if none were found.
+    """
     return touched(model, load.slack, work)
 
 
 @compiled(inner=True)
 def touched(model: StepModel, free: np.ndarray, work: Work) -> bool:
-    """Solve as :func:`touch` does, from the slack without a correction, for other compiled functions."""
+    """Solve as :func:`touch` does, from the slack without a correction, for other compiled
+    functions.
+    """
     slack = work.slack
     for i in range(slack.size):
         slack[i] = free[i]
@@ -151,9 +179,10 @@ def touched(model: StepModel, free: np.ndarray, work: Work) -> bool:
 def _search(slack, forces, schur, per_force, inverse, order, active, rows, numbers):
     """Solve for the forces under a slack and their statuses.
 
-    All wrong statuses are switched at once as long as that brings progress, then the first wrong one alone, which
-    solves P-matrices in finitely many steps (Murty 1974; Júdice and Pires 1994). With dependent rows the present
-    statuses may lead to a dead end; the search then begins once more with nothing active.
+    All wrong statuses are switched at once as long as that brings progress, then the first wrong
+    one alone, which solves P-matrices in finitely many steps (Murty 1974; Júdice and Pires 1994).
+    With dependent rows the present statuses may lead to a dead end; the search then begins once
+    more with nothing active.
     """
     m = forces.size
     fewest = m + 1
@@ -191,7 +220,10 @@ def _search(slack, forces, schur, per_force, inverse, order, active, rows, numbe
 
 @compiled(inner=True)
 def _forces(slack, forces, found, local, schur, inverse, order, count):
-    """Compute forces of the active conditions and the slack ``found`` under them; returns the largest force."""
+    """Compute forces of the active conditions and the slack ``found`` under them.
+
+    Returns the largest force.
+    """
     largest = 0.0
     for i in range(forces.size):
         forces[i] = 0.0
@@ -228,7 +260,10 @@ def _mark(slack, forces, found, active, largest, wrong):
 
 @compiled(inner=True)
 def _switch(schur, per_force, inverse, order, active, rows, numbers, condition):
-    """Change a status and update the inverse of S_AA; returns False and changes nothing if that is singular."""
+    """Change a status and update the inverse of S_AA.
+
+    Returns False and changes nothing if that is singular.
+    """
     count = int(numbers[COUNT])
     if active[condition]:
         active[condition] = False
@@ -340,7 +375,9 @@ def _set_strain(strain, free, forces, order, count, rows, scale, there, per_mode
 
 @compiled(inner=True)
 def _evaluate(ends, load, laws, work, tangent):
-    """Evaluate the laws at the strain in ``work``: stress, memory, and with ``tangent`` slopes of inelastic strain."""
+    """Evaluate the laws at the strain in ``work``: stress, memory, and with ``tangent`` slopes of
+    inelastic strain.
+    """
     components, points = work.stress.shape
     strain = work.strain.reshape((components, points))
     tangents = np.empty((components, components, points if tangent else 0))
@@ -430,7 +467,9 @@ def _flowing_of(tested, slopes):
 LEAST_SHARE = 1 / 256
 """Smallest part of a Newton step that the line search tries."""
 DECREASE = 1e-4
-"""Least part of the decrease of |R| predicted by the linear model that a step must bring (Armijo)."""
+"""Least part of the decrease of |R| predicted by the linear model that a step must bring
+(Armijo).
+"""
 ROUND_OFF = 1e-14
 """Part of the terms of the residual that counts as round-off."""
 SLOW = 0.35
@@ -438,10 +477,13 @@ SLOW = 0.35
 
 
 @compiled(dear=STEP)
-def solve(model: StepModel, load: StepLoad, work: Work, laws: StepLaws, tolerance: float, most: int) -> int:
+def solve(
+    model: StepModel, load: StepLoad, work: Work, laws: StepLaws, tolerance: float, most: int
+) -> int:
     """Solve a step from the correction in ``work.there`` and the statuses in ``work``.
 
-    A step is solved at ``tolerance``, |R| over the size of the correction; ``most`` limits the evaluations of the laws.
+    A step is solved at ``tolerance``, |R| over the size of the correction; ``most`` limits the
+    evaluations of the laws.
     """
     numbers = work.numbers
     numbers[ITERATION] = 0.0
@@ -465,8 +507,11 @@ def _judge(model, load, work, laws, tolerance, most):
     numbers[ITERATION] += 1
     first = numbers[MERIT] == np.inf
     if first:
-        # the residual of a correction as small as this is round-off, as when the first point is about to yield
-        numbers[SIZE] = max(numbers[SIZE], ROUND_OFF * model.weight * _norm(work.strain) / tolerance)
+        # the residual of a correction as small as this is round-off, as when the first point is
+        # about to yield
+        numbers[SIZE] = max(
+            numbers[SIZE], ROUND_OFF * model.weight * _norm(work.strain) / tolerance
+        )
     fine = _possible(work.result)
     if fine:
         coupling = model.coupled, work.forces, load.forces
@@ -568,7 +613,9 @@ def _nearer(work, most):
 
 @compiled(inner=True)
 def _linearise(model, load, work, laws):
-    """Compute the inverse of -J at ``work.here`` from laws, strain and statuses there; returns False if J is singular.
+    """Compute the inverse of -J at ``work.here`` from laws, strain and statuses there.
+
+    Returns False if J is singular.
 
     The plastic part is in single precision: an inaccurate J costs iterations at most, not accuracy.
     """

@@ -1,4 +1,6 @@
-"""Constants of materials that are formulas of the parameters, and the laws and moduli at a point."""
+"""Constants of materials that are formulas of the parameters, and the laws and moduli at a
+point.
+"""
 
 from __future__ import annotations
 
@@ -39,23 +41,32 @@ def parameters_of(law: Any) -> set[str]:
         return set()
     from hhr_dolfinx.formulas import formula_of
 
-    return {name for field, text in found.items() for name in formula_of(text, f"{field} of {law.name}").variables}
+    return {
+        name
+        for field, text in found.items()
+        for name in formula_of(text, f"{field} of {law.name}").variables
+    }
 
 
 class LawOfParameters:
     """A law with constants that are formulas of these parameters; SceneError if they are not.
 
-    A formula that names coordinates has a value at each of some places, (n, d). Parameters of these names come first.
+    A formula that names coordinates has a value at each of some places, (n, d). Parameters of these
+    names come first.
     """
 
     def __init__(
-        self, law: Any, names: Sequence[str], coordinates: Sequence[str] = (), places: np.ndarray | None = None
+        self,
+        law: Any,
+        names: Sequence[str],
+        coordinates: Sequence[str] = (),
+        places: np.ndarray | None = None,
     ):
         unknown = parameters_of(law) - set(names) - set(coordinates)
         if unknown:
             raise SceneError(
-                f"the law {law.name} names {sorted(unknown)}, and the parameters are {tuple(names)}: correct the "
-                "formula, or add the parameter to the ParameterSpace"
+                f"the law {law.name} names {sorted(unknown)}, and the parameters are "
+                f"{tuple(names)}: correct the formula, or add the parameter to the ParameterSpace"
             )
         # imported here, since most laws have no formulas
         from hhr_dolfinx.formulas import Scalar
@@ -74,7 +85,10 @@ class LawOfParameters:
         return scalar.values(np.hstack([np.tile(point, (len(self._places), 1)), self._places]))
 
     def constants(self, point: np.ndarray) -> dict[str, float | np.ndarray]:
-        """Values of the formulas at a point, (P,), by name; SceneError for one that is not finite or in no table."""
+        """Values of the formulas at a point, (P,), by name.
+
+        SceneError for one that is not finite or in no table.
+        """
         found: dict[str, float | np.ndarray] = {}
         for field, scalar in self._scalars.items():
             what = f"{field} = {scalar.text} of {self._law.name}"
@@ -82,18 +96,20 @@ class LawOfParameters:
                 found[field] = self._value(scalar, point)
             except ParameterError as error:
                 raise SceneError(
-                    f"{what}: {error}, at {_place(self._names, point)}. Give the table further points, or narrow the "
-                    "box of the parameters"
+                    f"{what}: {error}, at {_place(self._names, point)}. Give the table further "
+                    "points, or narrow the box of the parameters"
                 ) from None
             if not np.isfinite(found[field]).all():
                 raise SceneError(
-                    f"{what} is {found[field]} at {_place(self._names, point)}: change the formula, or narrow the box "
-                    "of the parameters"
+                    f"{what} is {found[field]} at {_place(self._names, point)}: change the "
+                    "formula, or narrow the box of the parameters"
                 )
         return found
 
     def along(self, point: np.ndarray, directions: np.ndarray) -> dict[str, np.ndarray]:
-        """Derivatives of the formulas at a point, (P,), along directions, (P, K), by name: (1, K), or (places, K)."""
+        """Derivatives of the formulas at a point, (P,), along directions, (P, K), by name: (1, K),
+        or (places, K).
+        """
         from hhr_dolfinx.formulas import STEP
 
         found = {}
@@ -113,7 +129,10 @@ class LawOfParameters:
         return found
 
     def at(self, point: np.ndarray) -> Any:
-        """The law with its constants at a point, (P,); SceneError for constants outside their limits."""
+        """The law with its constants at a point, (P,).
+
+        SceneError for constants outside their limits.
+        """
         numbers = self.constants(point)
         if not numbers:
             return self._law
@@ -122,7 +141,9 @@ class LawOfParameters:
 
 
 class ModuliOfParameters:
-    """Young's moduli and Poisson's ratios that are formulas of these parameters; SceneError if they are not.
+    """Young's moduli and Poisson's ratios that are formulas of these parameters.
+
+    SceneError if they are not.
 
     They have the number of their body and ``young`` or ``poisson`` as keys.
     """
@@ -147,13 +168,14 @@ class ModuliOfParameters:
                 found[key] = scalar.value(point)
             except ParameterError as error:
                 raise SceneError(
-                    f"{name} = {scalar.text}: {error}. Give the table further points, or narrow the box"
+                    f"{name} = {scalar.text}: {error}. Give the table further points, or narrow "
+                    "the box"
                 ) from None
             low, high = RANGES[name]
             if not low < found[key] < high:
                 raise SceneError(
-                    f"{name} = {scalar.text} is {found[key]:g} at {_place(self._names, point)}: {MUST[name]}. Change "
-                    "the formula, or narrow the box of the parameters"
+                    f"{name} = {scalar.text} is {found[key]:g} at {_place(self._names, point)}: "
+                    f"{MUST[name]}. Change the formula, or narrow the box of the parameters"
                 )
         return found
 
@@ -163,12 +185,18 @@ def _place(names: Sequence[str], point: np.ndarray) -> str:
 
 
 def check_law_over_box(
-    law: Any, space: ParameterSpace, what: str, coordinates: Sequence[str] = (), places: np.ndarray | None = None
+    law: Any,
+    space: ParameterSpace,
+    what: str,
+    coordinates: Sequence[str] = (),
+    places: np.ndarray | None = None,
 ) -> None:
-    """Raise SceneError unless the constants of a law are valid in the whole box; ``what`` names its owner.
+    """Raise SceneError unless the constants of a law are valid in the whole box.
 
-    The check takes corners and some hundred points between, and a hundred of the places, (n, d). A step with invalid
-    constants that it missed is refused.
+    ``what`` names its owner.
+
+    The check takes corners and some hundred points between, and a hundred of the places, (n, d). A
+    step with invalid constants that it missed is refused.
     """
     if not formulas_of(law):
         return
@@ -187,9 +215,11 @@ class _LawsOfScenes:
     parameters_of = staticmethod(parameters_of)
 
     def check_body(self, body: Body) -> None:
-        """Raise SceneError for elastic constants that are formulas beside a law that states the elasticity.
+        """Raise SceneError for elastic constants that are formulas beside a law that states the
+        elasticity.
 
-        A grading multiplies a linear stress. Of a law with a memory it would have to say what else it changes.
+        A grading multiplies a linear stress. Of a law with a memory it would have to say what else
+        it changes.
         """
         law = body.law
         if not getattr(law, "elastic", False):
@@ -197,17 +227,21 @@ class _LawsOfScenes:
         named = [name for name in RANGES if isinstance(getattr(body, name), str)]
         if named:
             raise SceneError(
-                f"body {body.tag} has elasticity of its own, {law.name}: its {' and '.join(named)} must be a number, "
-                "since it does not enter"
+                f"body {body.tag} has elasticity of its own, {law.name}: its "
+                f"{' and '.join(named)} must be a number, since it does not enter"
             )
         if body.grading is not None and (law.memory or law.unknowns):
             raise SceneError(
-                f"body {body.tag} has a grading, and {law.name} states elasticity and flow of its own: whether "
-                "strengths grow with the moduli is not stated. Write it into the law, and leave the grading out"
+                f"body {body.tag} has a grading, and {law.name} states elasticity and flow of its "
+                "own: whether strengths grow with the moduli is not stated. Write it into the "
+                "law, and leave the grading out"
             )
 
     def linear_stress(self, law: Any) -> Callable[[Expr], Expr] | None:
-        """Stress of a law that states it as a function of the strain, both (3, 3), in UFL; None for any other law."""
+        """Stress of a law that states it as a function of the strain, both (3, 3), in UFL.
+
+        None for any other law.
+        """
         found: Callable[[Expr], Expr] | None = getattr(law, "linear_stress", None)
         return found
 

@@ -1,6 +1,8 @@
-"""Derivatives of contacts in histories of bodies that flow: by a law of interfaces, and of unilateral contact.
+"""Derivatives of contacts in histories of bodies that flow: by a law of interfaces, and of
+unilateral contact.
 
-A law that remembers has them as its facet ``flow_slopes``, a function of an equilibrium and the number of directions.
+A law that remembers has them as its facet ``flow_slopes``, a function of an equilibrium and the
+number of directions.
 """
 
 from __future__ import annotations
@@ -95,7 +97,9 @@ class Unilateral:
             dx, forces = linear.changed(residual, gaps, answer.active)
             columns.append((dx, forces, linear.slack_of(gaps, dx)))
         unknown, pushed, opened = (np.stack(parts, axis=1) for parts in zip(*columns, strict=True))
-        return ContactChange(unknown, pushed, opened, grazing(answer.active, answer.multipliers, slack))
+        return ContactChange(
+            unknown, pushed, opened, grazing(answer.active, answer.multipliers, slack)
+        )
 
 
 def slopes_of_contacts(model: Any, count: int) -> ContactSlopes:

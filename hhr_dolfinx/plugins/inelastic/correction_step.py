@@ -1,12 +1,14 @@
-"""Step of a condensed inelastic model in Python, for laws that are code and for contacts with laws: Newton's method.
+"""Step of a condensed inelastic model in Python, for laws that are code and for contacts with laws:
+Newton's method.
 
 It solves what :mod:`plugins.inelastic.condensed_step` solves in one compiled loop of programs,
 
     R(g) = sum of w (G V)^T C ε_p(ε) - Q g - P (λ(g) - λ_e),      ε = ε_0 - E_X^T λ(g) + E_p g,
 
-by whatever evaluates ε_p at the points, and with the forces λ(g) under the slack s - B V g + S λ by the law of the
-contacts. λ(g) is piecewise smooth, and its derivative is that at its statuses. With a law that remembers the
-correction of the cubature leaves out forces, P = 0: it assumes forces of elastic bodies, which depend on the path then.
+by whatever evaluates ε_p at the points, and with the forces λ(g) under the slack s - B V g + S λ by
+the law of the contacts. λ(g) is piecewise smooth, and its derivative is that at its statuses. With
+a law that remembers the correction of the cubature leaves out forces, P = 0: it assumes forces of
+elastic bodies, which depend on the path then.
 """
 
 from __future__ import annotations
@@ -34,7 +36,10 @@ from hhr_dolfinx.plugins.inelastic.update import Material
 
 
 class CorrectionStepper(Stepper):
-    """Solves steps from corrections that are near; of the settings ``relative_force`` and ``iterations`` count."""
+    """Solves steps from corrections that are near.
+
+    Of the settings ``relative_force`` and ``iterations`` count.
+    """
 
     def __init__(self, model: Any, settings: MarchSettings):
         super().__init__(model, settings)
@@ -49,7 +54,9 @@ class CorrectionStepper(Stepper):
         """Take in the size of a correction."""
 
     def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
-        """Solve from the extrapolation of the corrections before; if that fails, from the last one."""
+        """Solve from the extrapolation of the corrections before; if that fails, from the last
+        one.
+        """
         modes = self.model.modes
         starts = [extrapolated(trail, goal.time, modes)] if len(trail) > 1 else []
         return self._step_from([*starts, trail[-1].unknown[:modes]], trail[-1], goal)
@@ -112,7 +119,10 @@ class NewtonStepper(CorrectionStepper):
         raise failure
 
     def load(self, here: Answer, goal: Goal) -> Load:
-        """Input of the step from an answer to a goal; Diverged if elastic bodies have no contact forces there."""
+        """Input of the step from an answer to a goal.
+
+        Diverged if elastic bodies have no contact forces there.
+        """
         model = self.model
         theta = model.amplitudes(goal.parameter)
         self._contact = contact = steps_of(model.law).step_contact(
@@ -124,13 +134,20 @@ class NewtonStepper(CorrectionStepper):
                 forces = model.elastic_forces(theta)
             except NotSolvableError as error:
                 raise Diverged(str(error)) from error
-        rest = contact, model.material.at(goal.parameter), gauss_of(here).state, goal.time - here.time
+        rest = (
+            contact,
+            model.material.at(goal.parameter),
+            gauss_of(here).state,
+            goal.time - here.time,
+        )
         return Load(model.gaps(theta), model.free_strain @ theta, forces, *rest)
 
     def _solved(self, load: Load, start: np.ndarray, here: Answer) -> tuple[Trial, int]:
         """Try once from a correction; returns the result and its number of iterations."""
         at = self.tried(load, start, here.active)
-        noise = ROUND_OFF * float(np.linalg.norm(self.model.flow.tested) * np.linalg.norm(at.strain))
+        noise = ROUND_OFF * float(
+            np.linalg.norm(self.model.flow.tested) * np.linalg.norm(at.strain)
+        )
         for iteration in range(1, self.settings.iterations + 1):
             size = max(float(np.linalg.norm(at.correction)), self._size)
             if at.merit <= max(self.settings.relative_force * size, noise):
@@ -154,12 +171,16 @@ class NewtonStepper(CorrectionStepper):
                 if share == LEAST_SHARE:
                     raise
             share *= 0.5
-        raise Diverged(f"no part of Newton's step down to 1/{round(1 / LEAST_SHARE)} lowers the residual")
+        raise Diverged(
+            f"no part of Newton's step down to 1/{round(1 / LEAST_SHARE)} lowers the residual"
+        )
 
     def tried(self, load: Load, correction: np.ndarray, active: np.ndarray) -> Trial:
         """Contact from some statuses, laws and R at a correction; Diverged without one of them."""
         model = self.model
-        found = load.contact.solved(model.equalities, load.slack - model.flow.moved @ correction, active, None)
+        found = load.contact.solved(
+            model.equalities, load.slack - model.flow.moved @ correction, active, None
+        )
         if found.status is not Status.CONVERGED:
             raise Diverged(f"of the contact problem, {found.status.value}")
         strain = model.strain_under(load.strain, correction, found.forces)
@@ -167,7 +188,9 @@ class NewtonStepper(CorrectionStepper):
             update = load.material.update(strain, load.before, load.dt, tangent=True)
         except ConvergenceError as error:
             raise Diverged(str(error)) from error
-        residual = model.flow.tested @ update.state.inelastic.T.ravel() - model.flow.modal @ correction
+        residual = (
+            model.flow.tested @ update.state.inelastic.T.ravel() - model.flow.modal @ correction
+        )
         residual -= model.coupled @ (found.forces - load.forces)
         if not np.isfinite(residual).all():
             raise Diverged("a law found no flow, or one that is impossible")
@@ -186,7 +209,9 @@ class NewtonStepper(CorrectionStepper):
         self._strains.check(at.strain)
         found = at.found
         unknown = np.concatenate([at.correction, found.forces])
-        memory = Memory(gauss=GaussState(at.update.stress, at.update.state)) | load.contact.memory(unknown)
+        memory = Memory(gauss=GaussState(at.update.stress, at.update.state)) | load.contact.memory(
+            unknown
+        )
         how = found.active, iterations, Status.CONVERGED, found.cycled, self.model.fields
         answer = Answer(goal.parameter, unknown, found.forces, *how, goal.time, memory=memory)
         self.learn(answer)

@@ -1,15 +1,16 @@
 """Cubature: few points with non-negative weights that integrate functions seen in training.
 
-Find weights w >= 0, most of them zero, with |A w - A 1| <= tolerance |A 1|, where a column of A holds the
-contribution of a point of integration to each integral. As in energy-conserving sampling and weighting (Farhat, Avery,
-Chapman and Cortial, 2014, doi 10.1002/nme.4668) this is non-negative least squares, stopped as soon as the misfit is
-small. As in empirical cubature (Hernandez, Caicedo and Ferrer, 2017, doi 10.1016/j.cma.2016.10.022) the next point is
-the one whose column, scaled to length one, is the most parallel to the misfit, and a factorisation follows the points.
+Find weights w >= 0, most of them zero, with |A w - A 1| <= tolerance |A 1|, where a column of A
+holds the contribution of a point of integration to each integral. As in energy-conserving sampling
+and weighting (Farhat, Avery, Chapman and Cortial, 2014, doi 10.1002/nme.4668) this is non-negative
+least squares, stopped as soon as the misfit is small. As in empirical cubature (Hernandez, Caicedo
+and Ferrer, 2017, doi 10.1016/j.cma.2016.10.022) the next point is the one whose column, scaled to
+length one, is the most parallel to the misfit, and a factorisation follows the points.
 
-The iteration is that of Lawson and Hanson (Solving Least Squares Problems, chapter 23) with a QR factor of the chosen
-columns that gains and loses single columns: normal equations would lose half of the digits. The expensive step compares
-all candidates with the misfit. So good candidates from the whole mesh are copied to a short list, which supplies
-points until it has no good ones left.
+The iteration is that of Lawson and Hanson (Solving Least Squares Problems, chapter 23) with a QR
+factor of the chosen columns that gains and loses single columns: normal equations would lose half
+of the digits. The expensive step compares all candidates with the misfit. So good candidates from
+the whole mesh are copied to a short list, which supplies points until it has no good ones left.
 """
 
 from __future__ import annotations
@@ -24,9 +25,13 @@ from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.linear.dense import GrowingColumns
 
 LISTED = 1000
-"""Approximate number of candidates on the short list: a block of so many columns fits into the cache."""
+"""Approximate number of candidates on the short list: a block of so many columns fits into the
+cache.
+"""
 WORTH = 0.5
-"""The list is good as long as it has a candidate this parallel to the misfit, relative to its best one at first."""
+"""The list is good as long as it has a candidate this parallel to the misfit, relative to its best
+one at first.
+"""
 SKETCHED = 1000
 """Number of rows above which their compression computes eigenvectors in a subspace."""
 BLOCK = 128
@@ -34,9 +39,13 @@ BLOCK = 128
 SHARE = 0.1
 """Part of the error allowed to a compression that may lie outside the subspace."""
 DEPENDENT = 1e-12
-"""A column with a smaller part outside the chosen columns, relative to its length, counts as dependent on them."""
+"""A column with a smaller part outside the chosen columns, relative to its length, counts as
+dependent on them.
+"""
 PARALLEL = 1e-15
-"""If no candidate is more parallel to the misfit, relative to the integrals, the least misfit is reached."""
+"""If no candidate is more parallel to the misfit, relative to the integrals, the least misfit is
+reached.
+"""
 PATIENCE = 20
 """Most points added for each row; normally one or two suffice."""
 REFRESHED = 200
@@ -52,14 +61,22 @@ class Cubature:
     misfit: float  # |A w - A 1| / |A 1| for the rows of the fit
 
 
-def fitted(rows: np.ndarray, tolerance: float, most: int | None = None, start: Cubature | None = None) -> Cubature:
-    """Few points and weights >= 0 whose sums are near those of all points; none for integrals that are all zero.
+def fitted(
+    rows: np.ndarray, tolerance: float, most: int | None = None, start: Cubature | None = None
+) -> Cubature:
+    """Few points and weights >= 0 whose sums are near those of all points.
+
+    None for integrals that are all zero.
 
     Args:
-        rows: contribution of each of P points to each of R integrals, weights of the quadrature included, (R, P).
-        tolerance: relative misfit at which the search stops, in [0, 1); 0 continues to the least misfit.
-        most: largest number of points, from 1, which may not reach the tolerance; None for the number of rows.
-        start: a cubature of the same candidates for other integrals, such as those of fewer modes, to start from.
+        rows: contribution of each of P points to each of R integrals, weights of the quadrature
+            included, (R, P).
+        tolerance: relative misfit at which the search stops, in [0, 1); 0 continues to the least
+            misfit.
+        most: largest number of points, from 1, which may not reach the tolerance; None for the
+            number of rows.
+        start: a cubature of the same candidates for other integrals, such as those of fewer modes,
+            to start from.
 
     Raises:
         ReductionError: for rows that are not finite.
@@ -71,7 +88,10 @@ def fitted(rows: np.ndarray, tolerance: float, most: int | None = None, start: C
     lengths = np.sqrt(np.einsum("rp,rp->p", rows, rows))
     if not np.isfinite(lengths).all():
         bad = int(np.argmin(np.isfinite(lengths)))
-        raise ReductionError(f"the contributions of point {bad} to the rows of a cubature are not finite, or too large")
+        raise ReductionError(
+            f"the contributions of point {bad} to the rows of a cubature are not finite, or too "
+            "large"
+        )
     wanted = rows.sum(axis=1)
     size = float(np.linalg.norm(wanted))
     if size == 0:
@@ -86,20 +106,26 @@ def fitted(rows: np.ndarray, tolerance: float, most: int | None = None, start: C
     weights = chosen.weights[order] / lengths[points]
     points = points[weights > 0]
     weights = weights[weights > 0]
-    return Cubature(points, weights, float(np.linalg.norm(rows[:, points] @ weights - wanted)) / size)
+    return Cubature(
+        points, weights, float(np.linalg.norm(rows[:, points] @ weights - wanted)) / size
+    )
 
 
 def compressed(chunks: Callable[[], Iterable[np.ndarray]], tolerance: float) -> np.ndarray:
-    """Fewer rows with nearly the same products: the leading right singular vectors times their singular values.
+    """Fewer rows with nearly the same products: the leading right singular vectors times their
+    singular values.
 
-    The singular vectors come from the Gram matrix of the rows, so that memory holds R' P + R^2 numbers and one chunk,
-    never the whole table. With many rows only a subspace is searched, which contains all but a known part: all
-    eigenvectors of 3500 rows took 17 s, those in the subspace 4 s. Squares lose half of the digits: values below 1e-7
-    of the largest are round-off. Returns (R', P).
+    The singular vectors come from the Gram matrix of the rows, so that memory holds R' P + R^2
+    numbers and one chunk, never the whole table. With many rows only a subspace is searched, which
+    contains all but a known part: all eigenvectors of 3500 rows took 17 s, those in the subspace 4
+    s. Squares lose half of the digits: values below 1e-7 of the largest are round-off. Returns (R',
+    P).
 
     Args:
-        chunks: called twice; yields all rows of some points at a time, (R, p) each, in the same order both times.
-        tolerance: size of the part that may be left out, relative to that of all rows (Frobenius norms), in (0, 1).
+        chunks: called twice; yields all rows of some points at a time, (R, p) each, in the same
+            order both times.
+        tolerance: size of the part that may be left out, relative to that of all rows (Frobenius
+            norms), in (0, 1).
 
     Raises:
         ReductionError: for chunks that are not finite, do not fit, or are missing.
@@ -109,7 +135,8 @@ def compressed(chunks: Callable[[], Iterable[np.ndarray]], tolerance: float) -> 
     if total == 0:
         return np.hstack([chunk[:0] for chunk in chunks()])
     basis, small = _large_part(gram, SHARE * tolerance**2 * total)
-    # the sum of all smaller ones is below the part that may be left out, and round-off is below that
+    # the sum of all smaller ones is below the part that may be left out, and round-off is below
+    # that
     least = max((1 - SHARE) * tolerance**2 * total / len(small), np.finfo(float).eps * total)
     squares, directions = linalg.eigh(small, subset_by_value=(least, np.inf), check_finite=False)
     directions = directions if basis is None else basis @ directions
@@ -124,21 +151,28 @@ def _gram(chunks: Iterable[np.ndarray]) -> np.ndarray:
     gram: np.ndarray | None = None
     for number, chunk in enumerate(chunks):
         if chunk.ndim != 2 or (gram is not None and len(chunk) != len(gram)):
-            raise ReductionError(f"chunk {number} of the rows of a cubature has shape {chunk.shape}, not (R, p)")
+            raise ReductionError(
+                f"chunk {number} of the rows of a cubature has shape {chunk.shape}, not (R, p)"
+            )
         product = chunk @ chunk.T
         if not np.isfinite(product).all():
-            raise ReductionError(f"chunk {number} of the rows of a cubature is not finite, or too large")
+            raise ReductionError(
+                f"chunk {number} of the rows of a cubature is not finite, or too large"
+            )
         gram = product if gram is None else np.add(gram, product, out=gram)
     if gram is None or not gram.size:
-        raise ReductionError("a cubature of no rows integrates nothing: give one row for each integral")
+        raise ReductionError(
+            "a cubature of no rows integrates nothing: give one row for each integral"
+        )
     return gram
 
 
 def _large_part(gram: np.ndarray, outside: float) -> tuple[np.ndarray | None, np.ndarray]:
     """Basis of a subspace (R, k), None for the whole space, and the Gram matrix on it, (k, k).
 
-    It lacks at most ``outside`` of the trace. The subspace is that of images of random vectors (Halko, Martinsson and
-    Tropp, 2011, doi 10.1137/090771806), with a fixed seed, and grows by blocks.
+    It lacks at most ``outside`` of the trace. The subspace is that of images of random vectors
+    (Halko, Martinsson and Tropp, 2011, doi 10.1137/090771806), with a fixed seed, and grows by
+    blocks.
     """
     count = len(gram)
     generator = np.random.default_rng(0)
@@ -154,7 +188,9 @@ def _large_part(gram: np.ndarray, outside: float) -> tuple[np.ndarray | None, np
         block = generator.normal(size=(count, BLOCK))
         block = gram @ (block - basis @ (basis.T @ block))
         for _ in range(2):  # twice is enough for orthogonality to round-off
-            block, _ = linalg.qr(block - basis @ (basis.T @ block), mode="economic", check_finite=False)
+            block, _ = linalg.qr(
+                block - basis @ (basis.T @ block), mode="economic", check_finite=False
+            )
         image = gram @ block
         basis = np.hstack([basis, block])
         images = np.hstack([images, image])
@@ -163,7 +199,9 @@ def _large_part(gram: np.ndarray, outside: float) -> tuple[np.ndarray | None, np
 
 
 class _Factor:
-    """QR factor of the chosen columns, each of length one, and the least squares of the integrals in them."""
+    """QR factor of the chosen columns, each of length one, and the least squares of the integrals
+    in them.
+    """
 
     def __init__(self, wanted: np.ndarray) -> None:
         self.wanted = wanted
@@ -179,7 +217,9 @@ class _Factor:
         return self.wanted - self._columns.all @ self.weights
 
     def add(self, point: int, column: np.ndarray) -> bool:
-        """Add a column, with weight zero; returns False, and does nothing, if it depends on those chosen."""
+        """Add a column, with weight zero; returns False, and does nothing, if it depends on those
+        chosen.
+        """
         rest = column
         shares = np.zeros(len(self.points))
         q = self._q.all
@@ -204,7 +244,10 @@ class _Factor:
         return True
 
     def take(self, points: np.ndarray, columns: np.ndarray, weights: np.ndarray) -> None:
-        """Start with some columns, (R, n), n <= R, and weights > 0; those that depend on others are left out."""
+        """Start with some columns, (R, n), n <= R, and weights > 0.
+
+        Those that depend on others are left out.
+        """
         q, r, order = linalg.qr(columns, mode="economic", pivoting=True, check_finite=False)
         kept = np.abs(np.diag(r)) > DEPENDENT
         order = order[: int(kept.sum())]
@@ -218,7 +261,10 @@ class _Factor:
         """Remove the column at an index."""
         count = len(self.points) - 1
         q, r = linalg.qr_delete(self._q.all, self._r, place, which="col", check_finite=False)
-        self._q, self._r = GrowingColumns(q[:, :count]), r[:count]  # a square factor keeps the remaining columns
+        self._q, self._r = (
+            GrowingColumns(q[:, :count]),
+            r[:count],
+        )  # a square factor keeps the remaining columns
         self._columns = GrowingColumns(np.delete(self._columns.all, place, axis=1))
         self.weights = np.delete(self.weights, place)
         del self.points[place]
@@ -238,8 +284,8 @@ class _Factor:
 class _ShortList:
     """Candidates parallel to a misfit, with their columns, each of length one.
 
-    It has the most parallel one of each block of successive points: the best of all would be neighbours in the mesh,
-    with nearly equal columns.
+    It has the most parallel one of each block of successive points: the best of all would be
+    neighbours in the mesh, with nearly equal columns.
     """
 
     def __init__(self, rows: np.ndarray, lengths: np.ndarray, misfit: np.ndarray) -> None:
@@ -260,7 +306,9 @@ class _ShortList:
 
 
 class _Search:
-    """Lawson and Hanson's iteration on rows, (R, P), with lengths of their columns, (P,), for the integrals, (R,)."""
+    """Lawson and Hanson's iteration on rows, (R, P), with lengths of their columns, (P,), for the
+    integrals, (R,).
+    """
 
     def __init__(self, rows: np.ndarray, lengths: np.ndarray, wanted: np.ndarray) -> None:
         self.rows = rows
@@ -270,7 +318,9 @@ class _Search:
         self.tried: set[int] = set()
 
     def run(self, tolerance: float, most: int) -> _Factor:
-        """Add points until the misfit is at most ``tolerance``, there are ``most``, or none reduces it."""
+        """Add points until the misfit is at most ``tolerance``, there are ``most``, or none reduces
+        it.
+        """
         floor = PARALLEL * self.size
         left = PATIENCE * len(self.rows)
 
@@ -290,18 +340,25 @@ class _Search:
         return self.factor
 
     def begin(self, start: Cubature, most: int) -> None:
-        """Start from the points of another cubature, at most ``most``, with the best weights for them."""
+        """Start from the points of another cubature, at most ``most``, with the best weights for
+        them.
+        """
         heavy = np.argsort(-start.weights * self.lengths[start.points], kind="stable")[:most]
         points = start.points[heavy]
         points = points[self.lengths[points] > 0]
         weights = dict(zip(start.points, start.weights, strict=True))
         lengths = self.lengths[points]
-        self.factor.take(points, self.rows[:, points] / lengths, np.array([weights[k] for k in points]) * lengths)
+        self.factor.take(
+            points, self.rows[:, points] / lengths, np.array([weights[k] for k in points]) * lengths
+        )
         self._settle()
         self.least = float(np.linalg.norm(self.factor.misfit()))
 
     def _settle(self) -> None:
-        """Compute weights of the least misfit on the chosen points; remove points with negative weights."""
+        """Compute weights of the least misfit on the chosen points.
+
+        Remove points with negative weights.
+        """
         free = self.factor.least_squares()
         while free.size and not free.min() > 0:
             self._step_to_zero(free)
@@ -309,7 +366,10 @@ class _Search:
         self.factor.weights = free
 
     def _take_best(self, listed: _ShortList, worth: float) -> bool:
-        """Add the best point of the list that reduces the misfit; returns False if none of enough worth does."""
+        """Add the best point of the list that reduces the misfit.
+
+        Returns False if none of enough worth does.
+        """
         while True:
             along = listed.along(self.factor.misfit(), self.tried.union(self.factor.points))
             best = int(along.argmax())
@@ -335,12 +395,16 @@ class _Search:
         return self.least < before
 
     def _step_to_zero(self, free: np.ndarray) -> None:
-        """Move towards weights of any sign until the first becomes zero, and remove the points where it does."""
+        """Move towards weights of any sign until the first becomes zero, and remove the points
+        where it does.
+        """
         factor = self.factor
         negative = free <= 0
         ways = np.full(free.size, np.inf)
         down = factor.weights[negative] - free[negative]
-        ways[negative] = np.divide(factor.weights[negative], down, out=np.zeros_like(down), where=down > 0)
+        ways[negative] = np.divide(
+            factor.weights[negative], down, out=np.zeros_like(down), where=down > 0
+        )
         step = ways.min()
         factor.weights = factor.weights + step * (free - factor.weights)
         for place in np.flatnonzero(ways <= step * (1 + 1e-12))[::-1]:

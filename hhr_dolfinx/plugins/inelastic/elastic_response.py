@@ -1,4 +1,6 @@
-"""Elastic response of inelastic bodies, computed once, in the middle of the box, and modes of their corrections."""
+"""Elastic response of inelastic bodies, computed once, in the middle of the box, and modes of their
+corrections.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,9 @@ SMALL_CORRECTION = 1e-3
 
 @dataclass(frozen=True)
 class ElasticResponse:
-    """Elastic response in the middle of the box: columns of K^-1 F and of imposed displacements, parts of the dofs."""
+    """Elastic response in the middle of the box: columns of K^-1 F and of imposed displacements,
+    parts of the dofs.
+    """
 
     forced: np.ndarray
     given: np.ndarray
@@ -30,11 +34,17 @@ class ElasticResponse:
     factors: PartFactors
 
     def condensed(self, problem: ContactProblem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """S and B K^-1 F of each part, (Q, m, m) and (Q, m, 1 + T), and gaps minus imposed motion, (m, 1 + T)."""
+        """S and B K^-1 F of each part, (Q, m, m) and (Q, m, 1 + T), and gaps minus imposed motion,
+        (m, 1 + T).
+        """
         masks = [(self.parts == part)[:, None] for part in range(max(len(self.factors.moduli), 1))]
         schur = np.array([problem.contact @ np.where(mask, self.per_force, 0.0) for mask in masks])
         pressed = np.array([problem.contact @ np.where(mask, self.forced, 0.0) for mask in masks])
-        return (schur + schur.transpose(0, 2, 1)) / 2, pressed, problem.gaps - problem.contact @ self.given
+        return (
+            (schur + schur.transpose(0, 2, 1)) / 2,
+            pressed,
+            problem.gaps - problem.contact @ self.given,
+        )
 
     def correction(self, problem: ContactProblem, answer: Answer) -> np.ndarray:
         """u_p of a full answer, (N,)."""
@@ -52,11 +62,15 @@ def elastic_response(full: FullModel) -> ElasticResponse:
     strained = csc_matrix(problem.loads - problem.external + _eigenforces(full))
     forced = full.stiffness.columns(problem.external)
     imposed = full.stiffness.columns(strained)
-    return ElasticResponse(forced, imposed + problem.lifts.toarray(), full.per_force, parts, factors)
+    return ElasticResponse(
+        forced, imposed + problem.lifts.toarray(), full.per_force, parts, factors
+    )
 
 
 def _eigenforces(full: FullModel) -> csc_matrix:
-    """Forces on free dofs of strains without stress in the middle of the box, sparse, (N, 1 + T)."""
+    """Forces on free dofs of strains without stress in the middle of the box, sparse, (N, 1 +
+    T).
+    """
     equilibrium = equilibrium_of(full)
     problem = full.problem
     elastic = equilibrium.material.moduli_at(problem.middle).elastic
@@ -68,42 +82,60 @@ def _eigenforces(full: FullModel) -> csc_matrix:
 
 
 def parts_of(problem: ContactProblem) -> tuple[np.ndarray, PartFactors]:
-    """Part of the stiffness of each dof, (N,), and the moduli of the parts; ReductionError if parts are connected."""
+    """Part of the stiffness of each dof, (N,), and the moduli of the parts.
+
+    ReductionError if parts are connected.
+    """
     if problem.reshaped is not None:
         raise ReductionError(
-            "shapes of the scene are parameters, with which K^-1 and all strains of inelastic bodies change: give the "
-            "shapes numbers, or take the full model"
+            "shapes of the scene are parameters, with which K^-1 and all strains of inelastic "
+            "bodies change: give the shapes numbers, or take the full model"
         )
     if not problem.moduli:
         return np.zeros(problem.free.size, dtype=np.int64), PartFactors((), np.ones(1))
     if any(modulus.rest != "1" for modulus in problem.moduli):
         raise ReductionError(
-            "Poisson's ratio of a body is a formula, by which volume and shape change apart, so that K^-1 is no factor "
-            "times a constant: give it a number, or take the hyper-reduced model"
+            "Poisson's ratio of a body is a formula, by which volume and shape change apart, so "
+            "that K^-1 is no factor times a constant: give it a number, or take the hyper-reduced "
+            "model"
         )
-    acting = np.array([np.asarray(abs(part).sum(axis=1)).ravel() > 0 for part in problem.stiffness_terms])
+    acting = np.array(
+        [np.asarray(abs(part).sum(axis=1)).ravel() > 0 for part in problem.stiffness_terms]
+    )
     acting = problem.prolongation.touched(acting.T).T
     if (acting.sum(axis=0) > 1).any():
         raise ReductionError(
-            "bodies that hang together have Young's moduli that vary by themselves, so that K^-1 is no factor times a "
-            "constant: give them one formula, or take the hyper-reduced model"
+            "bodies that hang together have Young's moduli that vary by themselves, so that K^-1 "
+            "is no factor times a constant: give them one formula, or take the hyper-reduced model"
         )
-    return acting.argmax(axis=0), PartFactors(tuple(problem.moduli), problem.weights(problem.middle))
+    return acting.argmax(axis=0), PartFactors(
+        tuple(problem.moduli), problem.weights(problem.middle)
+    )
 
 
 def correction_modes(
-    problem: ContactProblem, corrections: np.ndarray, elastic: ElasticResponse, left_out: float, most: int | None
+    problem: ContactProblem,
+    corrections: np.ndarray,
+    elastic: ElasticResponse,
+    left_out: float,
+    most: int | None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Modes of corrections, (N, S), orthonormal in energy, (N, ell), and the energy norm of each state, (S,).
+    """Modes of corrections, (N, S), orthonormal in energy, (N, ell), and the energy norm of each
+    state, (S,).
 
-    They leave out a part of the summed norm of all corrections, unless there would be more than ``most``. Each counts
-    by the root of its size. By their sizes, corrections of training part loads were left out compared with those of
-    full loads, and the remaining stress was 75 to 90 % wrong on a cantilever, 12 to 25 % on the pellet; by the root 2
-    to 3 and 1 %, with twice as many modes. With equal weights there were three times as many. If moduli vary, each part
-    has separate modes: a mode across parts would have no definite energy.
+    They leave out a part of the summed norm of all corrections, unless there would be more than
+    ``most``. Each counts by the root of its size. By their sizes, corrections of training part
+    loads were left out compared with those of full loads, and the remaining stress was 75 to 90 %
+    wrong on a cantilever, 12 to 25 % on the pellet; by the root 2 to 3 and 1 %, with twice as many
+    modes. With equal weights there were three times as many. If moduli vary, each part has separate
+    modes: a mode across parts would have no definite energy.
     """
-    sizes = np.sqrt(np.maximum(np.einsum("ns,ns->s", corrections, problem.stiffness @ corrections), 0.0))
-    weights = 1 / np.sqrt(np.maximum(sizes, SMALL_CORRECTION * sizes.max(initial=0.0)) + np.finfo(float).tiny)
+    sizes = np.sqrt(
+        np.maximum(np.einsum("ns,ns->s", corrections, problem.stiffness @ corrections), 0.0)
+    )
+    weights = 1 / np.sqrt(
+        np.maximum(sizes, SMALL_CORRECTION * sizes.max(initial=0.0)) + np.finfo(float).tiny
+    )
     found = []
     for part in np.unique(elastic.parts):
         own = np.where((elastic.parts == part)[:, None], corrections * weights, 0.0)
@@ -117,7 +149,9 @@ def correction_modes(
     return np.ascontiguousarray(modes), sizes
 
 
-def _energy_modes(problem: ContactProblem, columns: np.ndarray, left_out: float) -> tuple[np.ndarray, np.ndarray]:
+def _energy_modes(
+    problem: ContactProblem, columns: np.ndarray, left_out: float
+) -> tuple[np.ndarray, np.ndarray]:
     """POD modes in energy that leave out a given norm, and their singular values."""
     squares, weights = linalg.eigh(columns.T @ (problem.stiffness @ columns))
     squares = np.maximum(squares[::-1], 0.0)

@@ -1,4 +1,6 @@
-"""Equilibrium of inelastic bodies: what a history needs of a full model, one cut to a RID, or one of small arrays."""
+"""Equilibrium of inelastic bodies: what a history needs of a full model, one cut to a RID, or one
+of small arrays.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +33,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Linearisation:
-    """Linearised problem of U0 or gamma, with an elastic or a tangent stiffness K; exact for elastic bodies."""
+    """Linearised problem of U0 or gamma, with an elastic or a tangent stiffness K.
+
+    Exact for elastic bodies.
+    """
 
     rows: Any  # B
     gaps: np.ndarray  # as terms of θ
@@ -41,7 +46,9 @@ class Linearisation:
     push: Callable[[np.ndarray], np.ndarray]  # K^-1 B^T times forces
     equalities: SchurEqualities  # on S = B K^-1 B^T
     held: Callable[[], AbstractContextManager] = nullcontext  # keeps the factors of K meanwhile
-    motions: LinearisedKernel | None = None  # of bodies that contact alone holds, which K pins; None without any
+    motions: LinearisedKernel | None = (
+        None  # of bodies that contact alone holds, which K pins; None without any
+    )
 
     def correct(
         self,
@@ -51,7 +58,8 @@ class Linearisation:
         active: np.ndarray,
         contact: StepContact = UNILATERAL_STEP,
     ) -> tuple[np.ndarray, Statuses]:
-        """Solve K δ + B^T λ = residual, B (x + δ) <= gaps from some statuses, by the law of the contacts.
+        """Solve K δ + B^T λ = residual, B (x + δ) <= gaps from some statuses, by the law of the
+        contacts.
 
         Returns the change δ of the unknown, and total contact forces with their statuses.
         """
@@ -59,7 +67,9 @@ class Linearisation:
             free = self.solve(residual)
             slack = self.gaps @ theta - self.rows @ (x + free)
             if self.motions is not None:
-                found, moved = self.motions.solved(contact, slack, residual, x + free, active, self.pairs)
+                found, moved = self.motions.solved(
+                    contact, slack, residual, x + free, active, self.pairs
+                )
                 return free - self.push(found.forces) + moved, found
             found = contact.solved(self.equalities, slack, active, self.pairs)
         return free - self.push(found.forces), found
@@ -68,7 +78,9 @@ class Linearisation:
         """S, (m, m)."""
         return self.equalities.whole()
 
-    def undetermined(self, found: Statuses, x: np.ndarray, theta: Theta, law: ContactLaw) -> np.ndarray | None:
+    def undetermined(
+        self, found: Statuses, x: np.ndarray, theta: Theta, law: ContactLaw
+    ) -> np.ndarray | None:
         """Rigid motions of an unknown that forces leave undetermined, (n, d); None without any."""
         if self.motions is None:
             return None
@@ -81,8 +93,12 @@ class Linearisation:
         """Slack of an unknown, gaps - B x, or the change of it by changes."""
         return gaps - self.rows @ x
 
-    def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Solve K δ + B^T λ = residual, B δ = gaps where active, λ = 0 elsewhere: (δ, λ) of a small change."""
+    def changed(
+        self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Solve K δ + B^T λ = residual, B δ = gaps where active, λ = 0 elsewhere: (δ, λ) of a small
+        change.
+        """
         with self.held():
             free = self.solve(residual)
             if self.motions is not None:
@@ -93,7 +109,9 @@ class Linearisation:
 
 
 class Diverged(Exception):
-    """A step did not converge: the reason, and the Gauss point with the largest change or flow, if known."""
+    """A step did not converge: the reason, and the Gauss point with the largest change or flow, if
+    known.
+    """
 
     def __init__(self, why: str, worst: int | None = None):
         super().__init__(why)
@@ -108,7 +126,9 @@ class Goal(NamedTuple):
 
 
 class Way(NamedTuple):
-    """A point of the parameters and a direction from it, with the amplitudes there and their derivatives."""
+    """A point of the parameters and a direction from it, with the amplitudes there and their
+    derivatives.
+    """
 
     point: np.ndarray  # (P,)
     direction: np.ndarray  # (P,)
@@ -125,16 +145,21 @@ class Stepper(ABC):
 
     @abstractmethod
     def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
-        """Answer at a goal from the last answers, at most three and the present one last; Diverged without one."""
+        """Answer at a goal from the last answers, at most three and the present one last.
+
+        Diverged without one.
+        """
 
     @abstractmethod
     def learn(self, answer: Answer) -> None:
         """Take in a step that was solved before."""
 
     def advance(self, trail: tuple[Answer, ...], goal: Goal) -> list[Answer]:
-        """Solve a step as given; if that fails, in 2, 4, ... parts, each of which is tried like a step.
+        """Solve a step as given; if that fails, in 2, 4, ... parts, each of which is tried like a
+        step.
 
-        Returns the answers at the ends of the parts; the iterations of the first one include those of failed attempts.
+        Returns the answers at the ends of the parts; the iterations of the first one include those
+        of failed attempts.
         """
         here = trail[-1]
         spent = 0
@@ -144,7 +169,9 @@ class Stepper(ABC):
             try:
                 for share in (part / parts for part in range(1, parts + 1)):
                     time = here.time + share * (goal.time - here.time)
-                    after = self.step(last, Goal(time, (1 - share) * here.parameter + share * goal.parameter))
+                    after = self.step(
+                        last, Goal(time, (1 - share) * here.parameter + share * goal.parameter)
+                    )
                     found.append(after)
                     last = (*last[-2:], after)
                 found[0] = found[0]._replace(iterations=found[0].iterations + spent)
@@ -158,7 +185,8 @@ class Stepper(ABC):
 class Equilibrium(ABC):
     """Equilibrium of a full or a small model; its unknown ``x`` is U0, gamma, or g followed by λ.
 
-    Outside of :meth:`at` its material has the formulas of moduli, and its elasticity is that of the middle of the box.
+    Outside of :meth:`at` its material has the formulas of moduli, and its elasticity is that of the
+    middle of the box.
     """
 
     trained: TrainedPaths | None = None  # training range of a reduced model
@@ -168,7 +196,9 @@ class Equilibrium(ABC):
     parameters: ParameterSpace
     fields: Any  # completes its answers
     material: Material  # at its Gauss points
-    moduli: tuple[str, ...]  # formulas of the elasticity of all bodies, also of those without Gauss points in the model
+    moduli: tuple[
+        str, ...
+    ]  # formulas of the elasticity of all bodies, also of those without Gauss points in the model
     points: np.ndarray  # numbers of its Gauss points in the full model
     per_cell: int  # Gauss points of a cell of the full model
     size: int  # number of unknowns
@@ -182,7 +212,9 @@ class Equilibrium(ABC):
         self._elasticities = LastOf()
 
     def at(self, point: np.ndarray) -> Self:
-        """The model with the elasticity of a point, (P,), the last one of which is kept; itself if that is constant.
+        """The model with the elasticity of a point, (P,), the last one of which is kept.
+
+        Itself if that is constant.
 
         SceneError for an impossible modulus, NotSolvableError for a singular stiffness.
         """
@@ -214,11 +246,15 @@ class Equilibrium(ABC):
         return self.strain(np.zeros_like(x), way.change)
 
     def gaps_along(self, x: np.ndarray, way: Way) -> np.ndarray:
-        """Derivative along a way of the gaps, with the motion by the forces of an unknown that has them."""
+        """Derivative along a way of the gaps, with the motion by the forces of an unknown that has
+        them.
+        """
         return self.gaps(way.change)
 
     def residual_along(self, x: np.ndarray, change: Update, way: Way) -> np.ndarray:
-        """Derivative of :meth:`residual` along a way at a given unknown, by that of stress and state."""
+        """Derivative of :meth:`residual` along a way at a given unknown, by that of stress and
+        state.
+        """
         return self.residual(np.zeros_like(x), change, way.change)[0]
 
     @abstractmethod
@@ -231,15 +267,21 @@ class Equilibrium(ABC):
 
     @abstractmethod
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Strain at all Gauss points, lift included, minus strains without stress: the input of laws."""
+        """Strain at all Gauss points, lift included, minus strains without stress: the input of
+        laws.
+        """
 
     @abstractmethod
     def strain_of(self, change: np.ndarray) -> np.ndarray:
         """Strain of a change of the unknown."""
 
     @abstractmethod
-    def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
-        """Residual at an unknown with stress and state, in the test space, and the size of its terms."""
+    def residual(
+        self, x: np.ndarray, gauss: GaussState | Update, theta: Theta
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Residual at an unknown with stress and state, in the test space, and the size of its
+        terms.
+        """
 
     @abstractmethod
     def signs(self, answer: Answer) -> Signs:
@@ -247,7 +289,10 @@ class Equilibrium(ABC):
 
     @abstractmethod
     def linearised(self, tangents: Any) -> Any:
-        """Linearisation for consistent tangents, with ``changed``; those of earlier tangents become invalid."""
+        """Linearisation for consistent tangents, with ``changed``.
+
+        Those of earlier tangents become invalid.
+        """
 
 
 def texts_of(moduli: Iterable[Modulus]) -> tuple[str, ...]:
@@ -258,10 +303,15 @@ def texts_of(moduli: Iterable[Modulus]) -> tuple[str, ...]:
 
 
 def extrapolated(trail: Sequence[Answer], time: float, count: int | None = None) -> np.ndarray:
-    """Extrapolation of the (first ``count``) unknowns of some answers to a later time, by a polynomial."""
+    """Extrapolation of the (first ``count``) unknowns of some answers to a later time, by a
+    polynomial.
+    """
     x = np.zeros_like(trail[0].unknown[:count])
     for answer in trail:
         # Lagrange's polynomials
         others = [other.time for other in trail if other is not answer]
-        x += prod((time - other) / (answer.time - other) for other in others) * answer.unknown[:count]
+        x += (
+            prod((time - other) / (answer.time - other) for other in others)
+            * answer.unknown[:count]
+        )
     return x

@@ -1,13 +1,15 @@
-"""Indicator of the contact forces of histories, and better forces, by one defect correction of each step.
+"""Indicator of the contact forces of histories, and better forces, by one defect correction of each
+step.
 
-The laws are evaluated at *all* Gauss points of the mesh, along the displacement of a small model; their state is
-carried from step to step. With the resulting plastic strain ε_p held fixed, forces follow from an elastic contact
-problem on all conditions,
+The laws are evaluated at *all* Gauss points of the mesh, along the displacement of a small model;
+their state is carried from step to step. With the resulting plastic strain ε_p held fixed, forces
+follow from an elastic contact problem on all conditions,
 
     slack = s - B K^-1 ∫ G^T C ε_p + S λ >= 0,      λ >= 0,      S = B K^-1 B^T,
 
-with the slack s of the elastic bodies alone. The distance of λ from the forces of the model ranks their errors, which
-the residual of the stress does not, and λ is the better answer. It is no bound; see docs/bounds.md.
+with the slack s of the elastic bodies alone. The distance of λ from the forces of the model ranks
+their errors, which the residual of the stress does not, and λ is the better answer. It is no bound;
+see docs/bounds.md.
 
 Needs neither DOLFINx nor PETSc.
 """
@@ -36,8 +38,10 @@ class CorrectedForces(NamedTuple):
     """Contact forces of one step, corrected once."""
 
     forces: np.ndarray  # on all conditions, (m,)
-    error: float  # their distance from those of the model, an indicator of its error, in the unit of force
-    relative: float  # the same over the norm of these forces; infinite if bodies part that touch in the model
+    # their distance from those of the model, an indicator of its error, in the unit of force
+    error: float
+    # the same over the norm of these forces; infinite if bodies part that touch in the model
+    relative: float
 
 
 @dataclass(frozen=True)
@@ -46,7 +50,8 @@ class ForceCorrection(Rebuilt):
 
     operator: StrainOperator  # strain at all Gauss points
     material: Material  # elasticity and laws there
-    eigenstrains: csc_matrix  # strains without stress for each term of θ, sparse, (Gauss points * components, 1 + T)
+    # strains without stress for each term of θ, sparse, (Gauss points * components, 1 + T)
+    eigenstrains: csc_matrix
     amplitudes: Amplitudes  # θ as a function of the parameters
     factors: PartFactors  # moduli of the parts
     parts: np.ndarray  # part that holds each dof, (N,)
@@ -74,15 +79,18 @@ class ForceCorrection(Rebuilt):
     def _steps(self, history: History) -> Iterator[CorrectedForces]:
         state = self.material.at_rest()
         time = history.start
-        compliances = self.factors.compliances(history.parameter)  # elasticity is constant along a history
+        compliances = self.factors.compliances(
+            history.parameter
+        )  # elasticity is constant along a history
         elastic = SchurEqualities.symmetric(np.tensordot(compliances, self.schur, 1))
         for answer in history.answers:
             displacement = answer.displacement()
             forces = answer.forces()
             if displacement.shape != self.parts.shape or forces.shape != self.pairs.shape:
                 raise ReductionError(
-                    f"answers have {displacement.size} dofs and {forces.size} conditions, the correction "
-                    f"{self.parts.size} and {self.pairs.size}: give histories of the scene that it was made for"
+                    f"answers have {displacement.size} dofs and {forces.size} conditions, the "
+                    f"correction {self.parts.size} and {self.pairs.size}: give histories of the "
+                    "scene that it was made for"
                 )
             theta = self.amplitudes(answer.parameter)
             material = self.material.at(answer.parameter)
@@ -91,14 +99,17 @@ class ForceCorrection(Rebuilt):
                 strain = strain - (self.eigenstrains @ theta).reshape(strain.shape)
             state = material.update(strain, state, answer.time - time, tangent=False).state
             time = answer.time
-            plastic_loads, _ = self.operator.internal(np.einsum("nij,nj->ni", material.elastic, state.inelastic))
+            plastic_loads, _ = self.operator.internal(
+                np.einsum("nij,nj->ni", material.elastic, state.inelastic)
+            )
             slack = self.gaps @ theta - np.tensordot(compliances, self.pressed, 1) @ theta
             slack -= self.per_force.T @ (compliances[self.parts] * plastic_loads)
             # the elastic contact problem of the slack, from the statuses of the answer
             found = active_set(elastic, slack, forces > 0, pairs=self._pairs)
             if found.status is not Status.CONVERGED:
                 raise NotSolvableError(
-                    f"the corrected contact problem at t = {answer.time:g} s has no solution: {found.status.value}"
+                    f"the corrected contact problem at t = {answer.time:g} s has no solution: "
+                    f"{found.status.value}"
                 )
             error = float(np.linalg.norm(found.forces - forces))
             size = float(np.linalg.norm(found.forces))

@@ -29,10 +29,25 @@ from hhr_dolfinx.models.histories.equilibrium import MarchSettings, StressOutput
 from hhr_dolfinx.plugins.elasticity.parts import with_springs
 from hhr_dolfinx.plugins.inelastic.constants import check_law_over_box
 from hhr_dolfinx.plugins.inelastic.equilibrium import Equilibrium, Linearisation, texts_of
-from hhr_dolfinx.plugins.inelastic.gauss_points import at_gauss_points, material_at, stiffness_parts, strain_operator
+from hhr_dolfinx.plugins.inelastic.gauss_points import (
+    at_gauss_points,
+    material_at,
+    stiffness_parts,
+    strain_operator,
+)
 from hhr_dolfinx.plugins.inelastic.law import Update
-from hhr_dolfinx.plugins.inelastic.linearised_step import PATIENCE, PATIENCE_IN_SPACE, MeshEquilibrium
-from hhr_dolfinx.plugins.inelastic.outputs import FlowEnergy, FlowMises, check_elasticity, energy, mises
+from hhr_dolfinx.plugins.inelastic.linearised_step import (
+    PATIENCE,
+    PATIENCE_IN_SPACE,
+    MeshEquilibrium,
+)
+from hhr_dolfinx.plugins.inelastic.outputs import (
+    FlowEnergy,
+    FlowMises,
+    check_elasticity,
+    energy,
+    mises,
+)
 from hhr_dolfinx.plugins.inelastic.points_of_ranks import PointsOfRanks
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
@@ -55,8 +70,12 @@ class GaussModel:
     material: Material  # laws at all Gauss points
     bodies: np.ndarray  # body of each cell as its index in the scene, (cells,)
     pattern: SparsePattern  # sparsity of the stiffness
-    stiffness: tuple[csr_matrix, ...]  # parts of the elastic stiffness by the same Gauss points, (N, N) each
-    moduli: tuple[Modulus, ...]  # their amplitudes; empty if elasticity is constant, with a single part
+    stiffness: tuple[
+        csr_matrix, ...
+    ]  # parts of the elastic stiffness by the same Gauss points, (N, N) each
+    moduli: tuple[
+        Modulus, ...
+    ]  # their amplitudes; empty if elasticity is constant, with a single part
 
     @property
     def places(self) -> int:
@@ -68,8 +87,11 @@ class GaussModel:
         return mises(self.operator, output, cells)
 
     def energy(self, output: NamedOutput) -> FlowEnergy:
-        """Elastic energy of an output; SceneError for a law that changes the elasticity of its body."""
-        # in plane stress a law at rest depends on strains across, and may flow there as if they were none
+        """Elastic energy of an output; SceneError for a law that changes the elasticity of its
+        body.
+        """
+        # in plane stress a law at rest depends on strains across, and may flow there as if they
+        # were none
         whole = material_at(self.discretisation, self.bodies, self.operator, flat=False)
         check_elasticity(whole, self.discretisation.scene.parameters, output)
         return energy(self.operator, self.material, output)
@@ -100,7 +122,9 @@ class LawsOnMesh(Discretisation):
 
 
 class LazyStiffness(SparseStiffness):
-    """Stiffness whose columns of K^-1 B^T and S are solved for when their conditions first become active: tangents."""
+    """Stiffness whose columns of K^-1 B^T and S are solved for when their conditions first become
+    active: tangents.
+    """
 
     @cached_property
     def equalities(self) -> SchurEqualities:
@@ -116,7 +140,9 @@ class LazyStiffness(SparseStiffness):
             images = self.contact @ columns
             for place, k in enumerate(new):
                 self._known[k] = columns[:, place], images[:, place]
-        return np.array([self._known[k][1] for k in index.tolist()]).reshape(index.size, self.contact.shape[0])
+        return np.array([self._known[k][1] for k in index.tolist()]).reshape(
+            index.size, self.contact.shape[0]
+        )
 
     def response_to_forces(self, forces: np.ndarray) -> np.ndarray:
         """K^-1 B^T times forces on conditions that have been active, (m,): (n,)."""
@@ -129,7 +155,8 @@ class LazyStiffness(SparseStiffness):
 class FullEquilibrium(MeshEquilibrium):
     """Equilibrium of U0, with the elastic factors of a full model.
 
-    Each of several ranks has all dofs of vectors, and all Gauss points except in objects made by :meth:`on_ranks`.
+    Each of several ranks has all dofs of vectors, and all Gauss points except in objects made by
+    :meth:`on_ranks`.
     """
 
     problem: ContactProblem
@@ -143,10 +170,12 @@ class FullEquilibrium(MeshEquilibrium):
         self.shape = problem.reshaped
         if self.shape is not None and (full.comm.size > 1 or problem.kernel is not None):
             raise SceneError(
-                f"the shape of scene '{full.scene.name}' depends on parameters, and bodies flow: build its model on "
-                "one rank, and hold all bodies by displacements"
+                f"the shape of scene '{full.scene.name}' depends on parameters, and bodies flow: "
+                "build its model on one rank, and hold all bodies by displacements"
             )
-        self.springs = gauss.discretisation.springs  # stiffness to ground of each dof, (N,); None without
+        self.springs = (
+            gauss.discretisation.springs
+        )  # stiffness to ground of each dof, (N,); None without
         self._lay(gauss, problem)
         self.places = gauss.places
         self.mises = gauss.mises
@@ -161,8 +190,9 @@ class FullEquilibrium(MeshEquilibrium):
         self.per_cell = self.operator.per_cell
         self.patience = PATIENCE_IN_SPACE if problem.block_size == 3 else PATIENCE
         self._pairs = Pairs.of(problem.contact_pairs)
-        # made for factoring, while that of the elastic stiffness is made for solving: on one core, in the plane at
-        # 13,700 dofs, nd takes 31 ms to factor and 1.1 ms to solve, qmd 53 and 1.4 ms
+        # made for factoring, while that of the elastic stiffness is made for solving: on one core,
+        # in the plane at 13,700 dofs, nd takes 31 ms to factor and 1.1 ms to solve, qmd 53 and 1.4
+        # ms
         self._tangent_factors = self._no_tangents()
         # two paths must not factor alternately; results are correct without it
         self.lock = RLock()
@@ -171,7 +201,11 @@ class FullEquilibrium(MeshEquilibrium):
         self._ranks: PointsOfRanks | None = None
         self._rows = problem.spread
         self._spread: FullEquilibrium | None = None
-        shaped = () if self.shape is None else tuple(problem.parameters.names[axis] for axis in self.shape.axes)
+        shaped = (
+            ()
+            if self.shape is None
+            else tuple(problem.parameters.names[axis] for axis in self.shape.axes)
+        )
         self.moduli = texts_of(gauss.moduli) + shaped
         self._set_middle(gauss.material)
 
@@ -202,7 +236,9 @@ class FullEquilibrium(MeshEquilibrium):
         full = self._full
         self.material = material.moduli_at(self.problem.middle)
         self._set_stiffness(self._meshed.own_stiffness)
-        self.elastic = self._linearisation(full.stiffness, self._response_to_forces, self._unchanged.tangents)
+        self.elastic = self._linearisation(
+            full.stiffness, self._response_to_forces, self._unchanged.tangents
+        )
         self.material = material
 
     def _no_tangents(self) -> FactorStore:
@@ -210,7 +246,9 @@ class FullEquilibrium(MeshEquilibrium):
         return FactorStore(lambda matrix: self._full.factors_of(matrix, "nd"))
 
     def alongside(self) -> FullEquilibrium:
-        """See :class:`Equilibrium`; with factors of its own, so that both histories keep their frozen tangents."""
+        """See :class:`Equilibrium`; with factors of its own, so that both histories keep their
+        frozen tangents.
+        """
         found = copy(self)
         found._tangent_factors = self._no_tangents()
         return found
@@ -224,16 +262,22 @@ class FullEquilibrium(MeshEquilibrium):
         return gauss_of(answer).state.cumulated.copy()
 
     def _marching(self, settings: MarchSettings) -> FullEquilibrium:
-        """Ranks share the Gauss points, but for derivatives; NotOfferedError for derivatives along shapes."""
+        """Ranks share the Gauss points, but for derivatives.
+
+        NotOfferedError for derivatives along shapes.
+        """
         if settings.gradient and self.shape is not None:
             raise NotOfferedError(
-                "derivatives of histories along shapes are not built in, since strains change with them: take "
-                "differences of answers"
+                "derivatives of histories along shapes are not built in, since strains change "
+                "with them: take differences of answers"
             )
         return self if settings.gradient else self.on_ranks(self._full.comm)
 
     def on_ranks(self, comm: MPI.Comm) -> FullEquilibrium:
-        """The same equilibrium with some of the Gauss points on each rank, for collective paths; itself on one rank."""
+        """The same equilibrium with some of the Gauss points on each rank, for collective paths.
+
+        Itself on one rank.
+        """
         cells = len(self.operator.weights)
         if comm.size == 1 or cells < comm.size:
             return self
@@ -248,7 +292,9 @@ class FullEquilibrium(MeshEquilibrium):
         found = copy(self)
         Equilibrium.__init__(found)
         operator = self.operator
-        arrays = {name: getattr(operator, name)[points.cells] for name in ("gradients", "weights", "dofs")}
+        arrays = {
+            name: getattr(operator, name)[points.cells] for name in ("gradients", "weights", "dofs")
+        }
         found.operator = replace(operator, **arrays)
         found.together = points
         found._ranks = points
@@ -267,8 +313,9 @@ class FullEquilibrium(MeshEquilibrium):
     def _set_elasticity(self, weights: np.ndarray, point: np.ndarray) -> None:
         """Set K at a point, and all that depends on the shape there.
 
-        If its parts have separate dofs, nothing is factored: K^-1 and K^-1 B^T are those of the middle, row by row
-        divided by the modulus. Otherwise columns of K^-1 B^T are solved for as conditions become active.
+        If its parts have separate dofs, nothing is factored: K^-1 and K^-1 B^T are those of the
+        middle, row by row divided by the modulus. Otherwise columns of K^-1 B^T are solved for as
+        conditions become active.
         """
         full = self._full
         if self.shape is not None:
@@ -282,7 +329,9 @@ class FullEquilibrium(MeshEquilibrium):
         scaled = full.system.stiffness(point)
         assert isinstance(scaled, ScaledStiffness)
         own = scaled.own
-        self.elastic = self._linearisation(scaled, lambda forces: self._response_to_forces(forces) / own, tangents)
+        self.elastic = self._linearisation(
+            scaled, lambda forces: self._response_to_forces(forces) / own, tangents
+        )
 
     def _set_stiffness(self, stiffness: csr_matrix) -> None:
         """Set the elastic stiffness of the material, whose moduli are numbers."""
@@ -290,7 +339,9 @@ class FullEquilibrium(MeshEquilibrium):
         self._sizes = abs(stiffness)
 
     def _lazy(self, matrix: csr_matrix, store: FactorStore, moduli: np.ndarray) -> Linearisation:
-        """The linearisation of a matrix whose columns of K^-1 B^T are solved for when conditions become active."""
+        """The linearisation of a matrix whose columns of K^-1 B^T are solved for when conditions
+        become active.
+        """
         lazy = LazyStiffness(matrix, self.problem, store)
         return self._linearisation(lazy, lazy.response_to_forces, moduli)
 
@@ -302,11 +353,14 @@ class FullEquilibrium(MeshEquilibrium):
         equalities = stiffness.equalities
         motions = None
         if problem.kernel is not None and problem.held_by_contact:
-            motions = kernels().linearised(equalities, problem.kernel.contact_of_motions, problem.kernel.motions)
+            motions = kernels().linearised(
+                equalities, problem.kernel.contact_of_motions, problem.kernel.motions
+            )
         return Linearisation(*given, stiffness.solve, push, equalities, stiffness.held, motions)
 
     def _response_to_forces(self, forces: np.ndarray) -> np.ndarray:
-        """K^-1 B^T λ in the middle of the box, by the columns of loaded conditions: few of a contact in space.
+        """K^-1 B^T λ in the middle of the box, by the columns of loaded conditions: few of a
+        contact in space.
 
         Added one by one: a copy of hundreds of them takes longer.
         """
@@ -324,15 +378,22 @@ class FullEquilibrium(MeshEquilibrium):
         """B^T λ."""
         return self._transposed @ forces
 
-    def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
+    def residual(
+        self, x: np.ndarray, gauss: GaussState | Update, theta: Theta
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Loads less internal forces on free dofs, and the norm of their terms in each body."""
         loads = self.problem.external @ theta
         grounded = 0.0 if self.springs is None else self.springs * (x + self.lifts @ theta)
         internal, size = self.internal(gauss.stress, grounded)
         return loads - internal, self.norms(np.abs(loads) + size)
 
-    def internal(self, stress: np.ndarray, grounded: np.ndarray | float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-        """Forces of a stress and of springs on free dofs, with those on dependent ones; the size of their terms."""
+    def internal(
+        self, stress: np.ndarray, grounded: np.ndarray | float = 0.0
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Forces of a stress and of springs on free dofs, with those on dependent ones.
+
+        The size of their terms.
+        """
         internal, size = self.operator.internal(stress)
         if self._ranks is not None:
             internal, size = self._ranks.summed(np.stack([internal, size]))
@@ -358,13 +419,21 @@ class FullEquilibrium(MeshEquilibrium):
         return self.problem.prolongation.stiffness([found])[0]
 
     def signs(self, answer: Answer) -> Signs:
-        """Residual of the free dofs and its scale; gaps are satisfied to the tolerance of the solver."""
-        residual, sizes = self.residual(answer.unknown, gauss_of(answer), self.amplitudes(answer.parameter))
+        """Residual of the free dofs and its scale.
+
+        Gaps are satisfied to the tolerance of the solver.
+        """
+        residual, sizes = self.residual(
+            answer.unknown, gauss_of(answer), self.amplitudes(answer.parameter)
+        )
         left = (residual - self.contact_load(answer.multipliers)) * self.problem.free
         return Signs(float(np.linalg.norm(left)), float(np.linalg.norm(sizes)), 0.0)
 
     def linearised(self, tangents: np.ndarray) -> Linearisation:
-        """Factor the symmetric part of the tangent stiffness; the previous one must then be factored again."""
+        """Factor the symmetric part of the tangent stiffness.
+
+        The previous one must then be factored again.
+        """
         symmetric = (tangents + tangents.swapaxes(1, 2)) / 2
         found = self._lazy(self.stiffness(symmetric), self._tangent_factors, tangents)
         with found.held():  # raises an error for a singular tangent
@@ -372,16 +441,26 @@ class FullEquilibrium(MeshEquilibrium):
 
 
 def equilibrium_of(full: FullModel) -> FullEquilibrium:
-    """Equilibrium of a full model of inelastic bodies; NotOfferedError for laws that another plug-in reads."""
+    """Equilibrium of a full model of inelastic bodies.
+
+    NotOfferedError for laws that another plug-in reads.
+    """
     found: Any = full.equilibrium
     if found is None or found.reader != "inelastic":
-        raise NotOfferedError(f"bodies of scene '{full.scene.name}' have no laws of plasticity or creep")
+        raise NotOfferedError(
+            f"bodies of scene '{full.scene.name}' have no laws of plasticity or creep"
+        )
     return found
 
 
 def bodies_of(scene: Scene) -> GaussModel:
-    """The Gauss points of a scene: the facet ``full_order``; SceneError for constants of laws not valid in the box."""
+    """The Gauss points of a scene: the facet ``full_order``.
+
+    SceneError for constants of laws not valid in the box.
+    """
     for body in scene.bodies:
         names = coordinate_names(scene.hypothesis)
-        check_law_over_box(body.law, scene.parameters, f"body {body.tag} of scene '{scene.name}'", names)
+        check_law_over_box(
+            body.law, scene.parameters, f"body {body.tag} of scene '{scene.name}'", names
+        )
     return LawsOnMesh(scene, MPI.COMM_SELF).laws()

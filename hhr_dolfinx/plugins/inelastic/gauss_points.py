@@ -1,4 +1,6 @@
-"""Gauss points of inelastic bodies from UFL: strain, laws, parts of the elastic stiffness, and eigenstrains."""
+"""Gauss points of inelastic bodies from UFL: strain, laws, parts of the elastic stiffness, and
+eigenstrains.
+"""
 
 from __future__ import annotations
 
@@ -27,8 +29,13 @@ from hhr_dolfinx.plugins.inelastic.update import Group, Material
 
 
 def strain_operator(discretisation: DiscreteSpace) -> StrainOperator:
-    """Strain at the Gauss points of all cells, for inelastic bodies, of which each rank has the whole mesh."""
-    return StrainOperator(*tabulated(discretisation, np.arange(discretisation.cell_bodies().size)), discretisation.size)
+    """Strain at the Gauss points of all cells, for inelastic bodies, of which each rank has the
+    whole mesh.
+    """
+    return StrainOperator(
+        *tabulated(discretisation, np.arange(discretisation.cell_bodies().size)),
+        discretisation.size,
+    )
 
 
 def places_of(discretisation: DiscreteSpace) -> np.ndarray:
@@ -52,16 +59,21 @@ def grading_at(discretisation: DiscreteSpace, place: int) -> np.ndarray:
     found = gradings(discretisation, [place], cells).ravel()
     if not (np.isfinite(found) & (found > 0)).all():
         raise SceneError(
-            f"the grading of body {body.tag} is {found[int(np.argmin(found > 0))]:g} at a Gauss point: it must be "
-            "positive and finite on the body"
+            f"the grading of body {body.tag} is {found[int(np.argmin(found > 0))]:g} at a Gauss "
+            "point: it must be positive and finite on the body"
         )
     return found
 
 
 def material_at(
-    discretisation: DiscreteSpace, bodies: np.ndarray, operator: StrainOperator, *, flat: bool | None = None
+    discretisation: DiscreteSpace,
+    bodies: np.ndarray,
+    operator: StrainOperator,
+    *,
+    flat: bool | None = None,
 ) -> Material:
-    """Laws at the Gauss points of the cells of an operator, with bodies as indices in the scene, (cells,).
+    """Laws at the Gauss points of the cells of an operator, with bodies as indices in the scene,
+    (cells,).
 
     They are stated for plane stress if ``flat``, by default in scenes of plane stress.
     """
@@ -70,7 +82,9 @@ def material_at(
     of_point = np.repeat(bodies, operator.per_cell)
     groups = []
     for place, body in enumerate(scene.bodies):
-        young, ratio = (text if isinstance(text, str) else float(text) for text in (body.young, body.poisson))
+        young, ratio = (
+            text if isinstance(text, str) else float(text) for text in (body.young, body.poisson)
+        )
         grading = grading_at(discretisation, place)
         stated = Elasticity() if body.law is None and flat else body.law
         if body.stress is not None:
@@ -83,7 +97,13 @@ def material_at(
         names = coordinate_names(scene.hypothesis)
         if parameters_of(law) & (set(names) - set(scene.parameters.names)):
             given = replace(given, coordinates=names, places=places_of(discretisation)[numbers])
-            check_law_over_box(law, scene.parameters, f"body {body.tag} of scene '{scene.name}'", names, given.places)
+            check_law_over_box(
+                law,
+                scene.parameters,
+                f"body {body.tag} of scene '{scene.name}'",
+                names,
+                given.places,
+            )
         groups.append(given)
     return Material(groups, operator.components, scene.parameters.names)
 
@@ -93,8 +113,8 @@ def stiffness_parts(
 ) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
     """Parts of the elastic stiffness, (N, N) each, and their moduli.
 
-    A formula of E has a part, one of ν a part for the change of volume and one for that of shape, and all numbers have
-    one part. Constant elasticity has one part and no modulus.
+    A formula of E has a part, one of ν a part for the change of volume and one for that of shape,
+    and all numbers have one part. Constant elasticity has one part and no modulus.
     """
     if not any(group.texts for group in material.groups):
         return (operator.stiffness(material.elastic, pattern),), ()
@@ -113,7 +133,9 @@ def stiffness_parts(
 
 
 def _parts_of(group: Group, components: int) -> Iterator[tuple[str, str, np.ndarray]]:
-    """Parts of C of a group for the grading 1: two factors as formulas, and what they multiply, (c, c)."""
+    """Parts of C of a group for the grading 1: two factors as formulas, and what they multiply, (c,
+    c).
+    """
     if isinstance(group.poisson, str):
         flat = group.law is not None and group.law.plane_stress
         unit = np.where(np.arange(components) < (2 if flat else 3), 1.0, 0.0)
@@ -128,15 +150,21 @@ def _parts_of(group: Group, components: int) -> Iterator[tuple[str, str, np.ndar
 
 
 def at_gauss_points(discretisation: DiscreteSpace, operator: StrainOperator) -> csc_matrix:
-    """Eigenstrains at the Gauss points of inelastic bodies, for each term of θ, (points * components, 1 + T).
+    """Eigenstrains at the Gauss points of inelastic bodies, for each term of θ, (points *
+    components, 1 + T).
 
-    SceneError for a user-defined load whose ``eigenstrain_of`` lacks the one term of the assembler's ``eigenstress``.
+    SceneError for a user-defined load whose ``eigenstrain_of`` lacks the one term of the
+    assembler's ``eigenstress``.
     """
     loads = discretisation.scene.loads
     points = operator.gauss_points * operator.components
     blocks = []
     seen = []
-    pairs = [(load, term) for load in loads for term in checked_terms(load, discretisation.assembler(load))]
+    pairs = [
+        (load, term)
+        for load in loads
+        for term in checked_terms(load, discretisation.assembler(load))
+    ]
     for load, term in pairs:
         width = term.columns.shape[1]
         if hasattr(load, "eigenstrain_of") and csc_matrix(term.columns).nnz == 0 and width == 1:
@@ -147,14 +175,16 @@ def at_gauss_points(discretisation: DiscreteSpace, operator: StrainOperator) -> 
     strained = [load for load in loads if hasattr(load, "eigenstrain_of")]
     if sorted(map(id, seen)) != sorted(map(id, strained)):
         raise SceneError(
-            f"of the loads {strained} each is a strain of one inelastic body or one beside it, and must have the "
-            "one term that its assembler's eigenstress gives"
+            f"of the loads {strained} each is a strain of one inelastic body or one beside it, "
+            "and must have the one term that its assembler's eigenstress gives"
         )
     return discretisation.terms.columns("loads", points, blocks)
 
 
 def _tabulated(discretisation: DiscreteSpace, load: Any, operator: StrainOperator) -> np.ndarray:
-    """A strain for the amplitude 1 at all Gauss points, Kelvin's notation, (points * components,)."""
+    """A strain for the amplitude 1 at all Gauss points, Kelvin's notation, (points *
+    components,).
+    """
     mesh = discretisation.mesh
     bodies = discretisation.cell_bodies()
     points, _ = compat.quadrature(mesh.topology.cell_name(), degree_of(discretisation))
@@ -165,8 +195,12 @@ def _tabulated(discretisation: DiscreteSpace, load: Any, operator: StrainOperato
         if given is not None:
             # a constant strain has no mesh
             one = fem.Constant(mesh, 1.0)
-            vector = kelvin(averaged(discretisation, place, given[1]), discretisation.scene.hypothesis)
-            values = compat.jitted(fem.Expression, one * vector, points).eval(mesh, cells.astype(np.int32))
+            vector = kelvin(
+                averaged(discretisation, place, given[1]), discretisation.scene.hypothesis
+            )
+            values = compat.jitted(fem.Expression, one * vector, points).eval(
+                mesh, cells.astype(np.int32)
+            )
             found[cells] = values.reshape(len(cells), operator.per_cell, operator.components)
     if discretisation.scene.hypothesis == "plane_stress":  # nothing holds what strains across
         found[:, :, 2] = 0.0

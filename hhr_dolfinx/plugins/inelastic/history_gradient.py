@@ -1,19 +1,22 @@
 """Derivatives of histories along their parameters, step by step, without another nonlinear solve.
 
-A converged step satisfies R(x, s, μ) = B^T λ and B_A x = d_A(μ) on its active conditions A, with the residual R of the
-laws that started from the state s before the step. Along a direction of the path its derivative solves
+A converged step satisfies R(x, s, μ) = B^T λ and B_A x = d_A(μ) on its active conditions A, with
+the residual R of the laws that started from the state s before the step. Along a direction of the
+path its derivative solves
 
     K_T dx + B^T dλ = dR,      B_A dx = dd_A,      dλ = 0 elsewhere,
 
-with the consistent tangent K_T at the step. dR is the derivative of R at fixed x along (ds, dμ), and the state after
-the step changes along (dx, ds, dμ). Both are exact: laws are differentiated as programs, on the side of their kinks
-that each point is on in the step, see :mod:`plugins.inelastic.law_slopes`, and amplitudes and constants as formulas.
-Only laws that are code have differences.
+with the consistent tangent K_T at the step. dR is the derivative of R at fixed x along (ds, dμ),
+and the state after the step changes along (dx, ds, dμ). Both are exact: laws are differentiated as
+programs, on the side of their kinks that each point is on in the step, see
+:mod:`plugins.inelastic.law_slopes`, and amplitudes and constants as formulas. Only laws that are
+code have differences.
 
-Contacts whose law remembers have derivatives by their law, see :mod:`plugins.inelastic.contact_slopes`. Statuses are
-those of the history. A derivative is one-sided where a condition is about to change its status, or where a point comes
-to a kink of its law, such as yield, within :data:`NEAR` of the box; so it is in later steps, whose state follows from
-it. In a hold of constant load points stay on their yield surface, and no kink is near.
+Contacts whose law remembers have derivatives by their law, see
+:mod:`plugins.inelastic.contact_slopes`. Statuses are those of the history. A derivative is
+one-sided where a condition is about to change its status, or where a point comes to a kink of its
+law, such as yield, within :data:`NEAR` of the box; so it is in later steps, whose state follows
+from it. In a hold of constant load points stay on their yield surface, and no kink is near.
 """
 
 from __future__ import annotations
@@ -33,15 +36,22 @@ from hhr_dolfinx.plugins.inelastic.law_slopes import STEP, Along, Inputs, slopes
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 
 SAME_STRESS = 1e-8
-"""Part of the stress by which a step may differ from a single step to its end; above it, the step was cut."""
+"""Part of the stress by which a step may differ from a single step to its end.
+
+Above it, the step was cut.
+"""
 SKEW = 1e-6
-"""Asymmetry of tangents, as a part of the largest, from which their symmetric part gives no derivatives."""
+"""Asymmetry of tangents, as a part of the largest, from which their symmetric part gives no
+derivatives.
+"""
 NEAR = GRAZING
 """Part of the box of the parameters within which a kink of a law makes a derivative one-sided."""
 
 
 class StepGradient(NamedTuple):
-    """Derivatives at the end of a step along K directions: of its unknown without the lift, and of its forces."""
+    """Derivatives at the end of a step along K directions: of its unknown without the lift, and of
+    its forces.
+    """
 
     unknown: np.ndarray  # (n, K)
     multipliers: np.ndarray  # (m, K)
@@ -50,27 +60,37 @@ class StepGradient(NamedTuple):
     kinks: int  # see :class:`~hhr_dolfinx.models.gradient.Gradient`
 
 
-def history_gradient(model: Equilibrium, history: History, directions: np.ndarray | None = None) -> list[StepGradient]:
-    """Derivatives of all answers of a history, solved by a model in steps that were not cut, with tight settings.
+def history_gradient(
+    model: Equilibrium, history: History, directions: np.ndarray | None = None
+) -> list[StepGradient]:
+    """Derivatives of all answers of a history, solved by a model in steps that were not cut, with
+    tight settings.
 
-    ``directions`` are derivatives of the path, (steps + 1, P, K): changes of the parameters at each of its times along
-    each of K directions. None shifts each parameter, K = P, by the same at all times, as a constant of the whole
-    history such as a yield stress or a gap.
+    ``directions`` are derivatives of the path, (steps + 1, P, K): changes of the parameters at each
+    of its times along each of K directions. None shifts each parameter, K = P, by the same at all
+    times, as a constant of the whole history such as a yield stress or a gap.
 
     Raises:
         ParameterError: for directions of another shape, or not finite.
-        ConvergenceError: for a step whose end is not that of a single step, such as a step that was cut.
-        NotOfferedError: for a full model with a law whose tangents are not symmetric, for a law that is code at
-            points that are about to yield, and for laws of contacts that have no derivatives.
+        ConvergenceError: for a step whose end is not that of a single step, such as a step that was
+            cut.
+        NotOfferedError: for a full model with a law whose tangents are not symmetric, for a law
+            that is code at points that are about to yield, and for laws of contacts that have no
+            derivatives.
         SingularError: if the tangent or the active conditions of a step are singular.
     """
     path = history.path
     count = len(model.parameters.names)
-    along = np.broadcast_to(np.eye(count), (len(path), count, count)) if directions is None else np.array(directions)
+    along = (
+        np.broadcast_to(np.eye(count), (len(path), count, count))
+        if directions is None
+        else np.array(directions)
+    )
     if along.shape[:2] != (len(path), count) or along.ndim != 3 or not np.isfinite(along).all():
         raise ParameterError(
-            f"directions of the shape {along.shape} must be finite and of the shape ({len(path)}, {count}, K): one row "
-            f"for each time of the path, the start too, and one for each of {model.parameters.names}"
+            f"directions of the shape {along.shape} must be finite and of the shape ({len(path)}, "
+            f"{count}, K): one row for each time of the path, the start too, and one for each of "
+            f"{model.parameters.names}"
         )
     state = model.material.at_rest()
     time = history.start
@@ -98,7 +118,10 @@ def history_gradient(model: Equilibrium, history: History, directions: np.ndarra
 
 
 def with_gradients(model: Equilibrium, history: History) -> None:
-    """Give each answer of a history its derivatives along the parameters; see :func:`history_gradient`."""
+    """Give each answer of a history its derivatives along the parameters.
+
+    See :func:`history_gradient`.
+    """
     for place, found in enumerate(history_gradient(model, history)):
         unknown, multipliers, slack, near, kinks = found
         gradient = Gradient(unknown, multipliers, near, slack, kinks)
@@ -129,17 +152,19 @@ class _Step:
         skew = _largest(update.tangents - update.tangents.swapaxes(1, 2))
         if model.symmetric and skew > SKEW * _largest(update.tangents):
             raise NotOfferedError(
-                "derivatives of full histories need symmetric tangents, and a law has others, as of back stresses that "
-                "recover or of dilatancy: take a small model"
+                "derivatives of full histories need symmetric tangents, and a law has others, as "
+                "of back stresses that recover or of dilatancy: take a small model"
             )
         self._linear = self._there.linearised(update.tangents)
 
     def along(
         self, directions: np.ndarray, before: State, scale: float, contacts: ContactSlopes
     ) -> tuple[StepGradient, State]:
-        """Derivatives of the step, and of the state after it, along directions of the parameter, (P, K).
+        """Derivatives of the step, and of the state after it, along directions of the parameter,
+        (P, K).
 
-        ``before`` are derivatives of the state before the step, with K last, ``scale`` is the largest strain so far.
+        ``before`` are derivatives of the state before the step, with K last, ``scale`` is the
+        largest strain so far.
         """
         there = self._there
         answer = self._answer
@@ -154,19 +179,28 @@ class _Step:
         parts = self._parts_of_box(directions)
 
         def along(strain: np.ndarray) -> Along:
-            sizes = [np.abs(array).max(axis=(0, 1), initial=0.0) for array in (strain, before.inelastic)]
+            sizes = [
+                np.abs(array).max(axis=(0, 1), initial=0.0) for array in (strain, before.inelastic)
+            ]
             rates = np.max([parts, *(size / (scale or 1.0) for size in sizes)], axis=0)
             return Along(strain, before, constants, STEP / np.where(rates > 0, rates, 1.0))
 
         first = slopes_of(self._material, self._inputs, along(strain))
         residuals = []
         for k, way in enumerate(ways):
-            change = Update(first.stress[..., k], State(*(part[..., k] for part in first.state)), None)
+            change = Update(
+                first.stress[..., k], State(*(part[..., k] for part in first.state)), None
+            )
             residuals.append(there.residual_along(x, change, way))
-        right = np.stack(residuals, axis=1), np.stack([there.gaps_along(x, way) for way in ways], axis=1)
+        right = (
+            np.stack(residuals, axis=1),
+            np.stack([there.gaps_along(x, way) for way in ways], axis=1),
+        )
         linear = self._linear
         here = linear.slack_of(there.gaps(self._theta), x)
-        unknown, multipliers, slack, near = contacts.step(linear, answer, here, right, directions, self._inputs.dt)
+        unknown, multipliers, slack, near = contacts.step(
+            linear, answer, here, right, directions, self._inputs.dt
+        )
         moved = np.stack([there.strain_of(dx) for dx in unknown.T], axis=-1)
         after = slopes_of(self._material, self._inputs, along(strain + moved))
         at_kinks = (after.reach * parts <= NEAR).any(axis=1)
@@ -181,8 +215,8 @@ class _Step:
 
 def _in_parts(number: int, why: str) -> ConvergenceError:
     return ConvergenceError(
-        f"step {number} of the history was solved in parts, or by another model ({why}): march along the path in more "
-        "steps, and ask for the derivatives of that history"
+        f"step {number} of the history was solved in parts, or by another model ({why}): march "
+        "along the path in more steps, and ask for the derivatives of that history"
     )
 
 

@@ -1,4 +1,5 @@
-"""Laws of bodies: constants, memory, and what a step does at a point, stated in UFL and kept as a program.
+"""Laws of bodies: constants, memory, and what a step does at a point, stated in UFL and kept as a
+program.
 
 A user-defined law is a class of this kind, see ``docs/laws.md``:
 
@@ -13,8 +14,8 @@ A user-defined law is a class of this kind, see ``docs/laws.md``:
             c = at.constants
             return hardening(at, lambda p: c.strength * (1e-3 + p) ** c.exponent)
 
-A constant is a number, or a formula of the parameters of the scene as text. Everything else is made from the statement:
-tangents, files, and programs for pages, C and FMUs.
+A constant is a number, or a formula of the parameters of the scene as text. Everything else is made
+from the statement: tangents, files, and programs for pages, C and FMUs.
 """
 
 from __future__ import annotations
@@ -68,8 +69,12 @@ LARGEST = sys.float_info.max
 STANDARD = {"inelastic": TENSOR, "cumulated": NUMBER}
 """Internal variables that every law has."""
 INPUTS = ("strain", "y", "old", "dt", "constant")
-"""Inputs of programs in their order: strain, unknowns, memory, duration of the step, and constants after E and ν."""
-ORDER = Order((None, TRIAL, START, START, AFTER, TRIAL, REST), "y", frozenset({TRIAL, START}), LOCAL)
+"""Inputs of programs in their order: strain, unknowns, memory, duration of the step, and constants
+after E and ν.
+"""
+ORDER = Order(
+    (None, TRIAL, START, START, AFTER, TRIAL, REST), "y", frozenset({TRIAL, START}), LOCAL
+)
 """Order of the parts of a program."""
 _ELASTIC = ("young", "poisson")
 UNGRADED = np.zeros(0)
@@ -77,15 +82,17 @@ UNGRADED = np.zeros(0)
 
 
 class Law(KnownArguments):
-    """Base of laws of bodies: frozen dataclasses whose fields declared as ``float | str`` are constants.
+    """Base of laws of bodies: frozen dataclasses whose fields declared as ``float | str`` are
+    constants.
 
     Attributes:
-        memory: sizes of its internal variables by name, :data:`NUMBER` or :data:`TENSOR`; each law has the tensor
-            ``inelastic``, ε - C^-1 σ, and the number ``cumulated`` too.
+        memory: sizes of its internal variables by name, :data:`NUMBER` or :data:`TENSOR`; each law
+            has the tensor ``inelastic``, ε - C^-1 σ, and the number ``cumulated`` too.
         unknowns: sizes of the unknowns of a step by name.
         limits: open interval of each constant that is not free.
         finite: whether it is a law of F instead of the strain.
-        elastic: whether its constants, which are numbers, state the elasticity instead of E and ν of the body.
+        elastic: whether its constants, which are numbers, state the elasticity instead of E and ν
+            of the body.
     """
 
     memory: ClassVar[Mapping[str, int]] = {}
@@ -99,11 +106,17 @@ class Law(KnownArguments):
         raise NotImplementedError
 
     def in_plane_stress(self) -> Law:
-        """The law with a strain across for which the stress across is 0; SceneError for those that have none."""
+        """The law with a strain across for which the stress across is 0.
+
+        SceneError for those that have none.
+        """
         return _Thin(self)
 
     def at_points(self, strains: int, *, plane_stress: bool = False) -> LawProgram:
-        """The law as models evaluate it, for strains of 4 or 6 components; SceneError for those that cannot be."""
+        """The law as models evaluate it, for strains of 4 or 6 components.
+
+        SceneError for those that cannot be.
+        """
         return program_of(self, strains, plane_stress=plane_stress)
 
     @property
@@ -123,21 +136,30 @@ class Law(KnownArguments):
     def constants(self) -> dict[str, float | str]:
         """Constants by name, numbers or formulas."""
         if not is_dataclass(self):
-            raise SceneError(f"{self.name} is no dataclass: write @dataclass(frozen=True) above its class")
+            raise SceneError(
+                f"{self.name} is no dataclass: write @dataclass(frozen=True) above its class"
+            )
         named = [item.name for item in fields(self) if _is_constant(item.type)]
         return {name: getattr(self, name) for name in named}
 
     def __init_subclass__(cls) -> None:
         """Refuse constants with names that a law has already, with a SceneError."""
-        clash = sorted({"name", "formulas", "constants", *_ELASTIC} & set(vars(cls).get("__annotations__", {})))
+        clash = sorted(
+            {"name", "formulas", "constants", *_ELASTIC} & set(vars(cls).get("__annotations__", {}))
+        )
         if clash:
-            raise SceneError(f"the law {cls.__name__} has a field {clash[0]!r}: give it another name")
+            raise SceneError(
+                f"the law {cls.__name__} has a field {clash[0]!r}: give it another name"
+            )
 
     def __post_init__(self) -> None:
         """Refuse numbers outside their limits, and limits of other constants, with a SceneError."""
         unknown = sorted(set(self.limits) - set(self.constants()))
         if unknown:
-            raise SceneError(f"{self.name} limits {unknown[0]!r}, and has the constants {sorted(self.constants())}")
+            raise SceneError(
+                f"{self.name} limits {unknown[0]!r}, and has the constants "
+                f"{sorted(self.constants())}"
+            )
         for name, value in self.constants().items():
             if isinstance(value, str):
                 from hhr_dolfinx.formulas import formula_of
@@ -149,12 +171,20 @@ class Law(KnownArguments):
 
 def _is_constant(kind: Any) -> bool:
     """True for a field declared as a number, or as a number or a text."""
-    words = kind.replace(" ", "") if isinstance(kind, str) else getattr(kind, "__name__", str(kind).replace(" ", ""))
+    words = (
+        kind.replace(" ", "")
+        if isinstance(kind, str)
+        else getattr(kind, "__name__", str(kind).replace(" ", ""))
+    )
     return words in ("float", "float|str", "str|float")
 
 
-def _check_numbers(law: str, numbers: Mapping[str, Any], limits: Mapping[str, tuple[float, float]], place: str) -> None:
-    """Raise SceneError for constants outside their limits, each a number, or one for each place if there are any."""
+def _check_numbers(
+    law: str, numbers: Mapping[str, Any], limits: Mapping[str, tuple[float, float]], place: str
+) -> None:
+    """Raise SceneError for constants outside their limits, each a number, or one for each place if
+    there are any.
+    """
     for name, number in numbers.items():
         values = [number]
         if isinstance(number, np.ndarray):
@@ -163,11 +193,17 @@ def _check_numbers(law: str, numbers: Mapping[str, Any], limits: Mapping[str, tu
             check_constant(law, name, value, limits.get(name, ANY), place)
 
 
-def check_constant(law: str, name: str, value: float, limits: tuple[float, float], place: str = "") -> None:
+def check_constant(
+    law: str, name: str, value: float, limits: tuple[float, float], place: str = ""
+) -> None:
     """Raise SceneError for a constant that is no number in its open interval."""
     low, high = limits
     if not (is_number(value) and low < value < high):
-        least = f"above {low:g}" if low in (0.0, -math.inf, -LARGEST) else f"at least {abs(math.nextafter(low, 1)):g}"
+        least = (
+            f"above {low:g}"
+            if low in (0.0, -math.inf, -LARGEST)
+            else f"at least {abs(math.nextafter(low, 1)):g}"
+        )
         most = f" and below {high:g}" if high < LARGEST else ""
         raise SceneError(f"{name} = {value} of {law}{place} must be a number {least}{most}")
 
@@ -175,9 +211,13 @@ def check_constant(law: str, name: str, value: float, limits: tuple[float, float
 class State(NamedTuple):
     """Internal variables of the material."""
 
-    inelastic: np.ndarray  # inelastic strain ε - C^-1 σ, Kelvin's notation, (gauss_points, components)
+    inelastic: (
+        np.ndarray
+    )  # inelastic strain ε - C^-1 σ, Kelvin's notation, (gauss_points, components)
     cumulated: np.ndarray  # cumulated inelastic strain p, (gauss_points,)
-    memory: np.ndarray  # further variables of the laws, each with its own, (gauss_points, most of any law)
+    memory: (
+        np.ndarray
+    )  # further variables of the laws, each with its own, (gauss_points, most of any law)
 
 
 class Update(NamedTuple):
@@ -185,7 +225,9 @@ class Update(NamedTuple):
 
     stress: np.ndarray  # stress at the end of the step, (gauss_points, components)
     state: State  # state at the end of the step
-    tangents: np.ndarray | None  # consistent tangents, (gauss_points, components, components), or None
+    tangents: (
+        np.ndarray | None
+    )  # consistent tangents, (gauss_points, components, components), or None
 
 
 class Given(NamedTuple):
@@ -225,7 +267,8 @@ def hooke(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Isotropic elasticity C and its compliance C^-1 in Kelvin's notation, (c, c) each.
 
-    In plane stress C is that of strains in the plane; strains across are 0 there, and so is their stress.
+    In plane stress C is that of strains in the plane; strains across are 0 there, and so is their
+    stress.
     """
     lam, mu = lame_parameters(young, poisson)
     count = 2 if plane_stress else 3
@@ -251,7 +294,9 @@ class LawProgram(Rebuilt):
     name: str  # name of its class
     program: Program  # with the parts of :mod:`~hhr_dolfinx.plugins.inelastic.local_solver`
     strains: int  # components of the strain
-    memory: tuple[str, ...]  # names of its internal variables, of which the first are inelastic and cumulated
+    memory: tuple[
+        str, ...
+    ]  # names of its internal variables, of which the first are inelastic and cumulated
     sizes: Annotated[Integers, "variables"]  # their numbers of components
     kinds: Annotated[Integers, "unknowns"]  # kind of each unknown
     constants: tuple[str, ...]  # names of the constants after E and ν
@@ -266,15 +311,22 @@ class LawProgram(Rebuilt):
     def __post_init__(self) -> None:
         count = len(self.constants)
         inputs = self.strains + len(self.kinds) + int(self.sizes.sum()) + 1 + 2 + count
-        sizes = len(self.values) == count == len(self.low) == len(self.high) and len(self.memory) == len(self.sizes)
+        sizes = len(self.values) == count == len(self.low) == len(self.high) and len(
+            self.memory
+        ) == len(self.sizes)
         if not sizes or self.program.inputs != inputs or len(self.program.ends) != REST + 2:
             raise SceneError(f"the law {self.name!r} does not fit its program")
         found = np.diff(self.program.output_ends, prepend=0).tolist()
         if found != self._outputs():
-            raise SceneError(f"the program of the law {self.name!r} has {found} outputs, and needs {self._outputs()}")
+            raise SceneError(
+                f"the program of the law {self.name!r} has {found} outputs, and needs "
+                f"{self._outputs()}"
+            )
         if self.memory[:2] != (*STANDARD,) or self.sizes[:2].tolist() != [self.strains, 1]:
             raise SceneError(f"the memory of the law {self.name!r} must begin with {(*STANDARD,)}")
-        if ((self.kinds < 0) | (self.kinds >= max(len(self.kinds), 1))).any() or (self.sizes < 1).any():
+        if ((self.kinds < 0) | (self.kinds >= max(len(self.kinds), 1))).any() or (
+            self.sizes < 1
+        ).any():
             raise SceneError(f"the law {self.name!r} has sizes that cannot be")
 
     def _outputs(self) -> list[int]:
@@ -293,12 +345,18 @@ class LawProgram(Rebuilt):
 
     @cached_property
     def linear(self) -> bool:
-        """True if the stress is one at rest and C times the strain: no slope depends on strain, memory or time.
+        """True if the stress is one at rest and C times the strain: no slope depends on strain,
+        memory or time.
 
         In plane stress the strain across is an unknown, and kept.
         """
         count = len(self.kinds)
-        if self.formulas or self.reason or count > self.plane_stress or len(self.memory) > len(STANDARD) + count:
+        if (
+            self.formulas
+            or self.reason
+            or count > self.plane_stress
+            or len(self.memory) > len(STANDARD) + count
+        ):
             return False
         changing = self.program.inputs - 2 - len(self.constants)
         depends = self.program.depends
@@ -310,7 +368,9 @@ class LawProgram(Rebuilt):
 
     @property
     def coded(self) -> tuple[Program, list[int], np.ndarray]:
-        """Program, sizes and kinds of unknowns for :func:`~hhr_dolfinx.plugins.inelastic.local_solver.code_of`."""
+        """Program, sizes and kinds of unknowns for
+        :func:`~hhr_dolfinx.plugins.inelastic.local_solver.code_of`.
+        """
         sizes = [self.strains, len(self.kinds), self.remembered, 2 + len(self.constants)]
         return self.program, [*sizes, self.program.registers, int(bool(self.reason))], self.kinds
 
@@ -318,7 +378,14 @@ class LawProgram(Rebuilt):
     def identity(self) -> list[object]:
         """Program and constants, by which stores of answers identify a law; not its name."""
         program = self.program
-        return [program.rows, program.numbers, program.ends, program.outputs, program.output_ends, *self.values]
+        return [
+            program.rows,
+            program.numbers,
+            program.ends,
+            program.outputs,
+            program.output_ends,
+            *self.values,
+        ]
 
     @cached_property
     def code(self) -> Code:
@@ -328,17 +395,29 @@ class LawProgram(Rebuilt):
     @property
     def formulas(self) -> dict[str, str]:
         """Constants that are formulas of the parameters, by name."""
-        return {name: value for name, value in zip(self.constants, self.values, strict=True) if isinstance(value, str)}
+        return {
+            name: value
+            for name, value in zip(self.constants, self.values, strict=True)
+            if isinstance(value, str)
+        }
 
     def with_numbers(self, numbers: Mapping[str, Any], place: str = "") -> LawProgram:
         """The law with numbers for some constants; SceneError for those outside their limits."""
         limits = zip(self.low, self.high, strict=True)
         _check_numbers(self.name, numbers, dict(zip(self.constants, limits, strict=True)), place)
-        values = [numbers.get(name, value) for name, value in zip(self.constants, self.values, strict=True)]
+        values = [
+            numbers.get(name, value)
+            for name, value in zip(self.constants, self.values, strict=True)
+        ]
         return replace(self, values=tuple(values))
 
-    def update(self, strain: np.ndarray, old: State, dt: float, given: Given, *, tangent: bool) -> Update:
-        """Stress, state and tangents at the end of a step at some points; ConvergenceError without an answer."""
+    def update(
+        self, strain: np.ndarray, old: State, dt: float, given: Given, *, tangent: bool
+    ) -> Update:
+        """Stress, state and tangents at the end of a step at some points.
+
+        ConvergenceError without an answer.
+        """
         components = self.strains
         points = len(strain)
         strains = np.ascontiguousarray(strain.T)
@@ -350,17 +429,33 @@ class LawProgram(Rebuilt):
         new = np.empty_like(before)
         tangents = np.empty((components, components, points) if tangent else (0, 0, 0))
         result = np.empty(points, dtype=np.int64)
-        solve_points(self.code, 0, 0, points, strains, before, float(dt), *given.numbers, stress, new, tangents, result)
+        solve_points(
+            self.code,
+            0,
+            0,
+            points,
+            strains,
+            before,
+            float(dt),
+            *given.numbers,
+            stress,
+            new,
+            tangents,
+            result,
+        )
         self._check(result, strains)
         state = State(new[:components].T, new[components], new[components + 1 :].T)
         return Update(stress.T, state, tangents.transpose(2, 0, 1) if tangent else None)
 
     def given(self, young: float, poisson: float) -> Given:
-        """Constants, which must be numbers, and the elasticity at rest; SceneError for a formula."""
+        """Constants, which must be numbers, and the elasticity at rest; SceneError for a
+        formula.
+        """
         texts = [value for value in self.values if isinstance(value, str)]
         if texts:
             raise SceneError(
-                f"{texts[0]!r} of {self.name} is a formula of the parameters: material.at(point) has its number"
+                f"{texts[0]!r} of {self.name} is a formula of the parameters: material.at(point) "
+                "has its number"
             )
         rows = np.broadcast_arrays(young, poisson, *self.values)
         constants = np.array(rows, dtype=float).reshape(len(rows), -1)
@@ -371,13 +466,17 @@ class LawProgram(Rebuilt):
         if not self.elastic:
             return hooke(young, poisson, self.strains, plane_stress=self.plane_stress)
         numbers = [value if is_number(value) else math.nan for value in self.values]
-        elastic = self.tangents_at_rest(np.array([[young], [poisson], *([value] for value in numbers)]))[0]
+        elastic = self.tangents_at_rest(
+            np.array([[young], [poisson], *([value] for value in numbers)])
+        )[0]
         if not np.isfinite(elastic).all():
             raise SceneError(f"constants of {self.name} that state the elasticity must be numbers")
         return elastic, np.linalg.pinv(elastic) if self.plane_stress else np.linalg.inv(elastic)
 
     def tangents_at_rest(self, constants: np.ndarray) -> np.ndarray:
-        """Tangents without strain and memory, (n, c, c), for E, ν and the constants of a law, (2 + constants, n)."""
+        """Tangents without strain and memory, (n, c, c), for E, ν and the constants of a law, (2 +
+        constants, n).
+        """
         strains = self.strains
         count = constants.shape[1]
         inputs = np.vstack([np.zeros((self.program.inputs - len(constants), count)), constants])
@@ -387,11 +486,15 @@ class LawProgram(Rebuilt):
         # where nothing flows the strain across alone is to be solved for; it is the last unknown
         unknowns = len(self.kinds)
         slopes = evaluated(self.program, inputs, TRIAL, START, AFTER, SLOPES).T
-        whole, by_unknown, left = np.split(slopes, np.cumsum([strains * strains, strains * unknowns]), axis=1)
+        whole, by_unknown, left = np.split(
+            slopes, np.cumsum([strains * strains, strains * unknowns]), axis=1
+        )
         across = by_unknown.reshape(count, strains, unknowns)[:, :, -1]
         row = left.reshape(count, unknowns, strains)[:, -1]
         slope = evaluated(self.program, inputs, TRIAL, START, LOCAL)[-1]
-        return whole.reshape(count, strains, strains) - np.einsum("ni,nj,n->nij", across, row, 1 / slope)
+        return whole.reshape(count, strains, strains) - np.einsum(
+            "ni,nj,n->nij", across, row, 1 / slope
+        )
 
     def _check(self, result: np.ndarray, strain: np.ndarray) -> None:
         """Raise ConvergenceError for points without an answer, if their strain is a number."""
@@ -402,10 +505,19 @@ class LawProgram(Rebuilt):
             return
         worst = strain[:, bad[int(np.abs(strain[:, bad]).max(axis=0).argmax())]]
         shown = ", ".join(f"{value:.3g}" for value in worst)
-        why = "its equations have no solution there, or a step is too large: make smaller steps, and check the units"
+        why = (
+            "its equations have no solution there, or a step is too large: make smaller steps, "
+            "and check the units"
+        )
         if self.plane_stress:
-            why = "its equations in plane stress have no slope there, as without hardening, or no solution: give it a "
-            why += "little hardening, such as 1e-5 of its strength, or make smaller steps, and check the units"
+            why = (
+                "its equations in plane stress have no slope there, as without hardening, or no "
+                "solution: give it a "
+            )
+            why += (
+                "little hardening, such as 1e-5 of its strength, or make smaller steps, and check "
+                "the units"
+            )
         if (result[bad] == BEYOND).any():
             why = f"{self.reason}: give smaller loads, or other constants"
         elif (result[bad] == NO_SLOPE).any():
@@ -428,8 +540,8 @@ class _Thin(Law):
     def __init__(self, law: Law):
         if law.finite or (law.elastic and (law.memory or law.unknowns)):
             raise SceneError(
-                f"{law.name} has large strains, or flows with elasticity of its own, which is not built in for plane "
-                "stress: take plane strain or a solid"
+                f"{law.name} has large strains, or flows with elasticity of its own, which is not "
+                "built in for plane stress: take plane strain or a solid"
             )
         self.law = law
         across = {"across": NUMBER}
@@ -449,7 +561,9 @@ class _Thin(Law):
 
 
 class Graded(Law):
-    """A law that states its linear elasticity, times E over that of the body, which is E for the grading 1."""
+    """A law that states its linear elasticity, times E over that of the body, which is E for the
+    grading 1.
+    """
 
     def __init__(self, law: Law, young: float):
         self.law = law
@@ -473,10 +587,14 @@ class Graded(Law):
 
 
 def program_of(law: Law, strains: int, *, plane_stress: bool = False) -> LawProgram:
-    """A law as data for strains of 4 or 6 components, or F of 9; SceneError for what programs cannot state."""
+    """A law as data for strains of 4 or 6 components, or F of 9.
+
+    SceneError for what programs cannot state.
+    """
     if law.finite != (strains == 9):
         raise SceneError(
-            f"{law.name} is {'' if law.finite else 'not '}a law of large strains, which no scene takes yet"
+            f"{law.name} is {'' if law.finite else 'not '}a law of large strains, which no scene "
+            "takes yet"
         )
     law = law.in_plane_stress() if plane_stress else law
     made = _Made(law, strains)
@@ -510,10 +628,13 @@ class _Made:
         from hhr_dolfinx.plugins.programs.from_ufl import nodes_of, symbols
 
         declared = [*law.memory.values(), *law.unknowns.values()]
-        if set(law.memory) & set(STANDARD) or not all(type(size) is int and size >= 0 for size in declared):
+        if set(law.memory) & set(STANDARD) or not all(
+            type(size) is int and size >= 0 for size in declared
+        ):
             raise SceneError(
-                f"{law.name} declares the memory {dict(law.memory)} and the unknowns {dict(law.unknowns)}: sizes are "
-                f"NUMBER, TENSOR or whole numbers, and {(*STANDARD,)} are those of each law"
+                f"{law.name} declares the memory {dict(law.memory)} and the unknowns "
+                f"{dict(law.unknowns)}: sizes are NUMBER, TENSOR or whole numbers, and "
+                f"{(*STANDARD,)} are those of each law"
             )
         self.law = law
         self.graph = Graph()
@@ -527,8 +648,12 @@ class _Made:
         self.inputs: dict[str, list[int]] = {}  # nodes of all symbols of a kind
         table: dict[object, list[int]] = {}
         spaces = {}
-        every = {(kind, name): size for kind, sizes in self.sizes.items() for name, size in sizes.items()}
-        shapes = {f"{kind}_{name}": (size,) if size > 1 else () for (kind, name), size in every.items()}
+        every = {
+            (kind, name): size for kind, sizes in self.sizes.items() for name, size in sizes.items()
+        }
+        shapes = {
+            f"{kind}_{name}": (size,) if size > 1 else () for (kind, name), size in every.items()
+        }
         found = symbols(**shapes | ({"strain_strain": (3, 3)} if law.finite else {}))
         for kind, sizes in self.sizes.items():
             nodes: list[int] = []
@@ -538,7 +663,9 @@ class _Made:
                 nodes += own
             self.inputs[kind] = nodes
             spaces[kind] = SimpleNamespace(**{name: found[f"{kind}_{name}"] for name in sizes})
-        at = At(spaces["strain"].strain, spaces["y"], spaces["old"], spaces["dt"].dt, spaces["constant"])
+        at = At(
+            spaces["strain"].strain, spaces["y"], spaces["old"], spaces["dt"].dt, spaces["constant"]
+        )
         self.stated = self._stated(at)
         self._of = lambda expression: nodes_of(self.graph, expression, table)
 
@@ -553,33 +680,51 @@ class _Made:
             raise
         except (AttributeError, KeyError) as error:  # a name that it does not have
             raise SceneError(
-                f"the statement of {law.name} fails: {error}. Its constants are {sorted(law.constants())}, fields that "
-                f"are declared float or float | str; its unknowns {list(law.unknowns)}; its memory {list(law.memory)}"
+                f"the statement of {law.name} fails: {error}. Its constants are "
+                f"{sorted(law.constants())}, fields that are declared float or float | str; its "
+                f"unknowns {list(law.unknowns)}; its memory {list(law.memory)}"
             ) from error
         except Exception as error:  # code of anybody
             raise SceneError(
-                f"the statement of {law.name} fails with {type(error).__name__}: {error}. State it by functions of "
-                "UFL, ufl.sqrt for math.sqrt, ufl.conditional for if, and of forms.laws, trace for ufl.tr"
+                f"the statement of {law.name} fails with {type(error).__name__}: {error}. State "
+                "it by functions of UFL, ufl.sqrt for math.sqrt, ufl.conditional for if, and of "
+                "forms.laws, trace for ufl.tr"
             ) from error
         if not isinstance(found, Stated):
-            raise SceneError(f"the statement of {law.name} returns {found!r:.60}: return a Stated of forms.laws")
+            raise SceneError(
+                f"the statement of {law.name} returns {found!r:.60}: return a Stated of forms.laws"
+            )
         if not isinstance(found.residual, list | tuple):
-            raise SceneError(f"the residual of {law.name} must be a list, of an equation for each unknown")
+            raise SceneError(
+                f"the residual of {law.name} must be a list, of an equation for each unknown"
+            )
         wrong = sorted((set(found.start) | set(found.rest)) - set(law.unknowns))
         if wrong:
-            raise SceneError(f"{law.name} starts or rests with {wrong[0]!r}, and has the unknowns {list(law.unknowns)}")
+            raise SceneError(
+                f"{law.name} starts or rests with {wrong[0]!r}, and has the unknowns "
+                f"{list(law.unknowns)}"
+            )
         if (found.limit is None) != (not found.reason):
-            raise SceneError(f"{law.name} states a limit without a reason, or a reason without a limit: give both")
+            raise SceneError(
+                f"{law.name} states a limit without a reason, or a reason without a limit: give "
+                "both"
+            )
         return found
 
     def _initial(self, given: Mapping[str, Any]) -> list[int]:
         """Nodes of values of the unknowns, 0 for those not given."""
         zero = self.graph.const(0)
-        found = (self._of(given[name]) if name in given else [zero] * size for name, size in self.sizes["y"].items())
+        found = (
+            self._of(given[name]) if name in given else [zero] * size
+            for name, size in self.sizes["y"].items()
+        )
         return [node for nodes in found for node in nodes]
 
     def parts(self) -> list[list[int]]:
-        """Nodes of the outputs of each part; SceneError for a statement whose parts do not fit the law."""
+        """Nodes of the outputs of each part.
+
+        SceneError for a statement whose parts do not fit the law.
+        """
         law = self.law
         graph = self.graph
         stated = self.stated
@@ -587,19 +732,27 @@ class _Made:
         unknown = self.inputs["y"]
         stress = self._of(stated.stress)
         if len(stress) != len(strain):
-            raise SceneError(f"{law.name} has a stress of {len(stress)} components for {len(strain)} of strain")
+            raise SceneError(
+                f"{law.name} has a stress of {len(stress)} components for {len(strain)} of strain"
+            )
         if set(law.memory) != set(stated.memory) - {"cumulated"}:
             raise SceneError(
-                f"{law.name} returns the memory {list(stated.memory)}, and its class declares {list(law.memory)}: "
-                "declare and return the same, cumulated apart"
+                f"{law.name} returns the memory {list(stated.memory)}, and its class declares "
+                f"{list(law.memory)}: declare and return the same, cumulated apart"
             )
         after = [*stress]
         for name, size in self.sizes["old"].items():
             if name == "inelastic":  # follows from the stress
                 continue
-            nodes = self._of(stated.memory[name]) if name in stated.memory else [self.inputs["old"][len(strain)]]
+            nodes = (
+                self._of(stated.memory[name])
+                if name in stated.memory
+                else [self.inputs["old"][len(strain)]]
+            )
             if len(nodes) != size:
-                raise SceneError(f"{law.name} declares {name} with {size} components, and returns {len(nodes)}")
+                raise SceneError(
+                    f"{law.name} declares {name} with {size} components, and returns {len(nodes)}"
+                )
             after += nodes
         after += [] if stated.limit is None else self._of(stated.limit)
         left = [node for part in stated.residual for node in self._of(part)]
@@ -608,11 +761,17 @@ class _Made:
         start = self._initial(stated.start)
         trial = [] if stated.trial is None else self._of(stated.trial)
         if set(unknown) & set(graph.needed([*start, *trial])):
-            raise SceneError(f"{law.name} states its trial or its start by its unknowns, which it starts for")
+            raise SceneError(
+                f"{law.name} states its trial or its start by its unknowns, which it starts for"
+            )
         rest = graph.substituted(after, dict(zip(unknown, self._initial(stated.rest), strict=True)))
         solved: list[list[int]] = [[], [], [], [], []]
         if unknown:
-            slopes = graph.jacobian(stress, strain) + graph.jacobian(stress, unknown) + graph.jacobian(left, strain)
+            slopes = (
+                graph.jacobian(stress, strain)
+                + graph.jacobian(stress, unknown)
+                + graph.jacobian(left, strain)
+            )
             solved = [trial, start, left + graph.jacobian(left, unknown), after, slopes]
         # differentiated after the unknowns are replaced, so that quotients of zeros fold away
         return [*solved, rest, graph.jacobian(rest[: len(stress)], strain)]

@@ -1,11 +1,14 @@
-"""Exact derivatives of what laws of bodies do in a step, along directions of the strain, the old state and constants.
+"""Exact derivatives of what laws of bodies do in a step, along directions of the strain, the old
+state and constants.
 
-A law of UFL is a program: stress and memory a(y; z) with unknowns y of r(y; z) = 0, of z = (strain, old memory,
-constants). Along a direction y' = -(∂r/∂y)^-1 ∂r/∂z z' by the implicit function theorem, and a' = ∂a/∂y y' + ∂a/∂z z',
-by forward differentiation of the program at the converged unknowns. Each point is on the side of its kinks, such as
-yield, that its step took, and reports how far along a direction the next kink is.
+A law of UFL is a program: stress and memory a(y; z) with unknowns y of r(y; z) = 0, of z = (strain,
+old memory, constants). Along a direction y' = -(∂r/∂y)^-1 ∂r/∂z z' by the implicit function
+theorem, and a' = ∂a/∂y y' + ∂a/∂z z', by forward differentiation of the program at the converged
+unknowns. Each point is on the side of its kinks, such as yield, that its step took, and reports how
+far along a direction the next kink is.
 
-A law that is code has no program. It has differences, which are refused at points whose two sides differ.
+A law that is code has no program. It has differences, which are refused at points whose two sides
+differ.
 """
 
 from __future__ import annotations
@@ -17,18 +20,31 @@ import numpy as np
 
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError
 from hhr_dolfinx.plugins.inelastic.law import Given, LawProgram, State, compliance_slope
-from hhr_dolfinx.plugins.inelastic.local_solver import AFTER, LOCAL, REST, START, TRIAL, solve_points
+from hhr_dolfinx.plugins.inelastic.local_solver import (
+    AFTER,
+    LOCAL,
+    REST,
+    START,
+    TRIAL,
+    solve_points,
+)
 from hhr_dolfinx.plugins.inelastic.outside import LawCode
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
 from hhr_dolfinx.plugins.programs.forward import Forward
 from hhr_dolfinx.plugins.programs.machine import evaluated
 
 CHUNK = 20_000
-"""Points times directions that are differentiated at once: registers of a program keep three numbers for each."""
+"""Points times directions that are differentiated at once: registers of a program keep three
+numbers for each.
+"""
 STEP = 1e-5
-"""Length of a difference of code, as a part of the box of the parameters and of the largest strain so far."""
+"""Length of a difference of code, as a part of the box of the parameters and of the largest strain
+so far.
+"""
 BENT = 0.05
-"""Second difference of a stress over its first one, above which code has a kink there and no curvature."""
+"""Second difference of a stress over its first one, above which code has a kink there and no
+curvature.
+"""
 ROUND_OFF = 1e-8
 """Part of the largest stress below which its second difference is round-off."""
 
@@ -72,7 +88,9 @@ def slopes_of(material: Material, given: Inputs, along: Along) -> Slopes:
         State(np.zeros_like(along.strain), old.cumulated.copy(), old.memory.copy()),
         np.full((len(given.strain), ways), np.inf),
     )
-    for group, numbers, constants in zip(material.groups, material.given, along.constants, strict=True):
+    for group, numbers, constants in zip(
+        material.groups, material.given, along.constants, strict=True
+    ):
         size = max(CHUNK // max(ways, 1), 64)
         for first in range(0, group.indices.size, size):
             _set_slopes(group, slice(first, first + size), numbers, given, along, constants, found)
@@ -80,18 +98,28 @@ def slopes_of(material: Material, given: Inputs, along: Along) -> Slopes:
 
 
 def _set_slopes(
-    group: Group, chosen: slice, numbers: Given, given: Inputs, along: Along, constants: np.ndarray, found: Slopes
+    group: Group,
+    chosen: slice,
+    numbers: Given,
+    given: Inputs,
+    along: Along,
+    constants: np.ndarray,
+    found: Slopes,
 ) -> None:
     """Set the derivatives at some points of a group."""
     own = group.indices[chosen]
     values = Inputs(given.strain[own], State(*(part[own] for part in given.old)), given.dt)
     changes = constants[:, chosen] if constants.shape[1] > 1 else constants
-    ways = Along(along.strain[own], State(*(part[own] for part in along.old)), [changes], along.lengths)
+    ways = Along(
+        along.strain[own], State(*(part[own] for part in along.old)), [changes], along.lengths
+    )
     numbers = numbers.some(chosen)
     if group.law is None:
         found.stress[own] = _of_hooke(group, numbers, values.strain, ways)
         return
-    result = (_of_code if isinstance(group.law, LawCode) else _of_program)(group.law, numbers, values, ways)
+    result = (_of_code if isinstance(group.law, LawCode) else _of_program)(
+        group.law, numbers, values, ways
+    )
     found.stress[own] = result.stress
     found.state.inelastic[own], found.state.cumulated[own] = result.state[:2]
     found.state.memory[own, : result.state.memory.shape[1]] = result.state.memory
@@ -122,7 +150,10 @@ def _of_program(law: LawProgram, numbers: Given, given: Inputs, along: Along) ->
     inputs = np.zeros((law.program.inputs, points))
     changes = np.zeros((law.program.inputs, points, ways))
     first = strains + unknowns
-    for array, values, old in ((inputs, given.strain, given.old), (changes, along.strain, along.old)):
+    for array, values, old in (
+        (inputs, given.strain, given.old),
+        (changes, along.strain, along.old),
+    ):
         array[:strains] = values.swapaxes(0, 1)
         array[first : first + strains] = old.inelastic.swapaxes(0, 1)
         array[first + strains] = old.cumulated
@@ -163,7 +194,11 @@ def _of_program(law: LawProgram, numbers: Given, given: Inputs, along: Along) ->
         by_young, by_ratio = along.constants[0][:2]
         inelastic += numbers.strain(values[:strains].T)[:, :, None] * (by_young / young)[:, None]
         if by_ratio.any():
-            softer = values[:strains].T @ compliance_slope(strains, plane_stress=law.plane_stress) / young
+            softer = (
+                values[:strains].T
+                @ compliance_slope(strains, plane_stress=law.plane_stress)
+                / young
+            )
             inelastic -= softer[:, :, None] * by_ratio[:, None]
     memory = outputs[strains + 1 :].swapaxes(0, 1)
     return Slopes(stress, State(inelastic, outputs[strains], memory), reach)
@@ -188,7 +223,8 @@ def _solve(law: LawProgram, forward: Forward, unknowns: np.ndarray) -> None:
 
 
 def _unknowns(law: LawProgram, numbers: Given, inputs: np.ndarray) -> np.ndarray:
-    """Converged unknowns at all points, (u, n): the step is solved again, with them as outputs instead of its results.
+    """Converged unknowns at all points, (u, n): the step is solved again, with them as outputs
+    instead of its results.
 
     Points that have nothing to solve for have numbers without a meaning.
     """
@@ -216,28 +252,52 @@ def _unknowns(law: LawProgram, numbers: Given, inputs: np.ndarray) -> np.ndarray
 
 
 def _of_code(law: LawProgram, numbers: Given, given: Inputs, along: Along) -> Slopes:
-    """Derivatives of a law that is code, by central differences; NotOfferedError at a kink of any point."""
+    """Derivatives of a law that is code, by central differences.
+
+    NotOfferedError at a kink of any point.
+    """
     here = law.update(given.strain, given.old, given.dt, numbers, tangent=False)
     found = []
     for way, length in enumerate(along.lengths.tolist()):
         sides = []
         for step in (-length, length):
             constants = numbers.constants + step * along.constants[0][:, :, way]
-            young = float(constants[0, 0]) / (float(numbers.grading[0]) if numbers.grading.size else 1.0)
-            there = Given(constants, *law.elasticity(young, float(constants[1, 0])), numbers.grading)
-            old = State(*(part + step * change[..., way] for part, change in zip(given.old, along.old, strict=True)))
-            sides.append(law.update(given.strain + step * along.strain[:, :, way], old, given.dt, there, tangent=False))
+            young = float(constants[0, 0]) / (
+                float(numbers.grading[0]) if numbers.grading.size else 1.0
+            )
+            there = Given(
+                constants, *law.elasticity(young, float(constants[1, 0])), numbers.grading
+            )
+            old = State(
+                *(
+                    part + step * change[..., way]
+                    for part, change in zip(given.old, along.old, strict=True)
+                )
+            )
+            sides.append(
+                law.update(
+                    given.strain + step * along.strain[:, :, way],
+                    old,
+                    given.dt,
+                    there,
+                    tangent=False,
+                )
+            )
         less, more = (side.stress for side in sides)
         bend = np.abs(less + more - 2 * here.stress).max(axis=1, initial=0.0)
         least = ROUND_OFF * np.abs(here.stress).max(initial=0.0)
         kinks = bend > np.maximum(BENT * np.abs(more - less).max(axis=1, initial=0.0), least)
         if kinks.any():
             raise NotOfferedError(
-                f"{law.name} is code, whose derivatives are differences, and {int(kinks.sum())} of {len(kinks)} points "
-                "have a kink there, as where they begin to yield in a hold of constant load: state the law in UFL, "
-                "leave the hold out, or take differences of histories"
+                f"{law.name} is code, whose derivatives are differences, and {int(kinks.sum())} "
+                f"of {len(kinks)} points have a kink there, as where they begin to yield in a "
+                "hold of constant load: state the law in UFL, leave the hold out, or take "
+                "differences of histories"
             )
-        pairs = [(sides[1].stress, sides[0].stress), *zip(sides[1].state, sides[0].state, strict=True)]
+        pairs = [
+            (sides[1].stress, sides[0].stress),
+            *zip(sides[1].state, sides[0].state, strict=True),
+        ]
         found.append([(high - low) / (2 * length) for high, low in pairs])
     stress, *state = (np.stack(parts, axis=-1) for parts in zip(*found, strict=True))
     return Slopes(stress, State(*state), np.full((len(stress), len(found)), np.inf))

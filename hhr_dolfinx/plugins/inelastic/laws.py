@@ -1,7 +1,9 @@
-"""Laws of bodies that users choose: their constants and limits; :mod:`hhr_dolfinx.forms.laws` states them in UFL.
+"""Laws of bodies that users choose: their constants and limits.
 
-A constant may be a text, a formula of the parameters of the scene such as ``"sy * (1 - 4e-4 * T)"``. A step of a
-history has the constants of the parameter at its end. For a user-defined law see
+:mod:`hhr_dolfinx.forms.laws` states them in UFL.
+
+A constant may be a text, a formula of the parameters of the scene such as ``"sy * (1 - 4e-4 *
+T)"``. A step of a history has the constants of the parameter at its end. For a user-defined law see
 :mod:`hhr_dolfinx.plugins.inelastic.law`.
 """
 
@@ -16,7 +18,14 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.plugins.inelastic.law import AT_LEAST_ONE, NOT_NEGATIVE, NUMBER, POSITIVE, TENSOR, Law
+from hhr_dolfinx.plugins.inelastic.law import (
+    AT_LEAST_ONE,
+    NOT_NEGATIVE,
+    NUMBER,
+    POSITIVE,
+    TENSOR,
+    Law,
+)
 
 if TYPE_CHECKING:
     from ufl.core.expr import Expr
@@ -66,7 +75,9 @@ class _Framed(_Stated):
         except (TypeError, ValueError):
             right = False
         if not right:
-            raise SceneError(f"the frame {self.frame!r} must be three orthogonal unit vectors, as rows")
+            raise SceneError(
+                f"the frame {self.frame!r} must be three orthogonal unit vectors, as rows"
+            )
 
 
 @dataclass(frozen=True)
@@ -94,7 +105,8 @@ class Voce(_Stated):
 
     Attributes:
         yield_stress, saturation: σ0 and Q, stresses.
-        rate: b, the saturation rate: per cumulated strain p, not per time, without a unit; p = 1/b gains 63 % of Q.
+        rate: b, the saturation rate: per cumulated strain p, not per time, without a unit; p = 1/b
+            gains 63 % of Q.
         hardening: H, a stress.
     """
 
@@ -125,21 +137,31 @@ class TabulatedHardening(_Stated):
             places, heights = np.array(self.points, dtype=float).reshape(len(self.points), 2).T
         except (TypeError, ValueError):
             raise SceneError(f"the table {self.points} needs pairs of p and a stress") from None
-        begins = len(places) > 1 and places[0] == 0 and heights[0] > 0 and np.isfinite([places, heights]).all()
+        begins = (
+            len(places) > 1
+            and places[0] == 0
+            and heights[0] > 0
+            and np.isfinite([places, heights]).all()
+        )
         if not begins or (np.diff(places) <= 0).any() or (np.diff(heights) < 0).any():
             raise SceneError(
-                f"the table {self.points} needs finite (p, stress), p growing from 0, and a stress that is positive "
-                "and does not fall: softening has no answer that does not depend on the mesh"
+                f"the table {self.points} needs finite (p, stress), p growing from 0, and a "
+                "stress that is positive and does not fall: softening has no answer that does not "
+                "depend on the mesh"
             )
 
 
 @dataclass(frozen=True)
 class Chaboche(_Stated):
-    """Kinematic hardening by back stresses and Voce's isotropic hardening; with one back stress Armstrong-Frederick.
+    """Kinematic hardening by back stresses and Voce's isotropic hardening.
+
+    With one back stress Armstrong-Frederick.
 
     Attributes:
-        yield_stress, saturation, rate: σ0, Q and b of σ0 + Q (1 - exp(-b p)); b is per strain, see :class:`Voce`.
-        backs: modulus C, a stress, and recall γ of each back stress; it saturates at C / γ in a pull.
+        yield_stress, saturation, rate: σ0, Q and b of σ0 + Q (1 - exp(-b p)); b is per strain, see
+            :class:`Voce`.
+        backs: modulus C, a stress, and recall γ of each back stress; it saturates at C / γ in a
+            pull.
     """
 
     yield_stress: float | str
@@ -150,10 +172,13 @@ class Chaboche(_Stated):
     stated: ClassVar = "chaboche"
 
     def __post_init__(self) -> None:
-        pairs = isinstance(self.backs, tuple) and all(isinstance(b, tuple) and len(b) == 2 for b in self.backs)
+        pairs = isinstance(self.backs, tuple) and all(
+            isinstance(b, tuple) and len(b) == 2 for b in self.backs
+        )
         if not pairs:
             raise SceneError(
-                f"backs = {self.backs!r} of Chaboche must hold pairs of modulus and recall: ((60e3, 600.0),)"
+                f"backs = {self.backs!r} of Chaboche must hold pairs of modulus and recall: "
+                "((60e3, 600.0),)"
             )
         super().__post_init__()
 
@@ -165,7 +190,11 @@ class Chaboche(_Stated):
     @property
     def limits(self) -> Mapping[str, tuple[float, float]]:  # type: ignore[override]
         """See :class:`Law`."""
-        each = {f"{name}_{k + 1}": NOT_NEGATIVE for k in range(len(self.backs)) for name in ("modulus", "recall")}
+        each = {
+            f"{name}_{k + 1}": NOT_NEGATIVE
+            for k in range(len(self.backs))
+            for name in ("modulus", "recall")
+        }
         return {**each, "yield_stress": POSITIVE, "saturation": NOT_NEGATIVE, "rate": POSITIVE}
 
     def constants(self) -> dict[str, float | str]:
@@ -217,7 +246,12 @@ class Arrhenius(_Stated):
     temperature: float | str
     reference: float | str
     unknowns: ClassVar = _STRESS
-    limits: ClassVar = {**_CREEP, "activation": NOT_NEGATIVE, "temperature": POSITIVE, "reference": POSITIVE}
+    limits: ClassVar = {
+        **_CREEP,
+        "activation": NOT_NEGATIVE,
+        "temperature": POSITIVE,
+        "reference": POSITIVE,
+    }
     stated: ClassVar = "arrhenius"
 
 
@@ -264,7 +298,8 @@ class DruckerPrager(_Stated):
 
     Attributes:
         cohesion: k, a stress.
-        friction: η; of an angle of friction φ and the compressive cone 6 sin φ / (√3 (3 - sin φ)), below √3.
+        friction: η; of an angle of friction φ and the compressive cone 6 sin φ / (√3 (3 - sin φ)),
+            below √3.
         dilatancy: ψ, between 0 and η, which is associated; above it flow would create energy.
         hardening: H, a stress.
     """
@@ -273,16 +308,25 @@ class DruckerPrager(_Stated):
     friction: float | str
     dilatancy: float | str
     hardening: float | str = 0.0
-    limits: ClassVar = {"cohesion": POSITIVE, "friction": _CONE, "dilatancy": _CONE, "hardening": NOT_NEGATIVE}
+    limits: ClassVar = {
+        "cohesion": POSITIVE,
+        "friction": _CONE,
+        "dilatancy": _CONE,
+        "hardening": NOT_NEGATIVE,
+    }
     stated: ClassVar = "drucker_prager"
 
     def __post_init__(self) -> None:
-        """Refuse a dilatancy above the friction with a SceneError; the statement refuses that of formulas."""
+        """Refuse a dilatancy above the friction with a SceneError.
+
+        The statement refuses that of formulas.
+        """
         super().__post_init__()
         if self._checked and float(self.dilatancy) > float(self.friction):
             raise SceneError(
-                f"the dilatancy {self.dilatancy} of DruckerPrager is above its friction {self.friction}, so that flow "
-                "would create energy: give a dilatancy of at most the friction"
+                f"the dilatancy {self.dilatancy} of DruckerPrager is above its friction "
+                f"{self.friction}, so that flow would create energy: give a dilatancy of at most "
+                "the friction"
             )
 
     @property
@@ -298,7 +342,9 @@ class DruckerPrager(_Stated):
 
 @dataclass(frozen=True)
 class Hill(_Framed):
-    """Orthotropic yield in a frame, with linear hardening; F = G = H = 1/2 and L = M = N = 3/2 are von Mises'.
+    """Orthotropic yield in a frame, with linear hardening.
+
+    F = G = H = 1/2 and L = M = N = 3/2 are von Mises'.
 
     Attributes:
         yield_stress, hardening: σ0 and its slope over p.
@@ -341,7 +387,9 @@ class Orthotropic(_Framed):
     shear_13: float | str
     shear_23: float | str
     frame: Frame = AXES
-    limits: ClassVar = dict.fromkeys(("young_1", "young_2", "young_3", "shear_12", "shear_13", "shear_23"), POSITIVE)
+    limits: ClassVar = dict.fromkeys(
+        ("young_1", "young_2", "young_3", "shear_12", "shear_13", "shear_23"), POSITIVE
+    )
     elastic: ClassVar[bool] = True
     stated: ClassVar = "orthotropic"
 
@@ -353,7 +401,9 @@ class Orthotropic(_Framed):
             stiff[0, 1:] = -first / one, -second / one
             stiff[1, 2] = -third / two
             if not (np.linalg.eigvalsh(stiff, UPLO="U") > 0).all():
-                raise SceneError("the ratios of Orthotropic are impossible: strains would have negative energies")
+                raise SceneError(
+                    "the ratios of Orthotropic are impossible: strains would have negative energies"
+                )
 
     def linear_stress(self, strain: Expr) -> Expr:
         """Stress as a function of the strain, both (3, 3), in UFL."""
@@ -366,17 +416,36 @@ class Orthotropic(_Framed):
 
     @classmethod
     def transverse(
-        cls, along: float, across: float, ratio_along: float, ratio_across: float, shear: float, frame: Frame = AXES
+        cls,
+        along: float,
+        across: float,
+        ratio_along: float,
+        ratio_across: float,
+        shear: float,
+        frame: Frame = AXES,
     ) -> Orthotropic:
-        """Isotropic across the first axis: moduli along and across it, contraction across of a pull along it, ratio
-        across, and shear modulus along."""
+        """Isotropic across the first axis: moduli along and across it, contraction across of a pull
+        along it, ratio across, and shear modulus along.
+        """
         plane = across / (2 * (1 + ratio_across))
-        return cls(along, across, across, ratio_along, ratio_along, ratio_across, shear, shear, plane, frame)
+        return cls(
+            along,
+            across,
+            across,
+            ratio_along,
+            ratio_along,
+            ratio_across,
+            shear,
+            shear,
+            plane,
+            frame,
+        )
 
 
 @dataclass(frozen=True)
 class Lemaitre(_Stated):
-    """Plasticity with isotropic damage, until the stress would fall: softening depends on the mesh, and is refused.
+    """Plasticity with isotropic damage, until the stress would fall: softening depends on the mesh,
+    and is refused.
 
     Attributes:
         yield_stress, hardening: σ0 and H of the effective stress.
@@ -407,7 +476,9 @@ class Elasticity(Law):
 
 @dataclass(frozen=True)
 class LinearStress(Law):
-    """User-defined linear elasticity of a body beside others with laws: the stress as a function of the strain."""
+    """User-defined linear elasticity of a body beside others with laws: the stress as a function of
+    the strain.
+    """
 
     stress_of: Callable[[Expr], Expr]  # both (3, 3), in UFL
     elastic: ClassVar[bool] = True
@@ -424,12 +495,16 @@ class LinearStress(Law):
         """See :class:`Law`; strains that shear across the plane are those without a stress too."""
         from hhr_dolfinx.forms.elasticity import SHEARS_ACROSS, without_stress
 
-        return super(LinearStress, LinearStress(without_stress(self.stress_of, SHEARS_ACROSS))).in_plane_stress()
+        return super(
+            LinearStress, LinearStress(without_stress(self.stress_of, SHEARS_ACROSS))
+        ).in_plane_stress()
 
 
 @dataclass(frozen=True)
 class _Around(Law):
-    """Base of laws around another one, ``law``, or elasticity, with constants and a memory of their own."""
+    """Base of laws around another one, ``law``, or elasticity, with constants and a memory of their
+    own.
+    """
 
     law: Law | None
     remembers: ClassVar[tuple[str, int]]  # name and size of its memory
@@ -438,11 +513,15 @@ class _Around(Law):
 
     def __post_init__(self) -> None:
         if not (self.law is None or isinstance(self.law, Law)):
-            raise SceneError(f"{self.law!r} is no law: give hhr.{self.name} a law, or None for elasticity")
+            raise SceneError(
+                f"{self.law!r} is no law: give hhr.{self.name} a law, or None for elasticity"
+            )
         super().__post_init__()
 
     def in_plane_stress(self) -> Law:
-        """Around the other law in plane stress, whose strain across then holds what that law makes of it alone."""
+        """Around the other law in plane stress, whose strain across then holds what that law makes
+        of it alone.
+        """
         return replace(self, law=self._inner.in_plane_stress())
 
     @property
@@ -462,7 +541,10 @@ class _Around(Law):
     @property
     def limits(self) -> Mapping[str, tuple[float, float]]:  # type: ignore[override]
         """See :class:`Law`."""
-        return {**self._inner.limits, **{self._own[name]: ends for name, ends in self.bounded.items()}}
+        return {
+            **self._inner.limits,
+            **{self._own[name]: ends for name, ends in self.bounded.items()},
+        }
 
     @property
     def elastic(self) -> bool:  # type: ignore[override]
@@ -471,7 +553,9 @@ class _Around(Law):
 
     @property
     def _own(self) -> dict[str, str]:
-        """Names of its constants by field: others than those of the law, which may have one of the same name."""
+        """Names of its constants by field: others than those of the law, which may have one of the
+        same name.
+        """
         known = self._inner.constants()
         return {item.name: _unused(item.name, known) for item in fields(self) if item.name != "law"}
 
@@ -481,13 +565,17 @@ class _Around(Law):
 
     def constants(self) -> dict[str, float | str]:
         """See :class:`Law`."""
-        return self._inner.constants() | {name: getattr(self, field) for field, name in self._own.items()}
+        return self._inner.constants() | {
+            name: getattr(self, field) for field, name in self._own.items()
+        }
 
     def statement(self, at: At) -> Stated:
         """See :class:`Law`."""
         from hhr_dolfinx.forms import laws
 
-        stated: Stated = getattr(laws, self.stated)(at, self._inner.statement, tuple(self._own.values()), self._kept)
+        stated: Stated = getattr(laws, self.stated)(
+            at, self._inner.statement, tuple(self._own.values()), self._kept
+        )
         return stated
 
 
@@ -525,7 +613,9 @@ class ChangingStiffness(_Around):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.elastic:
-            raise SceneError(f"{self._inner.name} has elasticity of its own, whose moduli are constant numbers")
+            raise SceneError(
+                f"{self._inner.name} has elasticity of its own, whose moduli are constant numbers"
+            )
 
 
 def _unused(name: str, known: Mapping[str, object]) -> str:
@@ -545,7 +635,10 @@ class NeoHooke(_Stated):
 
 @dataclass(frozen=True)
 class MooneyRivlin(_Stated):
-    """Mooney and Rivlin's elasticity at large strains; ``share`` of μ/2 belongs to the second invariant."""
+    """Mooney and Rivlin's elasticity at large strains.
+
+    ``share`` of μ/2 belongs to the second invariant.
+    """
 
     share: float | str
     finite: ClassVar[bool] = True

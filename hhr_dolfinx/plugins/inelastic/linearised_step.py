@@ -1,8 +1,9 @@
 """A step of a history by linearisation, thesis Alg. 6.1 and 6.2, for full and hyper-reduced models.
 
-Each iteration linearises the stress, solves the contact problem of that linearisation to the end, (6.16) or (6.17), and
-updates the material. The operator of the linearisation is the consistent tangent, or the elastic one (6.21) with
-Anderson's acceleration. A step that does not converge is tried again with new tangents in each iteration.
+Each iteration linearises the stress, solves the contact problem of that linearisation to the end,
+(6.16) or (6.17), and updates the material. The operator of the linearisation is the consistent
+tangent, or the elastic one (6.21) with Anderson's acceleration. A step that does not converge is
+tried again with new tangents in each iteration.
 """
 
 from __future__ import annotations
@@ -22,7 +23,13 @@ from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer, found_as
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.steps import steps_of
-from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, Linearisation, Stepper, extrapolated
+from hhr_dolfinx.plugins.inelastic.equilibrium import (
+    Diverged,
+    Goal,
+    Linearisation,
+    Stepper,
+    extrapolated,
+)
 from hhr_dolfinx.plugins.inelastic.march import Histories
 from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains
 from hhr_dolfinx.plugins.inelastic.state import GaussState
@@ -30,19 +37,27 @@ from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.strain import StrainOperator
 
 ROUND_OFF_STRAIN = 1e-13
-"""Strain that counts as round-off of displacements without strain, as when a gap closes without stress."""
+"""Strain that counts as round-off of displacements without strain, as when a gap closes without
+stress.
+"""
 PATIENCE = 5
-"""Most iterations of a step after which its frozen tangent, or the elastic operator at a start or turn of a history, is
-kept for the next one. In the plane the plastic pellet takes the same time with 5, 8, 10 and 15; its reduced model 1.6
-times as long with 15."""
+"""Most iterations of a step after which its frozen tangent, or the elastic operator at a start or
+turn of a history, is kept for the next one. In the plane the plastic pellet takes the same time
+with 5, 8, 10 and 15; its reduced model 1.6 times as long with 15.
+"""
 PATIENCE_IN_SPACE = 15
-"""The same if a tangent costs as much as ten iterations, as of full models in space: the smallest indentation of the
-demo takes 0.46 s, as by the elastic operator alone, and 0.69 s with 5."""
+"""The same if a tangent costs as much as ten iterations, as of full models in space: the smallest
+indentation of the demo takes 0.46 s, as by the elastic operator alone, and 0.69 s with 5.
+"""
 NEWTON = 15
-"""Most iterations of Newton's method from an extrapolation: it takes four to eight, or cycles forever."""
+"""Most iterations of Newton's method from an extrapolation: it takes four to eight, or cycles
+forever.
+"""
 TIRED = 30
-"""Iterations with an outdated tangent above which a step continues with Newton's method: for a body that creeps at
-constant load, they end with a stress accurate to 1e-5 and a displacement that was off by 2 %."""
+"""Iterations with an outdated tangent above which a step continues with Newton's method: for a body
+that creeps at constant load, they end with a stress accurate to 1e-5 and a displacement that was
+off by 2 %.
+"""
 TIGHT = 1e-8
 """Tolerances of these Newton iterations; the method squares the remaining error."""
 
@@ -52,7 +67,10 @@ MEMORY = 6
 
 
 class Anderson:
-    """Anderson's acceleration of a fixed-point iteration x -> x + change(x) (D. G. Anderson, J. ACM 12, 1965)."""
+    """Anderson's acceleration of a fixed-point iteration x -> x + change(x) (D.
+
+    G. Anderson, J. ACM 12, 1965).
+    """
 
     def __init__(self) -> None:
         self._last: tuple[np.ndarray, np.ndarray] | None = None
@@ -79,7 +97,9 @@ class MeshEquilibrium(Histories):
     """Equilibrium of U0 or gamma: displacements of a mesh or a RID, in steps by linearisation."""
 
     operator: StrainOperator  # strain at its Gauss points
-    eigenstrains: csc_matrix  # strains without stress for each term of θ, (Gauss points * components, 1 + T)
+    eigenstrains: (
+        csc_matrix  # strains without stress for each term of θ, (Gauss points * components, 1 + T)
+    )
     lifts: csc_matrix  # imposed displacements as terms of θ
     elastic: Linearisation
     patience = PATIENCE
@@ -98,13 +118,19 @@ class MeshEquilibrium(Histories):
         """B^T λ in the test space."""
 
     def _displacement(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Displacement with the lift; without imposed displacements that is 0, and its product is not cheap."""
+        """Displacement with the lift; without imposed displacements that is 0, and its product is
+        not cheap.
+        """
         return self.field(x) + self.lifts @ theta if self.lifts.nnz else self.field(x)
 
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
         """See :class:`Equilibrium`."""
         found = self.operator.strain(self._displacement(x, theta))
-        return found - (self.eigenstrains @ theta).reshape(found.shape) if self.eigenstrains.nnz else found
+        return (
+            found - (self.eigenstrains @ theta).reshape(found.shape)
+            if self.eigenstrains.nnz
+            else found
+        )
 
     def strain_of(self, change: np.ndarray) -> np.ndarray:
         """See :class:`Equilibrium`."""
@@ -124,7 +150,9 @@ class LinearisedStepper(Stepper):
 
     def __init__(self, model: MeshEquilibrium, settings: MarchSettings):
         super().__init__(model, settings)
-        self._linearisation: Linearisation | None = None  # of the last step, if it may be used again
+        self._linearisation: Linearisation | None = (
+            None  # of the last step, if it may be used again
+        )
         self._forces: np.ndarray | float = 0.0  # largest size so far
         self._stress = 0.0  # largest root of its mean square so far
         self._strains = SmallStrains()
@@ -132,7 +160,9 @@ class LinearisedStepper(Stepper):
     def learn(self, answer: Answer) -> None:
         """Take in a step that was solved before, by its results."""
         gauss = gauss_of(answer)
-        _, scale = self.model.residual(answer.unknown, gauss, self.model.amplitudes(answer.parameter))
+        _, scale = self.model.residual(
+            answer.unknown, gauss, self.model.amplitudes(answer.parameter)
+        )
         self._grow(scale, self._mean(gauss.stress))
 
     def _grow(self, forces: np.ndarray, stress: float) -> None:
@@ -143,10 +173,15 @@ class LinearisedStepper(Stepper):
     def _mean(self, stress: np.ndarray) -> float:
         """Root of the mean square."""
         together = self.model.together
-        return float(np.sqrt(together.total(float(np.sum(stress**2))) / together.total(stress.size)))
+        return float(
+            np.sqrt(together.total(float(np.sum(stress**2))) / together.total(stress.size))
+        )
 
     def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
-        """Solve from the extrapolation of the answers before; if that fails, with new tangents, elastically started."""
+        """Solve from the extrapolation of the answers before.
+
+        If that fails, with new tangents, elastically started.
+        """
         settings = self.settings
         careful = replace(settings, search="tangent") if settings.search == "frozen" else settings
         first = settings
@@ -165,7 +200,9 @@ class LinearisedStepper(Stepper):
         return after._replace(iterations=first.iterations + after.iterations)
 
     def _finished(self, found: Answer, trail: tuple[Answer, ...], goal: Goal) -> Answer:
-        """The answer, or a more accurate one if iterations with an outdated tangent converged slowly."""
+        """The answer, or a more accurate one if iterations with an outdated tangent converged
+        slowly.
+        """
         if self.settings.search != "frozen" or found.iterations <= TIRED:
             return found
         tight: Any = dict.fromkeys(("relative_stress", "floor_stress", "relative_force"), TIGHT)
@@ -177,9 +214,15 @@ class LinearisedStepper(Stepper):
         return after._replace(iterations=found.iterations + after.iterations)
 
     def _solved(
-        self, trail: tuple[Answer, ...], goal: Goal, settings: MarchSettings, start: Answer | None = None
+        self,
+        trail: tuple[Answer, ...],
+        goal: Goal,
+        settings: MarchSettings,
+        start: Answer | None = None,
     ) -> Answer:
-        """One step from the end of ``trail``: from ``start``, the extrapolation of its answers, or an elastic start."""
+        """One step from the end of ``trail``: from ``start``, the extrapolation of its answers, or
+        an elastic start.
+        """
         model = self.model
         here = trail[-1]
         dt = goal.time - trail[-1].time
@@ -188,7 +231,11 @@ class LinearisedStepper(Stepper):
         if start is not None:
             x = start.unknown
         else:
-            x = extrapolated(trail, goal.time) if len(trail) > 1 else self._elastic_start(here, theta, goal)
+            x = (
+                extrapolated(trail, goal.time)
+                if len(trail) > 1
+                else self._elastic_start(here, theta, goal)
+            )
         flows = material.flows and settings.search != "elastic"
         mixing = Anderson() if material.flows and settings.search != "tangent" else None
         active = (here if start is None else start).active
@@ -198,9 +245,14 @@ class LinearisedStepper(Stepper):
         for iteration in range(1, settings.iterations + 1):
             renew = flows and (linear is None or settings.search == "tangent")
             strain = model.strain(x, theta)
-            update = together.agreed(partial(material.update, strain, gauss_of(here).state, dt, tangent=renew))
+            update = together.agreed(
+                partial(material.update, strain, gauss_of(here).state, dt, tangent=renew)
+            )
             if not together.every(bool(np.isfinite(update.stress).all())):
-                raise Diverged("the stress is not finite", together.place(~np.isfinite(update.stress).all(axis=1)))
+                raise Diverged(
+                    "the stress is not finite",
+                    together.place(~np.isfinite(update.stress).all(axis=1)),
+                )
             residual, scale = model.residual(x, update, theta)
             flowed = update.state.cumulated - gauss_of(here).state.cumulated
             try:
@@ -209,7 +261,10 @@ class LinearisedStepper(Stepper):
             except (NotSolvableError, np.linalg.LinAlgError) as error:
                 raise Diverged(f"{error}, a singular tangent", together.place(flowed)) from None
             if found.status is not Status.CONVERGED:
-                why = f"of the linearised contact problem, {found.status.value}, or the load is more than is borne"
+                why = (
+                    f"of the linearised contact problem, {found.status.value}, or the load is "
+                    "more than is borne"
+                )
                 raise Diverged(why, together.place(flowed))
             left = model.norms(residual - model.contact_load(found.forces))
             # each body by its own forces, or if it is unloaded by its largest forces before
@@ -218,14 +273,26 @@ class LinearisedStepper(Stepper):
                 # the more expensive of the two criteria comes last
                 remaining = _stress_change(linear, model.strain_of(change))
                 largest = max(self._stress, self._mean(update.stress))
-                floor = max(settings.floor_stress * largest, ROUND_OFF_STRAIN * together.largest(linear.moduli.max()))
-                if together.largest((remaining - settings.relative_stress * np.abs(update.stress)).max()) <= floor:
+                floor = max(
+                    settings.floor_stress * largest,
+                    ROUND_OFF_STRAIN * together.largest(linear.moduli.max()),
+                )
+                if (
+                    together.largest(
+                        (remaining - settings.relative_stress * np.abs(update.stress)).max()
+                    )
+                    <= floor
+                ):
                     self._strains.check(strain, together)
                     again = settings.search != "tangent" and iteration <= model.patience
                     self._linearisation = linear if again else None
                     self._grow(scale, largest)
-                    answer = found_as(found._replace(iterations=iteration), goal.parameter, x, model.fields)
-                    answer = answer._replace(undetermined=linear.undetermined(found, x, theta, model.law))
+                    answer = found_as(
+                        found._replace(iterations=iteration), goal.parameter, x, model.fields
+                    )
+                    answer = answer._replace(
+                        undetermined=linear.undetermined(found, x, theta, model.law)
+                    )
                     kept = Memory(gauss=GaussState(update.stress, update.state)) | contact.memory(x)
                     return answer._replace(time=goal.time, memory=kept)
             active = found.active
@@ -238,7 +305,8 @@ class LinearisedStepper(Stepper):
     def _elastic_start(self, here: Answer, theta: Theta, goal: Goal) -> np.ndarray:
         """The unknown if the step were elastic.
 
-        Imposed displacements move the boundary alone: points inside would strain and flow by all of the motion.
+        Imposed displacements move the boundary alone: points inside would strain and flow by all of
+        the motion.
         """
         model = self.model
         x = here.unknown

@@ -8,21 +8,25 @@ starts there ends with :data:`NO_SLOPE`. The line search takes Deuflhard's natur
 last factors make a shorter step of the new residual (Deuflhard 2011, section 3.3): it depends on no
 unit either.
 
-Points go through the machine in blocks. In a block all points go on until the last one is solved; those that are
-solved, or need no solution, stay as they are.
+Points go through the machine in blocks. In a block all points go on until the last one is solved;
+those that are solved, or need no solution, stay as they are.
 
-Arguments of compiled functions, for a block of m points and number ``law`` of the laws in ``code``, which has c
-components of strain, u unknowns y and a residual r(y) = 0:
+Arguments of compiled functions, for a block of m points and number ``law`` of the laws in ``code``,
+which has c components of strain, u unknowns y and a residual r(y) = 0:
 
-- ``work``: registers of the machine, (registers, m); the first are strain, y, memory, dt, E, ν and other constants.
-- ``iterate``, ``steps``, ``new``: y, its last accepted Newton step, and the next step or -r, (u, m).
-- ``factors``, ``pivots``: LU factors of dr/dy, (u, u, m), and rows exchanged, (u, m); later a tuple of both and room
-  for (dr/dy)^-1 dr/dε, (c, u, m).
-- ``which``: points to work on, (m,), a bool; ``open_``: results, (m,), negative where iterations failed.
+- ``work``: registers of the machine, (registers, m); the first are strain, y, memory, dt, E, ν and
+  other constants.
+- ``iterate``, ``steps``, ``new``: y, its last accepted Newton step, and the next step or -r, (u,
+  m).
+- ``factors``, ``pivots``: LU factors of dr/dy, (u, u, m), and rows exchanged, (u, m); later a tuple
+  of both and room for (dr/dy)^-1 dr/dε, (c, u, m).
+- ``which``: points to work on, (m,), a bool; ``open_``: results, (m,), negative where iterations
+  failed.
 - ``finite``: points at which all of dr/dy is finite, (m,), a bool.
-- ``kinds``: number of the variable that each unknown is a component of, (u,); ``weights``: size of each, (u, m).
-- ``found``: stress, memory, tangents and results of all n points, see :func:`solve_points`; the block has ``count``
-  of them from number ``first``.
+- ``kinds``: number of the variable that each unknown is a component of, (u,); ``weights``: size of
+  each, (u, m).
+- ``found``: stress, memory, tangents and results of all n points, see :func:`solve_points`; the
+  block has ``count`` of them from number ``first``.
 """
 
 from __future__ import annotations
@@ -37,22 +41,30 @@ from hhr_dolfinx.plugins.programs.machine import BLOCK, run, set_numbers
 from hhr_dolfinx.plugins.programs.program import Program
 
 TRIAL, START, LOCAL, AFTER, SLOPES, REST, REST_SLOPES = range(7)
-"""Parts of the program of a law: whether there is something to solve for; first iterate; residual and its derivatives
-by the unknowns; stress, memory and limit; their derivatives by strain and unknowns, and those of the residual by the
-strain; and both for a point without unknowns."""
+"""Parts of the program of a law: whether there is something to solve for; first iterate; residual
+and its derivatives by the unknowns; stress, memory and limit; their derivatives by strain and
+unknowns, and those of the residual by the strain; and both for a point without unknowns.
+"""
 ITERATIONS = 60
 """Most evaluations of a residual at a point."""
 LEAST_SHARE = 1 / 4096
 """Smallest part of a step that the line search tries."""
 DONE = 1e-9
 ROUND_OFF = 1e-14
-"""Part of a strain that counts as its round-off: differences of strains that an equation takes have some more."""
+"""Part of a strain that counts as its round-off: differences of strains that an equation takes have
+some more.
+"""
 SOLVED, NOT_SOLVED, BEYOND, NO_SLOPE = range(4)
-"""Results at a point; ``BEYOND`` is beyond the limit that a law states, ``NO_SLOPE`` has a dr/dy that is not finite."""
+"""Results at a point; ``BEYOND`` is beyond the limit that a law states, ``NO_SLOPE`` has a dr/dy
+that is not finite.
+"""
 
 
 class Code(NamedTuple):
-    """Programs of G laws one after another, and sizes of their inputs; functions take a law by its number."""
+    """Programs of G laws one after another, and sizes of their inputs.
+
+    Functions take a law by its number.
+    """
 
     rows: np.ndarray
     numbers: np.ndarray
@@ -67,12 +79,17 @@ class Code(NamedTuple):
 
 
 STRAINS, UNKNOWNS, MEMORY, CONSTANTS, REGISTERS, LIMITED = range(6)
-"""Columns of ``sizes``: components of strain, unknowns, components of memory, constants, registers; 1 with a limit."""
+"""Columns of ``sizes``: components of strain, unknowns, components of memory, constants, registers.
+
+1 with a limit.
+"""
 
 
 @compiled(inner=True, error_model="numpy")
 def _factor(factors, pivots, which):
-    """Replace ``factors``, which hold matrices, by LU factors; a singular one has a pivot 0 or NaN."""
+    """Replace ``factors``, which hold matrices, by LU factors; a singular one has a pivot 0 or
+    NaN.
+    """
     size = len(factors)
     for k in range(which.size if size > 1 else 0):
         if not which[k]:
@@ -119,7 +136,10 @@ def _solve(factors, pivots, which, vectors):
 
 @compiled(inner=True, error_model="numpy")
 def _measure(steps, weights, kinds, lengths):
-    """Set ``lengths``, (m,): largest change of an unknown relative to its kind; infinite if a step is not finite."""
+    """Set ``lengths``, (m,): largest change of an unknown relative to its kind.
+
+    Infinite if a step is not finite.
+    """
     for k in range(lengths.size):
         lengths[k] = 0.0
     for i in range(kinds.size):
@@ -131,7 +151,10 @@ def _measure(steps, weights, kinds, lengths):
 
 @compiled(inner=True, error_model="numpy")
 def _newton(code, law, work, open_, factors, pivots):
-    """Solve for y, in ``work``, at points that are not solved; ``open_`` becomes the result at each."""
+    """Solve for y, in ``work``, at points that are not solved.
+
+    ``open_`` becomes the result at each.
+    """
     strains = code.sizes[law, STRAINS]
     size = code.sizes[law, UNKNOWNS]
     kinds = code.kinds[law, :size]
@@ -192,9 +215,11 @@ def _newton(code, law, work, open_, factors, pivots):
 
 @compiled(inner=True, error_model="numpy")
 def _settle(code, law, work, open_, factors, pivots, iterate, steps):
-    """Take points as solved whose steps are as small as a change of the strain by round-off makes them.
+    """Take points as solved whose steps are as small as a change of the strain by round-off makes
+    them.
 
-    Where a point is just about to yield, its flow is such a change, and the steps are never small beside it.
+    Where a point is just about to yield, its flow is such a change, and the steps are never small
+    beside it.
     """
     strains = code.sizes[law, STRAINS]
     size = len(iterate)
@@ -284,7 +309,10 @@ def _copy(values, to):
 
 @compiled(inner=True)
 def _load(code, law, work, first, count, strain, old, dt, constants):
-    """Set the inputs of a block from those of :func:`solve_points`; points after the last one repeat it."""
+    """Set the inputs of a block from those of :func:`solve_points`.
+
+    Points after the last one repeat it.
+    """
     strains = code.sizes[law, STRAINS]
     at_memory = strains + code.sizes[law, UNKNOWNS]
     at_constants = at_memory + code.sizes[law, MEMORY] + 1
@@ -307,7 +335,9 @@ def _load(code, law, work, first, count, strain, old, dt, constants):
 
 @compiled(inner=True)
 def _store(code, law, work, part, block, solved_for, wanted, found):
-    """Store stress, memory and BEYOND at points of a block at which ``solved_for``, (m,), is ``wanted``, a bool."""
+    """Store stress, memory and BEYOND at points of a block at which ``solved_for``, (m,), is
+    ``wanted``, a bool.
+    """
     stress, new, _, result = found
     first, last = block
     outputs = code.outputs[code.output_starts[law, part] :]
@@ -327,7 +357,9 @@ def _store(code, law, work, part, block, solved_for, wanted, found):
 
 @compiled(inner=True, error_model="numpy")
 def _store_tangents(code, law, work, part, block, solved_for, wanted, tangent, factors):
-    """Store tangents dσ/dε - dσ/dy (dr/dy)^-1 dr/dε in ``tangent``, (c, c, n), at the points of :func:`_store`."""
+    """Store tangents dσ/dε - dσ/dy (dr/dy)^-1 dr/dε in ``tangent``, (c, c, n), at the points of
+    :func:`_store`.
+    """
     matrices, pivots, columns = factors
     first, last = block
     strains = code.sizes[law, STRAINS]
@@ -356,7 +388,9 @@ def _store_tangents(code, law, work, part, block, solved_for, wanted, tangent, f
 
 @compiled(inner=True)
 def _finish(code, law, work, part, block, solved_for, wanted, found, factors):
-    """Run :data:`AFTER` or :data:`REST` and store its results at points that were solved for, or at the others."""
+    """Run :data:`AFTER` or :data:`REST` and store its results at points that were solved for, or at
+    the others.
+    """
     run(code.rows, code.starts[law, part], code.ends[law, part], work)
     _store(code, law, work, part, block, solved_for, wanted, found)
     tangent = found[2]
@@ -377,7 +411,9 @@ def _solve_block(code, law, work, first, count, states, found, factors):
     active = 0
     for k in range(solved_for.size):
         # NaN is to be solved for, and fails
-        solved_for[k] = k < count and size > 0 and (not tried or not work[code.outputs[trial], k] <= 0)
+        solved_for[k] = (
+            k < count and size > 0 and (not tried or not work[code.outputs[trial], k] <= 0)
+        )
         open_[k] = NOT_SOLVED if solved_for[k] else SOLVED
         active += solved_for[k]
     if active > 0:
@@ -396,16 +432,29 @@ def _solve_block(code, law, work, first, count, states, found, factors):
 
 @compiled(dear="the update of laws of bodies", error_model="numpy")
 def solve_points(
-    code: Code, law: int, start: int, end: int, strain: np.ndarray, old: np.ndarray, dt: float, constants: np.ndarray,
-    compliance: np.ndarray, grading: np.ndarray, stress: np.ndarray, new: np.ndarray, tangent: np.ndarray,
+    code: Code,
+    law: int,
+    start: int,
+    end: int,
+    strain: np.ndarray,
+    old: np.ndarray,
+    dt: float,
+    constants: np.ndarray,
+    compliance: np.ndarray,
+    grading: np.ndarray,
+    stress: np.ndarray,
+    new: np.ndarray,
+    tangent: np.ndarray,
     result: np.ndarray,
-) -> None:  # fmt: skip
-    """Stress, (c, n), memory, (k, n), and tangents, (c, c, n), at the end of a step; tangents may be empty.
+) -> None:
+    """Stress, (c, n), memory, (k, n), and tangents, (c, c, n), at the end of a step.
 
-    The points are those from ``start`` to ``end`` - 1 of n. Strains are (c, n), constants (constants, n), or
-    (constants, 1) if they are the same at all points, C^-1 is (c, c). At a point it is over ``grading``, (n,), which is
-    empty for 1. Memory and constants may have more rows than the law. ``result`` is one of :data:`SOLVED` and the
-    others at each point.
+    Tangents may be empty.
+
+    The points are those from ``start`` to ``end`` - 1 of n. Strains are (c, n), constants
+    (constants, n), or (constants, 1) if they are the same at all points, C^-1 is (c, c). At a point
+    it is over ``grading``, (n,), which is empty for 1. Memory and constants may have more rows than
+    the law. ``result`` is one of :data:`SOLVED` and the others at each point.
     """
     strains = code.sizes[law, STRAINS]
     size = code.sizes[law, UNKNOWNS]
@@ -413,8 +462,14 @@ def solve_points(
     block = max((end - start + 8 * blocks - 1) // (8 * blocks), 1) * 8
     work = np.empty((code.sizes[law, REGISTERS], block))
     numbers = code.numbers[code.number_ends[law] : code.number_ends[law + 1]]
-    set_numbers(numbers, strains + size + code.sizes[law, MEMORY] + 1 + code.sizes[law, CONSTANTS], work)
-    factors = np.empty((size, size, block)), np.empty((size, block), dtype=np.int64), np.empty((strains, size, block))
+    set_numbers(
+        numbers, strains + size + code.sizes[law, MEMORY] + 1 + code.sizes[law, CONSTANTS], work
+    )
+    factors = (
+        np.empty((size, size, block)),
+        np.empty((size, block), dtype=np.int64),
+        np.empty((strains, size, block)),
+    )
     states = np.zeros(block, dtype=np.bool_), np.zeros(block, dtype=np.int64)
     found = stress, new, tangent, result
     result[start:end] = SOLVED
@@ -423,7 +478,9 @@ def solve_points(
         _load(code, law, work, first, count, strain, old, dt, constants)
         _solve_block(code, law, work, first, count, states, found, factors)
     _set_inelastic(start, end, strain, old, (compliance, grading), stress, new)
-    for i in range(code.sizes[law, MEMORY]):  # the inelastic strain is no number if the stress is none
+    for i in range(
+        code.sizes[law, MEMORY]
+    ):  # the inelastic strain is no number if the stress is none
         for k in range(start, end):
             if not abs(new[i, k]) < np.inf:
                 result[k] = max(result[k], NOT_SOLVED)
@@ -442,7 +499,10 @@ def subtract(share: float, row: np.ndarray, grading: np.ndarray, to: np.ndarray)
 
 @compiled(inner=True)
 def _set_inelastic(start, end, strain, old, elasticity, stress, new):
-    """Set the first rows of ``new`` to ε - C^-1 σ, (c, n); where nothing flowed, it does not change by round-off."""
+    """Set the first rows of ``new`` to ε - C^-1 σ, (c, n).
+
+    Where nothing flowed, it does not change by round-off.
+    """
     components = len(strain)
     compliance, grading = elasticity
     for i in range(components):
@@ -465,13 +525,17 @@ def _set_inelastic(start, end, strain, old, elasticity, stress, new):
 
 
 def code_of(programs: Sequence[tuple[Program, Sequence[int], np.ndarray]]) -> Code:
-    """Programs of laws one after another, each with the sizes of :data:`STRAINS` and the kinds of its unknowns."""
+    """Programs of laws one after another, each with the sizes of :data:`STRAINS` and the kinds of
+    its unknowns.
+    """
     rows = [program.rows for program, _, _ in programs]
     outputs = [program.outputs for program, _, _ in programs]
     first = np.cumsum([0, *map(len, rows)])
     first_output = np.cumsum([0, *map(len, outputs)])
     ends = np.array([program.ends for program, _, _ in programs]) + first[:-1, None]
-    output_ends = np.array([program.output_ends for program, _, _ in programs]) + first_output[:-1, None]
+    output_ends = (
+        np.array([program.output_ends for program, _, _ in programs]) + first_output[:-1, None]
+    )
     kinds = np.zeros((len(programs), max(len(item) for _, _, item in programs)), dtype=np.int64)
     for row, (_, _, item) in zip(kinds, programs, strict=True):
         row[: len(item)] = item

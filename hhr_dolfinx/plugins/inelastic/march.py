@@ -1,10 +1,12 @@
-"""Quasi-static histories of contact between inelastic bodies, thesis Alg. 6.1 and 6.2: one loop for all models.
+"""Quasi-static histories of contact between inelastic bodies, thesis Alg. 6.1 and 6.2: one loop for
+all models.
 
-The stepper of a model solves its steps: by linearisation (:mod:`plugins.inelastic.linearised_step`), or in one compiled
-loop (:mod:`plugins.inelastic.condensed_flow`). A step that does not converge is halved; only converged steps are kept.
-If requested, the error of the steps in time is estimated, and with a tolerance steps are cut by it
-(:mod:`plugins.inelastic.time_error`). Loads, imposed displacements, gaps, and constants of laws that are formulas have
-their values at the end of a step or of a part of it.
+The stepper of a model solves its steps: by linearisation
+(:mod:`plugins.inelastic.linearised_step`), or in one compiled loop
+(:mod:`plugins.inelastic.condensed_flow`). A step that does not converge is halved; only converged
+steps are kept. If requested, the error of the steps in time is estimated, and with a tolerance
+steps are cut by it (:mod:`plugins.inelastic.time_error`). Loads, imposed displacements, gaps, and
+constants of laws that are formulas have their values at the end of a step or of a part of it.
 """
 
 from __future__ import annotations
@@ -16,10 +18,20 @@ from typing import Any, ClassVar
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, NotSolvableError, ParameterError, SceneError
+from hhr_dolfinx.errors import (
+    ConvergenceError,
+    NotOfferedError,
+    NotSolvableError,
+    ParameterError,
+    SceneError,
+)
 from hhr_dolfinx.memory import NO_MEMORY, Memory
 from hhr_dolfinx.models.answer import Answer, History, Path
-from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings, warn_of_time_error
+from hhr_dolfinx.models.histories.equilibrium import (
+    DEFAULT_MARCH,
+    MarchSettings,
+    warn_of_time_error,
+)
 from hhr_dolfinx.models.histories.path import check_settings, left_with, walked
 from hhr_dolfinx.models.histories.steps import steps_of
 from hhr_dolfinx.models.model import warn_undetermined
@@ -35,7 +47,9 @@ _log = logging.getLogger(__name__)
 
 
 class Histories(Equilibrium):
-    """Equilibrium that answers paths, see :class:`hhr_dolfinx.models.histories.equilibrium.Equilibrium`."""
+    """Equilibrium that answers paths, see
+    :class:`hhr_dolfinx.models.histories.equilibrium.Equilibrium`.
+    """
 
     reader: ClassVar[str] = "inelastic"
 
@@ -60,20 +74,32 @@ class Histories(Equilibrium):
         return self
 
     def one_step(
-        self, model: object, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool, **step: Any
+        self,
+        model: object,
+        point: np.ndarray,
+        raise_on_failure: bool,
+        outside: str,
+        gradient: bool,
+        **step: Any,
     ) -> Answer:
-        """One step from rest to a point, see :func:`one_step`; NotOfferedError for a gradient and other arguments."""
+        """One step from rest to a point, see :func:`one_step`.
+
+        NotOfferedError for a gradient and other arguments.
+        """
         if step.keys() - {"duration"}:
-            raise NotOfferedError(f"solve knows no {', '.join(step)} here: only bodies that flow take a duration")
+            raise NotOfferedError(
+                f"solve knows no {', '.join(step)} here: only bodies that flow take a duration"
+            )
         if gradient:
             raise NotOfferedError(
-                "a single step of bodies that flow has no gradient: how they flow depends on the path, along which "
-                "there is one: march(path, MarchSettings(gradient=True))"
+                "a single step of bodies that flow has no gradient: how they flow depends on the "
+                "path, along which there is one: march(path, MarchSettings(gradient=True))"
             )
         return one_step(model, point, raise_on_failure, outside, **step)
 
 
-# threads of BLAS slow small blocks down: a projected tangent of 70 modes took 7.8 ms on two of them, 3.1 ms on one
+# threads of BLAS slow small blocks down: a projected tangent of 70 modes took 7.8 ms on two of
+# them, 3.1 ms on one
 @one_thread
 def march(
     model: Equilibrium,
@@ -87,7 +113,8 @@ def march(
 
     Args:
         model: of a full or a reduced model.
-        path: times and parameters, as :func:`checked_path` returns them; parameters are linear between them.
+        path: times and parameters, as :func:`checked_path` returns them; parameters are linear
+            between them.
         settings: of the history.
         known: answers to the first steps, solved before; the history continues after them.
         keep: called with each answer as soon as it is solved.
@@ -96,11 +123,13 @@ def march(
         ParameterError: for invalid settings, or a path along which elasticity changes.
         OutsideTrainingError: if a step is outside the training range, and ``settings`` refuse that.
         ConvergenceError: with the step, the time and the worst point.
-        Anything that ends a history, a keyboard interrupt too, has an attribute ``history`` with the steps before.
+        Anything that ends a history, a keyboard interrupt too, has an attribute ``history`` with
+        the steps before.
 
     Warns:
-        OutsideTrainingWarning: if a step is outside the training range, and ``settings`` do not say otherwise.
-        TimeStepWarning: if the error of the time steps was to be estimated and is large, and no tolerance was given.
+        OutsideTrainingWarning: if a step is outside the training range, and ``settings`` do not say
+        otherwise. TimeStepWarning: if the error of the time steps was to be estimated and is large,
+        and no tolerance was given.
     """
     check_settings(settings)
     check_elasticity(model.moduli, model.parameters.names, path)
@@ -110,8 +139,8 @@ def march(
         slopes_of_contacts(model, 0)  # refuses laws of contacts without derivatives
         if settings.limit and model.law.remembers:
             raise NotOfferedError(
-                "derivatives of the limit of small increments are not built in where bodies flow: those of the "
-                "increments are exact, MarchSettings(gradient=True)"
+                "derivatives of the limit of small increments are not built in where bodies flow: "
+                "those of the increments are exact, MarchSettings(gradient=True)"
             )
     history = History(*path[0], time_tolerance=settings.time_tolerance)
     with model.lock, left_with(history):
@@ -126,7 +155,9 @@ def march(
 
 
 class _Steps:
-    """Steps of one history along a checked path; its signs go into the history as they are solved."""
+    """Steps of one history along a checked path; its signs go into the history as they are
+    solved.
+    """
 
     def __init__(self, model: Equilibrium, path: Path, settings: MarchSettings, history: History):
         self.model = model
@@ -145,7 +176,8 @@ class _Steps:
         self.watch.before(number, here.time, time, here.parameter, point)
         turned = _turns(self.model, self.trail, point)
         if turned:
-            # the inelastic bodies of the last step respond elastically now: an extrapolation would mislead
+            # the inelastic bodies of the last step respond elastically now: an extrapolation would
+            # mislead
             self.trail = self.trail[-1:]
         return turned
 
@@ -162,7 +194,9 @@ class _Steps:
         """Solve a step, cut as often as necessary."""
         turned = self._begun(number, time, point)
         try:
-            after = _stepped(self.stepper, self.trail, Goal(time, point), self.second, number, turned)
+            after = _stepped(
+                self.stepper, self.trail, Goal(time, point), self.second, number, turned
+            )
         except Diverged as failure:
             raise self._lost(number, time, failure) from None
         return self._ended(number, after, None)
@@ -183,7 +217,9 @@ class _Steps:
         signs = self.model.signs(after)
         self.watch.after(number, after.time, signs)  # a refused step is not kept
         whole = self.model.together.whole(after) if whole is None else whole
-        if after.undetermined is not None and all(answer.undetermined is None for answer in self.history.answers):
+        if after.undetermined is not None and all(
+            answer.undetermined is None for answer in self.history.answers
+        ):
             warn_undetermined(self.model.parameters, whole)  # once for a path
         self.history.signs.append(signs)
         report = number, len(self.path) - 1, after.time, after.iterations, after.parts
@@ -193,9 +229,16 @@ class _Steps:
 
 
 def _stepped(
-    stepper: Stepper, trail: tuple[Answer, ...], goal: Goal, second: SecondSolution | None, number: int, turned: bool
+    stepper: Stepper,
+    trail: tuple[Answer, ...],
+    goal: Goal,
+    second: SecondSolution | None,
+    number: int,
+    turned: bool,
 ) -> Answer:
-    """A step of a path, cut by the time tolerance if there is one, with its time errors if they were requested."""
+    """A step of a path, cut by the time tolerance if there is one, with its time errors if they
+    were requested.
+    """
     controlled = stepper.settings.time_tolerance is not None
     if second is not None and controlled:
         parts, spent = in_parts(stepper, trail, goal, second, number, turned)
@@ -223,17 +266,32 @@ def _turns(model: Equilibrium, trail: tuple[Answer, ...], target: np.ndarray) ->
 
 
 def _at_rest(model: Equilibrium, time: float, parameter: np.ndarray) -> Answer:
-    return _uniform(model, parameter, 0.0, Status.CONVERGED, time, steps_of(model.law).at_rest(model))
+    return _uniform(
+        model, parameter, 0.0, Status.CONVERGED, time, steps_of(model.law).at_rest(model)
+    )
 
 
 def _uniform(
-    model: Equilibrium, parameter: np.ndarray, value: float, status: Status, time: float, rest: Memory
+    model: Equilibrium,
+    parameter: np.ndarray,
+    value: float,
+    status: Status,
+    time: float,
+    rest: Memory,
 ) -> Answer:
     """Answer of which all arrays have one value, such as NaN without a solution."""
     stress = np.full((model.material.gauss_points, model.material.components), value)
-    gauss = GaussState(stress, State(*(np.full_like(part, value) for part in model.material.at_rest())))
-    arrays = np.full(model.size, value), np.full(model.conditions, value), np.zeros(model.conditions, dtype=bool)
-    return Answer(parameter, *arrays, 0, status, False, model.fields, time, memory=Memory(gauss=gauss) | rest)
+    gauss = GaussState(
+        stress, State(*(np.full_like(part, value) for part in model.material.at_rest()))
+    )
+    arrays = (
+        np.full(model.size, value),
+        np.full(model.conditions, value),
+        np.zeros(model.conditions, dtype=bool),
+    )
+    return Answer(
+        parameter, *arrays, 0, status, False, model.fields, time, memory=Memory(gauss=gauss) | rest
+    )
 
 
 def elastic_axes(moduli: Sequence[str], names: Sequence[str]) -> dict[int, list[str]]:
@@ -244,41 +302,60 @@ def elastic_axes(moduli: Sequence[str], names: Sequence[str]) -> dict[int, list[
     from hhr_dolfinx.formulas import formula_of
 
     variables = {text: formula_of(text, "a modulus").variables for text in sorted(set(moduli))}
-    found = {place: [text for text, own in variables.items() if name in own] for place, name in enumerate(names)}
+    found = {
+        place: [text for text, own in variables.items() if name in own]
+        for place, name in enumerate(names)
+    }
     return {place: texts for place, texts in found.items() if texts}
 
 
 def check_elasticity(moduli: Sequence[str], names: Sequence[str], path: Path) -> None:
-    """Raise ParameterError for a checked path along which a modulus of elasticity changes, by their formulas."""
+    """Raise ParameterError for a checked path along which a modulus of elasticity changes, by their
+    formulas.
+    """
     for place, texts in elastic_axes(moduli, names).items():
         values = np.array([point[place] for _, point in path])
         if np.ptp(values) > 0:
             name = names[place]
             step = int(np.flatnonzero(values != values[0])[0])
             raise ParameterError(
-                f"{name} changes from {values[0]:g} to {values[step]:g} in step {step} of the path, "
-                f"and the elasticity or a shape depends on it ({', '.join(texts)}): they must be the same along a "
-                f"history. "
-                f"Keep {name} as it is along the path, or state the modulus in the law hhr.ChangingStiffness"
+                f"{name} changes from {values[0]:g} to {values[step]:g} in step {step} of the "
+                f"path, and the elasticity or a shape depends on it ({', '.join(texts)}): they "
+                f"must be the same along a history. Keep {name} as it is along the path, or state "
+                "the modulus in the law hhr.ChangingStiffness"
             )
 
 
 def one_step(
-    model: Any, mu: PointLike, raise_on_failure: bool = True, outside: str = "warn", duration: float = 1.0
+    model: Any,
+    mu: PointLike,
+    raise_on_failure: bool = True,
+    outside: str = "warn",
+    duration: float = 1.0,
 ) -> Answer:
-    """Answer of a model of inelastic bodies: one step from rest, where the box is nearest to zero, with its elasticity.
+    """Answer of a model of inelastic bodies: one step from rest, where the box is nearest to zero,
+    with its elasticity.
 
-    The arguments are those of :meth:`Model.solve`, and the duration of the step in seconds, for laws with rates.
+    The arguments are those of :meth:`Model.solve`, and the duration of the step in seconds, for
+    laws with rates.
     """
     space = model.parameters
     target = space.point(mu)
     start = np.clip(0.0, space.lower, space.upper)
     axes = list(elastic_axes(model.equilibrium.moduli, space.names))
     start[axes] = target[axes]  # elasticity is constant along a history
-    start[model.law.fixed] = target[model.law.fixed]  # in parts of a step that is cut they would be too small
+    start[model.law.fixed] = target[
+        model.law.fixed
+    ]  # in parts of a step that is cut they would be too small
     try:
-        return model.march([(0.0, start), (duration, target)], MarchSettings(outside=outside)).answers[-1]
-    except (ConvergenceError, NotSolvableError, SceneError):  # of a modulus or a constant that is impossible there
+        return model.march(
+            [(0.0, start), (duration, target)], MarchSettings(outside=outside)
+        ).answers[-1]
+    except (
+        ConvergenceError,
+        NotSolvableError,
+        SceneError,
+    ):  # of a modulus or a constant that is impossible there
         if raise_on_failure:
             raise
         return _uniform(model.equilibrium, target, np.nan, Status.DIVERGED, np.nan, NO_MEMORY)

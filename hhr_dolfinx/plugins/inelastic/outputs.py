@@ -26,7 +26,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class FlowMises(Functional):
-    """Von Mises' stress at Gauss points of inelastic bodies; derivatives of histories do not include the stress."""
+    """Von Mises' stress at Gauss points of inelastic bodies.
+
+    Derivatives of histories do not include the stress.
+    """
 
     differentiable = False
 
@@ -49,7 +52,10 @@ def mises(operator: StrainOperator, output: StressOutput, cells: np.ndarray) -> 
 
     points = operator.points_of(cells)
     shares = operator.weights.ravel()[points]
-    of_points = points.astype(np.int64), shares / shares.sum() if output.kind == "mean" else np.zeros(0)
+    of_points = (
+        points.astype(np.int64),
+        shares / shares.sum() if output.kind == "mean" else np.zeros(0),
+    )
     return FlowMises(output.name, output.unit, *no_rows(), *of_points)
 
 
@@ -59,10 +65,12 @@ SAME = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class FlowEnergy(Functional):
-    """Elastic energy ∫ σ : C^-1 σ / 2 at all Gauss points; derivatives of histories do not include the stress.
+    """Elastic energy ∫ σ : C^-1 σ / 2 at all Gauss points.
 
-    C^-1 is a sum of parts with factors of the parameters: of an isotropic body, (1 + ν) / E of the identity and -ν / E
-    of the trace.
+    Derivatives of histories do not include the stress.
+
+    C^-1 is a sum of parts with factors of the parameters: of an isotropic body, (1 + ν) / E of the
+    identity and -ν / E of the trace.
     """
 
     differentiable = False
@@ -70,9 +78,13 @@ class FlowEnergy(Functional):
     names: tuple[str, ...]  # of the parameters
     factors: tuple[str, ...]  # of the parts of C^-1 of all bodies as formulas, (k,)
     owners: Annotated[Integers, "parts"]  # body of each part, (k,)
-    compliances: Annotated[Floats, "parts", "components", "components"]  # each part for its factor 1
+    compliances: Annotated[
+        Floats, "parts", "components", "components"
+    ]  # each part for its factor 1
     bodies: Annotated[Integers, "points"]  # body of each Gauss point
-    weights: Annotated[Floats, "points"]  # quadrature weight times volume of each, over the grading of C
+    weights: Annotated[
+        Floats, "points"
+    ]  # quadrature weight times volume of each, over the grading of C
 
     def __post_init__(self) -> None:
         _ = self._factors
@@ -85,7 +97,9 @@ class FlowEnergy(Functional):
         """Sum over all Gauss points."""
         stress = state.stress()
         found = 0.0
-        for factor, owner, compliance in zip(self._factors, self.owners, self.compliances, strict=True):
+        for factor, owner, compliance in zip(
+            self._factors, self.owners, self.compliances, strict=True
+        ):
             own = self.bodies == owner
             # sizes of files are tried with stresses of four components
             few = compliance[: stress.shape[1], : stress.shape[1]]
@@ -112,11 +126,15 @@ def energy(operator: StrainOperator, material: Material, output: NamedOutput) ->
             compliances.append(compliance)
             owners.append(body)
     arrays = np.array(owners, dtype=np.int64), np.array(compliances), bodies, weights
-    return FlowEnergy(output.name, output.unit, *no_rows(), tuple(material.names), tuple(factors), *arrays)
+    return FlowEnergy(
+        output.name, output.unit, *no_rows(), tuple(material.names), tuple(factors), *arrays
+    )
 
 
 def _compliances(group: Group, components: int) -> Iterator[tuple[str, np.ndarray]]:
-    """Parts of C^-1 of a group for the grading 1: a factor as a formula, and what it multiplies, (c, c)."""
+    """Parts of C^-1 of a group for the grading 1: a factor as a formula, and what it multiplies,
+    (c, c).
+    """
     if not group.texts or (group.law is not None and group.law.elastic):
         yield "1", group.elasticity(components)[1]
         return
@@ -127,16 +145,21 @@ def _compliances(group: Group, components: int) -> Iterator[tuple[str, np.ndarra
 
 
 def check_elasticity(material: Material, space: ParameterSpace, output: NamedOutput) -> None:
-    """Raise SceneError for a law, not of plane stress, whose slope at rest is not C of its body somewhere in a box."""
+    """Raise SceneError for a law, not of plane stress, whose slope at rest is not C of its body
+    somewhere in a box.
+    """
     for point in (space.lower, space.middle, space.upper):
         there = material.at(np.array(point, dtype=float))
         for group, given in zip(there.groups, there.given, strict=True):
             if group.law is None or isinstance(group.law, LawCode):  # code states none at rest
                 continue
             elastic = there.elastic[group.indices]
-            if np.abs(group.law.tangents_at_rest(given.constants) - elastic).max() > SAME * np.abs(elastic).max():
+            if (
+                np.abs(group.law.tangents_at_rest(given.constants) - elastic).max()
+                > SAME * np.abs(elastic).max()
+            ):
                 raise SceneError(
-                    f"output '{output.name}': the law {group.law.name} changes the elasticity of its body, and "
-                    "∫ σ : C^-1 σ / 2 needs that of the current point, of which outputs know E, ν and the grading "
-                    "alone: leave it out"
+                    f"output '{output.name}': the law {group.law.name} changes the elasticity of "
+                    "its body, and ∫ σ : C^-1 σ / 2 needs that of the current point, of which "
+                    "outputs know E, ν and the grading alone: leave it out"
                 )

@@ -1,4 +1,5 @@
-"""Laws of bodies whose update is code outside of UFL, for full, hyper-reduced and condensed models in memory.
+"""Laws of bodies whose update is code outside of UFL, for full, hyper-reduced and condensed models
+in memory.
 
 What holds data and no code refuses them: files, pages, C and FMUs.
 """
@@ -25,9 +26,13 @@ class Step(NamedTuple):
     """A step at n points."""
 
     strain: np.ndarray  # at its end in Kelvin's notation, (n, c)
-    old: Mapping[str, np.ndarray]  # before: strain, stress, inelastic ε - C^-1 σ, and memory; numbers are (n,)
+    old: Mapping[
+        str, np.ndarray
+    ]  # before: strain, stress, inelastic ε - C^-1 σ, and memory; numbers are (n,)
     dt: float  # its duration in seconds
-    constants: Mapping[str, float | np.ndarray]  # with young and poisson; (n,) if they vary in space
+    constants: Mapping[
+        str, float | np.ndarray
+    ]  # with young and poisson; (n,) if they vary in space
     tangent: bool  # whether tangents are needed
 
 
@@ -35,14 +40,17 @@ class OutsideLaw(Law):
     """Base of laws that are code; C at rest is that of E and ν of the body.
 
     Args:
-        name: name of the law, which with the other ``identity``, texts, and the constants identifies it in stores.
+        name: name of the law, which with the other ``identity``, texts, and the constants
+            identifies it in stores.
         constants: numbers, or formulas of the parameters, by name.
         rated: whether the answer depends on the duration of a step.
     """
 
     name = ""
 
-    def __init__(self, name: str, constants: Mapping[str, float | str], rated: bool, *identity: str):
+    def __init__(
+        self, name: str, constants: Mapping[str, float | str], rated: bool, *identity: str
+    ):
         self.name = name
         self.rated = rated
         self.identity = name, *identity
@@ -59,8 +67,8 @@ class OutsideLaw(Law):
     def evaluate(self, step: Step) -> tuple[np.ndarray, dict[str, np.ndarray], np.ndarray | None]:
         """Stress, (n, c), memory by name, and consistent tangents, (n, c, c), if they are needed.
 
-        A point without an answer has a value that is not finite. Without ``cumulated`` in the memory √(2/3) of the
-        change of the inelastic deviator is added.
+        A point without an answer has a value that is not finite. Without ``cumulated`` in the
+        memory √(2/3) of the change of the inelastic deviator is added.
         """
         raise NotImplementedError
 
@@ -70,7 +78,10 @@ class OutsideLaw(Law):
 
     def statement(self, at: object) -> NoReturn:
         """Refuse what needs a law in UFL with a SceneError."""
-        raise SceneError(f"{self.name} is code outside of UFL: no plane stress, no heat and no other law around it")
+        raise SceneError(
+            f"{self.name} is code outside of UFL: no plane stress, no heat and no other law "
+            "around it"
+        )
 
     def at_points(self, strains: int, *, plane_stress: bool = False) -> LawProgram:
         """See :class:`Law`."""
@@ -97,8 +108,8 @@ class LawCode(LawProgram):
     def program(self) -> NoReturn:
         """Refuse what needs a program with a NotOfferedError."""
         raise NotOfferedError(
-            f"{self.name} is code outside of UFL, and files, pages, C and FMUs hold none: take models in memory, and "
-            "keep the answers, folder=..., of which these are built again"
+            f"{self.name} is code outside of UFL, and files, pages, C and FMUs hold none: take "
+            "models in memory, and keep the answers, folder=..., of which these are built again"
         )
 
     @cached_property
@@ -112,13 +123,18 @@ class LawCode(LawProgram):
         known = dict(zip(self.constants, self.values, strict=True))
         return LawCode(self.law, self.strains, (*(known | {**numbers}).values(),))
 
-    def update(self, strain: np.ndarray, old: State, dt: float, given: Given, *, tangent: bool) -> Update:
+    def update(
+        self, strain: np.ndarray, old: State, dt: float, given: Given, *, tangent: bool
+    ) -> Update:
         """See :class:`LawProgram`."""
         points, strains = strain.shape
         if not points:
             return Update(strain, old, np.zeros((0, strains, strains)) if tangent else None)
         parts = np.split(np.column_stack(old), np.cumsum(self.sizes), axis=1)[:-1]
-        before = {name: part[:, 0] if part.shape[1] == 1 else part for name, part in zip(self.own, parts, strict=True)}
+        before = {
+            name: part[:, 0] if part.shape[1] == 1 else part
+            for name, part in zip(self.own, parts, strict=True)
+        }
         before["stress"] = given.stress(before["strain"] - before["inelastic"])
         rows = (row if row.size > 1 else float(row[0]) for row in given.constants)
         numbers = dict(zip(("young", "poisson", *self.constants), rows, strict=True))
@@ -131,8 +147,14 @@ class LawCode(LawProgram):
         inelastic = old.inelastic + change
         cumulated = old.cumulated + np.sqrt(2 / 3) * np.linalg.norm(deviator(change), axis=1)
         memory = {"cumulated": cumulated, "strain": strain, **memory, "inelastic": inelastic}
-        new = np.hstack([np.reshape(memory[name], (points, size)) for name, size in self.own.items()])
-        slopes = np.reshape(np.asarray(tangents), (points, strains, strains)) if tangent else np.zeros((points, 1, 1))
+        new = np.hstack(
+            [np.reshape(memory[name], (points, size)) for name, size in self.own.items()]
+        )
+        slopes = (
+            np.reshape(np.asarray(tangents), (points, strains, strains))
+            if tangent
+            else np.zeros((points, 1, 1))
+        )
         finite = np.isfinite(new).all(axis=1) & np.isfinite(slopes).all(axis=(1, 2))
         self._check(np.where(finite, SOLVED, NOT_SOLVED), strain.T)
         state = State(inelastic, new[:, strains], new[:, strains + 1 :])

@@ -11,7 +11,10 @@ from hhr_dolfinx.models.answer import Answer
 
 
 class Points:
-    """Gauss points of a model, all of them local; other classes distribute them over ranks that communicate."""
+    """Gauss points of a model, all of them local.
+
+    Other classes distribute them over ranks that communicate.
+    """
 
     def largest(self, value: float) -> float:
         """Largest value on all ranks."""
@@ -34,7 +37,9 @@ class Points:
         return values
 
     def place(self, values: np.ndarray) -> int:
-        """Number, among the points of all ranks, of the largest of values at local points, (points,)."""
+        """Number, among the points of all ranks, of the largest of values at local points,
+        (points,).
+        """
         return int(values.argmax())
 
     def worst(self, size: float, what: object) -> Any:

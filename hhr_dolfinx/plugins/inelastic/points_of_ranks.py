@@ -1,4 +1,6 @@
-"""Inelastic bodies on several ranks: each updates the material, and assembles, in some of the cells."""
+"""Inelastic bodies on several ranks: each updates the material, and assembles, in some of the
+cells.
+"""
 
 from __future__ import annotations
 
@@ -42,20 +44,28 @@ class PointsOfRanks(Points):
         return all(self._comm.allgather(bool(true)))
 
     def agreed(self, work: Callable[[], Any]) -> Any:
-        """See :class:`Points`; of different errors on the ranks all raise the same, so that none tries again alone."""
+        """See :class:`Points`; of different errors on the ranks all raise the same, so that none
+        tries again alone.
+        """
         found = failure = None
         try:
             found = work()
         except BaseException as error:  # after an interrupt too the other ranks would wait
             failure = error
-        failures = self._comm.allgather(None if failure is None else (type(failure).__name__, str(failure)))
+        failures = self._comm.allgather(
+            None if failure is None else (type(failure).__name__, str(failure))
+        )
         failed = [(rank, *words) for rank, words in enumerate(failures) if words is not None]
         if not failed:
             return found
-        rank, name, text = next((item for item in failed if item[1] != ConvergenceError.__name__), failed[0])
+        rank, name, text = next(
+            (item for item in failed if item[1] != ConvergenceError.__name__), failed[0]
+        )
         if failure is not None and type(failure).__name__ == name:
             raise failure
-        message = f"updating the material failed on rank {rank} of {self._comm.size}, {name}: {text}"
+        message = (
+            f"updating the material failed on rank {rank} of {self._comm.size}, {name}: {text}"
+        )
         raise class_of(name)(message) from failure
 
     def place(self, values: np.ndarray) -> int:
@@ -85,11 +95,15 @@ class PointsOfRanks(Points):
         """See :class:`Points`."""
         width = values.shape[1:]
         found = np.empty((int(self._counts.sum()), *width))
-        self._comm.Allgatherv(np.ascontiguousarray(values), (found, self._counts * int(np.prod(width))))
+        self._comm.Allgatherv(
+            np.ascontiguousarray(values), (found, self._counts * int(np.prod(width)))
+        )
         return found
 
 
 def _mapped(answer: Answer, change: Callable[[np.ndarray], np.ndarray]) -> Answer:
     """An answer with other stress and state."""
     gauss = gauss_of(answer)
-    return answer.remembering(gauss=GaussState(change(gauss.stress), State(*map(change, gauss.state))))
+    return answer.remembering(
+        gauss=GaussState(change(gauss.stress), State(*map(change, gauss.state)))
+    )

@@ -1,4 +1,7 @@
-"""Stages that inelastic bodies add to the reduction: Gauss points of the RID, tangents; the correction of forces."""
+"""Stages that inelastic bodies add to the reduction: Gauss points of the RID, tangents.
+
+The correction of forces.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +38,10 @@ def project_points(draft: Draft) -> None:
 
 
 def complete_flow(draft: Draft) -> None:
-    """Completion of stress and plastic strain; the fields of training are decomposed once for all attempts."""
+    """Completion of stress and plastic strain.
+
+    The fields of training are decomposed once for all attempts.
+    """
     shared = draft.shared
     with shared.log.stage("reconstruction", shared.task.announce):
         fitted = shared.once("fields of laws", lambda: FittedFlow.of(shared.snapshots))
@@ -43,7 +49,9 @@ def complete_flow(draft: Draft) -> None:
 
 
 def check_tangents(draft: Draft) -> None:
-    """Smallest tangent margin at training states, if requested; 1, that of the elastic operator, if all are elastic.
+    """Smallest tangent margin at training states, if requested.
+
+    1, that of the elastic operator, if all are elastic.
 
     Raises:
         UnstableModelError: if it is too small.
@@ -54,13 +62,16 @@ def check_tangents(draft: Draft) -> None:
     if step is None:
         return
     with shared.log.stage("training_tangents", shared.task.announce):
-        states = shared.once("tangents", lambda: training_tangents(full, shared.snapshots, step.states))
+        states = shared.once(
+            "tangents", lambda: training_tangents(full, shared.snapshots, step.states)
+        )
     with shared.log.stage("stability", shared.task.announce):
         margin = min((tangent_margin(draft.model, *state) for state in states), default=1.0)
         if not margin > step.least:
             raise UnstableModelError(
-                f"with {draft.layers} layers a projected tangent at a training state has an eigenvalue of real part "
-                f"{margin:.2g}: steps would fail or follow a wrong path. Allow more layers or keep fewer modes"
+                f"with {draft.layers} layers a projected tangent at a training state has an "
+                f"eigenvalue of real part {margin:.2g}: steps would fail or follow a wrong path. "
+                "Allow more layers or keep fewer modes"
             )
         draft.further["tangent"] = margin
 
@@ -72,7 +83,9 @@ def project_flow(full: FullEquilibrium, basis: np.ndarray, sets: IndexSets) -> R
     inside = np.zeros(problem.free.size, dtype=bool)
     inside[sets.A] = True
     follow = problem.prolongation.map
-    inside = problem.prolongation.touched(inside)  # test functions are non-zero on dofs that follow those of A, too
+    inside = problem.prolongation.touched(
+        inside
+    )  # test functions are non-zero on dofs that follow those of A, too
     # cells of the RID without such a dof act on no test function
     cells = np.flatnonzero(inside[operator.dofs].any(axis=1))
     restricted, columns = operator.restricted(cells)
@@ -89,12 +102,18 @@ def project_flow(full: FullEquilibrium, basis: np.ndarray, sets: IndexSets) -> R
         springs=None if full.springs is None else full.springs[acting],
         loads=problem.external[acting],
         contact=csr_matrix(problem.contact[sets.A_lambda][:, acting].T),
-        eigenstrains=csc_matrix(full.eigenstrains.tocsr()[rows_of(operator.points_of(cells), operator.components)]),
+        eigenstrains=csc_matrix(
+            full.eigenstrains.tocsr()[rows_of(operator.points_of(cells), operator.components)]
+        ),
     )
 
 
-def training_tangents(full: FullEquilibrium, snapshots: SnapshotSet, count: int) -> list[tuple[np.ndarray, csr_matrix]]:
-    """Tangents and stiffness at some training states of each history, the last among them, with their constants."""
+def training_tangents(
+    full: FullEquilibrium, snapshots: SnapshotSet, count: int
+) -> list[tuple[np.ndarray, csr_matrix]]:
+    """Tangents and stiffness at some training states of each history, the last among them, with
+    their constants.
+    """
     states: list[tuple[Any, csr_matrix]] = []
     for history in snapshots.histories if full.material.flows else ():
         places = np.unique(np.linspace(0, len(history.answers), count + 1).astype(int)[1:])
@@ -113,7 +132,9 @@ def training_tangents(full: FullEquilibrium, snapshots: SnapshotSet, count: int)
 
 
 def tangent_margin(model: ReducedModel, tangents: np.ndarray, stiffness: csr_matrix) -> float:
-    """Smallest real part of the eigenvalues of V[A]^T K_T V relative to V^T K_T V; 1 if the RID is the whole mesh.
+    """Smallest real part of the eigenvalues of V[A]^T K_T V relative to V^T K_T V.
+
+    1 if the RID is the whole mesh.
 
     ``tangents`` are those at all Gauss points of the full model, ``stiffness`` is its K_T.
     """
@@ -126,22 +147,25 @@ def tangent_margin(model: ReducedModel, tangents: np.ndarray, stiffness: csr_mat
         return float(linalg.eigvals(np.linalg.solve(whole, projected)).real.min())
     except (np.linalg.LinAlgError, ValueError) as error:
         raise UnstableModelError(
-            f"the tangent at a training state is singular or not finite on the basis ({error}): keep fewer modes"
+            f"the tangent at a training state is singular or not finite on the basis ({error}): "
+            "keep fewer modes"
         ) from error
 
 
 def force_correction(training: Training) -> ForceCorrection:
     """Correction of forces for any model of a training: ``training.force_correction()``.
 
-    ``correction.of(history)`` has better forces of each step, and their distance from those of the model, see
-    :mod:`plugins.inelastic.force_correction`.
+    ``correction.of(history)`` has better forces of each step, and their distance from those of the
+    model, see :mod:`plugins.inelastic.force_correction`.
 
     Raises:
         ReductionError: for an elastic scene, and if moduli are no factors of connected components.
     """
     full = training.full_order
     if full.equilibrium is None:
-        raise ReductionError(f"nothing flows in scene '{full.scene.name}': estimates of its answers bound forces")
+        raise ReductionError(
+            f"nothing flows in scene '{full.scene.name}': estimates of its answers bound forces"
+        )
     problem = full.problem
     equilibrium = equilibrium_of(full)
     problem.require_whole()

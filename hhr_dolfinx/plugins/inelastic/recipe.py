@@ -17,12 +17,25 @@ from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.parameters import is_whole
 from hhr_dolfinx.plugins.inelastic.state import states_of
 from hhr_dolfinx.reduction.modes import deim, pod
-from hhr_dolfinx.reduction.recipe import Deim, Enrich, ForceDeim, LoadNodes, Pod, Recipe, Rid, Truncated
+from hhr_dolfinx.reduction.recipe import (
+    Deim,
+    Enrich,
+    ForceDeim,
+    LoadNodes,
+    Pod,
+    Recipe,
+    Rid,
+    Truncated,
+)
 from hhr_dolfinx.snapshots.records import SnapshotSet
 
 
-def nodes_of_values(problem: ContactProblem, fields: Sequence[np.ndarray], tolerance: float) -> np.ndarray:
-    """Nodes of the cells in which DEIM picks values of fields of Gauss points, as many in each cell; none of zeros."""
+def nodes_of_values(
+    problem: ContactProblem, fields: Sequence[np.ndarray], tolerance: float
+) -> np.ndarray:
+    """Nodes of the cells in which DEIM picks values of fields of Gauss points, as many in each
+    cell; none of zeros.
+    """
     if not any(field.any() for field in fields):
         return np.zeros(0, dtype=np.int64)
     values = np.stack(fields, axis=1)
@@ -34,18 +47,28 @@ def nodes_of_values(problem: ContactProblem, fields: Sequence[np.ndarray], toler
 class StressDeim(Truncated):
     """Nodes of the cells in which DEIM picks Gauss points on a POD of the stress, section 6.2.3."""
 
-    def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
+    def nodes(
+        self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray
+    ) -> np.ndarray:
         """See :class:`Nodes`; empty for elastic bodies."""
-        return nodes_of_values(problem, [item.stress.ravel() for item in states_of(snapshots)], self.tolerance)
+        return nodes_of_values(
+            problem, [item.stress.ravel() for item in states_of(snapshots)], self.tolerance
+        )
 
 
 @dataclass(frozen=True)
 class FlowDeim(Truncated):
-    """Nodes of the cells in which DEIM picks Gauss points on a POD of the cumulated plastic strain, section 6.2.3."""
+    """Nodes of the cells in which DEIM picks Gauss points on a POD of the cumulated plastic strain,
+    section 6.2.3.
+    """
 
-    def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
+    def nodes(
+        self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray
+    ) -> np.ndarray:
         """See :class:`Nodes`; empty without plastic strain in training."""
-        return nodes_of_values(problem, [item.state.cumulated for item in states_of(snapshots)], self.tolerance)
+        return nodes_of_values(
+            problem, [item.state.cumulated for item in states_of(snapshots)], self.tolerance
+        )
 
 
 @dataclass(frozen=True)
@@ -53,9 +76,9 @@ class Tangents:
     """Check of the projected tangents at training states of bodies with laws.
 
     Attributes:
-        least: smallest real part allowed for the eigenvalues of V[A]^T K_T V relative to V^T K_T V. Of twenty recipes
-            for the pellet all above 0.1 kept within 5 % of the displacement at every step; all below -0.2 left it at
-            some step, by up to 26 %, or failed.
+        least: smallest real part allowed for the eigenvalues of V[A]^T K_T V relative to V^T K_T V.
+            Of twenty recipes for the pellet all above 0.1 kept within 5 % of the displacement at
+            every step; all below -0.2 left it at some step, by up to 26 %, or failed.
         states: training states of each history that are checked.
     """
 
@@ -64,9 +87,13 @@ class Tangents:
 
     def __post_init__(self) -> None:
         if not is_whole(self.states, 1):
-            raise ReductionError(f"states = {self.states} of Tangents must be a whole number from 1")
+            raise ReductionError(
+                f"states = {self.states} of Tangents must be a whole number from 1"
+            )
         if not (isinstance(self.least, Real) and 0 <= self.least < 1):
-            raise ReductionError(f"least = {self.least} of Tangents must lie in [0, 1): 1 is an RID of all cells")
+            raise ReductionError(
+                f"least = {self.least} of Tangents must lie in [0, 1): 1 is an RID of all cells"
+            )
 
 
 STRESS_ERROR = "stress"
@@ -79,12 +106,13 @@ class FlowLimits(TrustLimits):
     """Limits for inelastic bodies: those of elastic ones, and of the stress.
 
     Attributes:
-        refuse_stress: error of the stress of load paths, on the whole mesh, over its largest norm, 95th percentile;
-            from 0.5 to 1.4 % in good models, 5 % if few points reconstruct the stress of bodies with many stiffnesses.
+        refuse_stress: error of the stress of load paths, on the whole mesh, over its largest norm,
+            95th percentile; from 0.5 to 1.4 % in good models, 5 % if few points reconstruct the
+            stress of bodies with many stiffnesses.
         refuse_plastic: the same of the cumulated plastic strain; 0.1 to 0.5 % in these models.
         warn_stress, warn_plastic: 95th percentile above which a warning is given.
-        warn_estimate: largest estimate of a known step of a load path; other steps are distinguished if theirs is three
-            times as large.
+        warn_estimate: largest estimate of a known step of a load path; other steps are
+            distinguished if theirs is three times as large.
     """
 
     refuse_stress: float = 0.3
@@ -100,7 +128,9 @@ class FlowLimits(TrustLimits):
             return limits
         return cls(**{item.name: getattr(limits, item.name) for item in fields(limits)})
 
-    def judged(self, comparison: Comparison) -> Iterator[tuple[str, np.ndarray, float, float, float]]:
+    def judged(
+        self, comparison: Comparison
+    ) -> Iterator[tuple[str, np.ndarray, float, float, float]]:
         """Errors of stress and plastic strain, too."""
         yield from super().judged(comparison)
         limits = {
@@ -124,22 +154,34 @@ class FlowingRecipe(Recipe):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not isinstance(self.tangents, Tangents | None):
-            raise ReductionError(f"tangents = {self.tangents!r} of a recipe must be {Tangents | None}")
+            raise ReductionError(
+                f"tangents = {self.tangents!r} of a recipe must be {Tangents | None}"
+            )
 
     def as_it_is(self) -> FlowingRecipe:
         """Without this check, too."""
-        return replace(self, trust=None, tangents=None, domain=replace(self.domain, most_layers=self.domain.layers))
+        return replace(
+            self,
+            trust=None,
+            tangents=None,
+            domain=replace(self.domain, most_layers=self.domain.layers),
+        )
 
 
 def tangents_of(recipe: Recipe) -> Tangents | None:
-    """The check of tangents by a recipe; that of one for elastic bodies is the usual one, unless nothing is checked."""
+    """The check of tangents by a recipe.
+
+    That of one for elastic bodies is the usual one, unless nothing is checked.
+    """
     if isinstance(recipe, FlowingRecipe):
         return recipe.tangents
     return None if recipe.trust is None else Tangents()
 
 
 def flowing(**changes: Any) -> FlowingRecipe:
-    """Recipe for inelastic bodies, section 6.2.3: DEIM of stress and plastic strain too, a larger RID."""
+    """Recipe for inelastic bodies, section 6.2.3: DEIM of stress and plastic strain too, a larger
+    RID.
+    """
     nodes = (Deim(), ForceDeim(1e-8), StressDeim(1e-9), FlowDeim(1e-6), LoadNodes())
     usual: dict[str, Any] = {
         "nodes": nodes,

@@ -43,26 +43,43 @@ SAME = 1e-9
 class ReducedFlow:
     """Arrays of the inelastic bodies on a RID (n dofs of its cells, a of them in A)."""
 
-    operator: StrainOperator  # strain at the Gauss points of the cells that act on A, in local numbers of dofs
+    # strain at the Gauss points of the cells that act on A, in local numbers of dofs
+    operator: StrainOperator
     material: Material  # laws at these points
     cells: Annotated[Integers, "cells"]  # numbers of these cells in the full model
     modes: Annotated[Floats, "dofs", "ell"]  # V on these dofs, (n, ell)
     lifts: Annotated[csc_matrix, "dofs", "terms"]  # imposed displacements there, sparse, (n, 1 + T)
-    inner: Annotated[Integers, "inner", "< dofs"]  # indices of the dofs of A, and of those that follow them, (a,)
+    inner: Annotated[
+        Integers, "inner", "< dofs"
+    ]  # indices of the dofs of A, and of those that follow them, (a,)
     loads: Annotated[csc_matrix, "inner", "terms"]  # external loads on A, sparse, (a, 1 + T)
-    contact: Annotated[csr_matrix, "inner", "m"]  # maps the forces of the RID to loads on A, sparse, (a, N_lambda_C)
+    contact: Annotated[
+        csr_matrix, "inner", "m"
+    ]  # maps the forces of the RID to loads on A, sparse, (a, N_lambda_C)
     eigenstrains: Annotated[csc_matrix, "strains", "terms"]  # strains without stress as terms of θ
-    follow: Annotated[csr_matrix, "inner", "inner"] | None = None  # T on the inner dofs, (a, a); None for the identity
-    springs: Annotated[Floats, "inner"] | None = None  # stiffness to ground of the inner dofs, (a,); None without
+    follow: Annotated[csr_matrix, "inner", "inner"] | None = (
+        None  # T on the inner dofs, (a, a); None for the identity
+    )
+    springs: Annotated[Floats, "inner"] | None = (
+        None  # stiffness to ground of the inner dofs, (a,); None without
+    )
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Faults: repeated dofs of A, and cells, points or dofs that do not fit its strain."""
         operator = self.operator
         points = self.operator.weights.size
-        found = len(self.modes), self.cells.size, self.material.gauss_points, self.eigenstrains.shape[0]
+        found = (
+            len(self.modes),
+            self.cells.size,
+            self.material.gauss_points,
+            self.eigenstrains.shape[0],
+        )
         wanted = operator.size, len(operator.weights), points, points * operator.components
         if found != wanted:
-            yield f"dofs, cells, Gauss points and strains {found} are not those of its strain, {wanted}"
+            yield (
+                f"dofs, cells, Gauss points and strains {found} are not those of its strain, "
+                f"{wanted}"
+            )
         if np.unique(self.inner).size < self.inner.size:
             yield "a dof of A is there twice"
 
@@ -72,7 +89,11 @@ class ReducedFlow:
         return self.operator.points_of(self.cells)
 
     def equilibrium(
-        self, problem: ReducedProblem, parameters: ParameterSpace, fields: Reconstruction, trained: Trained | None
+        self,
+        problem: ReducedProblem,
+        parameters: ParameterSpace,
+        fields: Reconstruction,
+        trained: Trained | None,
     ) -> ReducedEquilibrium:
         """Equilibrium of gamma on all Gauss points of the RID."""
         found = ReducedEquilibrium(problem, self, parameters, fields)
@@ -80,7 +101,9 @@ class ReducedFlow:
         return found
 
     def faults_of(self, model: ReducedModel) -> Iterator[str]:
-        """Faults: parts of the stiffness that do not add up to that of the middle of the box or do not fit bodies."""
+        """Faults: parts of the stiffness that do not add up to that of the middle of the box or do
+        not fit bodies.
+        """
         yield from self.material.faults_for(model.parameters, model.dimension)
         problem = model.problem
         terms = problem.terms
@@ -88,28 +111,44 @@ class ReducedFlow:
         moduli = () if terms is None else terms.moduli
         points = (model.parameters.middle, *model.parameters.random(2, seed=1))
         if any(item.names != names for item in moduli) or any(
-            not _alike([item.value(point) for item in moduli if item.factor != "1"], self.material.weights(point))
+            not _alike(
+                [item.value(point) for item in moduli if item.factor != "1"],
+                self.material.weights(point),
+            )
             for point in points
         ):
             yield "the parts of the stiffness are not those of the moduli of its bodies"
         elif terms is not None:
             middle = model.parameters.middle
             there = np.tensordot(terms.weights(middle), terms.stiffness, 1)
-            if not np.abs(there - problem.stiffness).max() <= SAME * np.abs(problem.stiffness).max():
+            if (
+                not np.abs(there - problem.stiffness).max()
+                <= SAME * np.abs(problem.stiffness).max()
+            ):
                 yield "the parts of the stiffness do not make that of the middle of the box"
 
 
 def _alike(found: list[float], wanted: list[float]) -> bool:
     """True for the same numbers in another order."""
-    return len(found) == len(wanted) and np.allclose(sorted(found), sorted(wanted), rtol=SAME, atol=0.0)
+    return len(found) == len(wanted) and np.allclose(
+        sorted(found), sorted(wanted), rtol=SAME, atol=0.0
+    )
 
 
 class ReducedEquilibrium(MeshEquilibrium):
-    """Equilibrium of gamma, from the elastic projection (5.23) and the Gauss points and laws of the RID."""
+    """Equilibrium of gamma, from the elastic projection (5.23) and the Gauss points and laws of the
+    RID.
+    """
 
     problem: ReducedProblem
 
-    def __init__(self, problem: ReducedProblem, flow: ReducedFlow, parameters: ParameterSpace, fields: Reconstruction):
+    def __init__(
+        self,
+        problem: ReducedProblem,
+        flow: ReducedFlow,
+        parameters: ParameterSpace,
+        fields: Reconstruction,
+    ):
         super().__init__()
         self.problem = problem
         self.moduli = () if problem.terms is None else texts_of(problem.terms.moduli)
@@ -174,14 +213,21 @@ class ReducedEquilibrium(MeshEquilibrium):
         """Project and factor the tangent."""
         return _dense_linearisation(self.problem, self.tangent(tangents), tangents)
 
-    def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
+    def residual(
+        self, x: np.ndarray, gauss: GaussState | Update, theta: Theta
+    ) -> tuple[np.ndarray, np.ndarray]:
         """V[A]^T times loads minus internal forces, and the norm of its terms on A, (1,)."""
         loads = self._external @ theta
         internal, size = self._internal(x, gauss.stress, theta)
         return loads - self._test @ internal, self.norms(loads) + self.norms(size)
 
-    def _internal(self, x: np.ndarray, stress: np.ndarray, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
-        """Forces of a stress and of springs on A, (a,), with those on dependent dofs; the size of their terms."""
+    def _internal(
+        self, x: np.ndarray, stress: np.ndarray, theta: Theta
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Forces of a stress and of springs on A, (a,), with those on dependent dofs.
+
+        The size of their terms.
+        """
         flow = self.flow
         internal, size = (part[flow.inner] for part in self.operator.internal(stress))
         if flow.springs is not None:
@@ -195,8 +241,8 @@ class ReducedEquilibrium(MeshEquilibrium):
     def signs(self, answer: Answer) -> Signs:
         """Residual on A before it is projected, and gaps on the whole contact surface.
 
-        In the reduced space the residual vanishes for any path; on A, and outside the RID, both show the error of the
-        modes.
+        In the reduced space the residual vanishes for any path; on A, and outside the RID, both
+        show the error of the modes.
         """
         theta = self.amplitudes(answer.parameter)
         loads = self.flow.loads @ theta
@@ -213,11 +259,17 @@ class ReducedEquilibrium(MeshEquilibrium):
         """Projected consistent tangent V[A]^T K_T V, (ell, ell)."""
         change = self.operator.stiffness(tangents, self._pattern, self._unchanged)
         rows = np.zeros((self.flow.inner.size, self.size))
-        _rows_times(change.indptr, change.indices, change.data, self.flow.inner, self.flow.modes, rows)
-        return self.problem.stiffness + self._test @ (rows if self._given is None else self._given @ rows)
+        _rows_times(
+            change.indptr, change.indices, change.data, self.flow.inner, self.flow.modes, rows
+        )
+        return self.problem.stiffness + self._test @ (
+            rows if self._given is None else self._given @ rows
+        )
 
 
-def _dense_linearisation(problem: ReducedProblem, stiffness: np.ndarray, moduli: np.ndarray) -> Linearisation:
+def _dense_linearisation(
+    problem: ReducedProblem, stiffness: np.ndarray, moduli: np.ndarray
+) -> Linearisation:
     """Linearisation with the dense blocks K~, B~1 and B~2."""
     given = problem.contact_trial, problem.gaps, Pairs.of(problem.pairs), moduli
     if problem.motions:
@@ -228,8 +280,12 @@ def _dense_linearisation(problem: ReducedProblem, stiffness: np.ndarray, moduli:
     return Linearisation(*given, factor.solve, partial(np.matmul, per_force), equalities)
 
 
-def _with_motions(problem: ReducedProblem, stiffness: np.ndarray, moduli: np.ndarray) -> Linearisation:
-    """The same where the first modes are motions of bodies that contact alone holds, on which K~ is zero."""
+def _with_motions(
+    problem: ReducedProblem, stiffness: np.ndarray, moduli: np.ndarray
+) -> Linearisation:
+    """The same where the first modes are motions of bodies that contact alone holds, on which K~ is
+    zero.
+    """
     r = problem.motions
     factor = LapackLU(np.ascontiguousarray(stiffness[r:, r:]))
 

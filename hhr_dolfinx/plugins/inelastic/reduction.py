@@ -12,15 +12,34 @@ from hhr_dolfinx import registry
 from hhr_dolfinx.certify.accuracy import Residuals, slack_residuals
 from hhr_dolfinx.certify.compare import Comparison
 from hhr_dolfinx.certify.trust import TrustLimits, warn_of_few_held_out, warn_of_no_contact
-from hhr_dolfinx.errors import HHRError, NotOfferedError, ReductionError, StabilityWarning, TrainingWarning
+from hhr_dolfinx.errors import (
+    HHRError,
+    NotOfferedError,
+    ReductionError,
+    StabilityWarning,
+    TrainingWarning,
+)
 from hhr_dolfinx.models.answer import Answer, History, Model, Path
 from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.plugins.inelastic.completion import FlowFields, GappyField
 from hhr_dolfinx.plugins.inelastic.full_order import equilibrium_of
-from hhr_dolfinx.plugins.inelastic.recipe import PLASTIC_ERROR, STRESS_ERROR, FlowLimits, flowing, tangents_of
+from hhr_dolfinx.plugins.inelastic.recipe import (
+    PLASTIC_ERROR,
+    STRESS_ERROR,
+    FlowLimits,
+    flowing,
+    tangents_of,
+)
 from hhr_dolfinx.plugins.inelastic.softening import warn_of_softening
-from hhr_dolfinx.plugins.inelastic.state import GaussState, flowed, rows_of, state, state_modes, states_of
+from hhr_dolfinx.plugins.inelastic.state import (
+    GaussState,
+    flowed,
+    rows_of,
+    state,
+    state_modes,
+    states_of,
+)
 from hhr_dolfinx.plugins.inelastic.trained import Known, Signs, TrainedPaths
 from hhr_dolfinx.plugins.paths.compared import TRAINED, compared_histories
 from hhr_dolfinx.plugins.paths.kinds import OfHistories
@@ -31,16 +50,21 @@ from hhr_dolfinx.warn import warn
 
 STRESS = 1e-9
 PLASTIC_STRAIN = 1e-6
-"""Part of the squared training fields that the modes for stress and for cumulated plastic strain leave out."""
+"""Part of the squared training fields that the modes for stress and for cumulated plastic strain
+leave out.
+"""
 
 
 PARTS = 8
-"""Parts of first steps, in which bodies come into contact and yield: states on a finer path along a trained one have
-estimates up to nine times those of the training steps."""
+"""Parts of first steps, in which bodies come into contact and yield: states on a finer path along a
+trained one have estimates up to nine times those of the training steps.
+"""
 
 
 class StateErrors:
-    """Largest errors of stress and cumulated plastic strain everywhere over their largest norm in the load path."""
+    """Largest errors of stress and cumulated plastic strain everywhere over their largest norm in
+    the load path.
+    """
 
     names = STRESS_ERROR, PLASTIC_ERROR
 
@@ -51,7 +75,10 @@ class StateErrors:
         for k, (here, there) in enumerate(zip(found.answers, exact.answers, strict=True)):
             stress = there.stress()
             plastic = there.plastic_strain()
-            wrong[:, k] = np.linalg.norm(here.stress() - stress), np.linalg.norm(here.plastic_strain() - plastic)
+            wrong[:, k] = (
+                np.linalg.norm(here.stress() - stress),
+                np.linalg.norm(here.plastic_strain() - plastic),
+            )
             sizes[:, k] = np.linalg.norm(stress), np.linalg.norm(plastic)
         largest = sizes.max(axis=1)
         stress, plastic = wrong.max(axis=1) / np.where(largest > 0, largest, 1.0)
@@ -59,12 +86,15 @@ class StateErrors:
 
 
 def check_door(trained: TrainedPaths, limits: FlowLimits) -> None:
-    """Warn of a model so inaccurate along known load paths that its steps hardly detect untrained states."""
+    """Warn of a model so inaccurate along known load paths that its steps hardly detect untrained
+    states.
+    """
     if trained.estimate > limits.warn_estimate:
         warn(
-            f"the stress of known histories differs by up to {trained.estimate:.2g} of its size from combinations of "
-            f"trained ones: other histories are warned of from {trained.allowed(trained.begun):.2g} on only. Keep more "
-            "modes, allow more points, or train on more histories",
+            f"the stress of known histories differs by up to {trained.estimate:.2g} of its size "
+            "from combinations of trained ones: other histories are warned of from "
+            f"{trained.allowed(trained.begun):.2g} on only. Keep more modes, allow more points, "
+            "or train on more histories",
             StabilityWarning,
         )
 
@@ -85,7 +115,9 @@ class FittedFlow:
     """POD modes of the fields of Gauss points in training; None if they are zero."""
 
     stress: np.ndarray | None = None  # of the stress, (Gauss points * components, modes)
-    plastic_strain: np.ndarray | None = None  # of the cumulated plastic strain, (Gauss points, modes)
+    plastic_strain: np.ndarray | None = (
+        None  # of the cumulated plastic strain, (Gauss points, modes)
+    )
 
     @classmethod
     def of(cls, snapshots: SnapshotSet) -> FittedFlow:
@@ -99,18 +131,27 @@ class FittedFlow:
         return cls(stress, state_modes([item.state.cumulated for item in known], PLASTIC_STRAIN))
 
     def completion(self, flow: Any) -> FlowFields:
-        """Reconstruction of stress and cumulated plastic strain from the Gauss points of the RID (section 6.2.3)."""
+        """Reconstruction of stress and cumulated plastic strain from the Gauss points of the RID
+        (section 6.2.3).
+        """
         if self.stress is None:
-            raise ReductionError("these snapshots hold no stress: give histories of a scene whose bodies flow")
+            raise ReductionError(
+                "these snapshots hold no stress: give histories of a scene whose bodies flow"
+            )
         components = flow.material.components
         points = flow.points
         stress = GappyField.fitted(self.stress, rows_of(points, components))
-        flowed = None if self.plastic_strain is None else GappyField.fitted(self.plastic_strain, points)
+        flowed = (
+            None if self.plastic_strain is None else GappyField.fitted(self.plastic_strain, points)
+        )
         return FlowFields(points, stress, flowed, len(self.stress) // components)
 
 
 class OfInelasticBodies(OfHistories):
-    """Answers of inelastic bodies, and of elastic ones beside them; their contacts are unilateral or have laws."""
+    """Answers of inelastic bodies, and of elastic ones beside them.
+
+    Their contacts are unilateral or have laws.
+    """
 
     def __init__(self, full: FullModel):
         super().__init__(full)
@@ -148,22 +189,30 @@ class OfInelasticBodies(OfHistories):
         yield from super().skipped(recipe)
 
     def check(self, name: str, solutions: object) -> SnapshotSet:
-        """Raise ReductionError for solutions that are no histories, or those of elastic bodies or another mesh."""
+        """Raise ReductionError for solutions that are no histories, or those of elastic bodies or
+        another mesh.
+        """
         problem = self.full.problem
         self.contacts.require_completion()
         if problem.reshaped is not None:
             raise NotOfferedError(
-                "hyper-reduction is not built in for bodies with laws whose shape depends on parameters: weights of "
-                "points and strains of modes change with the shape"
+                "hyper-reduction is not built in for bodies with laws whose shape depends on "
+                "parameters: weights of points and strains of modes change with the shape"
             )
         known = check_of_problem(name, solutions, problem)
         if not known.histories:
-            raise ReductionError(f"{name} of a scene whose bodies flow must be histories: SnapshotSet.of_histories")
+            raise ReductionError(
+                f"{name} of a scene whose bodies flow must be histories: SnapshotSet.of_histories"
+            )
         if not known.states:
-            raise ReductionError(f"bodies of the model flow, and none of {name} do: they belong to another scene")
+            raise ReductionError(
+                f"bodies of the model flow, and none of {name} do: they belong to another scene"
+            )
         size = equilibrium_of(self.full).material.gauss_points
         if (given := len(states_of(known)[0].state.cumulated)) != size:
-            raise ReductionError(f"{name} have {given} Gauss points, the model {size}: they belong to another mesh")
+            raise ReductionError(
+                f"{name} have {given} Gauss points, the model {size}: they belong to another mesh"
+            )
         return known
 
     def warn_of_training(self, snapshots: SnapshotSet, held_out: SnapshotSet | None) -> None:
@@ -172,8 +221,9 @@ class OfInelasticBodies(OfHistories):
         material = equilibrium_of(self.full).material
         if material.flows and not material.linear and not flowed(snapshots):
             warn(
-                "no body flows in any training history though some could: tangents under flow were not checked, and a "
-                "history that flows is outside what was trained. Train at higher loads, or leave the laws out",
+                "no body flows in any training history though some could: tangents under flow "
+                "were not checked, and a history that flows is outside what was trained. Train at "
+                "higher loads, or leave the laws out",
                 TrainingWarning,
             )
         warn_of_few_held_out(held_out, 0, "a history")
@@ -192,19 +242,25 @@ class OfInelasticBodies(OfHistories):
         limits: TrustLimits | None,
         remedy: str | Mapping[str, str],
     ) -> tuple[Comparison | None, TrainedPaths | None]:
-        """Errors against known load paths, and the training range; None without limits, or without any path.
+        """Errors against known load paths, and the training range.
+
+        None without limits, or without any path.
 
         Raises:
             UnstableModelError: for errors beyond the limits.
 
         Warns:
-            StabilityWarning: for errors or a training range close to a limit, and for laws that soften in training.
+            StabilityWarning: for errors or a training range close to a limit, and for laws that
+            soften in training.
         """
         full = self.full
         warn_of_softening(full, snapshots)
         own = None if limits is None else FlowLimits.of(limits)
-        comparison, shown = compared_histories(full, model, snapshots, held_out, own, remedy, StateErrors())
-        # validation paths are not training: their errors would widen the training range to similar ones
+        comparison, shown = compared_histories(
+            full, model, snapshots, held_out, own, remedy, StateErrors()
+        )
+        # validation paths are not training: their errors would widen the training range to similar
+        # ones
         signs = [signs for label, signs in shown.items() if label.startswith(TRAINED)]
         if not signs:  # without limits all paths may have failed
             return None, None
@@ -214,13 +270,18 @@ class OfInelasticBodies(OfHistories):
         motion = problem.contact_rows_times(snapshots.displacements)
         largest = max(float(np.abs(gaps).max()), float(np.abs(motion).max()))
         known = Known(signs, [_onset(model, path) for path in paths], largest)
-        trained = TrainedPaths.of(paths, full.parameters, known, equilibrium_of(full).material.rated)
+        trained = TrainedPaths.of(
+            paths, full.parameters, known, equilibrium_of(full).material.rated
+        )
         if own is not None:
             check_door(trained, own)
         return comparison, trained
 
     def residuals(self, answer: Answer) -> Residuals:
-        """Residuals of the whole stress of an answer; of displacements alone by K, as those of rivals may be."""
+        """Residuals of the whole stress of an answer.
+
+        Of displacements alone by K, as those of rivals may be.
+        """
         if "gauss" not in answer.memory:
             return super().residuals(answer)
         problem = self.full.problem

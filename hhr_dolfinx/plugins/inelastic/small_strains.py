@@ -21,7 +21,9 @@ class SmallStrains:
         self._said = False
 
     def check(self, strain: np.ndarray, together: Points = ALL_HERE) -> None:
-        """Warn once of large strains, (points, components); Diverged if they are too large for the theory.
+        """Warn once of large strains, (points, components).
+
+        Diverged if they are too large for the theory.
 
         ``together`` reduces over the points of all ranks.
         """
@@ -32,7 +34,10 @@ class SmallStrains:
         spread = spread_strain(together.gathered(sizes))
         if spread > MOST or not largest <= RUNAWAY:
             raise Diverged(
-                f"a strain of {largest:.3g} is no small strain: the load is more than is borne, or strains are finite",
+                (
+                    f"a strain of {largest:.3g} is no small strain: the load is more than is "
+                    "borne, or strains are finite"
+                ),
                 together.place(sizes),
             )
         if spread > LARGE and not self._said:

@@ -1,4 +1,6 @@
-"""Softening in training histories: a law whose stress falls as strain grows has answers that depend on the mesh."""
+"""Softening in training histories: a law whose stress falls as strain grows has answers that depend
+on the mesh.
+"""
 
 from __future__ import annotations
 
@@ -23,9 +25,11 @@ SOFTENS = 1e-6
 
 
 def warn_of_softening(full: FullModel, snapshots: Solutions) -> None:
-    """Warn of the training state with the smallest eigenvalue of a symmetric tangent, if that is negative.
+    """Warn of the training state with the smallest eigenvalue of a symmetric tangent, if that is
+    negative.
 
-    Tangents that are not symmetric, as of flow that is not associated, have negative eigenvalues without softening.
+    Tangents that are not symmetric, as of flow that is not associated, have negative eigenvalues
+    without softening.
 
     Warns:
         StabilityWarning: with the law, the point of the parameters and the time.
@@ -42,17 +46,23 @@ def warn_of_softening(full: FullModel, snapshots: Solutions) -> None:
                     values = ", ".join(f"{name} = {x:.4g}" for name, x in named)
                     law = "" if group.law is None else group.law.name
                     least = value
-                    said = f"{law} softens in training at t = {answer.time:.4g} s, {values}: at {points} Gauss points"
+                    said = (
+                        f"{law} softens in training at t = {answer.time:.4g} s, {values}: at "
+                        f"{points} Gauss points"
+                    )
     if said:
         warn(
-            f"{said} its stress falls as strain grows, by up to {-least:.2g} of E. Answers depend on the mesh, and "
-            "there may be several: leave softening out of the law, or train at smaller loads",
+            f"{said} its stress falls as strain grows, by up to {-least:.2g} of E. Answers depend "
+            "on the mesh, and there may be several: leave softening out of the law, or train at "
+            "smaller loads",
             StabilityWarning,
         )
 
 
 def _least(material: Material, group: Group, before: Answer, answer: Answer) -> tuple[float, int]:
-    """Smallest eigenvalue over E of the tangents at points that flow in a step, and the number of negative ones."""
+    """Smallest eigenvalue over E of the tangents at points that flow in a step, and the number of
+    negative ones.
+    """
     stress, new = gauss_of(answer)
     old = gauss_of(before).state
     flows = (new.inelastic[group.indices] != old.inelastic[group.indices]).any(axis=1)
@@ -64,7 +74,9 @@ def _least(material: Material, group: Group, before: Answer, answer: Answer) -> 
     given = part.given[0]
     strain = given.strain(stress[points]) + new.inelastic[points]
     try:
-        found = part.update(strain, State(*(item[points] for item in old)), answer.time - before.time, tangent=True)
+        found = part.update(
+            strain, State(*(item[points] for item in old)), answer.time - before.time, tangent=True
+        )
     except ConvergenceError:  # the step was solved in parts
         return 0.0, 0
     tangents = np.asarray(found.tangents)

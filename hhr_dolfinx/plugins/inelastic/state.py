@@ -30,13 +30,18 @@ def state(answer: Answer) -> GaussState:
         HHRError: by a model without inelastic bodies.
     """
     if "gauss" not in answer.memory:
-        raise HHRError("nothing flows in this model, so that its answers have no state: give a body a law")
+        raise HHRError(
+            "nothing flows in this model, so that its answers have no state: give a body a law"
+        )
     found: GaussState = answer.memory["gauss"]
     return found
 
 
 def plastic_strain(answer: Answer) -> np.ndarray:
-    """Cumulated plastic strain at all Gauss points: ``answer.plastic_strain()``; empty for elastic bodies."""
+    """Cumulated plastic strain at all Gauss points: ``answer.plastic_strain()``.
+
+    Empty for elastic bodies.
+    """
     if "gauss" not in answer.memory:
         return np.zeros(0)
     fields: Any = answer.fields
@@ -56,7 +61,9 @@ def flowed(answers: Solutions) -> bool:
 
 
 def check_answer(answer: Answer) -> None:
-    """Evaluate the fields of an answer: the facet ``file``, by which a model file is tried after it was read."""
+    """Evaluate the fields of an answer: the facet ``file``, by which a model file is tried after it
+    was read.
+    """
     _ = answer.stress(), plastic_strain(answer)
 
 
@@ -73,8 +80,9 @@ def deviator(strain: np.ndarray) -> np.ndarray:
 
 
 SMALL_STATE = 1e-3
-"""Norm of a state, relative to the largest of any, above which it counts in full; smaller states count by their size,
-so that round-off of unloaded bodies does not count."""
+"""Norm of a state, relative to the largest of any, above which it counts in full; smaller states
+count by their size, so that round-off of unloaded bodies does not count.
+"""
 CHUNK = 20_000
 """Values of each field that are stacked at once."""
 
@@ -82,12 +90,14 @@ CHUNK = 20_000
 def state_modes(fields: Sequence[np.ndarray], tolerance: float) -> np.ndarray:
     """Orthonormal POD modes of states, (values, modes), each divided by its norm.
 
-    By their sizes, states of little plastic strain, first steps and residual states would be left out compared with
-    those of full loads: on the pellet 36 to 60 % of their plastic strain and stress.
+    By their sizes, states of little plastic strain, first steps and residual states would be left
+    out compared with those of full loads: on the pellet 36 to 60 % of their plastic strain and
+    stress.
 
     Args:
         fields: one for each state, (values,); they may be too long to stack.
-        tolerance: part of the squared sum that the modes leave out; by the method of snapshots, from 1e-14.
+        tolerance: part of the squared sum that the modes leave out; by the method of snapshots,
+            from 1e-14.
     """
     sizes = np.array([np.linalg.norm(field) for field in fields])
     if not sizes.any():  # as of bodies that only heat strains

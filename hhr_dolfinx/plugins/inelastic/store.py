@@ -1,4 +1,6 @@
-"""Memory of inelastic bodies in files of snapshots: the facet ``store``, see :mod:`hhr_dolfinx.snapshots.store`."""
+"""Memory of inelastic bodies in files of snapshots: the facet ``store``, see
+:mod:`hhr_dolfinx.snapshots.store`.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ from hhr_dolfinx.snapshots.store import add_to
 
 
 class StoredGauss:
-    """Stress and state at Gauss points in files, see :class:`hhr_dolfinx.snapshots.store.StoredLaws`."""
+    """Stress and state at Gauss points in files, see
+    :class:`hhr_dolfinx.snapshots.store.StoredLaws`.
+    """
 
     layout: Mapping[str, tuple[str, ...]] = {
         "stress": ("float", "points", "components"),
@@ -41,13 +45,20 @@ class StoredGauss:
     def fingerprint(self) -> list[Any]:
         """Points, elasticity and behaviour of each body, and eigenstrains."""
         groups = self._equilibrium.material.groups
-        given = ((group.indices, group.young, group.poisson, group.places, _identity(group)) for group in groups)
+        given = (
+            (group.indices, group.young, group.poisson, group.places, _identity(group))
+            for group in groups
+        )
         parts = [part for item in given for part in item]
         parts += [group.grading for group in groups if group.grading.size]
-        return parts + ([self._equilibrium.eigenstrains] if self._equilibrium.eigenstrains.nnz else [])
+        return parts + (
+            [self._equilibrium.eigenstrains] if self._equilibrium.eigenstrains.nnz else []
+        )
 
     def query(self, point: np.ndarray) -> list[str]:
-        """Digests of the bodies with formulas: constants and modulus at a point, and what the law is with them."""
+        """Digests of the bodies with formulas: constants and modulus at a point, and what the law
+        is with them.
+        """
         material = self._equilibrium.material
         digests = []
         for place, constants in enumerate(material.constants(point)):
@@ -55,7 +66,10 @@ class StoredGauss:
                 key = place, *(np.asarray(value).tobytes() for value in constants.values())
                 if key not in self._behaviours:
                     digest = hashlib.sha256()
-                    add_to(digest, [list(constants.values()), *_identity(material.at(point).groups[place])])
+                    add_to(
+                        digest,
+                        [list(constants.values()), *_identity(material.at(point).groups[place])],
+                    )
                     self._behaviours[key] = digest.hexdigest()
                 digests.append(self._behaviours[key])
         return digests
@@ -85,7 +99,9 @@ class StoredGauss:
         return self._on_shape(answer).signs(answer).size
 
     def _on_shape(self, answer: Answer) -> FullEquilibrium:
-        """The equilibrium on the shape of an answer, the only one of which an unknown and a stress are on it."""
+        """The equilibrium on the shape of an answer, the only one of which an unknown and a stress
+        are on it.
+        """
         known = self._equilibrium
         return known if known.shape is None else known.at(answer.parameter)
 

@@ -1,7 +1,7 @@
 """Strain and internal forces through Gauss points: arrays tabulated once, loops compiled by numba.
 
-The arrays come from UFL, by :mod:`hhr_dolfinx.plugins.elasticity.gauss_points`; this module depends on neither mesh nor
-physics. A reduced model uses the same operator with the cells of its RID.
+The arrays come from UFL, by :mod:`hhr_dolfinx.plugins.elasticity.gauss_points`; this module depends
+on neither mesh nor physics. A reduced model uses the same operator with the cells of its RID.
 """
 
 from __future__ import annotations
@@ -21,8 +21,12 @@ from hhr_dolfinx.declared import Floats, Integers, Size
 class StrainOperator:
     """Strain ε = G u at the Gauss points of some cells, Kelvin's notation."""
 
-    gradients: Annotated[Floats, "cells", "per cell", "components", "dofs of a cell"]  # matrix G of each cell
-    weights: Annotated[Floats, "cells", "per cell"]  # quadrature weight times volume of each Gauss point
+    gradients: Annotated[
+        Floats, "cells", "per cell", "components", "dofs of a cell"
+    ]  # matrix G of each cell
+    weights: Annotated[
+        Floats, "cells", "per cell"
+    ]  # quadrature weight times volume of each Gauss point
     dofs: Annotated[Integers, "cells", "dofs of a cell", "< dofs"]  # number of each dof of a cell
     size: Annotated[Size, "dofs"]  # number of all dofs
 
@@ -51,7 +55,9 @@ class StrainOperator:
         return self.gradients.shape[2]
 
     def restricted(self, cells: np.ndarray) -> tuple[StrainOperator, np.ndarray]:
-        """Operator of some cells, with the dofs of these cells renumbered in order, and these dofs."""
+        """Operator of some cells, with the dofs of these cells renumbered in order, and these
+        dofs.
+        """
         columns, dofs = np.unique(self.dofs[cells], return_inverse=True)
         part = replace(
             self,
@@ -69,9 +75,11 @@ class StrainOperator:
         return out
 
     def internal(self, stress: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Internal forces ∫ ε(v) : σ of a stress (gauss_points, components), (size,), and their scale, (size,).
+        """Internal forces ∫ ε(v) : σ of a stress (gauss_points, components), (size,), and their
+        scale, (size,).
 
-        The scale is the sum of absolute contributions of the cells: in equilibrium the forces themselves cancel.
+        The scale is the sum of absolute contributions of the cells: in equilibrium the forces
+        themselves cancel.
         """
         out = np.zeros(self.size)
         size = np.zeros(self.size)
@@ -85,12 +93,18 @@ class StrainOperator:
         columns = np.tile(self.dofs, (1, d))
         keys, position = np.unique(rows.ravel() * self.size + columns.ravel(), return_inverse=True)
         indptr = np.searchsorted(keys, np.arange(self.size + 1) * self.size).astype(np.int32)
-        return SparsePattern(indptr, (keys % self.size).astype(np.int32), position.reshape(-1, d, d))
+        return SparsePattern(
+            indptr, (keys % self.size).astype(np.int32), position.reshape(-1, d, d)
+        )
 
-    def stiffness(self, tangents: np.ndarray, pattern: SparsePattern, elastic: ElasticPart | None = None) -> csr_matrix:
-        """Stiffness ∫ ε(v) : H : ε(u) of tangents H (gauss_points, components, components), (size, size).
+    def stiffness(
+        self, tangents: np.ndarray, pattern: SparsePattern, elastic: ElasticPart | None = None
+    ) -> csr_matrix:
+        """Stiffness ∫ ε(v) : H : ε(u) of tangents H (gauss_points, components, components), (size,
+        size).
 
-        With the tangents and the data of an elastic part, cells whose tangents are elastic cost nothing.
+        With the tangents and the data of an elastic part, cells whose tangents are elastic cost
+        nothing.
         """
         if elastic is None:
             data = np.zeros(pattern.indices.size)
@@ -103,7 +117,9 @@ class StrainOperator:
 
 
 class ElasticPart(NamedTuple):
-    """Elastic tangents, (gauss_points, components, components), and the data of their stiffness in a pattern."""
+    """Elastic tangents, (gauss_points, components, components), and the data of their stiffness in
+    a pattern.
+    """
 
     tangents: np.ndarray
     data: np.ndarray
@@ -111,7 +127,9 @@ class ElasticPart(NamedTuple):
 
 @dataclass(frozen=True)
 class SparsePattern:
-    """Sparsity of a CSR matrix, and the index in its data of each entry of the matrices of cells, (cells, d, d)."""
+    """Sparsity of a CSR matrix, and the index in its data of each entry of the matrices of cells,
+    (cells, d, d).
+    """
 
     indptr: np.ndarray
     indices: np.ndarray

@@ -1,4 +1,6 @@
-"""Error against run time of histories: full and small models in turns, on the same paths in the same process."""
+"""Error against run time of histories: full and small models in turns, on the same paths in the
+same process.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,14 @@ from hhr_dolfinx.plugins.inelastic.reduced_flow import ReducedFlow
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.paths.compared import largest_errors
 from hhr_dolfinx.plugins.studies.advice import TRAINING, Advice, by_favour, in_words
-from hhr_dolfinx.plugins.studies.measure import Errors, Measurement, Report, Row, answer_errors, conditions_inside
+from hhr_dolfinx.plugins.studies.measure import (
+    Errors,
+    Measurement,
+    Report,
+    Row,
+    answer_errors,
+    conditions_inside,
+)
 from hhr_dolfinx.plugins.studies.report import errors_and_times, model_report
 from hhr_dolfinx.reduction.kinds import kind_of
 from hhr_dolfinx.snapshots.records import Lost
@@ -34,7 +43,9 @@ if TYPE_CHECKING:
 
 
 class Run(NamedTuple):
-    """A history with its median seconds over repetitions, or the error that ended it and the seconds spent."""
+    """A history with its median seconds over repetitions, or the error that ended it and the
+    seconds spent.
+    """
 
     history: History | None
     seconds: float
@@ -54,16 +65,24 @@ class Run(NamedTuple):
         return cls(None, seconds, found) if isinstance(found, HHRError) else cls(found, seconds)
 
 
-def runs_beside(models: Mapping[str, Model], path: HistoryPath, settings: Any, exact: History) -> dict[str, Run]:
-    """Histories of several models, by name, compared with a full one: all once, then all again, in turns.
+def runs_beside(
+    models: Mapping[str, Model], path: HistoryPath, settings: Any, exact: History
+) -> dict[str, Run]:
+    """Histories of several models, by name, compared with a full one: all once, then all again, in
+    turns.
 
-    They are timed as a user runs them, and answered in the parts of the steps of the full one: with a time tolerance
-    each model has different parts, whose time errors would count as model errors.
+    They are timed as a user runs them, and answered in the parts of the steps of the full one: with
+    a time tolerance each model has different parts, whose time errors would count as model errors.
     """
     march = settings.march
-    every = [{name: Run.of(model, path, march) for name, model in models.items()} for _ in range(settings.repetitions)]
+    every = [
+        {name: Run.of(model, path, march) for name, model in models.items()}
+        for _ in range(settings.repetitions)
+    ]
     runs = {
-        name: every[0][name]._replace(seconds=float(np.median([turn[name].seconds for turn in every])))
+        name: every[0][name]._replace(
+            seconds=float(np.median([turn[name].seconds for turn in every]))
+        )
         for name in models
     }
     if march.time_tolerance is None:
@@ -79,7 +98,10 @@ def runs_beside(models: Mapping[str, Model], path: HistoryPath, settings: Any, e
 
 
 def run_in_full(full: FullOrderModel, path: HistoryPath, ways: Sequence[MarchSettings]) -> Run:
-    """A full history by the first of some settings that solves it; ConvergenceError of the last one."""
+    """A full history by the first of some settings that solves it.
+
+    ConvergenceError of the last one.
+    """
     for settings in ways:
         run = Run.of(full, path, settings)
         if run.failure is None:
@@ -91,7 +113,9 @@ def run_in_full(full: FullOrderModel, path: HistoryPath, ways: Sequence[MarchSet
 def timed_searches(
     full: FullOrderModel, path: HistoryPath, march: MarchSettings
 ) -> tuple[list[MarchSettings], dict[str, float], list[dict[str, str]]]:
-    """Settings for full histories, the fastest search operator first; seconds of each on a path; those that failed.
+    """Settings for full histories, the fastest search operator first; seconds of each on a path.
+
+    Those that failed.
 
     ConvergenceError if none converges.
     """
@@ -106,15 +130,20 @@ def timed_searches(
     failed = {search: run.failure for search, run in runs.items() if run.failure is not None}
     if not seconds:
         raise failed[march.search]
-    skipped = [{"stage": f"fom_searches, {search}", "why": str(error)} for search, error in failed.items()]
+    skipped = [
+        {"stage": f"fom_searches, {search}", "why": str(error)} for search, error in failed.items()
+    ]
     return [ways[search] for search in sorted(seconds, key=seconds.__getitem__)], seconds, skipped
 
 
-def history_errors(full: FullOrderModel, model: Model, history: History, exact: History, floor: float = 0.0) -> Report:
+def history_errors(
+    full: FullOrderModel, model: Model, history: History, exact: History, floor: float = 0.0
+) -> Report:
     """Relative errors at the last step as in thesis table 6.1, and the largest ones of the history.
 
-    ``resultant`` is the error of the sum of all contact forces at the last step over the largest sum in the history.
-    Errors in the RID are those of a model with one; below the force norm ``floor`` a relative error has no meaning.
+    ``resultant`` is the error of the sum of all contact forces at the last step over the largest
+    sum in the history. Errors in the RID are those of a model with one; below the force norm
+    ``floor`` a relative error has no meaning.
     """
     here = history.answers[-1]
     there = exact.answers[-1]
@@ -123,7 +152,11 @@ def history_errors(full: FullOrderModel, model: Model, history: History, exact: 
     errors = answer_errors(full.problem, found, known, theta, floor, conditions_inside(model))
     stress = there.stress()
     flowed = there.plastic_strain()
-    if isinstance(model, ReducedModel) and isinstance(model.flow, ReducedFlow) and "gauss" in here.memory:
+    if (
+        isinstance(model, ReducedModel)
+        and isinstance(model.flow, ReducedFlow)
+        and "gauss" in here.memory
+    ):
         inside = model.flow.points
         errors["stress_rr"] = relative_error(here.gauss.stress[:, 0], stress[inside, 0])
         errors["plastic_strain"] = relative_error(here.gauss.state.cumulated, flowed[inside])
@@ -132,7 +165,9 @@ def history_errors(full: FullOrderModel, model: Model, history: History, exact: 
     largest = max(float(np.abs(answer.forces().sum())) for answer in exact.answers)
     wrong = float(np.abs(found[1].sum() - known[1].sum()))
     errors["resultant"] = wrong / max(largest, floor) if wrong > 0 else 0.0
-    errors["largest_displacement"], errors["largest_forces"] = largest_errors(full, history, exact, floor)
+    errors["largest_displacement"], errors["largest_forces"] = largest_errors(
+        full, history, exact, floor
+    )
     return {**errors, "kkt": asdict(kind_of(full).residuals(here))}
 
 
@@ -142,7 +177,9 @@ def row_of_runs(method: str, setting: str, runs: Sequence[Run], errors: Sequence
     residuals = [row["kkt"] for row in errors if row["kkt"]]
     kkt = {name: max(row[name] for row in residuals) for name in residuals[0]} if residuals else {}
     answered = np.array([run.history is not None for run in runs])
-    return Row(method, setting, np.array([run.seconds for run in runs]), Errors(values, answered, kkt))
+    return Row(
+        method, setting, np.array([run.seconds for run in runs]), Errors(values, answered, kkt)
+    )
 
 
 @dataclass(frozen=True)
@@ -189,7 +226,9 @@ class Measured:
         return row | {"cuts": run.history.cuts, "iterations": run.history.iterations}
 
 
-def seconds_of_parts(full_or_reduced: FullOrderModel | ReducedModel, history: History) -> dict[str, float]:
+def seconds_of_parts(
+    full_or_reduced: FullOrderModel | ReducedModel, history: History
+) -> dict[str, float]:
     """Seconds of each part of an iteration in the last step of a history, and of a new tangent."""
     model: Any = full_or_reduced.equilibrium
     (before, _), (time, _), answer = *history.path[-2:], history.answers[-1]
@@ -225,7 +264,12 @@ class _Method(NamedTuple):
 METHODS = {
     "HHR": _Method("hhr", "this model", "online", "offline", "fields", "the hyper-reduced model"),
     "condensed": _Method(
-        "condensed", "plastic correction", "condensed", "offline_condensed", "fields, condensed", "condensed flow"
+        "condensed",
+        "plastic correction",
+        "condensed",
+        "offline_condensed",
+        "fields, condensed",
+        "condensed flow",
     ),
 }
 
@@ -234,15 +278,17 @@ METHODS = {
 def measure_histories(
     training: Training, settings: Any, tests: Mapping[Any, HistoryPath], progress: Progress
 ) -> tuple[ReducedModel | CondensedFlowModel, Measurement]:
-    """The model under study, and errors and times of both kinds of small models compared with the full model.
+    """The model under study, and errors and times of both kinds of small models compared with the
+    full model.
 
-    Under study is the hyper-reduced model, or the condensed inelastic one if that is refused. A path that one of them
-    does not solve counts with infinite errors and the time that it took. The full model is no more accurate than its
-    time steps, which is reported without a warning.
+    Under study is the hyper-reduced model, or the condensed inelastic one if that is refused. A
+    path that one of them does not solve counts with infinite errors and the time that it took. The
+    full model is no more accurate than its time steps, which is reported without a warning.
 
     Raises:
         ReductionError, UnstableModelError: if both are refused.
-        ConvergenceError: if the full model does not solve the first path, or no small model solves any.
+        ConvergenceError: if the full model does not solve the first path, or no small model solves
+            any.
 
     Warns:
         TrainingWarning: for paths that the full model does not solve, which are left out.
@@ -263,7 +309,11 @@ def measure_histories(
     for name, model in models.items():
         try:
             facts = model.offline
-            setting = METHODS[name].setting if name == "HHR" else f"{facts.modes} modes, {facts.points} points"
+            setting = (
+                METHODS[name].setting
+                if name == "HHR"
+                else f"{facts.modes} modes, {facts.points} points"
+            )
             measured[name] = Measured.of((name, setting), full, model, found[name], known, floor)
         except HHRError as error:
             refused[name] = error
@@ -272,15 +322,25 @@ def measure_histories(
     name, own = next(iter(measured.items()))
     nothing: Report = dict.fromkeys(own.row.errors.values, 0.0) | {"kkt": {}}
     best = row_of_runs("fom_best", ways[0].search, exact, [nothing] * len(exact))
-    drawn = [(there, run.history) for there, run in zip(known, own.runs, strict=True) if run.history is not None][-1]
+    drawn = [
+        (there, run.history)
+        for there, run in zip(known, own.runs, strict=True)
+        if run.history is not None
+    ][-1]
     report = _report(measured, refused, best, searches, list(tests), known)
     if name == "HHR":
-        parts = {"fom": seconds_of_parts(full, drawn[0]), "online": seconds_of_parts(own.model, drawn[1])}
+        parts = {
+            "fom": seconds_of_parts(full, drawn[0]),
+            "online": seconds_of_parts(own.model, drawn[1]),
+        }
         report["times"]["parts"] = parts
         report["ratios"]["laws"] = parts["fom"]["laws"] / parts["online"]["laws"]
     skipped += [{"stage": method, "why": str(error)} for method, error in refused.items()]
     others = [*(item.row for item in measured.values() if item is not own), best]
-    rows = [{"method": name, "setting": METHODS[name].setting, "refused": str(why)} for name, why in refused.items()]
+    rows = [
+        {"method": name, "setting": METHODS[name].setting, "refused": str(why)}
+        for name, why in refused.items()
+    ]
     by_key = {METHODS[method].key: item.model for method, item in measured.items()}
     return own.model, Measurement(own.row, others, beside, report, skipped, drawn, rows, by_key)
 
@@ -293,7 +353,9 @@ def _runs(
     settings: Any,
     progress: Progress,
 ) -> tuple[dict[Any, HistoryPath], list[Run], dict[str, list[Run]]]:
-    """Paths that the full model solves, by label, and histories along them: of the full model, and of each model."""
+    """Paths that the full model solves, by label, and histories along them: of the full model, and
+    of each model.
+    """
     exact: list[Run] = []
     found: dict[str, list[Run]] = {name: [] for name in models}
     lost = Lost()
@@ -349,8 +411,12 @@ def _report(
     ratios: Report = {}
     for name, method in METHODS.items():
         item = measured.get(name)
-        models[method.key] = {"refused": str(refused[name])} if item is None else makers[name](item.model, item.row)
-        ratios[f"fom_best/{method.times}"] = float(slow / np.median(seconds[name])) if name in seconds else None
+        models[method.key] = (
+            {"refused": str(refused[name])} if item is None else makers[name](item.model, item.row)
+        )
+        ratios[f"fom_best/{method.times}"] = (
+            float(slow / np.median(seconds[name])) if name in seconds else None
+        )
     if "condensed" in measured:
         times["offline_condensed"] = dict(measured["condensed"].model.offline.log.times)
     own = next(iter(measured.values()))
@@ -358,7 +424,9 @@ def _report(
     rows: list[Report] = []
     for k, (label, known) in enumerate(zip(labels, exact, strict=True)):
         steps = {"parts": sum(known.parts), "time_error": errors[k]}
-        rows.append({"value": label, **own.history(k), "full_iterations": known.iterations, "full": steps})
+        rows.append(
+            {"value": label, **own.history(k), "full_iterations": known.iterations, "full": steps}
+        )
         if "condensed" in measured:
             rows[k]["condensed"] = measured["condensed"].history(k)
     return {
@@ -371,7 +439,10 @@ def _report(
 
 
 def time_error_of(exact: History, model: Model) -> float:
-    """Largest time error of a full history; without a tolerance, by a small model in the same steps, which is cheap."""
+    """Largest time error of a full history.
+
+    Without a tolerance, by a small model in the same steps, which is cheap.
+    """
     if exact.time_tolerance is None:
         try:
             exact = model.march(exact.solved_path, MarchSettings(outside="ignore", time_error=True))
@@ -383,13 +454,15 @@ def time_error_of(exact: History, model: Model) -> float:
 def condensed_report(model: CondensedFlowModel, row: Row) -> Report:
     """The ``condensed`` one of the ``models`` of a report on an inelastic scene.
 
-    ``check`` holds misfit and largest energy of the cubature, and the largest errors along known histories.
+    ``check`` holds misfit and largest energy of the cubature, and the largest errors along known
+    histories.
     """
     record = model.offline
     known = model.offline.comparison
     columns = () if known is None else (known.labels, known.primal.tolist(), known.dual.tolist())
     compared = [
-        {"history": label, "displacement": primal, "forces": dual} for label, primal, dual in zip(*columns, strict=True)
+        {"history": label, "displacement": primal, "forces": dual}
+        for label, primal, dual in zip(*columns, strict=True)
     ]
     return {
         "sizes": {"modes": record.modes, "points": record.points, "candidates": record.candidates},
@@ -414,17 +487,23 @@ def advice_flowing(report: Report) -> Advice:
         errors = measured[key]["errors"]
         count = report["break_even"].get(kinds[key].even)
         paid = "never pays" if count is None else f"pays after {count:.1f} histories"
-        own = sum(value for stage, value in times[kinds[key].offline].items() if stage not in TRAINING)
+        own = sum(
+            value for stage, value in times[kinds[key].offline].items() if stage not in TRAINING
+        )
         ratio = times["fom_best"]["median"] / seconds[key]
         missed = measured[key]["unconverged"]
         return (
-            f"{kinds[key].text}: {in_words(seconds[key])} for a history, {ratio:.0f} times the best full order, errors "
-            f"{errors['largest_displacement']['max']:.1e} of displacement and {errors['largest_forces']['max']:.1e} of "
-            f"contact forces at most, made in {in_words(own)} from the training answers, and {paid}"
+            f"{kinds[key].text}: {in_words(seconds[key])} for a history, {ratio:.0f} times the "
+            f"best full order, errors {errors['largest_displacement']['max']:.1e} of displacement "
+            f"and {errors['largest_forces']['max']:.1e} of contact forces at most, made in "
+            f"{in_words(own)} from the training answers, and {paid}"
             + (f"; {missed} of the test paths have no answer" if missed else "")
         )
 
-    worst = {key: {"dual_full_floored_max": item["errors"]["largest_forces"]["max"]} for key, item in measured.items()}
+    worst = {
+        key: {"dual_full_floored_max": item["errors"]["largest_forces"]["max"]}
+        for key, item in measured.items()
+    }
     favoured, *others = by_favour(worst, seconds)
     sentence = f"Use {figures(favoured)}."
     for other in others:
@@ -433,17 +512,24 @@ def advice_flowing(report: Report) -> Advice:
     for key, method in kinds.items():
         if key not in measured:
             name = method.text
-            sentence += f" {name[0].upper()}{name[1:]} is refused here: {models[key]['refused'].rstrip('.')}."
+            sentence += (
+                f" {name[0].upper()}{name[1:]} is refused here: "
+                f"{models[key]['refused'].rstrip('.')}."
+            )
     sentence += (
-        " The hyper-reduced model is the one for contact conditions by the thousand, and where parts that hang "
-        "together have moduli that are parameters of their own."
+        " The hyper-reduced model is the one for contact conditions by the thousand, and where "
+        "parts that hang together have moduli that are parameters of their own."
     )
     return Advice(favoured, sentence)
 
 
 def draw_over_time(histories: dict[str, History], contacts: np.ndarray, folder: Path) -> None:
-    """Force of each contact, largest plastic strain and iterations of the steps of histories, by method."""
-    from hhr_dolfinx.plugins.studies.plots import plot_curves  # imported here: it needs packages for pictures
+    """Force of each contact, largest plastic strain and iterations of the steps of histories, by
+    method.
+    """
+    from hhr_dolfinx.plugins.studies.plots import (
+        plot_curves,
+    )  # imported here: it needs packages for pictures
 
     times = [answer.time for answer in next(iter(histories.values())).answers]
     pairs = np.unique(contacts)
@@ -455,7 +541,9 @@ def draw_over_time(histories: dict[str, History], contacts: np.ndarray, folder: 
             lines[name] = times, forces[:, contacts == pair].sum(axis=1)
     plot_curves(lines, folder / "contact_force.png", ("time [s]", "contact force"))
     quantities = {
-        "largest plastic strain": lambda history: [answer.gauss.state.cumulated.max() for answer in history.answers],
+        "largest plastic strain": lambda history: [
+            answer.gauss.state.cumulated.max() for answer in history.answers
+        ],
         "iterations of a step": lambda history: history.iterations,
     }
     for name, quantity in quantities.items():
@@ -477,10 +565,13 @@ class _Study:
         correction = settings.correction
         if correction is not None and not isinstance(correction, CorrectionSettings):
             raise StudyError(
-                f"correction = {correction!r} of a study must be CorrectionSettings, or None for the usual way"
+                f"correction = {correction!r} of a study must be CorrectionSettings, or None for "
+                "the usual way"
             )
 
-    def fields(self, full: FullOrderModel, answers: dict[str, Answer], view: View) -> dict[str, dict[str, np.ndarray]]:
+    def fields(
+        self, full: FullOrderModel, answers: dict[str, Answer], view: View
+    ) -> dict[str, dict[str, np.ndarray]]:
         """Plastic strain, and the first normal stress."""
 
         def mean(values: np.ndarray) -> np.ndarray:
@@ -488,7 +579,9 @@ class _Study:
 
         stress = f"first normal stress [{view.stress}]"
         return {
-            "plastic strain": {name: mean(answer.plastic_strain()) for name, answer in answers.items()},
+            "plastic strain": {
+                name: mean(answer.plastic_strain()) for name, answer in answers.items()
+            },
             stress: {name: mean(answer.stress()[:, 0]) for name, answer in answers.items()},
         }
 

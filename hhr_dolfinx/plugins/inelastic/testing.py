@@ -17,32 +17,58 @@ from hhr_dolfinx.testing import OF_FUNCTIONS, OTHER_IN_A_FILE, blaming, from_fil
 WRONG = {
     "formula": "its constants {} are formulas: give check_law numbers for them",
     "file": OTHER_IN_A_FILE,
-    "idle": "nothing flows under strains of {:g} with young = {:g}: give check_law both in its units",
-    "energy": "it gives back {:.3g} of the energy that a path put in: its inelastic strain goes against the stress",
-    "tangent": "its stress jumps, so that differences give {:.6g} and its tangent {:.6g}: state it continuously",
-    "softens": "its stress falls as strain grows, by {:.3g} of E: leave softening out, it depends on the mesh",
-    "symmetric": "its elastic C is unsymmetric by {:.3g} of E, so closed paths gain energy: derive an energy twice",
-    "rest": "its tangent without strain is no number: take ufl.conditional where a root or a quotient is at 0",
-    "path": "its stress depends on the path, by {:.3g}, and its `cumulated` never grows: return it in the memory",
+    "idle": (
+        "nothing flows under strains of {:g} with young = {:g}: give check_law both in its units"
+    ),
+    "energy": (
+        "it gives back {:.3g} of the energy that a path put in: its inelastic strain goes against "
+        "the stress"
+    ),
+    "tangent": (
+        "its stress jumps, so that differences give {:.6g} and its tangent {:.6g}: state it "
+        "continuously"
+    ),
+    "softens": (
+        "its stress falls as strain grows, by {:.3g} of E: leave softening out, it depends on the "
+        "mesh"
+    ),
+    "symmetric": (
+        "its elastic C is unsymmetric by {:.3g} of E, so closed paths gain energy: derive an "
+        "energy twice"
+    ),
+    "rest": (
+        "its tangent without strain is no number: take ufl.conditional where a root or a quotient "
+        "is at 0"
+    ),
+    "path": (
+        "its stress depends on the path, by {:.3g}, and its `cumulated` never grows: return it in "
+        "the memory"
+    ),
 }
 """What the check says of a law: what is wrong, and what to do."""
 POINTS = 60
 LEGS = 200
 CLOSED = 1e-3
-"""Steps of a leg of a path whose work is summed, and the error of the sum over E times a strain squared."""
+"""Steps of a leg of a path whose work is summed, and the error of the sum over E times a strain
+squared.
+"""
 
 
 @blaming
-def check_law(law: Any, *, young: float = 200.0, poisson: float = 0.3, strain: float = 0.02, dt: float = 0.1) -> None:
+def check_law(
+    law: Any, *, young: float = 200.0, poisson: float = 0.3, strain: float = 0.02, dt: float = 0.1
+) -> None:
     """Check a law of a body with numbers as constants, along random paths of strains in the plane.
 
-    An inelastic law must dissipate: σ:Δε_in is not negative, or, if it does not unload along its elasticity at rest,
-    as a gasket, the work from rest is not. An elastic one must have symmetric tangents and forget its path. Of both,
-    tangents are derivatives of the stress, whose symmetric part has no eigenvalue below -0.05 E. A file answers the
-    same. Paths start without stress: heat, which is constant, has strained the points before.
+    An inelastic law must dissipate: σ:Δε_in is not negative, or, if it does not unload along its
+    elasticity at rest, as a gasket, the work from rest is not. An elastic one must have symmetric
+    tangents and forget its path. Of both, tangents are derivatives of the stress, whose symmetric
+    part has no eigenvalue below -0.05 E. A file answers the same. Paths start without stress: heat,
+    which is constant, has strained the points before.
 
     Args:
-        law: of small strains, or a function without arguments that makes it; wrong ones raise ConformanceError.
+        law: of small strains, or a function without arguments that makes it; wrong ones raise
+            ConformanceError.
         young, poisson: E, in the unit of stress of the law, and ν of the body.
         strain: size of the steps times 4, at which an inelastic law flows.
         dt: length of a step in seconds.
@@ -69,18 +95,25 @@ def check_law(law: Any, *, young: float = 200.0, poisson: float = 0.3, strain: f
             lost = -work / (young * strain**2)
             linear &= _unloads_by(compliance, material, paths, found.state, dt)
             if lost.max() > 1e-9 and not linear[lost > 1e-9].any():
-                lost = -_least_work(material, [*paths, paths[0]], start, dt) / (young * strain**2) - CLOSED
+                lost = (
+                    -_least_work(material, [*paths, paths[0]], start, dt) / (young * strain**2)
+                    - CLOSED
+                )
             require(float(lost.max()) <= 1e-9, WRONG["energy"], float(lost.max()))
         else:
             _check_symmetry(np.asarray(found.tangents), young)
-            other = np.abs(material.update(path, start, dt, tangent=False).stress - found.stress).max()
+            other = np.abs(
+                material.update(path, start, dt, tangent=False).stress - found.stress
+            ).max()
             require(other <= 1e-9 * young * strain, WRONG["path"], other)
         _check_tangents(material, path, old, dt, found.tangents, young, strain)
         before = path
         old = found.state
     require(not flows or old.cumulated.any(), WRONG["idle"], strain, young)
     again: LawProgram = from_file(program)
-    same = Material([Group(np.arange(POINTS), young, poisson, again)], 4).update(before, old, dt, tangent=False)
+    same = Material([Group(np.arange(POINTS), young, poisson, again)], 4).update(
+        before, old, dt, tangent=False
+    )
     there = material.update(before, old, dt, tangent=False)
     require(np.array_equal(same.stress, there.stress), WRONG["file"])
 
@@ -88,18 +121,29 @@ def check_law(law: Any, *, young: float = 200.0, poisson: float = 0.3, strain: f
 def _unloads_by(
     compliance: np.ndarray, material: Material, paths: Sequence[np.ndarray], state: State, dt: float
 ) -> np.ndarray:
-    """True at points that unload along the elasticity at rest, so that ε - C^-1 σ is their inelastic strain."""
+    """True at points that unload along the elasticity at rest, so that ε - C^-1 σ is their
+    inelastic strain.
+    """
     change = 1e-6 * (paths[-1] - paths[-2])
     found = np.zeros(POINTS, dtype=bool)
     for way in (-1, 1):  # one of them unloads
         moved = paths[-1] + way * change
-        slopes = compliance @ np.asarray(material.update(moved, state, 1e-9 * dt, tangent=True).tangents)
-        found |= np.abs(slopes @ compliance - compliance).max(axis=(1, 2)) <= 1e-4 * np.abs(compliance).max()
+        slopes = compliance @ np.asarray(
+            material.update(moved, state, 1e-9 * dt, tangent=True).tangents
+        )
+        found |= (
+            np.abs(slopes @ compliance - compliance).max(axis=(1, 2))
+            <= 1e-4 * np.abs(compliance).max()
+        )
     return found
 
 
-def _least_work(material: Material, paths: Sequence[np.ndarray], state: State, dt: float) -> np.ndarray:
-    """Smallest work ∫ σ:dε of each point on a path from rest, after any of its legs, by the trapezoidal rule."""
+def _least_work(
+    material: Material, paths: Sequence[np.ndarray], state: State, dt: float
+) -> np.ndarray:
+    """Smallest work ∫ σ:dε of each point on a path from rest, after any of its legs, by the
+    trapezoidal rule.
+    """
     total = least = np.zeros(POINTS)
     last = np.zeros_like(paths[0])
     for begin, end in pairwise(paths):
@@ -113,14 +157,18 @@ def _least_work(material: Material, paths: Sequence[np.ndarray], state: State, d
 
 
 def _flows(program: LawProgram) -> bool:
-    """True if a step may change the cumulated strain: its output is another register than its input."""
+    """True if a step may change the cumulated strain: its output is another register than its
+    input.
+    """
     unknowns = len(program.kinds)
     first = program.program.output_ends[(AFTER if unknowns else REST) - 1]
     return bool(program.program.outputs[first + program.strains] != 2 * program.strains + unknowns)
 
 
 def _unloaded(material: Material, dt: float) -> tuple[np.ndarray, np.ndarray, State]:
-    """Strains without stress, which are those of heat, with C^-1 and state there, in a step too short for creep."""
+    """Strains without stress, which are those of heat, with C^-1 and state there, in a step too
+    short for creep.
+    """
     strain = np.zeros((POINTS, 4))
     for _ in range(3):
         found = material.update(strain, material.at_rest(), 1e-9 * dt, tangent=True)
@@ -138,13 +186,25 @@ def _check_symmetry(tangents: np.ndarray, young: float) -> None:
 
 
 def _check_tangents(
-    material: Material, path: np.ndarray, old: State, dt: float, tangents: Any, young: float, strain: float
+    material: Material,
+    path: np.ndarray,
+    old: State,
+    dt: float,
+    tangents: Any,
+    young: float,
+    strain: float,
 ) -> None:
-    """Compare tangents with differences, where both sides agree: not where flow begins; and refuse softening."""
+    """Compare tangents with differences, where both sides agree: not where flow begins.
+
+    And refuse softening.
+    """
     step = 1e-6 * strain
     for place in range(4):
         step_along = step * np.eye(4)[place]
-        ends = [material.update(path + way * step_along, old, dt, tangent=False).stress for way in (-1, 0, 1)]
+        ends = [
+            material.update(path + way * step_along, old, dt, tangent=False).stress
+            for way in (-1, 0, 1)
+        ]
         left = (ends[1] - ends[0]) / step
         right = (ends[2] - ends[1]) / step
         smooth = np.abs(left - right).max(axis=1) <= OF_FUNCTIONS * young

@@ -1,16 +1,20 @@
-"""Error of the time steps of a history, from a second solution in steps of another length; steps controlled by it.
+"""Error of the time steps of a history, from a second solution in steps of another length.
 
-Implicit Euler's rule and the return mappings of laws without rates are of first order in the length of the steps. So
-if y_h is the solution in steps of some lengths and y_h/2 that in their halves, both along the whole path, the errors
-are about 2 (y_h - y_h/2) and y_h - y_h/2: Richardson's extrapolation, applied to whole histories (E. Hairer, S. P.
-Norsett, G. Wanner, Solving Ordinary Differential Equations I, section II.4). Errors of earlier steps are carried to
-later ones by both solutions themselves, so that this needs no property of a law. The estimate has a norm for each of
+Steps controlled by it.
+
+Implicit Euler's rule and the return mappings of laws without rates are of first order in the length
+of the steps. So if y_h is the solution in steps of some lengths and y_h/2 that in their halves,
+both along the whole path, the errors are about 2 (y_h - y_h/2) and y_h - y_h/2: Richardson's
+extrapolation, applied to whole histories (E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary
+Differential Equations I, section II.4). Errors of earlier steps are carried to later ones by both
+solutions themselves, so that this needs no property of a law. The estimate has a norm for each of
 stress, displacement and contact forces, over the largest norm of that field so far.
 
-Without a tolerance the answers are y_h, and the halves are solved beside them: twice the work of the history is added.
-With a tolerance the answers are y_h/2. Each part is solved as a whole from the same state too, and the difference of
-both, the error that the part adds, controls its length; that is twice the work of the answers, and attempts that are
-discarded. docs/flow.md has a table of estimates over true errors, which ``make time-errors`` measures.
+Without a tolerance the answers are y_h, and the halves are solved beside them: twice the work of
+the history is added. With a tolerance the answers are y_h/2. Each part is solved as a whole from
+the same state too, and the difference of both, the error that the part adds, controls its length;
+that is twice the work of the answers, and attempts that are discarded. docs/flow.md has a table of
+estimates over true errors, which ``make time-errors`` measures.
 """
 
 from __future__ import annotations
@@ -31,24 +35,32 @@ from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.warn import ignored
 
 MARGIN = 1.25
-"""Factor over Richardson's estimate, which is too small where steps are too long to be of first order: without it the
-estimates in the table of docs/flow.md are down to 0.85 of the true errors."""
+"""Factor over Richardson's estimate, which is too small where steps are too long to be of first
+order: without it the estimates in the table of docs/flow.md are down to 0.85 of the true errors.
+"""
 SAFETY = 0.8
 """Part of the allowed error at which the next part of a step aims."""
 SHRUNK = 0.1
 GROWN = 4.0
 """Least and largest factor from one part of a step to the next."""
 EARLY = 2
-"""Steps in which the estimate may grow to half of the tolerance; in n steps to n / (n + 2) of it."""
+"""Steps in which the estimate may grow to half of the tolerance; in n steps to n / (n + 2) of
+it.
+"""
 LATE = 20
 """Steps in which an estimate that has used up the tolerance may grow by as much again."""
 NEGLIGIBLE = 3e-3
-"""Part of the tolerance that any part of a step may add, however short: steps are solved more accurately than that."""
+"""Part of the tolerance that any part of a step may add, however short: steps are solved more
+accurately than that.
+"""
 TIGHT = {"floor_stress": 1e-4, "relative_stress": 1e-4, "relative_force": 1e-4}
-"""Largest tolerances of the solution of a step, over the time tolerance: with the default ones two solutions differed
-by 2e-5 however short a step was."""
+"""Largest tolerances of the solution of a step, over the time tolerance: with the default ones two
+solutions differed by 2e-5 however short a step was.
+"""
 CONTROLLED = 2
-"""Fields that a tolerance controls, the first ones: forces are large beside the largest so far where contact begins."""
+"""Fields that a tolerance controls, the first ones: forces are large beside the largest so far
+where contact begins.
+"""
 MOST_PARTS = 10_000
 """Parts of one step of a path above which a tolerance is out of reach."""
 
@@ -67,16 +79,22 @@ class TimeErrors(NamedTuple):
 
 
 def tightened(settings: MarchSettings) -> MarchSettings:
-    """Settings of a solution in time that are small enough for its time tolerance, if it has one."""
+    """Settings of a solution in time that are small enough for its time tolerance, if it has
+    one.
+    """
     tolerance = settings.time_tolerance
     if tolerance is None:
         return settings
-    values: Any = {name: min(getattr(settings, name), factor * tolerance) for name, factor in TIGHT.items()}
+    values: Any = {
+        name: min(getattr(settings, name), factor * tolerance) for name, factor in TIGHT.items()
+    }
     return replace(settings, **values)
 
 
 class SecondSolution:
-    """Second solution of one history: in halves of its steps, or in whole steps if a tolerance makes it take halves."""
+    """Second solution of one history: in halves of its steps, or in whole steps if a tolerance
+    makes it take halves.
+    """
 
     def __init__(self, model: Equilibrium, settings: MarchSettings, rest: Answer):
         self._model = model.alongside()
@@ -85,15 +103,23 @@ class SecondSolution:
         self._trail: Trail = (rest,)
         self._behind = list[tuple[Answer, Answer, bool]]()
         self._lost = False
-        self._errors = np.zeros(len(TimeErrors._fields))  # norms of the difference of both solutions
+        self._errors = np.zeros(
+            len(TimeErrors._fields)
+        )  # norms of the difference of both solutions
         self.largest = np.zeros(len(TimeErrors._fields))  # norms of the fields so far
 
     def follow(self, before: Answer, after: Answer, turned: bool) -> None:
-        """Note a step of the history, which starts elastically if the path ``turned``; it is solved when needed."""
+        """Note a step of the history, which starts elastically if the path ``turned``.
+
+        It is solved when needed.
+        """
         self._behind.append((before, after, turned))
 
     def errors(self) -> TimeErrors:
-        """Estimated errors of the history so far; NaN after a step that the second solution did not solve."""
+        """Estimated errors of the history so far.
+
+        NaN after a step that the second solution did not solve.
+        """
         for before, after, turned in self._behind:
             self._trail = self._trail[-1:] if turned else self._trail
             try:
@@ -117,8 +143,12 @@ class SecondSolution:
                 found += self._stepper.advance((*trail, *found)[-3:], goal)
         return found
 
-    def attempt(self, stepper: Stepper, trail: Trail, goal: Goal) -> tuple[list[Answer], list[Answer]]:
-        """A part of a step of the history, from the end of its trail: as a whole, and in halves by its stepper."""
+    def attempt(
+        self, stepper: Stepper, trail: Trail, goal: Goal
+    ) -> tuple[list[Answer], list[Answer]]:
+        """A part of a step of the history, from the end of its trail: as a whole, and in halves by
+        its stepper.
+        """
         whole = self.advanced(trail, [goal])
         halves = list[Answer]()
         for end in halved(trail[-1], [Goal(answer.time, answer.parameter) for answer in whole]):
@@ -134,10 +164,14 @@ class SecondSolution:
         return halved(before, ends) if self._in_halves else [*ends[1:-1:2], ends[-1]]
 
     def norms(self, answer: Answer, other: Answer | None = None) -> np.ndarray:
-        """Norms of stress, displacement and contact forces of an answer, or of its difference to another one, (3,)."""
+        """Norms of stress, displacement and contact forces of an answer, or of its difference to
+        another one, (3,).
+        """
         stress, displacement, forces = (
             one if other is None else one - two
-            for one, two in zip(_fields(answer), _fields(answer if other is None else other), strict=True)
+            for one, two in zip(
+                _fields(answer), _fields(answer if other is None else other), strict=True
+            )
         )
         squares = self._model.together.total(float(np.vdot(stress, stress)))
         return np.array([math.sqrt(squares), np.linalg.norm(displacement), np.linalg.norm(forces)])
@@ -153,22 +187,29 @@ def _fields(answer: Answer) -> tuple[np.ndarray, ...]:
 
 
 def halved(before: Any, ends: Sequence[Goal]) -> list[Goal]:
-    """Ends of the halves of some steps, the first of which begins at the time and parameter of an answer."""
+    """Ends of the halves of some steps, the first of which begins at the time and parameter of an
+    answer.
+    """
     starts = [Goal(before.time, before.parameter), *ends]
-    middles = [Goal((one.time + two.time) / 2, (one.parameter + two.parameter) / 2) for one, two in pairwise(starts)]
+    middles = [
+        Goal((one.time + two.time) / 2, (one.parameter + two.parameter) / 2)
+        for one, two in pairwise(starts)
+    ]
     return [goal for pair in zip(middles, ends, strict=True) for goal in pair]
 
 
 def in_parts(
     stepper: Stepper, trail: Trail, goal: Goal, second: SecondSolution, number: int, turned: bool
 ) -> tuple[list[Answer], int]:
-    """Solve a step of a path in parts, each as two halves, whose difference to the whole part is the error they add.
+    """Solve a step of a path in parts, each as two halves, whose difference to the whole part is
+    the error they add.
 
-    The parts may add the tolerance less the estimate, each in proportion to its length; where little is left of that,
-    a small part of the tolerance. Where the error before a part decayed in it, as in a hold, the next part may add as
-    much as that. An added error is about proportional to the square of the length of its part, so the length of the
-    next part, or of the same one once more, changes by the ratio of the allowed error to it. The first attempt is the
-    whole step. All this depends on the path up to here alone, so that a history that continues after stored answers
+    The parts may add the tolerance less the estimate, each in proportion to its length; where
+    little is left of that, a small part of the tolerance. Where the error before a part decayed in
+    it, as in a hold, the next part may add as much as that. An added error is about proportional to
+    the square of the length of its part, so the length of the next part, or of the same one once
+    more, changes by the ratio of the allowed error to it. The first attempt is the whole step. All
+    this depends on the path up to here alone, so that a history that continues after stored answers
     finds the same parts.
 
     Args:
@@ -177,7 +218,8 @@ def in_parts(
         number: of the step in the path, from 1 on; it starts elastically if the path ``turned``.
 
     Returns:
-        The answers at the ends of the halves, and the iterations of all attempts, discarded ones included.
+        The answers at the ends of the halves, and the iterations of all attempts, discarded ones
+        included.
 
     Raises:
         Diverged: if a part does not converge, or the parts are too many or too short.
@@ -186,26 +228,38 @@ def in_parts(
     tolerance = stepper.settings.time_tolerance or 0.0
     limit = tolerance * number / (number + EARLY)
     error = np.nan_to_num(second.errors())
-    decay = np.zeros(len(error))  # part of the error before the last part of the step that it does not keep
+    decay = np.zeros(
+        len(error)
+    )  # part of the error before the last part of the step that it does not keep
     done = 0.0
     length = 1.0
     spent = 0
-    largest = np.zeros(len(error))  # of all attempts: near rest an error is small beside the fields of the step
+    largest = np.zeros(
+        len(error)
+    )  # of all attempts: near rest an error is small beside the fields of the step
     solved = list[Answer]()
     for _ in range(MOST_PARTS):
         end = _end_of_part(done, length)
         time = goal.time if end == 1 else start.time + end * (goal.time - start.time)
-        whole, halves = second.attempt(stepper, trail, Goal(time, (1 - end) * start.parameter + end * goal.parameter))
+        whole, halves = second.attempt(
+            stepper, trail, Goal(time, (1 - end) * start.parameter + end * goal.parameter)
+        )
         spent += sum(answer.iterations for answer in (*whole, *halves))
         largest = np.maximum(largest, second.norms(halves[-1]))
-        added = relative(MARGIN * second.norms(halves[-1], whole[-1]), np.maximum(largest, second.largest))
+        added = relative(
+            MARGIN * second.norms(halves[-1], whole[-1]), np.maximum(largest, second.largest)
+        )
         duration = end - done
         share = np.maximum(duration / (1 - done), decay)
         allowed = np.maximum((limit - error) * share, tolerance * max(duration / LATE, NEGLIGIBLE))
         miss = float((added / allowed)[:CONTROLLED].max())
         length = duration * (float(np.clip(SAFETY / miss, SHRUNK, GROWN)) if miss > 0 else GROWN)
         if miss <= 1:
-            second.follow(trail[-1], halves[-1]._replace(ends=tuple(answer.time for answer in halves[:-1])), turned)
+            second.follow(
+                trail[-1],
+                halves[-1]._replace(ends=tuple(answer.time for answer in halves[:-1])),
+                turned,
+            )
             following = np.nan_to_num(second.errors())
             decay = np.clip(1 - relative(following - added, error), 0.0, 1.0) * (error > 0)
             error = following
@@ -217,11 +271,15 @@ def in_parts(
             return solved, spent
         if length < SHORTEST:
             break
-    raise Diverged(f"a time tolerance of {tolerance:g} takes too many parts of a step: allow a larger one")
+    raise Diverged(
+        f"a time tolerance of {tolerance:g} takes too many parts of a step: allow a larger one"
+    )
 
 
 def _end_of_part(done: float, length: float) -> float:
-    """End of the next part of a step, as a share of it: two equal parts instead of one and a short rest."""
+    """End of the next part of a step, as a share of it: two equal parts instead of one and a short
+    rest.
+    """
     end = done + length
     if end >= 1 - SHORTEST:
         return 1.0

@@ -1,7 +1,9 @@
-"""Training range of a reduced model of histories, stored with it as numbers, and the check of steps against it.
+"""Training range of a reduced model of histories, stored with it as numbers, and the check of steps
+against it.
 
-Even inside the box of a scene a rate or a direction of loading may be outside the training. On such paths reduced
-histories had errors of up to 200 %, which convergence does not show; their imbalance does.
+Even inside the box of a scene a rate or a direction of loading may be outside the training. On such
+paths reduced histories had errors of up to 200 %, which convergence does not show; their imbalance
+does.
 """
 
 from __future__ import annotations
@@ -21,24 +23,36 @@ from hhr_dolfinx.trained import TrainedRange, announce, check_outside
 PACE = 1.5
 """Factor by which a rate may lie outside the trained ones."""
 FACTOR = 3.0
-"""Factor over the largest imbalance or depth of the training histories. On the inelastic pellet 20 paths inside the
-training stayed below 1.2 times its imbalance, and 40 outside, with errors of displacements from 2 %, were above 3."""
+"""Factor over the largest imbalance or depth of the training histories.
+
+On the inelastic pellet 20 paths inside the training stayed below 1.2 times its imbalance, and 40
+outside, with errors of displacements from 2 %, were above 3.
+"""
 SMALL = 1e-3
-"""Fraction of the forces, or of the gaps and motions, that counts as small for any training: if a model reproduces its
-training to round-off, any other answer would exceed the factor."""
+"""Fraction of the forces, or of the gaps and motions, that counts as small for any training: if a
+model reproduces its training to round-off, any other answer would exceed the factor.
+"""
 EXPLAINED = 0.01
-"""Fraction of the stress of a step that counts as explained by modes for any training, for the same reason."""
+"""Fraction of the stress of a step that counts as explained by modes for any training, for the same
+reason.
+"""
 UNACCEPTABLE = 0.05
-"""Estimate from which on a step is reported, unless the training had nearly as much: an unacceptable error."""
+"""Estimate from which on a step is reported, unless the training had nearly as much: an
+unacceptable error.
+"""
 POOR = 1.2
-"""Factor over the estimates of the training that is always allowed, even above UNACCEPTABLE: such a model is poor,
-and the build warns of it."""
+"""Factor over the estimates of the training that is always allowed, even above UNACCEPTABLE: such a
+model is poor, and the build warns of it.
+"""
 NOTHING = 1e-4
-"""Fraction of the largest training stress below which the stress of a step counts as zero: steps are solved to 1e-5 of
-forces, and a body that moves freely before it touches has a stress of 3e-5 by the round-off of its modes."""
+"""Fraction of the largest training stress below which the stress of a step counts as zero: steps
+are solved to 1e-5 of forces, and a body that moves freely before it touches has a stress of 3e-5 by
+the round-off of its modes.
+"""
 SMALL_STEP = 1e-2
-"""Fraction of the largest training stress below which a training step sets no limit: its relative error is large, and
-as a limit it would accept all errors at full loads."""
+"""Fraction of the largest training stress below which a training step sets no limit: its relative
+error is large, and as a limit it would accept all errors at full loads.
+"""
 
 
 def share_of_stress(misfit: float, stress: float) -> float:
@@ -51,16 +65,24 @@ def share_of_stress(misfit: float, stress: float) -> float:
 class Signs(NamedTuple):
     """Error indicators of a reduced model at a solved step."""
 
-    imbalance: float  # norm of the residual forces on the reduced domain before projection, in the unit of force
+    # norm of the residual forces on the reduced domain before projection, in the unit of force
+    imbalance: float
     size: float  # norm of the contributions to these forces
-    depth: float  # largest violation of a gap on the whole contact surface, in the unit of length, 0 if none
-    what: str = "the forces on the reduced domain are out of balance"  # description of the imbalance, for messages
-    misfit: float = 0.0  # norm of the stress that no mode of the training explains, where laws are evaluated
+    # largest violation of a gap on the whole contact surface, in the unit of length, 0 if none
+    depth: float
+    # description of the imbalance, for messages
+    what: str = "the forces on the reduced domain are out of balance"
+    misfit: float = (
+        0.0  # norm of the stress that no mode of the training explains, where laws are evaluated
+    )
     stress: float = 0.0  # norm of this stress
 
     @property
     def estimate(self) -> float:
-        """Misfit over stress, the estimate of :meth:`Answer.estimate` for inelastic bodies; 0 without stress."""
+        """Misfit over stress, the estimate of :meth:`Answer.estimate` for inelastic bodies.
+
+        0 without stress.
+        """
         return share_of_stress(self.misfit, self.stress)
 
 
@@ -68,7 +90,9 @@ class Known(NamedTuple):
     """Error indicators of a reduced model on its training histories, for each step of each."""
 
     signs: Sequence[Sequence[Signs]]
-    onsets: Sequence[Sequence[Signs]]  # along small parts of their first steps, which a path with finer steps passes
+    onsets: Sequence[
+        Sequence[Signs]
+    ]  # along small parts of their first steps, which a path with finer steps passes
     length: float  # largest gap or relative motion of contact surfaces in training
 
 
@@ -77,17 +101,20 @@ class TrainedPaths:
     """Training range of a reduced model of histories."""
 
     parameters: TrainedRange  # range of values along all training paths
-    # smallest and largest rate of each parameter in any step, per second; of laws without rates only directions matter:
-    # the change while the parameter that changes most, relative to its trained range, goes through its whole range
+    # smallest and largest rate of each parameter in any step, per second; of laws without rates
+    # only directions matter: the change while the parameter that changes most, relative to its
+    # trained range, goes through its whole range
     slowest: Annotated[Floats, "P"]
     fastest: Annotated[Floats, "P"]
     steps: tuple[float, float]  # shortest and longest training step, in seconds, for information
     rated: bool  # True if any law depends on rates
-    imbalance: float  # largest imbalance of the training histories, solved by the reduced model, in the unit of force
+    # largest imbalance of the training histories, solved by the reduced model, in the unit of force
+    imbalance: float
     depth: float  # largest depth of the training histories, or the value that counts as zero
     stress: float  # largest norm of the stress in the training histories
     estimate: float  # largest estimate at any of their steps, or the value that counts as zero
-    begun: float  # smallest norm of the stress after a first step; below it a history is in its first step
+    # smallest norm of the stress after a first step; below it a history is in its first step
+    begun: float
     onset: float  # largest estimate of small parts of these first steps, at least ``estimate``
 
     @property
@@ -98,10 +125,16 @@ class TrainedPaths:
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Faults of rates, steps and indicators."""
         if not (self.slowest <= self.fastest).all() or not 0 < self.steps[0] <= self.steps[1]:
-            yield f"trained steps take {self.steps} s, or rates end below their start, which is no range"
+            yield (
+                f"trained steps take {self.steps} s, or rates end below their start, which is no "
+                "range"
+            )
         signs = self.imbalance, self.depth, self.stress, self.estimate, self.begun, self.onset
         if min(signs) < 0:
-            yield f"the imbalance, the depth, the stress and the estimates of the training are {signs}"
+            yield (
+                "the imbalance, the depth, the stress and the estimates of the training are "
+                f"{signs}"
+            )
 
     @classmethod
     def of(
@@ -111,18 +144,30 @@ class TrainedPaths:
         known: Known,
         rated: bool = True,
     ) -> TrainedPaths:
-        """Training range from paths, the start first, and indicators; ``rated``: some law depends on rates."""
+        """Training range from paths, the start first, and indicators.
+
+        ``rated``: some law depends on rates.
+        """
         times = [np.array([time for time, _ in path]) for path in paths]
         points = [np.array([point for _, point in path]) for path in paths]
         steps = np.concatenate([np.diff(item) for item in times])
         changes = np.concatenate([np.diff(item, axis=0) for item in points])
         range_ = TrainedRange.of(np.concatenate(points), space)
-        rates = changes / steps[:, None] if rated else np.array([_direction(item, range_) for item in changes])
+        rates = (
+            changes / steps[:, None]
+            if rated
+            else np.array([_direction(item, range_) for item in changes])
+        )
         every = [sign for signs in known.signs for sign in signs]
         largest = max(sign.stress for sign in every)
         # steps of little stress are left out, as in the check: their relative misfit has no meaning
-        estimate = max([EXPLAINED, *(sign.estimate for sign in every if sign.stress > SMALL_STEP * largest)])
-        begun = [next((sign.stress for sign in signs if sign.stress > NOTHING * largest), 0.0) for signs in known.signs]
+        estimate = max(
+            [EXPLAINED, *(sign.estimate for sign in every if sign.stress > SMALL_STEP * largest)]
+        )
+        begun = [
+            next((sign.stress for sign in signs if sign.stress > NOTHING * largest), 0.0)
+            for signs in known.signs
+        ]
         return cls(
             range_,
             rates.min(axis=0),
@@ -134,7 +179,17 @@ class TrainedPaths:
             largest,
             estimate,
             min(begun),
-            max([estimate, *(s.estimate for signs in known.onsets for s in signs if s.stress > NOTHING * largest)]),
+            max(
+                [
+                    estimate,
+                    *(
+                        s.estimate
+                        for signs in known.onsets
+                        for s in signs
+                        if s.stress > NOTHING * largest
+                    ),
+                ]
+            ),
         )
 
     @cached_property
@@ -145,7 +200,10 @@ class TrainedPaths:
         return low, high, 1e-9 * (self.parameters.upper - self.parameters.lower)
 
     def complaint(self, step: float, before: np.ndarray, after: np.ndarray) -> str:
-        """Report of a step, in seconds, between two parameters, (P,), outside the training; empty if it is inside."""
+        """Report of a step, in seconds, between two parameters, (P,), outside the training.
+
+        Empty if it is inside.
+        """
         place = self.parameters.complaint(before) or self.parameters.complaint(after)
         if place:
             return place
@@ -172,7 +230,9 @@ class TrainedPaths:
         )
 
     def shown(self, largest: float) -> float:
-        """Largest estimate in training, for a history with a given largest norm of the stress so far."""
+        """Largest estimate in training, for a history with a given largest norm of the stress so
+        far.
+        """
         return self.estimate if largest >= self.begun else self.onset
 
     def allowed(self, largest: float) -> float:
@@ -188,7 +248,10 @@ def _direction(change: np.ndarray, trained: TrainedRange) -> np.ndarray:
 
 
 class Watch:
-    """Check of the steps of one history against a training range, if any; each kind of report is given once."""
+    """Check of the steps of one history against a training range, if any.
+
+    Each kind of report is given once.
+    """
 
     def __init__(self, trained: TrainedPaths | None, outside: str):
         check_outside(outside)
@@ -197,12 +260,17 @@ class Watch:
         self._said: set[str] = set()
         self._largest = 0.0
 
-    def before(self, number: int, start: float, end: float, here: np.ndarray, there: np.ndarray) -> None:
+    def before(
+        self, number: int, start: float, end: float, here: np.ndarray, there: np.ndarray
+    ) -> None:
         """Check a step before its solution, from one time and parameter to another."""
         if self._trained is not None:
             complaint = self._trained.complaint(end - start, here, there)
             if complaint:
-                self._say("path", f"step {number}, to t = {end:g} s, is outside what was trained: {complaint}")
+                self._say(
+                    "path",
+                    f"step {number}, to t = {end:g} s, is outside what was trained: {complaint}",
+                )
 
     def after(self, number: int, time: float, signs: Signs) -> None:
         """Check a solved step by its indicators."""
@@ -213,24 +281,34 @@ class Watch:
         if not signs.imbalance <= FACTOR * trained.imbalance:
             self._say(
                 "imbalance",
-                f"{place}{signs.what} by {signs.imbalance:.2g}, in training by {trained.imbalance:.2g} at most",
+                (
+                    f"{place}{signs.what} by {signs.imbalance:.2g}, in training by "
+                    f"{trained.imbalance:.2g} at most"
+                ),
             )
         if not signs.depth <= FACTOR * trained.depth:
             self._say(
                 "depth",
-                f"{place}the bodies overlap by {signs.depth:.2g} where the reduced domain does not look, "
-                f"in training by {trained.depth:.2g} at most",
+                f"{place}the bodies overlap by {signs.depth:.2g} where the reduced domain does "
+                f"not look, in training by {trained.depth:.2g} at most",
             )
         self._largest = max(self._largest, signs.stress)
-        # relative to the stress of this step: residual stress after a small load is small, and may be totally wrong
-        if not signs.stress <= NOTHING * trained.stress and not signs.estimate <= trained.allowed(self._largest):
+        # relative to the stress of this step: residual stress after a small load is small, and may
+        # be totally wrong
+        if not signs.stress <= NOTHING * trained.stress and not signs.estimate <= trained.allowed(
+            self._largest
+        ):
             self._say(
                 "misfit",
-                f"{place}the stress differs from combinations of trained ones by {signs.estimate:.2g} of its size, "
-                f"in training by {trained.shown(self._largest):.2g} at most",
+                f"{place}the stress differs from combinations of trained ones by "
+                f"{signs.estimate:.2g} of its size, in training by "
+                f"{trained.shown(self._largest):.2g} at most",
             )
 
     def _say(self, kind, message):
         if kind not in self._said:
             self._said.add(kind)
-            announce(f"{message}. Errors may be large: train on such a path, or take the full model", self._outside)
+            announce(
+                f"{message}. Errors may be large: train on such a path, or take the full model",
+                self._outside,
+            )

@@ -34,9 +34,13 @@ class Group:
     young: float | str  # Young's modulus E, or a formula of the parameters
     poisson: float | str  # Poisson's ratio, or a formula
     law: LawProgram | None  # its constants may be formulas of the parameters; None for elasticity
-    coordinates: tuple[str, ...] = ()  # names that formulas of its law may have for places; empty if none has
+    coordinates: tuple[
+        str, ...
+    ] = ()  # names that formulas of its law may have for places; empty if none has
     # places of these points, (n, d), if formulas of its law name coordinates
-    places: Annotated[Floats, "placed", "coordinates"] = field(default_factory=lambda: np.zeros((0, 0)))
+    places: Annotated[Floats, "placed", "coordinates"] = field(
+        default_factory=lambda: np.zeros((0, 0))
+    )
     # factor of the elasticity at each of these points, (n,); empty for 1
     grading: Annotated[Floats, "graded"] = field(default_factory=lambda: UNGRADED)
 
@@ -44,11 +48,15 @@ class Group:
     def own(self) -> slice | np.ndarray:
         """Its indices, as a slice, which copies nothing, if they are consecutive."""
         indices = self.indices
-        consecutive = indices.size and np.array_equal(indices, np.arange(indices[0], indices[0] + indices.size))
+        consecutive = indices.size and np.array_equal(
+            indices, np.arange(indices[0], indices[0] + indices.size)
+        )
         return slice(indices[0], indices[-1] + 1) if consecutive else indices
 
     def some(self, numbers: np.ndarray, indices: np.ndarray) -> Group:
-        """Group of some of its points, by their numbers among the Gauss points, with other indices, (k,) each."""
+        """Group of some of its points, by their numbers among the Gauss points, with other indices,
+        (k,) each.
+        """
         if not self.coordinates and not self.grading.size:
             return replace(self, indices=indices)
         order = np.argsort(self.indices)
@@ -69,13 +77,21 @@ class Group:
             if not (isinstance(value, str) or low < value < high):
                 yield f"young = {self.young!r} and poisson = {self.poisson!r} are no constants"
         if self.grading.size not in (0, self.indices.size) or not (self.grading > 0).all():
-            yield f"a grading of {self.grading.size} points must be positive at each of {self.indices.size} points"
+            yield (
+                f"a grading of {self.grading.size} points must be positive at each of "
+                f"{self.indices.size} points"
+            )
         if self.coordinates and self.places.shape != (self.indices.size, len(self.coordinates)):
-            yield f"places of the shape {self.places.shape} are not one for each of {self.indices.size} points"
+            yield (
+                f"places of the shape {self.places.shape} are not one for each of "
+                f"{self.indices.size} points"
+            )
 
     def elasticity(self, components: int) -> tuple[np.ndarray, np.ndarray]:
         """C and C^-1 for the grading 1, (c, c) each; E and ν must be numbers."""
-        if self.law is not None and self.law.strains == components:  # else a fault, which a file is refused for
+        if (
+            self.law is not None and self.law.strains == components
+        ):  # else a fault, which a file is refused for
             return self.law.elasticity(*self.numbers())
         return hooke(*self.numbers(), components)
 
@@ -94,7 +110,8 @@ class Group:
         """E and ν, which must be numbers here."""
         for name, text in self.texts.items():
             raise SceneError(
-                f"{name} = {text} is a formula of the parameters: material.moduli_at(point) has its number"
+                f"{name} = {text} is a formula of the parameters: material.moduli_at(point) has "
+                "its number"
             )
         assert not isinstance(self.young, str) and not isinstance(self.poisson, str)
         return self.young, self.poisson
@@ -123,8 +140,8 @@ class Material:
         names: names of the parameters, for formulas.
 
     Raises:
-        SceneError: if a Gauss point is in no group or in two, as the compiled loops would access other memory; for
-            formulas of unknown parameters.
+        SceneError: if a Gauss point is in no group or in two, as the compiled loops would access
+            other memory; for formulas of unknown parameters.
     """
 
     kept: ClassVar[tuple[str, ...]] = ("groups", "components", "names")
@@ -145,23 +162,37 @@ class Material:
         self._at_points = LastOf()
         self._at_moduli = LastOf()
         self.gauss_points = sum(group.indices.size for group in self.groups)
-        indices = np.concatenate([np.zeros(0, dtype=np.int64), *(group.indices for group in self.groups)])
+        indices = np.concatenate(
+            [np.zeros(0, dtype=np.int64), *(group.indices for group in self.groups)]
+        )
         if not np.array_equal(np.sort(indices), np.arange(self.gauss_points)):
             raise SceneError(
-                f"the groups of a material must hold each of its Gauss points 0 .. {self.gauss_points - 1} once"
+                "the groups of a material must hold each of its Gauss points 0 .. "
+                f"{self.gauss_points - 1} once"
             )
         if self._moduli is None:
             _ = self.elastic
 
     def faults_for(self, space: ParameterSpace, dimension: int) -> Iterator[str]:
-        """Faults of a material read from a file; SceneError for a formula with invalid values in the box."""
+        """Faults of a material read from a file.
+
+        SceneError for a formula with invalid values in the box.
+        """
         if self.components != (4 if dimension == 2 else 6) or self.names not in ((), space.names):
-            yield f"a strain has {self.components} components in dimension {dimension}, and parameters {self.names}"
+            yield (
+                f"a strain has {self.components} components in dimension {dimension}, and "
+                f"parameters {self.names}"
+            )
         for number, group in enumerate(self.groups):
             if group.law is not None:
-                check_law_over_box(group.law, space, f"law {number}", group.coordinates, group.places)
+                check_law_over_box(
+                    group.law, space, f"law {number}", group.coordinates, group.places
+                )
                 if group.law.strains != self.components:
-                    yield f"law {number} is one of {group.law.strains} components of a strain, of {self.components}"
+                    yield (
+                        f"law {number} is one of {group.law.strains} components of a strain, of "
+                        f"{self.components}"
+                    )
             for name, text in group.texts.items():
                 from hhr_dolfinx.formulas import Scalar, check_over_box
 
@@ -169,7 +200,10 @@ class Material:
 
     @cached_property
     def elastic(self) -> np.ndarray:
-        """Elastic tangents, (gauss_points, components, components); moduli must be numbers, see :meth:`moduli_at`."""
+        """Elastic tangents, (gauss_points, components, components).
+
+        Moduli must be numbers, see :meth:`moduli_at`.
+        """
         elastic = np.empty((self.gauss_points, self.components, self.components))
         for group in self.groups:
             elastic[group.indices] = group.elasticity(self.components)[0]
@@ -179,7 +213,9 @@ class Material:
 
     @cached_property
     def grading(self) -> np.ndarray:
-        """Factor of the elasticity at each point, (gauss_points,); empty if it is 1 at all of them."""
+        """Factor of the elasticity at each point, (gauss_points,); empty if it is 1 at all of
+        them.
+        """
         graded = [group for group in self.groups if group.grading.size]
         found = np.ones(self.gauss_points if graded else 0)
         for group in graded:
@@ -203,24 +239,36 @@ class Material:
 
     @cached_property
     def code(self) -> Code:
-        """Programs of the laws of all groups that have one, kept for materials with other constants."""
+        """Programs of the laws of all groups that have one, kept for materials with other
+        constants.
+        """
         return code_of([group.law.coded for group in self.groups if group.law is not None])
 
     @property
     def remembered(self) -> int:
         """Largest number of further internal variables of any law."""
-        return max((int(group.law.sizes[2:].sum()) for group in self.groups if group.law is not None), default=0)
+        return max(
+            (int(group.law.sizes[2:].sum()) for group in self.groups if group.law is not None),
+            default=0,
+        )
 
     def restricted(self, indices: np.ndarray, *, empty: bool = False) -> Material:
-        """Material of some Gauss points, renumbered in their order; groups without any are kept if ``empty``."""
+        """Material of some Gauss points, renumbered in their order.
+
+        Groups without any are kept if ``empty``.
+        """
         kept = [np.flatnonzero(np.isin(indices, group.indices)) for group in self.groups]
         groups = [
-            group.some(indices[own], own) for group, own in zip(self.groups, kept, strict=True) if empty or own.size
+            group.some(indices[own], own)
+            for group, own in zip(self.groups, kept, strict=True)
+            if empty or own.size
         ]
         return Material(groups, self.components, self.names)
 
     def at(self, point: np.ndarray) -> Material:
-        """Material with the constants at a point, (P,), the last of which is kept; itself if none is a formula.
+        """Material with the constants at a point, (P,), the last of which is kept.
+
+        Itself if none is a formula.
 
         SceneError for constants that are not valid there.
         """
@@ -242,7 +290,9 @@ class Material:
         return self._at_points.of(point.tobytes(), made)
 
     def moduli_at(self, point: np.ndarray) -> Material:
-        """Material with the elasticity at a point, (P,), the last of which is kept; itself if that is constant.
+        """Material with the elasticity at a point, (P,), the last of which is kept.
+
+        Itself if that is constant.
 
         SceneError for a modulus that is not valid there.
         """
@@ -270,7 +320,8 @@ class Material:
         return self._at_moduli.of(values, made)
 
     def weights(self, point: np.ndarray) -> list[float]:
-        """Weights at a point, (P,), of the parts of a stiffness by its formulas: E of each, or λ and μ by those of ν.
+        """Weights at a point, (P,), of the parts of a stiffness by its formulas: E of each, or λ
+        and μ by those of ν.
 
         In plane stress λ is that of the plane. SceneError for impossible elastic constants.
         """
@@ -282,20 +333,29 @@ class Material:
             young, poisson = there.numbers()
             if isinstance(group.poisson, str):
                 stiff, _ = hooke(young, poisson, self.components, plane_stress=flat)
-                found[group.young, group.poisson, flat] = float(stiff[0, 1]), float(stiff[-1, -1]) / 2
+                found[group.young, group.poisson, flat] = (
+                    float(stiff[0, 1]),
+                    float(stiff[-1, -1]) / 2,
+                )
             else:
                 found[group.young, "", flat] = (young,)
         return [weight for weights in found.values() for weight in weights]
 
     def constants(self, point: np.ndarray) -> list[dict[str, Any]]:
         """Values at a point, (P,), of the constants that are formulas, for each group by name."""
-        found = [self._laws[place].constants(point) if place in self._laws else {} for place in range(len(self.groups))]
-        for (place, name), value in ({} if self._moduli is None else self._moduli.values(point)).items():
+        found = [
+            self._laws[place].constants(point) if place in self._laws else {}
+            for place in range(len(self.groups))
+        ]
+        for (place, name), value in (
+            {} if self._moduli is None else self._moduli.values(point)
+        ).items():
             found[place][name] = value
         return found
 
     def constants_along(self, point: np.ndarray, directions: np.ndarray) -> list[np.ndarray]:
-        """Derivatives of E, ν and the constants of each group at a point, (P,), along directions, (P, K).
+        """Derivatives of E, ν and the constants of each group at a point, (P,), along directions,
+        (P, K).
 
         They are (2 + constants, points, K), or (2 + constants, 1, K) if all points share them.
         """
@@ -308,14 +368,20 @@ class Material:
             young = moduli[place, "young"][None] if (place, "young") in moduli else nothing
             ratio = moduli[place, "poisson"][None] if (place, "poisson") in moduli else nothing
             young = young * group.grading[:, None] if group.grading.size else young
-            rows = np.broadcast_arrays(young, ratio, *(changes.get(name, nothing) for name in names))
+            rows = np.broadcast_arrays(
+                young, ratio, *(changes.get(name, nothing) for name in names)
+            )
             found.append(np.array(rows))
         return found
 
     def at_rest(self) -> State:
         """State without inelastic strain."""
         points = self.gauss_points
-        return State(np.zeros((points, self.components)), np.zeros(points), np.zeros((points, self.remembered)))
+        return State(
+            np.zeros((points, self.components)),
+            np.zeros(points),
+            np.zeros((points, self.remembered)),
+        )
 
     @cached_property
     def given(self) -> tuple[Given, ...]:
@@ -323,7 +389,8 @@ class Material:
         return tuple(group.given(self.components) for group in self.groups)
 
     def update(self, strain: np.ndarray, old: State, dt: float, *, tangent: bool) -> Update:
-        """Stress and state at the end of a step, by laws whose constants are numbers, see :meth:`at`.
+        """Stress and state at the end of a step, by laws whose constants are numbers, see
+        :meth:`at`.
 
         Args:
             strain: total strain at the end of the step, (gauss_points, components).
@@ -348,7 +415,9 @@ class Material:
                 if tangents is not None:
                     tangents[own] = self.elastic[own]
                 continue
-            found = law.update(strain[own], State(*(part[own] for part in old)), dt, given, tangent=tangent)
+            found = law.update(
+                strain[own], State(*(part[own] for part in old)), dt, given, tangent=tangent
+            )
             stress[own] = found.stress
             state.inelastic[own], state.cumulated[own] = found.state[:2]
             state.memory[own, : found.state.memory.shape[1]] = found.state.memory

@@ -1,4 +1,6 @@
-"""Local models, thesis chapter 4: several small models, each for a part of the box, used like one."""
+"""Local models, thesis chapter 4: several small models, each for a part of the box, used like
+one.
+"""
 
 from hhr_dolfinx.registry import Plugin, Way
 
@@ -15,7 +17,11 @@ PLUGIN = Plugin(
     reductors={
         "local": Way(
             "hhr_dolfinx.plugins.local.reductor:Local",
-            lambda full: full.equilibrium is None and not full.law.remembers and full.problem.reshaped is None,
+            lambda full: (
+                full.equilibrium is None
+                and not full.law.remembers
+                and full.problem.reshaped is None
+            ),
         )
     },
 )

@@ -1,4 +1,5 @@
-"""Local models, thesis chapter 4: training divided into a given number of clusters of similar solutions.
+"""Local models, thesis chapter 4: training divided into a given number of clusters of similar
+solutions.
 
 :mod:`hhr_dolfinx.plugins.local.splitting` determines their number.
 """
@@ -53,7 +54,8 @@ class Member(NamedTuple):
     own: int  # number of them in its part
     ell_bar: int  # modes
     N_lambda_C: int  # contact conditions
-    # 95th percentile of the estimated relative errors at random points of its part; NaN without estimates
+    # 95th percentile of the estimated relative errors at random points of its part; NaN without
+    # estimates
     estimate: float
     added: int  # answers of the full model that were added to its training
 
@@ -66,10 +68,18 @@ class LocalFacts:
     points: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     members: list[Member] = field(default_factory=list)
     splits: list[str] = field(default_factory=list)  # splits with their reasons, in words
-    missed: list[str] = field(default_factory=list)  # models that miss their targets, with the reasons, in words
+    missed: list[str] = field(
+        default_factory=list
+    )  # models that miss their targets, with the reasons, in words
 
     def add(
-        self, model: ReducedModel, snapshots: np.ndarray, own: int, errors: np.ndarray, doubts: list[str], added: int
+        self,
+        model: ReducedModel,
+        snapshots: np.ndarray,
+        own: int,
+        errors: np.ndarray,
+        doubts: list[str],
+        added: int,
     ) -> None:
         """Record the next model."""
         self.missed.extend(f"local model {len(self.members)}: {doubt}" for doubt in doubts)
@@ -81,17 +91,19 @@ class LocalFacts:
 class Clusters:
     """A given number of clusters of similar solutions, thesis sections 4.2.1 and 4.2.2.
 
-    If training points are a regular grid, its cells are clustered by the Grassmann distance between the spaces of the
-    solutions at their corners, (4.1)-(4.2), and a query uses the model of its cell. Snapshots on the border of two
-    clusters belong to both. Other training points are clustered themselves, (4.4), and a random forest trained on their
-    labels selects the model.
+    If training points are a regular grid, its cells are clustered by the Grassmann distance between
+    the spaces of the solutions at their corners, (4.1)-(4.2), and a query uses the model of its
+    cell. Snapshots on the border of two clusters belong to both. Other training points are
+    clustered themselves, (4.4), and a random forest trained on their labels selects the model.
 
     Attributes:
         count: K.
-        overlap: part of the width of the box by which training extends beyond a border, for points that are no grid.
+        overlap: part of the width of the box by which training extends beyond a border, for points
+            that are no grid.
         strip: see :class:`~hhr_dolfinx.plugins.local.splitting.Splitting`.
         seed: of the clusters, the forest and random points.
-        others: more recipes; each cluster uses the one with the smallest estimated error of forces at random points.
+        others: more recipes; each cluster uses the one with the smallest estimated error of forces
+            at random points.
         modes, conditions: most modes and contact conditions of a model; None for any number.
     """
 
@@ -109,8 +121,12 @@ class Clusters:
         check_counts(**{name: (most, 1) for name, most in limits.items() if most is not None})
         for name in ("overlap", "strip"):
             if not (is_number(getattr(self, name)) and 0 <= getattr(self, name) < 1):
-                raise StudyError(f"{name} = {getattr(self, name)!r} must be a part of 1, such as 0.05")
-        if not isinstance(self.others, tuple | list) or not all(isinstance(item, Recipe) for item in self.others):
+                raise StudyError(
+                    f"{name} = {getattr(self, name)!r} must be a part of 1, such as 0.05"
+                )
+        if not isinstance(self.others, tuple | list) or not all(
+            isinstance(item, Recipe) for item in self.others
+        ):
             raise StudyError(f"others = {self.others!r} must be a list of recipes: (Recipe(...),)")
 
     def models(self, training: Training, recipe: Recipe, progress: Progress) -> LocalModels:
@@ -132,30 +148,43 @@ class Clusters:
                 held_out = held_out.take(inside) if inside.size else None
             if len(own.points) < 2:
                 raise StudyError(
-                    f"cluster {number} has {len(own.points)} solutions, and a model needs at least 2: take fewer "
-                    "clusters, or a larger overlap"
+                    f"cluster {number} has {len(own.points)} solutions, and a model needs at "
+                    "least 2: take fewer clusters, or a larger overlap"
                 )
             drawn = _drawn_in(choice, number, space, self.seed)
             with record.log.stage("models"):
                 model, errors, doubts = self._best(full, own, held_out, recipe, drawn)
             models.append(model)
-            record.facts.add(model, members[number], int((labels == number).sum()), errors, doubts, 0)
+            record.facts.add(
+                model, members[number], int((labels == number).sum()), errors, doubts, 0
+            )
         return together(models, replace(choice, reach=self.strip * width), snapshots, record)
 
     def _best(
-        self, full: FullModel, snapshots: SnapshotSet, held_out: SnapshotSet | None, recipe: Recipe, points: np.ndarray
+        self,
+        full: FullModel,
+        snapshots: SnapshotSet,
+        held_out: SnapshotSet | None,
+        recipe: Recipe,
+        points: np.ndarray,
     ) -> tuple[ReducedModel, np.ndarray, list[str]]:
-        """Model of a cluster, estimates of its forces at points of its region, and warnings of its check."""
+        """Model of a cluster, estimates of its forces at points of its region, and warnings of its
+        check.
+        """
         floor = least_forces(full, snapshots)
         found = []
         why = ""
-        for item in (recipe, *(self.others if recipe.trust else (other.as_it_is() for other in self.others))):
+        for item in (
+            recipe,
+            *(self.others if recipe.trust else (other.as_it_is() for other in self.others)),
+        ):
             try:
                 if self.modes is not None or self.conditions is not None:
                     limits = self.modes, self.conditions
                     for count, most, what in above(sizes(full, snapshots, item), limits):
                         raise StudyError(
-                            f"{count} {what}, and not {most} at most: give a larger tolerance, or more clusters"
+                            f"{count} {what}, and not {most} at most: give a larger tolerance, or "
+                            "more clusters"
                         )
                 model, doubts = built(full, snapshots, item, held_out)
             except HHRError as error:
@@ -169,11 +198,17 @@ class Clusters:
             size = np.log(known).mean() if known.size else np.inf
             found.append(((errors.size - known.size, size), model, errors, doubts))
         if not found:
-            raise StudyError(f"none of {1 + len(self.others)} recipes makes a model of a cluster; the last: {why}")
+            raise StudyError(
+                f"none of {1 + len(self.others)} recipes makes a model of a cluster; the last: "
+                f"{why}"
+            )
         return min(found, key=lambda item: item[0])[1:]
 
     def _on_grid(self, snapshots: SnapshotSet) -> tuple[Choice, list[np.ndarray]] | None:
-        """Partition of a regular grid, and the snapshots of each cluster; None if the points are no grid."""
+        """Partition of a regular grid, and the snapshots of each cluster.
+
+        None if the points are no grid.
+        """
         from hhr_dolfinx.plugins.local.clusters import cell_labels, grid_cells, tree_of_cells
 
         try:
@@ -195,11 +230,14 @@ class Clusters:
         loaded = np.flatnonzero(moving(snapshots.displacements))  # others have no direction
         if not loaded.size:
             raise StudyError(
-                "no training solution moves, so that none is like another one: train where bodies are loaded"
+                "no training solution moves, so that none is like another one: train where bodies "
+                "are loaded"
             )
         unit = snapshots.points / width
         nearest = loaded[cKDTree(unit[loaded]).query(unit)[1]]
-        labels[loaded] = medoids(snapshot_distances(snapshots.displacements[:, loaded]), self.count, self.seed)
+        labels[loaded] = medoids(
+            snapshot_distances(snapshots.displacements[:, loaded]), self.count, self.seed
+        )
         labels = labels[nearest]
         choice = forest_tree(snapshots.points, labels, space, self.seed)
         reach = self.overlap * width
@@ -209,7 +247,9 @@ class Clusters:
         ]
 
 
-def above(found: tuple[int, int], most: tuple[int | None, int | None]) -> list[tuple[int, int, str]]:
+def above(
+    found: tuple[int, int], most: tuple[int | None, int | None]
+) -> list[tuple[int, int, str]]:
     """Number, limit and name of the modes and conditions of a model that are above their limits."""
     rows = zip(found, most, ("modes", "conditions"), strict=True)
     return [(size, limit, what) for size, limit, what in rows if limit is not None and size > limit]
@@ -226,7 +266,9 @@ def _by(choice: Choice, number: int, points: np.ndarray, reach: np.ndarray) -> n
 
 
 def moving(columns: np.ndarray) -> np.ndarray:
-    """True for displacements, (N, S), above round-off of the largest, which have a direction, (S,)."""
+    """True for displacements, (N, S), above round-off of the largest, which have a direction,
+    (S,).
+    """
     sizes = np.abs(columns).max(axis=0)
     return sizes > STILL * sizes.max(initial=0.0)
 
@@ -234,7 +276,11 @@ def moving(columns: np.ndarray) -> np.ndarray:
 def _drawn_in(choice: Choice, number: int, space: ParameterSpace, seed: int) -> np.ndarray:
     """Random points of the boxes of a model, (n, P); empty if it has no box."""
     width = np.array(space.upper) - space.lower
-    boxes = [(low, high) for label, low, high in choice.boxes(space.lower, space.upper) if label == number]
+    boxes = [
+        (low, high)
+        for label, low, high in choice.boxes(space.lower, space.upper)
+        if label == number
+    ]
     lows, highs = np.array(boxes).reshape(-1, 2, width.size).transpose(1, 0, 2)
     volumes = ((highs - lows) / width).prod(axis=1)
     if not volumes.sum() > 0:
@@ -248,34 +294,55 @@ def _drawn_in(choice: Choice, number: int, space: ParameterSpace, seed: int) -> 
 def together(
     models: list[ReducedModel], choice: Choice, snapshots: SnapshotSet, record: Record[LocalFacts]
 ) -> LocalModels:
-    """Set of some models. Its training range is that of all snapshots: neighbours cover each other's edges."""
+    """Set of some models.
+
+    Its training range is that of all snapshots: neighbours cover each other's edges.
+    """
     trained = TrainedRange.of(snapshots.points, models[0].parameters)
-    own = [model.changed(trained=trained, fields=fields) for model, fields in zip(models, _alike(models), strict=True)]
+    own = [
+        model.changed(trained=trained, fields=fields)
+        for model, fields in zip(models, _alike(models), strict=True)
+    ]
     if record.missed:
-        more = "" if len(record.missed) == 1 else f", and {len(record.missed) - 1} more in offline.missed"
+        more = (
+            ""
+            if len(record.missed) == 1
+            else f", and {len(record.missed) - 1} more in offline.missed"
+        )
         warn(f"{record.missed[0]}{more}", LocalModelWarning)
-    return LocalModels(own, choice, replace(record, facts=replace(record.facts, points=snapshots.points)))
+    return LocalModels(
+        own, choice, replace(record, facts=replace(record.facts, points=snapshots.points))
+    )
 
 
 def _alike(models: list[ReducedModel]) -> list[Any]:
-    """Fields of the models with a common least size of forces for relative errors: that of all training."""
+    """Fields of the models with a common least size of forces for relative errors: that of all
+    training.
+    """
     fields = [model.fields for model in models]
     bounds: list[Any] = [item.bound for item in fields]
     if None in bounds:
         return fields
     least = np.max([bound.least for bound in bounds], axis=0)
-    return [replace(item, bound=replace(bound, least=least)) for item, bound in zip(fields, bounds, strict=True)]
+    return [
+        replace(item, bound=replace(bound, least=least))
+        for item, bound in zip(fields, bounds, strict=True)
+    ]
 
 
 def built(
     full: FullModel, snapshots: SnapshotSet, recipe: Recipe, held_out: SnapshotSet | None
 ) -> tuple[ReducedModel, list[str]]:
-    """Model of some snapshots, and warnings of its check, which are raised only for models that are kept."""
+    """Model of some snapshots, and warnings of its check, which are raised only for models that are
+    kept.
+    """
     with collected() as caught:
         model = build(full, snapshots, recipe, None if recipe.trust is None else held_out)
     # a local model is trained on a part of the box on purpose
     said = [item for item in caught if issubclass(item.category, StabilityWarning)]
-    return model, [str(item.message) for item in said if not issubclass(item.category, TrainingWarning)]
+    return model, [
+        str(item.message) for item in said if not issubclass(item.category, TrainingWarning)
+    ]
 
 
 def sizes_of(model: ReducedModel) -> tuple[int, int]:
@@ -289,9 +356,11 @@ def least_forces(full: FullModel, snapshots: SnapshotSet) -> float:
 
 
 def force_errors(model: ReducedModel | LocalModels, points: np.ndarray, floor: float) -> np.ndarray:
-    """Estimated relative errors of contact forces at some points, (n,), with a least size of forces.
+    """Estimated relative errors of contact forces at some points, (n,), with a least size of
+    forces.
 
-    NaN without an estimate, infinite without an answer. If forces nearly vanish, the denominator is ``floor``.
+    NaN without an estimate, infinite without an answer. If forces nearly vanish, the denominator is
+    ``floor``.
     """
     if not len(points):
         return np.zeros(0)
@@ -306,7 +375,10 @@ def force_errors(model: ReducedModel | LocalModels, points: np.ndarray, floor: f
 
 
 def sizes(full: FullModel, snapshots: SnapshotSet, recipe: Recipe) -> tuple[int, int]:
-    """Numbers of modes and contact conditions of the model of a recipe, without it; ReductionError as in `build`."""
+    """Numbers of modes and contact conditions of the model of a recipe, without it.
+
+    ReductionError as in `build`.
+    """
     problem = full.problem
     HyperReduction(recipe).check(Task(full, snapshots))
     basis = basis_of(recipe.basis, problem, snapshots)

@@ -1,11 +1,12 @@
-"""Local models, thesis chapter 4: several small models, each trained on a part of the box, used like one.
+"""Local models, thesis chapter 4: several small models, each trained on a part of the box, used
+like one.
 
-Solutions with a contact zone that moves far lie on a curved manifold, and a common basis becomes large. If each model
-covers a part of the box, models stay small; a query uses the model of its part. Near a border two models are
-candidates, and the answer with the smaller error estimate wins.
+Solutions with a contact zone that moves far lie on a curved manifold, and a common basis becomes
+large. If each model covers a part of the box, models stay small; a query uses the model of its
+part. Near a border two models are candidates, and the answer with the smaller error estimate wins.
 
-The parts are regions of a binary tree of cuts through the box. Grids, decision trees and boxes that were split
-repeatedly have this form. A query passes about five cuts, in a microsecond or two.
+The parts are regions of a binary tree of cuts through the box. Grids, decision trees and boxes that
+were split repeatedly have this form. A query passes about five cuts, in a microsecond or two.
 """
 
 from __future__ import annotations
@@ -38,14 +39,20 @@ LEAF = -1
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """A binary tree of cuts across the axes (n nodes, first the whole box; P parameters); ReductionError if invalid."""
+    """A binary tree of cuts across the axes (n nodes, first the whole box; P parameters).
+
+    ReductionError if invalid.
+    """
 
     axis: Annotated[Integers, "nodes"]  # index of the parameter that is cut; -1 for a region
     cut: Annotated[Floats, "nodes"]  # value of the cut; a point at the cut or below goes low
     low: Annotated[Integers, "nodes"]
-    high: Annotated[Integers, "nodes"]  # the nodes below and above the cut, each with a higher number than its parent
+    high: Annotated[
+        Integers, "nodes"
+    ]  # the nodes below and above the cut, each with a higher number than its parent
     label: Annotated[Integers, "nodes"]  # number of the model of a region
-    # half the width, along each parameter, of the strip along a cut in which both sides are candidates, (P,)
+    # half the width, along each parameter, of the strip along a cut in which both sides are
+    # candidates, (P,)
     reach: Annotated[Floats, "P"]
 
     def __post_init__(self) -> None:
@@ -53,19 +60,36 @@ class Choice:
         count = len(self.axis)
         sizes = {len(part) for part in (self.axis, self.cut, self.low, self.high, self.label)}
         inner = np.flatnonzero(self.axis != LEAF)
-        if sizes != {count} or count == 0 or not (np.isfinite(self.cut).all() and np.isfinite(self.reach).all()):
-            raise ReductionError("a choice between models needs as many finite cuts as nodes, at least one")
+        if (
+            sizes != {count}
+            or count == 0
+            or not (np.isfinite(self.cut).all() and np.isfinite(self.reach).all())
+        ):
+            raise ReductionError(
+                "a choice between models needs as many finite cuts as nodes, at least one"
+            )
         children = np.concatenate([self.low[inner], self.high[inner]])
-        if (self.axis < LEAF).any() or (self.axis >= len(self.reach)).any() or (self.reach < 0).any():
-            raise ReductionError(f"a choice between models cuts axes {np.unique(self.axis)} of {len(self.reach)}")
-        if not np.array_equal(np.sort(children), np.arange(1, count)) or (children <= np.tile(inner, 2)).any():
+        if (
+            (self.axis < LEAF).any()
+            or (self.axis >= len(self.reach)).any()
+            or (self.reach < 0).any()
+        ):
+            raise ReductionError(
+                f"a choice between models cuts axes {np.unique(self.axis)} of {len(self.reach)}"
+            )
+        if (
+            not np.array_equal(np.sort(children), np.arange(1, count))
+            or (children <= np.tile(inner, 2)).any()
+        ):
             raise ReductionError("the cuts of a choice between models are no tree")
         if (self.label[self.axis == LEAF] < 0).any():
             raise ReductionError("a region of a choice between models has no model")
 
     @cached_property
     def _nodes(self) -> list[tuple[int, float, int, int, int]]:
-        """Axis, cut, low, high and label of each node as plain numbers, which Python follows ten times as fast."""
+        """Axis, cut, low, high and label of each node as plain numbers, which Python follows ten
+        times as fast.
+        """
         parts = (self.axis, self.cut, self.low, self.high, self.label)
         return list(zip(*(part.tolist() for part in parts), strict=True))
 
@@ -76,8 +100,8 @@ class Choice:
     def candidates(self, point: Sequence[float]) -> tuple[int, int]:
         """Model of a point, P numbers, and near a border the model on the other side, else -1.
 
-        Of several borders the nearest one counts, in parts of their reach. Points on both sides of it have the same two
-        candidates, so that the answer does not jump there.
+        Of several borders the nearest one counts, in parts of their reach. Points on both sides of
+        it have the same two candidates, so that the answer does not jump there.
         """
         nodes = self._nodes
         reach = self._reach
@@ -101,11 +125,15 @@ class Choice:
     def many(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Models and second candidates of many points, (n, P): (n,) each."""
         rows = points.tolist()
-        found = np.array([self.candidates(row) for row in rows], dtype=np.int64).reshape(len(rows), 2)
+        found = np.array([self.candidates(row) for row in rows], dtype=np.int64).reshape(
+            len(rows), 2
+        )
         return found[:, 0], found[:, 1]
 
     def boxes(self, lower: object, upper: object) -> list[tuple[int, np.ndarray, np.ndarray]]:
-        """Regions inside a box: number of the model, and corners, (P,) each, in the order of the nodes."""
+        """Regions inside a box: number of the model, and corners, (P,) each, in the order of the
+        nodes.
+        """
         corners = {0: (np.array(lower, dtype=float), np.array(upper, dtype=float))}
         found = []
         for node, (axis, cut, low, high, label) in enumerate(self._nodes):
@@ -114,7 +142,9 @@ class Choice:
                 found.append((label, least, most))
                 continue
             # a cut may lie outside of the box
-            corners[low], corners[high] = halves_of(least, most, axis, min(max(cut, least[axis]), most[axis]))
+            corners[low], corners[high] = halves_of(
+                least, most, axis, min(max(cut, least[axis]), most[axis])
+            )
         return found
 
 
@@ -160,7 +190,10 @@ class LocalModels(KeptModel):
 
     @property
     def fields(self) -> Reconstruction:
-        """Fields of the first model: gaps, S and outputs are common. Answers are completed by their own models."""
+        """Fields of the first model: gaps, S and outputs are common.
+
+        Answers are completed by their own models.
+        """
         return self.models[0].fields
 
     @property
@@ -178,7 +211,10 @@ class LocalModels(KeptModel):
         return self.changed(models=tuple(model.for_file() for model in self.models))
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """No faults beyond those of its models; the constructor refuses models that do not fit together."""
+        """No faults beyond those of its models.
+
+        The constructor refuses models that do not fit together.
+        """
         return iter(())
 
     def model_of(self, answer: Answer) -> int:
@@ -192,7 +228,9 @@ class LocalModels(KeptModel):
         """See :meth:`AnsweringModel.columns`: number of the model that answered."""
         return {"model": np.array([self.model_of(answer) for answer in many], dtype=float)}
 
-    def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
+    def _answered(
+        self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool
+    ) -> Answer:
         """Answer by the model of the part, or by the better one of two near a border."""
         number, other = self.choice.candidates(point.tolist())
         if other != LEAF:
@@ -211,10 +249,12 @@ class LocalModels(KeptModel):
         return checked_start(start, given if given in sizes else sizes[0])
 
     def _criteria(self, numbers: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Criteria against answers of models, of numbers (n,), to points, (n, P), the most important first: (3, n).
+        """Criteria against answers of models, of numbers (n,), to points, (n, P), the most
+        important first: (3, n).
 
-        No solution: infinite. Outside the training range of the model: 1. The larger of the relative estimates of
-        displacement and forces, and, if these are infinite, in units; 0 without an estimate.
+        No solution: infinite. Outside the training range of the model: 1. The larger of the
+        relative estimates of displacement and forces, and, if these are infinite, in units; 0
+        without an estimate.
         """
         criteria = np.zeros((3, len(points)))
         for number in np.unique(numbers):
@@ -222,7 +262,9 @@ class LocalModels(KeptModel):
             model = self.models[number]
             many = model.solve_many(points[rows], raise_on_failure=False, outside="ignore")
             if isinstance(model.trained, TrainedRange):
-                inside = (model.trained.lower <= points[rows]) & (points[rows] <= model.trained.upper)
+                inside = (model.trained.lower <= points[rows]) & (
+                    points[rows] <= model.trained.upper
+                )
                 criteria[0, rows] = ~inside.all(axis=1)
             if (found := many.estimates()) is not None:
                 criteria[1, rows] = np.maximum(found.primal_relative, found.dual_relative)
@@ -231,15 +273,25 @@ class LocalModels(KeptModel):
         return criteria
 
     def _nearer(self, one: np.ndarray, two: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """The better of two models at each point, (n,), of numbers (n,) each; the first if they are equal."""
+        """The better of two models at each point, (n,), of numbers (n,) each.
+
+        The first if they are equal.
+        """
         less = np.zeros(len(points), dtype=bool)
-        # from the least important criterion to the first, each of which decides if those before it are equal
-        for first, second in zip(self._criteria(one, points)[::-1], self._criteria(two, points)[::-1], strict=True):
+        # from the least important criterion to the first, each of which decides if those before it
+        # are equal
+        for first, second in zip(
+            self._criteria(one, points)[::-1], self._criteria(two, points)[::-1], strict=True
+        ):
             less = (second < first) | ((second == first) & less)
         return np.where(less, two, one)
 
-    def solve_many(self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL) -> PartedAnswers:
-        """Answer many parameters, (n, P), one batch per model, see :meth:`CondensedModel.solve_many`."""
+    def solve_many(
+        self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL
+    ) -> PartedAnswers:
+        """Answer many parameters, (n, P), one batch per model, see
+        :meth:`CondensedModel.solve_many`.
+        """
         from hhr_dolfinx.models.many import PartedAnswers
 
         checked = self.parameters.points(points)
@@ -249,7 +301,9 @@ class LocalModels(KeptModel):
         found = []
         for chosen in np.unique(number):
             rows = np.flatnonzero(number == chosen)
-            many = self.models[chosen].solve_many(checked[rows], raise_on_failure=raise_on_failure, outside=outside)
+            many = self.models[chosen].solve_many(
+                checked[rows], raise_on_failure=raise_on_failure, outside=outside
+            )
             found.append((rows, many))
         return PartedAnswers.of(found, number)
 
@@ -260,19 +314,28 @@ def _check_alike(models: Sequence[ReducedModel], choice: Choice) -> None:
         raise ReductionError("local models are a list of reduced models, at least one")
     if any(model.flow is not None for model in models):
         raise ReductionError(
-            "local models are of elastic bodies: where bodies flow take one model, build() or condense()"
+            "local models are of elastic bodies: where bodies flow take one model, build() or "
+            "condense()"
         )
     first = models[0]
     point = first.parameters.random(1, seed=1)[0]
     for number, model in enumerate(models):
-        if not (_scene_of(model) == _scene_of(first) and _same_arrays(model.fields, first.fields, point)):
-            raise ReductionError(f"local model {number} is of another scene or mesh than the first one")
+        if not (
+            _scene_of(model) == _scene_of(first) and _same_arrays(model.fields, first.fields, point)
+        ):
+            raise ReductionError(
+                f"local model {number} is of another scene or mesh than the first one"
+            )
     if not isinstance(choice, Choice):
         raise ReductionError(f"{choice!r} is no Choice, which says what local model answers where")
     if len(choice.reach) != len(first.parameters.names):
-        raise ReductionError(f"a choice of {len(choice.reach)} parameters does not suit {first.parameters.names}")
+        raise ReductionError(
+            f"a choice of {len(choice.reach)} parameters does not suit {first.parameters.names}"
+        )
     if choice.label[choice.axis == LEAF].max() >= len(models):
-        raise ReductionError(f"a region belongs to a model that is not among {len(models)} local ones")
+        raise ReductionError(
+            f"a region belongs to a model that is not among {len(models)} local ones"
+        )
 
 
 def _scene_of(model: ReducedModel) -> list:
@@ -284,7 +347,9 @@ def _scene_of(model: ReducedModel) -> list:
 
 
 def _same_arrays(one: Reconstruction, two: Reconstruction, point: np.ndarray) -> bool:
-    """True if gaps, θ at a point, and, if both have them, S, lifts and loads belong to one scene."""
+    """True if gaps, θ at a point, and, if both have them, S, lifts and loads belong to one
+    scene.
+    """
     there = one.amplitudes(point)
     beside = two.amplitudes(point)
     alike = [(one.gaps, two.gaps), (there.values, beside.values)]
@@ -293,5 +358,11 @@ def _same_arrays(one: Reconstruction, two: Reconstruction, point: np.ndarray) ->
     if one is two or one.bound is None or two.bound is None:
         # models with and without an estimate cannot be compared near a border
         return one.bound is two.bound
-    pairs = [(one.bound.schur, two.bound.schur), (one.lifts, two.lifts), (one.bound.free_slack, two.bound.free_slack)]
-    return all(abs(mine - other).max() <= ALIKE * abs(other).max() for mine, other in pairs if other.size)
+    pairs = [
+        (one.bound.schur, two.bound.schur),
+        (one.lifts, two.lifts),
+        (one.bound.free_slack, two.bound.free_slack),
+    ]
+    return all(
+        abs(mine - other).max() <= ALIKE * abs(other).max() for mine, other in pairs if other.size
+    )

@@ -1,4 +1,7 @@
-"""Local models as a reductor, and the method ``local`` of a training. Splitting or clusters divide the training."""
+"""Local models as a reductor, and the method ``local`` of a training.
+
+Splitting or clusters divide the training.
+"""
 
 from __future__ import annotations
 
@@ -24,8 +27,8 @@ if TYPE_CHECKING:
 class Local(Reductor[Task]):
     """Local models. Each part has a check of its own, so that they are not compared again.
 
-    ``how`` is :class:`~hhr_dolfinx.plugins.local.splitting.Splitting`, or another object with ``models``; a recipe of
-    None is the default of the scene.
+    ``how`` is :class:`~hhr_dolfinx.plugins.local.splitting.Splitting`, or another object with
+    ``models``; a recipe of None is the default of the scene.
     """
 
     how: Any = Splitting()
@@ -37,7 +40,8 @@ class Local(Reductor[Task]):
     def attempt(self, prepared: Task, level: int) -> tuple[LocalModels, None]:
         """All models; their record is that of ``how``."""
         full = prepared.full
-        training = Training(full, prepared.snapshots, prepared.held_out, prepared.log)  # type: ignore[arg-type]
+        parts = (full, prepared.snapshots, prepared.held_out, prepared.log)
+        training = Training(*parts)  # type: ignore[arg-type]
         recipe = usual_recipe(full) if self.recipe is None else self.recipe
         return self.how.models(training, recipe, self.progress), None
 
@@ -49,7 +53,9 @@ class Local(Reductor[Task]):
         """Of the largest training alone."""
         from hhr_dolfinx.plugins.one_call.proposals import POINTS, Proposal
 
-        yield Proposal(self.method, f"{POINTS[-1]} training points", partial(search.reduced, self, POINTS[-1]))
+        yield Proposal(
+            self.method, f"{POINTS[-1]} training points", partial(search.reduced, self, POINTS[-1])
+        )
 
 
 def local(
@@ -60,12 +66,15 @@ def local(
     checked: bool = True,
     progress: Progress = silent,
 ) -> LocalModels:
-    """Build several small models instead of one, each for a part of the box, used like one; thesis chapter 4.
+    """Build several small models instead of one, each for a part of the box, used like one.
+
+    Thesis chapter 4.
 
     Args:
         training: the full model with its answers.
-        how: :class:`~hhr_dolfinx.plugins.local.splitting.Splitting`, which determines the number of models, or
-            :class:`~hhr_dolfinx.plugins.local.clustered.Clusters` of a given number; None takes the first.
+        how: :class:`~hhr_dolfinx.plugins.local.splitting.Splitting`, which determines the number of
+            models, or :class:`~hhr_dolfinx.plugins.local.clustered.Clusters` of a given number;
+            None takes the first.
         recipe, checked: of each model, see :meth:`hhr_dolfinx.study.training.train.Training.build`.
         progress: for progress bars.
 
@@ -75,17 +84,21 @@ def local(
     """
     if training.full_order.law.remembers or training.full_order.equilibrium is not None:
         raise NotOfferedError(
-            "local models are of elastic bodies without friction: take one model of these histories, build() or "
-            "condense(), which were found as exact and quicker"
+            "local models are of elastic bodies without friction: take one model of these "
+            "histories, build() or condense(), which were found as exact and quicker"
         )
     how = Splitting() if how is None else how
     if not callable(getattr(how, "models", None)) or isinstance(how, type):
-        raise StudyError(f"{how!r} is no way to share a training out: give Splitting(modes=90) or Clusters(3)")
+        raise StudyError(
+            f"{how!r} is no way to share a training out: give Splitting(modes=90) or Clusters(3)"
+        )
     if recipe is None and training.choice is not None:
         recipe = training.choice.recipe
     given = usual_recipe(training.full_order) if recipe is None else recipe
     if not isinstance(given, Recipe):
         raise StudyError(f"{given!r} is no recipe: give a Recipe")
     task = Task(training.full_order, training.snapshots, training.held_out)
-    found: LocalModels = made(Local(how, given if checked else given.as_it_is(), progress("local models")), task)
+    found: LocalModels = made(
+        Local(how, given if checked else given.as_it_is(), progress("local models")), task
+    )
     return found

@@ -1,4 +1,6 @@
-"""Local models without a given number: the box is split until each model is small, and training grows as needed."""
+"""Local models without a given number: the box is split until each model is small, and training
+grows as needed.
+"""
 
 from __future__ import annotations
 
@@ -43,27 +45,32 @@ CLUSTERED = 300
 """Most snapshots of a part that decide its split; more change nothing."""
 STUCK = 3
 SHRUNK = 0.9
-"""Cuts in a row after which a part is left whole, if each leaves more than this part of the modes."""
+"""Cuts in a row after which a part is left whole, if each leaves more than this part of the
+modes.
+"""
 LEARNED = 30
 """Points of full answers in one round: those of the largest errors."""
 
 
 @dataclass(frozen=True)
 class Splitting:
-    """Splits the box, part by part, until models are small; training grows until their forces are accurate.
+    """Splits the box, part by part, until models are small.
 
-    A part is split across the axis that best separates two clusters of its solutions (k-medoids by the angle between
-    them, (4.4)). Its model is trained on the solutions in it and near its borders. Errors are estimated at random
-    points of the part. If forces may exceed the target error, full answers are added to the training, also of
-    neighbours that follow.
+    Training grows until their forces are accurate.
+
+    A part is split across the axis that best separates two clusters of its solutions (k-medoids by
+    the angle between them, (4.4)). Its model is trained on the solutions in it and near its
+    borders. Errors are estimated at random points of the part. If forces may exceed the target
+    error, full answers are added to the training, also of neighbours that follow.
 
     Attributes:
         modes: most modes of a model.
         conditions: most contact conditions of a model; None for any number.
-        forces: target relative error of the contact forces in the S norm; the denominator is at least a thousandth of
-            the largest training forces.
+        forces: target relative error of the contact forces in the S norm; the denominator is at
+            least a thousandth of the largest training forces.
         overlap: part of the width of a part by which its training extends beyond its borders.
-        strip: part of the width of the box, on each side of a border, in which both models are candidates.
+        strip: part of the width of the box, on each side of a border, in which both models are
+            candidates.
         checks: random points of each part at which errors are estimated.
         rounds: most additions of training answers to one part.
         most: most models.
@@ -87,7 +94,9 @@ class Splitting:
         for name in ("forces", "overlap", "strip"):
             value = getattr(self, name)
             if not (is_number(value) and 0 <= value < 1) or (name == "forces" and value == 0):
-                raise StudyError(f"{name} = {value!r} must be a part of 1, such as {getattr(type(self), name)}")
+                raise StudyError(
+                    f"{name} = {value!r} must be a part of 1, such as {getattr(type(self), name)}"
+                )
 
     def models(self, training: Training, recipe: Recipe, progress: Progress) -> LocalModels:
         """Local models of a training; see the class."""
@@ -131,7 +140,9 @@ class _Run:
             part = waiting.pop(int(np.argmax(sizes_left)))
             waiting += self._settled(part, len(waiting))
         axis, cut, low, high, label = map(np.array, zip(*self.nodes, strict=True))
-        choice = Choice(axis, cut, low, high, label, self.settings.strip * (self.upper - self.lower))
+        choice = Choice(
+            axis, cut, low, high, label, self.settings.strip * (self.upper - self.lower)
+        )
         return together(self.models, choice, self.snapshots, self.record)
 
     def _settled(self, part: _Part, waiting: int) -> list[_Part]:
@@ -163,7 +174,9 @@ class _Run:
             self._learn(poor)
         self.nodes[part.node][4] = len(self.models)
         self.models.append(model)
-        self.record.facts.add(model, rows, own.size, errors, self._missed(model, errors) + doubts, added)
+        self.record.facts.add(
+            model, rows, own.size, errors, self._missed(model, errors) + doubts, added
+        )
         return []
 
     def _missed(self, model: ReducedModel, errors: np.ndarray) -> list[str]:
@@ -175,17 +188,23 @@ class _Run:
         ]
         worst = float(np.fmax.reduce(errors))
         if np.isnan(worst):
-            found.append("nothing is known of its errors: its forces were not held against the wish")
+            found.append(
+                "nothing is known of its errors: its forces were not held against the wish"
+            )
         elif not worst <= settings.forces:
             found.append(
-                f"forces may be off by {worst:.2g} instead of {settings.forces:g}: allow more rounds, or train on more"
+                f"forces may be off by {worst:.2g} instead of {settings.forces:g}: allow more "
+                "rounds, or train on more"
             )
         return found
 
-    def _built(self, rows: np.ndarray, part: _Part, *, refuse: bool) -> tuple[ReducedModel, list[str]]:
+    def _built(
+        self, rows: np.ndarray, part: _Part, *, refuse: bool
+    ) -> tuple[ReducedModel, list[str]]:
         """Model of some snapshots, checked in its part, and warnings of its check.
 
-        An unreliable one is refused: by _TooLargeError if ``refuse`` is set, as one above the limits is.
+        An unreliable one is refused: by _TooLargeError if ``refuse`` is set, as one above the
+        limits is.
         """
         if refuse:
             self._check_sizes(rows)
@@ -197,8 +216,8 @@ class _Run:
             if refuse:
                 raise _TooLargeError(str(error)) from None
             raise UnstableModelError(
-                f"of the part {part.lower.tolist()} to {part.upper.tolist()} no model is to be trusted: {error}. Allow "
-                "more models (most), or another recipe"
+                f"of the part {part.lower.tolist()} to {part.upper.tolist()} no model is to be "
+                f"trusted: {error}. Allow more models (most), or another recipe"
             ) from None
 
     def _held_out(self, part: _Part) -> SnapshotSet:
@@ -226,7 +245,10 @@ class _Run:
             raise _TooLargeError(f"{conditions} contact conditions", modes)
 
     def _split(self, part: _Part, own: np.ndarray, error: _TooLargeError) -> list[_Part]:
-        """Halves of a part, cut between two clusters of its solutions; none after several cuts that did not help."""
+        """Halves of a part, cut between two clusters of its solutions.
+
+        None after several cuts that did not help.
+        """
         from hhr_dolfinx.plugins.local.clusters import medoids, separating_cut
 
         # zero displacements have no direction
@@ -234,7 +256,11 @@ class _Run:
         if part.stuck >= STUCK or own.size < 2:
             return []
         width = part.upper - part.lower
-        own = own if own.size <= CLUSTERED else np.sort(self.rng.choice(own, CLUSTERED, replace=False))
+        own = (
+            own
+            if own.size <= CLUSTERED
+            else np.sort(self.rng.choice(own, CLUSTERED, replace=False))
+        )
         unit = (self.snapshots.points[own] - part.lower) / np.where(width > 0, width, 1.0)
         with self.record.log.stage("clusters"):
             distances = snapshot_distances(self.snapshots.displacements[:, own])
@@ -255,7 +281,9 @@ class _Run:
         """Numbers of the snapshots in a part and up to ``overlap`` beyond its borders."""
         more = overlap * (part.upper - part.lower) + 1e-12 * (self.upper - self.lower)
         points = self.snapshots.points
-        return np.flatnonzero(((points >= part.lower - more) & (points <= part.upper + more)).all(axis=1))
+        return np.flatnonzero(
+            ((points >= part.lower - more) & (points <= part.upper + more)).all(axis=1)
+        )
 
     def _drawn(self, part: _Part, count: int) -> np.ndarray:
         """Random points of a part, (count, P)."""
@@ -277,7 +305,9 @@ def _worst(errors: np.ndarray, wished: float) -> np.ndarray:
 
 
 class _TooLargeError(Exception):
-    """A model that a part must not have, and its modes: NaN if only some were counted, infinite if it is unreliable."""
+    """A model that a part must not have, and its modes: NaN if only some were counted, infinite if
+    it is unreliable.
+    """
 
     def __init__(self, why: str, modes: float = np.inf):
         super().__init__(why)

@@ -1,8 +1,9 @@
 """Distances of spaces of displacements, by principal angles: of bases and of snapshots; theorem 9.
 
-Everything is computed in coordinates of all columns in one orthonormal basis, as many rows as there are columns. This
-takes one factorisation of the size of the mesh for any number of pairs. Cosines do not resolve angles below 1e-8;
-small angles are computed from sines, which are accurate to round-off.
+Everything is computed in coordinates of all columns in one orthonormal basis, as many rows as there
+are columns. This takes one factorisation of the size of the mesh for any number of pairs. Cosines
+do not resolve angles below 1e-8; small angles are computed from sines, which are accurate to
+round-off.
 """
 
 from __future__ import annotations
@@ -18,7 +19,9 @@ from hhr_dolfinx.errors import ReductionError
 ORTHONORMAL = 1e-8
 """Largest entry of V^T V - I of a basis that counts as orthonormal."""
 SMALL = 0.01
-"""Distance of two bases, in radians, below which it is computed from sines: cosines would leave 1e-16 over it."""
+"""Distance of two bases, in radians, below which it is computed from sines: cosines would leave
+1e-16 over it.
+"""
 MOST_NUMBERS = 4_000_000
 """Numbers in memory of a block of pairs."""
 
@@ -31,7 +34,8 @@ class ChordalBounds(NamedTuple):
 
 
 def coordinates(columns: np.ndarray) -> np.ndarray:
-    """Columns, (N, S), in an orthonormal basis of their span, (r, S), r = min(N, S): the same lengths and products.
+    """Columns, (N, S), in an orthonormal basis of their span, (r, S), r = min(N, S): the same
+    lengths and products.
 
     ReductionError for an invalid table of real numbers.
     """
@@ -43,10 +47,10 @@ def coordinates(columns: np.ndarray) -> np.ndarray:
 def basis_distances(bases: Sequence[np.ndarray]) -> np.ndarray:
     """Dissimilarity of local bases, (4.1): the Grassmann distance of each pair, (4.2).
 
-    It is the root of the sum of squares of the principal angles, (4.3), and of a right angle for each dimension that
-    one space has and the other lacks: symmetric with a zero diagonal, (n, n), in radians. Give many bases, (N, a_j)
-    each, in common :func:`coordinates`: their products take the time. ReductionError for a basis that is not
-    orthonormal, or of another mesh.
+    It is the root of the sum of squares of the principal angles, (4.3), and of a right angle for
+    each dimension that one space has and the other lacks: symmetric with a zero diagonal, (n, n),
+    in radians. Give many bases, (N, a_j) each, in common :func:`coordinates`: their products take
+    the time. ReductionError for a basis that is not orthonormal, or of another mesh.
     """
     parts = _together({f"{number} of the bases": basis for number, basis in enumerate(bases)})
     counts = np.array([part.shape[1] for part in parts])
@@ -57,31 +61,35 @@ def basis_distances(bases: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def snapshot_distances(columns: np.ndarray) -> np.ndarray:
-    """Dissimilarity of snapshots of any lengths, (N, S), (4.4): the angle between the lines that they span.
+    """Dissimilarity of snapshots of any lengths, (N, S), (4.4): the angle between the lines that
+    they span.
 
-    The printed (4.4) has arccos(S_i^T S_j), which puts a snapshot and its opposite pi apart. (4.2), of which it is
-    a case, gives zero, as both span one space. This function uses (4.2): arccos |S_i^T S_j|, symmetric with a zero
-    diagonal, (S, S), in radians, at most pi / 2; errors are below 1e-12. ReductionError for snapshots that are not
-    finite, or zero, which have no direction.
+    The printed (4.4) has arccos(S_i^T S_j), which puts a snapshot and its opposite pi apart. (4.2),
+    of which it is a case, gives zero, as both span one space. This function uses (4.2): arccos
+    |S_i^T S_j|, symmetric with a zero diagonal, (S, S), in radians, at most pi / 2; errors are
+    below 1e-12. ReductionError for snapshots that are not finite, or zero, which have no direction.
     """
     found = coordinates(columns)
     # squares of very small or large displacements would not be finite
     scales = np.abs(found).max(axis=0)
     if not scales.all():
         raise ReductionError(
-            f"snapshots {np.flatnonzero(scales == 0)[:10].tolist()} are zero, and have no direction: leave out "
-            "parameters without load"
+            f"snapshots {np.flatnonzero(scales == 0)[:10].tolist()} are zero, and have no "
+            "direction: leave out parameters without load"
         )
     lines = (found / scales).T
     lines /= np.linalg.norm(lines, axis=1)[:, None]
     return _distances(lines[:, None], np.ones(len(lines), dtype=np.int64))
 
 
-def theorem_9(exact: np.ndarray, reduced: np.ndarray, weights: np.ndarray, factor: float = 1.0) -> ChordalBounds:
-    """Right sides of theorem 9: the distance of a reduced answer from the exact one, by the angles of their spaces.
+def theorem_9(
+    exact: np.ndarray, reduced: np.ndarray, weights: np.ndarray, factor: float = 1.0
+) -> ChordalBounds:
+    """Right sides of theorem 9: the distance of a reduced answer from the exact one, by the angles
+    of their spaces.
 
-    The first, |sin(theta) U*^T gamma*|, is the distance of the exact answer to the reduced space. If this has more
-    functions than V*, both hold as well; ell is the number of functions of V*.
+    The first, |sin(theta) U*^T gamma*|, is the distance of the exact answer to the reduced space.
+    If this has more functions than V*, both hold as well; ell is the number of functions of V*.
 
     Args:
         exact: V*, orthonormal, (N, ell).
@@ -90,15 +98,20 @@ def theorem_9(exact: np.ndarray, reduced: np.ndarray, weights: np.ndarray, facto
         factor: 1 + M_a / alpha' of theorem 6, in the Euclidean norm, as in the thesis.
 
     Raises:
-        ReductionError: for a basis that is not orthonormal, weights of another size or not finite, or a factor
-            that is not positive.
+        ReductionError: for a basis that is not orthonormal, weights of another size or not finite,
+            or a factor that is not positive.
     """
     first, second = _together({"exact": exact, "reduced": reduced})
     weights = np.asarray(weights, dtype=float)
     if weights.shape != first.shape[1:] or not np.isfinite(weights).all():
-        raise ReductionError(f"gamma* = {weights!r} must be {first.shape[1]} finite numbers, one for each column of V*")
+        raise ReductionError(
+            f"gamma* = {weights!r} must be {first.shape[1]} finite numbers, one for each column "
+            "of V*"
+        )
     if not 0 < factor < np.inf:
-        raise ReductionError(f"factor = {factor!r} must be a positive number: it is 1 + M_a / alpha'")
+        raise ReductionError(
+            f"factor = {factor!r} must be a positive number: it is 1 + M_a / alpha'"
+        )
     beyond = first - second @ (second.T @ first)
     _, sines, turn = linalg.svd(beyond, full_matrices=False)
     by_angles = np.linalg.norm(sines * (turn @ weights))
@@ -107,10 +120,14 @@ def theorem_9(exact: np.ndarray, reduced: np.ndarray, weights: np.ndarray, facto
 
 
 def _distances(padded: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Grassmann distances of bases stored as rows padded with zeros, (n, a, r), ``counts`` of them valid, (n, n)."""
+    """Grassmann distances of bases stored as rows padded with zeros, (n, a, r), ``counts`` of them
+    valid, (n, n).
+    """
     found = _from_cosines(padded, counts)
     upper = np.triu(np.ones(found.shape, dtype=bool), 1)
-    near = np.nonzero(upper & (found < SMALL))  # bases of different dimensions are a right angle apart
+    near = np.nonzero(
+        upper & (found < SMALL)
+    )  # bases of different dimensions are a right angle apart
     found[near] = _from_sines(padded, *near)
     found = np.where(upper, found, 0.0)
     return found + found.T
@@ -125,7 +142,9 @@ def _from_cosines(padded: np.ndarray, counts: np.ndarray) -> np.ndarray:
         block = slice(start, min(start + rows, total))
         products = padded[block].reshape(-1, size) @ padded[start:].reshape(-1, size).T
         products = products.reshape(-1, width, total - start, width).transpose(0, 2, 1, 3)
-        cosines = np.abs(products[..., 0]) if width == 1 else np.linalg.svd(products, compute_uv=False)
+        cosines = (
+            np.abs(products[..., 0]) if width == 1 else np.linalg.svd(products, compute_uv=False)
+        )
         angles = np.arccos(np.clip(cosines, 0.0, 1.0))
         shared = np.minimum(counts[block, None], counts[start:])
         squares = np.where(np.arange(width) < shared[..., None], angles**2, 0.0).sum(axis=-1)
@@ -135,7 +154,9 @@ def _from_cosines(padded: np.ndarray, counts: np.ndarray) -> np.ndarray:
 
 
 def _from_sines(padded: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Distances from sines, for pairs of bases of one dimension that are close, given by their numbers, (k,) each."""
+    """Distances from sines, for pairs of bases of one dimension that are close, given by their
+    numbers, (k,) each.
+    """
     _, width, size = padded.shape
     found = [np.zeros(0)]
     step = max(1, MOST_NUMBERS // (width * size))
@@ -162,8 +183,8 @@ def _together(bases: dict[str, np.ndarray]) -> list[np.ndarray]:
         off = np.abs(part.T @ part - np.eye(part.shape[1])).max()
         if off > ORTHONORMAL:
             raise ReductionError(
-                f"basis {name} is not orthonormal, by {off:.2g} of V^T V - I: orthonormalise it, by a QR "
-                "factorisation for instance"
+                f"basis {name} is not orthonormal, by {off:.2g} of V^T V - I: orthonormalise it, "
+                "by a QR factorisation for instance"
             )
     return parts
 
@@ -173,9 +194,13 @@ def _checked(name: str, columns: np.ndarray) -> np.ndarray:
     try:
         found = np.asarray(columns, dtype=float)
     except (TypeError, ValueError):
-        raise ReductionError(f"{name} must be a table of real numbers, (N, columns), and is {columns!r}") from None
+        raise ReductionError(
+            f"{name} must be a table of real numbers, (N, columns), and is {columns!r}"
+        ) from None
     if found.ndim != 2 or 0 in found.shape:
-        raise ReductionError(f"{name} has the shape {found.shape}: a table of at least one column, (N, S), is needed")
+        raise ReductionError(
+            f"{name} has the shape {found.shape}: a table of at least one column, (N, S), is needed"
+        )
     bad = np.flatnonzero(~np.isfinite(found).all(axis=0))
     if bad.size:
         raise ReductionError(f"columns {bad[:10].tolist()} of {name} are not finite")

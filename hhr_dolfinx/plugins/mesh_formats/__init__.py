@@ -1,4 +1,6 @@
-"""Mesh files of code_aster, FEBio, LS-DYNA, Kratos, I-DEAS (``.unv``), MED, Nastran (``.bdf``) and VTK (``.vtu``)."""
+"""Mesh files of code_aster, FEBio, LS-DYNA, Kratos, I-DEAS (``.unv``), MED, Nastran (``.bdf``) and
+VTK (``.vtu``).
+"""
 
 from hhr_dolfinx.registry import Plugin
 

@@ -12,12 +12,14 @@ from hhr_dolfinx.plugins.mesh_formats.contents import COUNTS, Contents
 _KINDS = dict(
     pair.split(":")
     for pair in (
-        "POI1:vertex SEG2:line SEG3:line3 TRIA3:triangle TRIA6:triangle6 QUAD4:quad QUAD8:quad8 QUAD9:quad9 "
-        "TETRA4:tetra TETRA10:tetra10 PYRAM5:pyramid PYRAM13:pyramid13 PENTA6:wedge PENTA15:wedge15 HEXA8:hexahedron "
-        "HEXA20:hexahedron20 HEXA27:hexahedron27"
+        "POI1:vertex SEG2:line SEG3:line3 TRIA3:triangle TRIA6:triangle6 QUAD4:quad QUAD8:quad8 "
+        "QUAD9:quad9 TETRA4:tetra TETRA10:tetra10 PYRAM5:pyramid PYRAM13:pyramid13 PENTA6:wedge "
+        "PENTA15:wedge15 HEXA8:hexahedron HEXA20:hexahedron20 HEXA27:hexahedron27"
     ).split()
 )
-_WIDTHS = {"COOR_2D": 3, "COOR_3D": 4} | {head: COUNTS[kind] + 1 for head, kind in _KINDS.items()}  # words of an item
+_WIDTHS = {"COOR_2D": 3, "COOR_3D": 4} | {
+    head: COUNTS[kind] + 1 for head, kind in _KINDS.items()
+}  # words of an item
 _OTHERS = ("TITRE", "TRIA7", "SEG4", "PENTA18", "PENTA21", "PYRAM19", "TETRA15", "HEXA9", "HEXA16")
 
 
@@ -26,7 +28,11 @@ def read_mail(path: Path) -> RawMesh:
     found = Contents()
     with found.reading(path) as lines:
         # NOM = A is one word, and comments begin with %
-        words = (word for line in lines for word in re.sub(r"\s*=\s*", "=", line.partition("%")[0]).split())
+        words = (
+            word
+            for line in lines
+            for word in re.sub(r"\s*=\s*", "=", line.partition("%")[0]).split()
+        )
         for word in words:
             if word.upper() == "FIN":
                 break
@@ -49,7 +55,9 @@ def _block(found: Contents, head: str, words: Iterator[str]) -> None:
             if head in _KINDS:
                 found.add(_KINDS[head], item[0], item[1:])
             else:
-                found.points[item[0]] = [float(number.upper().replace("D", "E")) for number in item[1:]]
+                found.points[item[0]] = [
+                    float(number.upper().replace("D", "E")) for number in item[1:]
+                ]
             item = []
     else:
         raise ValueError(f"the block {head} has no FINSF")

@@ -1,4 +1,6 @@
-"""Nodes, elements and sets of a file by the names that it gives them, and the mesh that they form."""
+"""Nodes, elements and sets of a file by the names that it gives them, and the mesh that they
+form.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ LOW = {1: "vertex", 2: "line", 3: "line3"}
 PLANE = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9"}
 _SOLID = "tetra pyramid wedge hexahedron tetra10 pyramid13 wedge15 hexahedron20 hexahedron27"
 SOLID = dict(zip((4, 5, 6, 8, 10, 13, 15, 20, 27), _SOLID.split(), strict=True))
-"""Meshio's kinds of points and lines, plane elements, and those in space, by their number of nodes."""
+"""Meshio's kinds of points and lines, plane elements, and those in space, by their number of
+nodes.
+"""
 COUNTS = {kind: count for kinds in (LOW, PLANE, SOLID) for count, kind in kinds.items()}
 
 
@@ -57,7 +61,9 @@ class Contents:
     def add(self, kind: str, element: Hashable, nodes: Sequence[Hashable]) -> None:
         """Add an element; ValueError if it has another number of nodes."""
         if len(nodes) != COUNTS[kind]:
-            raise ValueError(f"an element of kind {kind} has {len(nodes)} nodes, and not {COUNTS[kind]}")
+            raise ValueError(
+                f"an element of kind {kind} has {len(nodes)} nodes, and not {COUNTS[kind]}"
+            )
         self.elements.setdefault(kind, {})[element] = nodes
 
     def mesh(self, path: Path) -> RawMesh:
@@ -68,24 +74,38 @@ class Contents:
         for kind, own in self.elements.items():
             lost = {node for nodes in own.values() for node in nodes} - place.keys()
             if lost:
-                raise FileContentError(f"{path}: a {kind} names node {min(map(str, lost))}, which is not in the file")
+                raise FileContentError(
+                    f"{path}: a {kind} names node {min(map(str, lost))}, which is not in the file"
+                )
             nodes = np.array([[place[node] for node in row] for row in own.values()])
             row_of = {element: k for k, element in enumerate(own)}
-            rows_of = {name: {row_of[one] for one in own if one in row_of} for name, own in self.sets.items()}
+            rows_of = {
+                name: {row_of[one] for one in own if one in row_of}
+                for name, own in self.sets.items()
+            }
             sets = {name: np.array(sorted(rows)) for name, rows in rows_of.items() if rows}
             blocks.append(Elements(kind, _in_order_of_vtk(kind, points, nodes), sets=sets))
-        kept = {str(name): [place[one] for one in own if one in place] for name, own in self.nodes.items()}
+        kept = {
+            str(name): [place[one] for one in own if one in place]
+            for name, own in self.nodes.items()
+        }
         nodes_of = {name: np.array(rows, dtype=np.int64) for name, rows in kept.items()}
-        there = {name for block in blocks for name in block.sets} | {name for name, rows in kept.items() if rows}
+        there = {name for block in blocks for name in block.sets} | {
+            name for name, rows in kept.items() if rows
+        }
         named = [*self.sets.items(), *self.nodes.items()]
         reasons = {
-            key: f"none of its {len(own)} members is in the file" for key, own in named if own and key not in there
+            key: f"none of its {len(own)} members is in the file"
+            for key, own in named
+            if own and key not in there
         }
         return raw_mesh(points, blocks, path, nodes=nodes_of, left_out={**reasons, **self.left_out})
 
 
 def _in_order_of_vtk(kind: str, points: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    """Nodes of hexahedra of second order as VTK lists them; formats list upright edges before or after the top.
+    """Nodes of hexahedra of second order as VTK lists them.
+
+    Formats list upright edges before or after the top.
 
     The order is the one in which the nodes lie closer to the middles of their edges.
     """
@@ -93,6 +113,12 @@ def _in_order_of_vtk(kind: str, points: np.ndarray, nodes: np.ndarray) -> np.nda
         return nodes
     orders = [EDGES["hexahedron"], EDGE_ORDERS["exodus"]["hexahedron"]]
     middles = [points[nodes[:, np.array(order)]].mean(axis=2) for order in orders]
-    listed = orders[int(np.argmin([np.linalg.norm(points[nodes[:, 8:20]] - one, axis=2).sum() for one in middles]))]
+    listed = orders[
+        int(
+            np.argmin(
+                [np.linalg.norm(points[nodes[:, 8:20]] - one, axis=2).sum() for one in middles]
+            )
+        )
+    ]
     places = [8 + [set(edge) for edge in listed].index(set(edge)) for edge in EDGES["hexahedron"]]
     return nodes[:, [*range(8), *places, *range(20, nodes.shape[1])]]

@@ -13,15 +13,17 @@ from hhr_dolfinx.plugins.mesh_formats.contents import COUNTS, Contents
 _KINDS = dict(
     pair.split(":")
     for pair in (
-        "hex8:hexahedron hex20:hexahedron20 hex27:hexahedron27 tet4:tetra tet10:tetra10 penta6:wedge penta15:wedge15 "
-        "pyra5:pyramid pyra13:pyramid13 tri3:triangle tri6:triangle6 quad4:quad q4ans:quad q4eas:quad quad8:quad8 "
-        "quad9:quad9 line2:line line3:line3 truss2:line"
+        "hex8:hexahedron hex20:hexahedron20 hex27:hexahedron27 tet4:tetra tet10:tetra10 "
+        "penta6:wedge penta15:wedge15 pyra5:pyramid pyra13:pyramid13 tri3:triangle tri6:triangle6 "
+        "quad4:quad q4ans:quad q4eas:quad quad8:quad8 quad9:quad9 line2:line line3:line3 "
+        "truss2:line"
     ).split()
 )
 
 
 def read_feb(path: Path) -> RawMesh:
-    """Read a file; raise FileContentError, with the line, for a damaged one, or a mesh in another file.
+    """Read a file; raise FileContentError, with the line, for a damaged one, or a mesh in another
+    file.
 
     A DOCTYPE is refused: entities that it declares may expand to gigabytes, or read other files.
     """
@@ -49,7 +51,9 @@ def read_feb(path: Path) -> RawMesh:
         try:
             parser.Parse(path.read_bytes(), True)
             if not found.points:
-                raise ValueError("there is no <Mesh> or <Geometry> with nodes: save all in one file")
+                raise ValueError(
+                    "there is no <Mesh> or <Geometry> with nodes: save all in one file"
+                )
         except expat.ExpatError as error:
             raise ValueError(f"no XML: {error}") from error
         finally:
@@ -69,19 +73,25 @@ def _take(found: Contents, item: Element, block: Element) -> None:
         found.add(kind, item.attrib["id"], words[: COUNTS[kind]])
         found.sets.setdefault(name or int(block.get("mat", "1")), []).append(item.attrib["id"])
     elif block.tag == "Elements":
-        found.left_out[name or block.attrib["type"]] = f"elements of type {block.attrib['type']} are not read"
+        found.left_out[name or block.attrib["type"]] = (
+            f"elements of type {block.attrib['type']} are not read"
+        )
     elif block.tag in ("Surface", "Edge"):
         found.add(_KINDS[item.tag.lower()], (name, item.attrib["id"]), words)
         found.sets.setdefault(name, []).append((name, item.attrib["id"]))
     elif item.tag in ("NodeSet", "ElementSet") or block.tag in ("NodeSet", "ElementSet"):
         whole = item.tag.endswith("Set")
         sets = found.nodes if "NodeSet" in (item.tag, block.tag) else found.sets
-        members = [one for word in words for one in _members(word)] if whole else [item.attrib["id"]]
+        members = (
+            [one for word in words for one in _members(word)] if whole else [item.attrib["id"]]
+        )
         sets.setdefault(item.get("name", "") if whole else name, []).extend(members)
 
 
 def _members(word: str) -> Iterator[str]:
-    """Numbers of a word of a set: one number, or a range with both ends, such as ``1:7`` or ``1:7:2``."""
+    """Numbers of a word of a set: one number, or a range with both ends, such as ``1:7`` or
+    ``1:7:2``.
+    """
     first, *rest = word.split(":")
     if not rest:
         yield word

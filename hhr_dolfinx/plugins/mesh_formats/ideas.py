@@ -1,4 +1,6 @@
-"""Meshes of I-DEAS' universal files, ``.unv``: nodes, elements, and groups in all of their data sets."""
+"""Meshes of I-DEAS' universal files, ``.unv``: nodes, elements, and groups in all of their data
+sets.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ _NODES = {"15": False, "781": True, "2411": True}
 _ELEMENTS = {"71": 2, "780": 3, "2412": 2}
 """Data sets of elements: column of the number of the physical property."""
 _GROUPS = {"2417": 4, "2429": 4, "2430": 4, "2432": 4, "2435": 2, "2452": 2, "2467": 2, "2477": 2}
-"""Data sets of groups: members in a row, of two values each in older ones, of four in newer ones."""
+"""Data sets of groups: members in a row, of two values each in older ones, of four in newer
+ones.
+"""
 _OF_NODES = 7
 _OF_ELEMENTS = 8
 """Codes of the types of members."""
@@ -28,14 +32,16 @@ _AROUND = {
     "wedge15": (0, 2, 4, 9, 11, 13, 1, 3, 5, 10, 12, 14, 6, 7, 8),
     "hexahedron20": (0, 2, 4, 6, 12, 14, 16, 18, 1, 3, 5, 7, 13, 15, 17, 19, 8, 9, 10, 11),
 }
-"""Places of the nodes in the order of VTK: files list them around the lower side, then upright edges, then the top."""
+"""Places of the nodes in the order of VTK: files list them around the lower side, then upright
+edges, then the top.
+"""
 
 
 def read_unv(path: Path) -> RawMesh:
     """Read a file; raise FileContentError, with the line, for a damaged one.
 
-    Groups are bodies, surfaces and sets of nodes by name. Elements of a dimension of which no group has any belong to
-    the numbers of their physical properties.
+    Groups are bodies, surfaces and sets of nodes by name. Elements of a dimension of which no group
+    has any belong to the numbers of their physical properties.
     """
     found = Contents()
     properties: dict[str, int] = {}
@@ -66,7 +72,9 @@ def _nodes(found: Contents, rows: Iterator[list[str]], two_rows: bool) -> None:
         found.points[row[0]] = [float(word.upper().replace("D", "E")) for word in place[:3]]
 
 
-def _elements(found: Contents, rows: Iterator[list[str]], column: int, properties: dict[str, int]) -> None:
+def _elements(
+    found: Contents, rows: Iterator[list[str]], column: int, properties: dict[str, int]
+) -> None:
     """Add elements and their properties; those of unknown kinds are left out."""
     for row in rows:
         type_ = int(row[1])
@@ -79,13 +87,23 @@ def _elements(found: Contents, rows: Iterator[list[str]], column: int, propertie
             if not more:
                 raise ValueError(f"element {row[0]} has {len(nodes)} nodes, and not {count}")
             nodes += more
-        kinds = LOW if type_ in _BEAMS else PLANE if 41 <= type_ < 100 else SOLID if 101 <= type_ <= 118 else {}
+        kinds = (
+            LOW
+            if type_ in _BEAMS
+            else PLANE
+            if 41 <= type_ < 100
+            else SOLID
+            if 101 <= type_ <= 118
+            else {}
+        )
         if len(nodes) in kinds:
             kind = kinds[len(nodes)]
             found.add(kind, row[0], [nodes[k] for k in _AROUND.get(kind, range(len(nodes)))])
             properties[row[0]] = int(row[column])
         else:
-            found.left_out[f"type {type_}"] = f"elements of this type, with {count} nodes, are not read"
+            found.left_out[f"type {type_}"] = (
+                f"elements of this type, with {count} nodes, are not read"
+            )
 
 
 def _groups(found: Contents, rows: Iterator[list[str]], width: int) -> None:
@@ -102,7 +120,9 @@ def _groups(found: Contents, rows: Iterator[list[str]], width: int) -> None:
             if own := [str(number) for type_, number in members if type_ == code]:
                 sets.setdefault(name, []).extend(own)
         if others := sorted({type_ for type_, _ in members} - {_OF_ELEMENTS, _OF_NODES}):
-            found.left_out[f"{name}, type {others[0]}"] = "members of this type are no nodes and no elements"
+            found.left_out[f"{name}, type {others[0]}"] = (
+                "members of this type are no nodes and no elements"
+            )
 
 
 def _by_property(found: Contents, properties: dict[str, int]) -> None:

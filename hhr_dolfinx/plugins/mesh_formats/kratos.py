@@ -1,4 +1,6 @@
-"""Meshes of Kratos, ``.mdpa``: nodes, elements, conditions, geometries, and parts of the model with those in them."""
+"""Meshes of Kratos, ``.mdpa``: nodes, elements, conditions, geometries, and parts of the model with
+those in them.
+"""
 
 from __future__ import annotations
 
@@ -66,10 +68,14 @@ def _block(found: Contents, head: list[str], rows: Iterator[list[str]]) -> None:
 
 
 def _kind_of(name: str, kind: str, count: int) -> str:
-    """Meshio's kind of the elements ``SmallDisplacementElement3D8N`` or ``Triangle2D3``, with so many nodes."""
+    """Meshio's kind of the elements ``SmallDisplacementElement3D8N`` or ``Triangle2D3``, with so
+    many nodes.
+    """
     plane = re.search(r"2D\d+N?$", name)
     line = name.startswith(_LINES) or count < 3 or (kind == "Conditions" and plane)
-    solid = name.startswith(_SOLIDS) or (kind == "Elements" and not plane and not name.startswith(_FLAT))
+    solid = name.startswith(_SOLIDS) or (
+        kind == "Elements" and not plane and not name.startswith(_FLAT)
+    )
     # shells of any name have three corners
     kinds = LOW if line else SOLID if solid and count in SOLID else PLANE
     if count not in kinds:
@@ -78,7 +84,9 @@ def _kind_of(name: str, kind: str, count: int) -> str:
 
 
 def _part(found: Contents, name: str, rows: Iterator[list[str]]) -> None:
-    """Read a part of the model: its elements and conditions, or its nodes if it has neither, and the parts in it."""
+    """Read a part of the model: its elements and conditions, or its nodes if it has neither, and
+    the parts in it.
+    """
     members: list[tuple[str, str]] = []
     for row in _inside("SubModelPart", rows):
         if row[:2] == ["Begin", "SubModelPart"]:

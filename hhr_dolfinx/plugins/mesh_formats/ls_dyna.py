@@ -1,4 +1,6 @@
-"""Meshes of LS-DYNA's keyword files, ``.k``: nodes, solids, shells, parts as bodies, sets of nodes and segments."""
+"""Meshes of LS-DYNA's keyword files, ``.k``: nodes, solids, shells, parts as bodies, sets of nodes
+and segments.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ def read_keywords(path: Path) -> RawMesh:
         if title and number in found.sets:
             found.sets.setdefault(title, []).extend(found.sets[number])
     for name, parts in found.unions.items():
-        found.sets.setdefault(name, []).extend(one for number in parts for one in found.sets.get(number, ()))
+        found.sets.setdefault(name, []).extend(
+            one for number in parts for one in found.sets.get(number, ())
+        )
     return found.mesh(path)
 
 
@@ -52,8 +56,8 @@ def _read(found: Contents, titles: dict[int, str], path: Path) -> None:
 def _take(found: Contents, titles: dict[int, str], keyword: str, rows: Rows, path: Path) -> None:
     """Add a block; blocks that are not part of a mesh are skipped.
 
-    ``*NODE+`` has fields of 20 letters, as all blocks after ``LONG=Y``, and ``*NODE %`` of 10 and not 8, as after
-    ``I10=Y``.
+    ``*NODE+`` has fields of 20 letters, as all blocks after ``LONG=Y``, and ``*NODE %`` of 10 and
+    not 8, as after ``I10=Y``.
     """
     short = keyword.endswith("-") and keyword.startswith(("NODE", "ELEMENT"))
     width = 20 if keyword.endswith("+") else 8 if short else 10
@@ -76,14 +80,20 @@ def _take(found: Contents, titles: dict[int, str], keyword: str, rows: Rows, pat
         title = rows[0][1].strip() if keyword.endswith("_TITLE") else ""
         titled = keyword.endswith("_TITLE")
         # the first row goes on with attributes and the name of a solver
-        numbers = [_numbers(row, width, None if k else 1) for k, (found.line, row) in enumerate(rows[titled:])]
+        numbers = [
+            _numbers(row, width, None if k else 1)
+            for k, (found.line, row) in enumerate(rows[titled:])
+        ]
         _set(found, of[1], title, numbers, bool(of[2]))
     elif keyword.startswith(("ELEMENT_", "SET_", "INCLUDE_", "NODE_")):
         found.left_out[f"*{keyword}"] = "blocks of this kind are not read"
 
 
 def _set(found: Contents, what: str, title: str, rows: list[list[int]], ranges: bool) -> None:
-    """Add a set by its title or its number, which is in its first row; members may be ranges, first and last each."""
+    """Add a set by its title or its number, which is in its first row.
+
+    Members may be ranges, first and last each.
+    """
     number = rows[0][0]
     members = [one for row in rows[1:] for one in row if one]
     if ranges:
@@ -103,10 +113,15 @@ def _set(found: Contents, what: str, title: str, rows: list[list[int]], ranges: 
         found.sets.setdefault(title or number, []).append((what, number, k))
 
 
-def _elements(found: Contents, kinds: dict[int, str], keyword: str, rows: Rows, width: int, count: int = 0) -> None:
-    """Add solids or shells. Their nodes are in the same row, or in the next ones; repeated ones make simpler cells.
+def _elements(
+    found: Contents, kinds: dict[int, str], keyword: str, rows: Rows, width: int, count: int = 0
+) -> None:
+    """Add solids or shells.
 
-    An element goes on in the next row if this one ends in a comma, or while it has fewer nodes than ``count``.
+    Their nodes are in the same row, or in the next ones; repeated ones make simpler cells.
+
+    An element goes on in the next row if this one ends in a comma, or while it has fewer nodes than
+    ``count``.
     """
     held: list[int] = []
     for found.line, row in rows:
@@ -115,7 +130,9 @@ def _elements(found: Contents, kinds: dict[int, str], keyword: str, rows: Rows, 
             element, part, *nodes = held
             nodes = list(dict.fromkeys(node for node in nodes if node))
             if len(nodes) not in kinds:
-                raise ValueError(f"element {element} has {len(nodes)} nodes, which is not understood")
+                raise ValueError(
+                    f"element {element} has {len(nodes)} nodes, which is not understood"
+                )
             found.add(kinds[len(nodes)], (keyword, element), nodes)
             found.sets.setdefault(part, []).append((keyword, element))
             held = []
@@ -129,7 +146,10 @@ def _fields(row: str, *widths: int) -> list[str]:
         return [word.strip() for word in row.split(",")]
     first = row[: widths[0]]
     rest = row[widths[0] :].rstrip()
-    return [word.strip() for word in (first, *(rest[k : k + widths[-1]] for k in range(0, len(rest), widths[-1])))]
+    return [
+        word.strip()
+        for word in (first, *(rest[k : k + widths[-1]] for k in range(0, len(rest), widths[-1])))
+    ]
 
 
 def _numbers(row: str, width: int, count: int | None = None) -> list[int]:
@@ -138,7 +158,12 @@ def _numbers(row: str, width: int, count: int | None = None) -> list[int]:
 
 
 def _number(word: str) -> float:
-    """Number of a field, 0 of an empty one; ValueError for a parameter or an expression, which stand for numbers."""
+    """Number of a field, 0 of an empty one.
+
+    ValueError for a parameter or an expression, which stand for numbers.
+    """
     if "&" in word or word.startswith("<"):
-        raise ValueError(f"{word!r} is a number of *PARAMETER, which is not read: write the number there")
+        raise ValueError(
+            f"{word!r} is a number of *PARAMETER, which is not read: write the number there"
+        )
     return float(word or 0)

@@ -14,15 +14,18 @@ from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
 
 def read_med(path: Path) -> RawMesh:
-    """Read a file of Salome, code_aster or gmsh; raise FileContentError for one without cells of one kind."""
+    """Read a file of Salome, code_aster or gmsh.
+
+    Raise FileContentError for one without cells of one kind.
+    """
     return read_by_gmsh(path, groups_of_nodes)
 
 
 def groups_of_nodes(path: Path, points: np.ndarray, numbers: np.ndarray) -> dict[str, np.ndarray]:
     """Nodes of the groups of nodes of a MED file, by name.
 
-    netCDF4 does not read the names of groups. Salome names a family of nodes after its group if there is only one,
-    ``FAM_3_name``; other groups have the name of the family.
+    netCDF4 does not read the names of groups. Salome names a family of nodes after its group if
+    there is only one, ``FAM_3_name``; other groups have the name of the family.
 
     Args:
         path: path of the file.
@@ -46,13 +49,21 @@ def _families_of_nodes(data: Any, points: np.ndarray) -> dict[str, np.ndarray]:
         step = mesh if "NOE" in mesh.groups else next(iter(mesh.groups.values()), mesh)
         nodes = step.groups.get("NOE")
         families = data["FAS"].groups.get(name) if "FAS" in data.groups else None
-        if nodes is None or families is None or "NOEUD" not in families.groups or "FAM" not in nodes.variables:
+        if (
+            nodes is None
+            or families is None
+            or "NOEUD" not in families.groups
+            or "FAM" not in nodes.variables
+        ):
             continue
         places = np.asarray(nodes["COO"][:]).reshape(-1, len(nodes["FAM"])).T
         if places.shape[0] != len(points) or not np.allclose(places, points[:, : places.shape[1]]):
             continue
         of = np.asarray(nodes["FAM"][:])
-        return {_name_of(family): np.flatnonzero(of == group.NUM) for family, group in families["NOEUD"].groups.items()}
+        return {
+            _name_of(family): np.flatnonzero(of == group.NUM)
+            for family, group in families["NOEUD"].groups.items()
+        }
     return {}
 
 

@@ -1,4 +1,6 @@
-"""Meshes of Nastran's bulk data, ``.bdf`` and ``.nas``: grid points, elements, and the numbers of their properties."""
+"""Meshes of Nastran's bulk data, ``.bdf`` and ``.nas``: grid points, elements, and the numbers of
+their properties.
+"""
 
 from __future__ import annotations
 
@@ -11,9 +13,22 @@ import numpy as np
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 from hhr_dolfinx.plugins.mesh_formats.contents import LOW, PLANE, SOLID, Contents
 
-_SOLIDS = {"CTETRA": (4, 10), "CPYRAM": (5, 13), "CPYRA": (5, 13), "CPENTA": (6, 15), "CHEXA": (8, 20)}
+_SOLIDS = {
+    "CTETRA": (4, 10),
+    "CPYRAM": (5, 13),
+    "CPYRA": (5, 13),
+    "CPENTA": (6, 15),
+    "CHEXA": (8, 20),
+}
 _PLANES = {"CTRIA3": (3,), "CTRIAR": (3,), "CTRIA6": (3, 6), "CTRIAX": (3, 6)}
-_PLANES |= {"CQUAD4": (4,), "CQUADR": (4,), "CSHEAR": (4,), "CQUAD8": (4, 8), "CQUADX": (4, 8), "CQUAD": (4, 8)}
+_PLANES |= {
+    "CQUAD4": (4,),
+    "CQUADR": (4,),
+    "CSHEAR": (4,),
+    "CQUAD8": (4, 8),
+    "CQUADX": (4, 8),
+    "CQUAD": (4, 8),
+}
 _LINES = {"CROD": (2,), "CBAR": (2,), "CBEAM": (2,), "CTUBE": (2,), "CBEAM3": (2, 3)}
 """Numbers of nodes of the elements, of first and of second order."""
 _KINDS = {name: (LOW, counts) for name, counts in _LINES.items()}
@@ -44,7 +59,9 @@ def read_nastran(path: Path) -> RawMesh:
     return found.mesh(path)
 
 
-def _read(found: Contents, systems: dict[int, tuple[str, np.ndarray]], turned: dict[str, str], path: Path) -> None:
+def _read(
+    found: Contents, systems: dict[int, tuple[str, np.ndarray]], turned: dict[str, str], path: Path
+) -> None:
     with found.reading(path) as lines:
         for name, words in _cards(lines):
             if name == "INCLUDE":
@@ -54,7 +71,10 @@ def _read(found: Contents, systems: dict[int, tuple[str, np.ndarray]], turned: d
 
 
 def _cards(lines: Iterator[str]) -> Iterator[tuple[str, list[str]]]:
-    """Names of cards without the star of wide ones, and their fields; what precedes BEGIN BULK is no mesh."""
+    """Names of cards without the star of wide ones, and their fields.
+
+    What precedes BEGIN BULK is no mesh.
+    """
     name = ""
     words: list[str] = []
     for whole in lines:
@@ -80,7 +100,9 @@ def _cards(lines: Iterator[str]) -> Iterator[tuple[str, list[str]]]:
 
 
 def _fields(line: str) -> tuple[str, list[str]]:
-    """First field of a line, and the others: eight, or four wide ones, between commas or in fixed columns."""
+    """First field of a line, and the others: eight, or four wide ones, between commas or in fixed
+    columns.
+    """
     if "," in line:
         head, *fields = (word.strip() for word in line.split(","))
         count = 4 if "*" in head else 8
@@ -93,7 +115,11 @@ def _fields(line: str) -> tuple[str, list[str]]:
 
 
 def _take(
-    found: Contents, systems: dict[int, tuple[str, np.ndarray]], turned: dict[str, str], name: str, words: list[str]
+    found: Contents,
+    systems: dict[int, tuple[str, np.ndarray]],
+    turned: dict[str, str],
+    name: str,
+    words: list[str],
 ) -> None:
     """Add a card; those that are not part of a mesh are skipped."""
     if name == "GRID":
@@ -103,8 +129,14 @@ def _take(
         turned[USUAL] = words[1]
     elif name in ("CORD2R", "CORD2C", "CORD2S"):
         if int(words[1] or 0):
-            raise ValueError(f"coordinate system {words[0]} refers to system {words[1]}: write points in system 0")
-        systems[int(words[0])] = name[-1], np.array([_number(word) for word in words[2:11]]).reshape(3, 3)
+            raise ValueError(
+                f"coordinate system {words[0]} refers to system {words[1]}: write points in "
+                "system 0"
+            )
+        systems[int(words[0])] = (
+            name[-1],
+            np.array([_number(word) for word in words[2:11]]).reshape(3, 3),
+        )
     elif name == "CONROD":
         found.add("line", words[0], words[1:3])
     elif name in _KINDS:
@@ -113,13 +145,16 @@ def _take(
         # a rod or a shell may have fewer nodes than fields
         if len(nodes) not in counts:
             raise ValueError(
-                f"{name} {words[0]} has {len(nodes)} nodes, and not {' or '.join(map(str, counts))}: elements of "
-                "second order need all nodes on their edges"
+                f"{name} {words[0]} has {len(nodes)} nodes, and not "
+                f"{' or '.join(map(str, counts))}: elements of second order need all nodes on "
+                "their edges"
             )
         found.add(kinds[len(nodes)], words[0], nodes)
         if words[1]:
             found.sets.setdefault(int(words[1]), []).append(words[0])
-    elif name == "SET1" and any(word and not word.isdigit() and word.upper() not in WORDS for word in words[1:]):
+    elif name == "SET1" and any(
+        word and not word.isdigit() and word.upper() not in WORDS for word in words[1:]
+    ):
         found.left_out[f"SET1 {words[0]}"] = "its list has other words than numbers and THRU"
     elif name == "SET1":
         found.nodes.setdefault(f"SET1 {words[0]}", []).extend(_members(words[1:]))
@@ -139,19 +174,26 @@ def _members(words: Sequence[str]) -> Iterator[str]:
 
 def _number(word: str) -> float:
     """A number; a blank is zero, and 1.5-3 stands for 1.5E-3."""
-    return float(re.sub(r"(?<=[\d.])([+-]\d+)$", r"E\1", word.upper().replace("D", "E"))) if word else 0.0
+    return (
+        float(re.sub(r"(?<=[\d.])([+-]\d+)$", r"E\1", word.upper().replace("D", "E")))
+        if word
+        else 0.0
+    )
 
 
-def _in_space(place: Sequence[float], systems: dict[int, tuple[str, np.ndarray]], number: int) -> list[float]:
-    """Coordinates of a point of a rectangular, cylindrical or spherical system, with angles in degrees.
+def _in_space(
+    place: Sequence[float], systems: dict[int, tuple[str, np.ndarray]], number: int
+) -> list[float]:
+    """Coordinates of a point of a rectangular, cylindrical or spherical system, with angles in
+    degrees.
 
     Raises:
         ValueError: for a system that is not in the file.
     """
     if number not in systems:
         raise ValueError(
-            f"grid points are in coordinate system {number}, and the file has no CORD2R, CORD2C or CORD2S of it: write "
-            "them in system 0"
+            f"grid points are in coordinate system {number}, and the file has no CORD2R, CORD2C "
+            "or CORD2S of it: write them in system 0"
         )
     kind, (origin, on_axis, on_plane) = systems[number]
     upright = (on_axis - origin) / np.linalg.norm(on_axis - origin)
@@ -164,6 +206,10 @@ def _in_space(place: Sequence[float], systems: dict[int, tuple[str, np.ndarray]]
         place = (first * np.cos(angle), first * np.sin(angle), third)
     elif kind == "S":
         down, angle = np.deg2rad([second, third])
-        place = first * np.sin(down) * np.cos(angle), first * np.sin(down) * np.sin(angle), first * np.cos(down)
+        place = (
+            first * np.sin(down) * np.cos(angle),
+            first * np.sin(down) * np.sin(angle),
+            first * np.cos(down),
+        )
     found: list[float] = (origin + np.array(place) @ axes).tolist()
     return found

@@ -1,5 +1,7 @@
-"""A behaviour of MFront as a law of a body, by the bindings of MGIS for Python (Helfer et al. 2020, doi
-10.21105/joss.02003). Tensors have the same components in both, (xx, yy, zz, √2 xy[, √2 xz, √2 yz])."""
+"""A behaviour of MFront as a law of a body, by the bindings of MGIS for Python (Helfer et al. 2020,
+doi 10.21105/joss.02003). Tensors have the same components in both, (xx, yy, zz, √2 xy[, √2 xz, √2
+yz]).
+"""
 
 from __future__ import annotations
 
@@ -24,19 +26,26 @@ NONE: Mapping[str, float | str] = MappingProxyType({})
 class MFront(OutsideLaw):
     """A behaviour for small strains of a library that ``mfront --interface=generic`` compiled.
 
-    In the plane and in axisymmetry it is that of plane strain; an orthotropic one has the axes of the mesh. External
-    state variables change in a step from their value at the end of the one before, :data:`START` at first.
+    In the plane and in axisymmetry it is that of plane strain; an orthotropic one has the axes of
+    the mesh. External state variables change in a step from their value at the end of the one
+    before, :data:`START` at first.
 
     Args:
         library: path of the library, ``src/libBehaviour.so``.
         behaviour: name of the behaviour.
-        constants: material properties and external state variables by name, numbers or formulas of the parameters;
-            by default :data:`OF_THE_BODY` are those of the body, and external state variables keep their start.
+        constants: material properties and external state variables by name, numbers or formulas of
+            the parameters; by default :data:`OF_THE_BODY` are those of the body, and external state
+            variables keep their start.
         rated: whether the behaviour depends on the duration of a step.
     """
 
     def __init__(
-        self, library: str | Path, behaviour: str, constants: Mapping[str, float | str] = NONE, *, rated: bool = True
+        self,
+        library: str | Path,
+        behaviour: str,
+        constants: Mapping[str, float | str] = NONE,
+        *,
+        rated: bool = True,
     ):
         path = Path(library)
         self.library = str(library)
@@ -47,15 +56,20 @@ class MFront(OutsideLaw):
     def memory_of(self, strains: int) -> dict[str, int]:
         """See :class:`OutsideLaw`; SceneError for constants that are missing or unknown."""
         mgis, behaviour = _loaded(self.library, self.name, strains)
-        needed, external = ([variable.name for variable in kind] for kind in (behaviour.mps, behaviour.esvs))
+        needed, external = (
+            [variable.name for variable in kind] for kind in (behaviour.mps, behaviour.esvs)
+        )
         missing = sorted({*needed} - {*self.constants(), *OF_THE_BODY})
         unknown = sorted({*self.constants()} - {*needed, *external})
         if missing or unknown:
             raise SceneError(
-                f"{self.name} has the material properties {needed} and the external state variables {external}: "
-                f"{missing} are missing in its constants, and {unknown} are unknown"
+                f"{self.name} has the material properties {needed} and the external state "
+                f"variables {external}: {missing} are missing in its constants, and {unknown} are "
+                "unknown"
             )
-        return {"internal": mgis.getArraySize(behaviour.isvs, behaviour.hypothesis)} | dict.fromkeys(external, 1)
+        return {
+            "internal": mgis.getArraySize(behaviour.isvs, behaviour.hypothesis)
+        } | dict.fromkeys(external, 1)
 
     def evaluate(self, step: Step) -> tuple[np.ndarray, dict[str, np.ndarray], np.ndarray | None]:
         """See :class:`OutsideLaw`; a point fails if MGIS returns a negative number."""
@@ -63,7 +77,10 @@ class MFront(OutsideLaw):
         mgis, behaviour = _loaded(self.library, self.name, strains)
         data = mgis.MaterialDataManager(behaviour, points)
         local = mgis.MaterialStateManagerStorageMode.LocalStorage
-        values = {name: step.constants[ours] for name, ours in OF_THE_BODY.items()} | {**START, **step.constants}
+        values = {name: step.constants[ours] for name, ours in OF_THE_BODY.items()} | {
+            **START,
+            **step.constants,
+        }
         memory = {}
         for name in (variable.name for variable in behaviour.esvs):
             start = START.get(name, 0.0)
@@ -81,29 +98,46 @@ class MFront(OutsideLaw):
         kinds = "IntegrationWithoutTangentOperator", "IntegrationWithConsistentTangentOperator"
         kind = getattr(mgis.IntegrationType, kinds[step.tangent])
         failed = np.zeros((points, 1), dtype=bool)
-        if mgis.integrate(data, kind, step.dt, 0, points) < 0:  # it ends at the first point that fails
-            failed[:, 0] = [mgis.integrate(data, kind, step.dt, k, k + 1) < 0 for k in range(points)]
+        if (
+            mgis.integrate(data, kind, step.dt, 0, points) < 0
+        ):  # it ends at the first point that fails
+            failed[:, 0] = [
+                mgis.integrate(data, kind, step.dt, k, k + 1) < 0 for k in range(points)
+            ]
         # copies, as these arrays are memory of the manager
         memory["internal"] = data.s1.internal_state_variables.copy() if inside.size else inside
-        return np.where(failed, np.nan, data.s1.thermodynamic_forces), memory, data.K.copy() if step.tangent else None
+        return (
+            np.where(failed, np.nan, data.s1.thermodynamic_forces),
+            memory,
+            data.K.copy() if step.tangent else None,
+        )
 
 
 @cache
 def _loaded(library: str, name: str, strains: int):
-    """MGIS, and a behaviour for strains of 4 or 6 components; SceneError for those that are no law of a body."""
+    """MGIS, and a behaviour for strains of 4 or 6 components.
+
+    SceneError for those that are no law of a body.
+    """
     try:
         import mgis.behaviour as mgis
     except ModuleNotFoundError as error:
         raise MissingPackageError(
-            "a law of MFront needs mgis.behaviour, the bindings of MGIS for Python, which are not installed and are no "
-            "package of pip: `conda install -c conda-forge mgis`, `spack install mgis`, or build them"
+            "a law of MFront needs mgis.behaviour, the bindings of MGIS for Python, which are not "
+            "installed and are no package of pip: `conda install -c conda-forge mgis`, `spack "
+            "install mgis`, or build them"
         ) from error
     hypothesis = mgis.Hypothesis.Tridimensional if strains == 6 else mgis.Hypothesis.PlaneStrain
     try:
         found = mgis.load(library, name, hypothesis)
     except RuntimeError as error:
-        raise SceneError(f"MGIS cannot load {name} of {library} for {hypothesis}: {error}") from error
+        raise SceneError(
+            f"MGIS cannot load {name} of {library} for {hypothesis}: {error}"
+        ) from error
     sizes = {mgis.getVariableSize(variable, hypothesis) for variable in found.esvs}
     if found.getBehaviourType() != "StandardStrainBasedBehaviour" or sizes - {1}:
-        raise SceneError(f"{name} of {library} must be of small strains, with numbers as external state variables")
+        raise SceneError(
+            f"{name} of {library} must be of small strains, with numbers as external state "
+            "variables"
+        )
     return mgis, found

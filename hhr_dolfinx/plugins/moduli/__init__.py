@@ -1,4 +1,6 @@
-"""Elastic bodies whose stiffness depends on parameters: S and K~^-1, interpolated between few of them."""
+"""Elastic bodies whose stiffness depends on parameters: S and K~^-1, interpolated between few of
+them.
+"""
 
 from __future__ import annotations
 
@@ -31,6 +33,12 @@ PLUGIN = Plugin(
         f"{_HERE}.shaped": "InterpolatedProblem ReshapedElimination",
     },
     reductors={"condensed": Way(f"{_HERE}.condense:Condensation", _wanted, condenses=True)},
-    stages=(Stage(f"{_HERE}.interpolate_reduced:interpolate", "hhr_dolfinx.reduction.build:assemble", _of_one_shape),),
+    stages=(
+        Stage(
+            f"{_HERE}.interpolate_reduced:interpolate",
+            "hhr_dolfinx.reduction.build:assemble",
+            _of_one_shape,
+        ),
+    ),
     bounds=(Bounds(f"{_HERE}.bounding:bounding", _wanted),),
 )

@@ -19,7 +19,12 @@ from hhr_dolfinx.full_order.free_bodies import components_of_nodes
 from hhr_dolfinx.models.bound import Bounding
 from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.plugins.differences.offline import check_hypotheses
-from hhr_dolfinx.plugins.moduli.components import Component, Solver, interpolated_compliances, solvers_of
+from hhr_dolfinx.plugins.moduli.components import (
+    Component,
+    Solver,
+    interpolated_compliances,
+    solvers_of,
+)
 from hhr_dolfinx.plugins.moduli.interpolate import GridSettings, grown
 from hhr_dolfinx.plugins.moduli.interpolate_reduced import SHAPE_GRID, whole_problem
 from hhr_dolfinx.plugins.moduli.interpolated import Compliance, Compliances
@@ -29,23 +34,31 @@ from hhr_dolfinx.plugins.moduli.varying_bound import OF_ENERGY, PartEnergy, Vary
 from hhr_dolfinx.timing import Announce, unannounced
 
 GRID = GridSettings(1e-9, 150)
-"""Interpolation of S and its energies: displacements are resolved up to the root of its tolerance."""
+"""Interpolation of S and its energies: displacements are resolved up to the root of its
+tolerance.
+"""
 PROVED = 1e-5
-"""ε up to which a proof is useful; interpolations with a larger ε are far better than their proof."""
+"""ε up to which a proof is useful; interpolations with a larger ε are far better than their
+proof.
+"""
 NOISE = 1e-9
 """Part of S, and of energies, that is round-off of soft directions."""
 PROBES = 6
 POWERS = 3
 CERTAIN = 10 * math.sqrt(2 / math.pi)
 PLACES_OF_FACTORS = 256
-"""Random forces for the comparison of S with solutions, powers of its error, the certainty of the norm, see
-:func:`probed`, and points at which factors of its parts are compared."""
+"""Random forces for the comparison of S with solutions, powers of its error, the certainty of the
+norm, see :func:`probed`, and points at which factors of its parts are compared.
+"""
 MEASURED = 16
 """Number of loads, the largest ones, whose energies determine round-off."""
 OBSERVED = 10.0
 PLACES = 3
 LARGEST = 1e-3
-"""Factor on the largest error at so many random points, without a proof; error above which there is no bound."""
+"""Factor on the largest error at so many random points, without a proof.
+
+Error above which there is no bound.
+"""
 
 
 class Between(NamedTuple):
@@ -61,8 +74,13 @@ class Between(NamedTuple):
 _KNOWN: WeakKeyDictionary[FullModel, Between | BoundError] = WeakKeyDictionary()
 
 
-def between(full: FullModel, solvers: Sequence[Solver] | None = None, announce: Announce = unannounced) -> Between:
-    """Arrays that all bounds of a full model share, computed once; BoundError with the hypothesis that fails."""
+def between(
+    full: FullModel, solvers: Sequence[Solver] | None = None, announce: Announce = unannounced
+) -> Between:
+    """Arrays that all bounds of a full model share, computed once.
+
+    BoundError with the hypothesis that fails.
+    """
     check_hypotheses(full)
     if full not in _KNOWN:
         # K^-1 of each component needs all rows; the results are as large as the surface
@@ -77,15 +95,17 @@ def between(full: FullModel, solvers: Sequence[Solver] | None = None, announce: 
     return known
 
 
-def bounding(full: FullModel, basis: np.ndarray, forces: np.ndarray, *, cone: bool, announce: Announce) -> Bounding:
+def bounding(
+    full: FullModel, basis: np.ndarray, forces: np.ndarray, *, cone: bool, announce: Announce
+) -> Bounding:
     """Bounds for a basis, see :func:`varying_bound`; forces outside the RID do not matter.
 
     BoundError if shapes are parameters.
     """
     if full.problem.reshaped is not None:
         raise BoundError(
-            "the bound takes S of all contact conditions at each shape, which is the condensed model: "
-            "hhr.condense(scene) has the bound, if it offers the scene"
+            "the bound takes S of all contact conditions at each shape, which is the condensed "
+            "model: hhr.condense(scene) has the bound, if it offers the scene"
         )
     return Bounding(varying_bound(full, basis, forces, announce=announce), basis)
 
@@ -97,18 +117,22 @@ def varying_bound(
     solvers: Sequence[Solver] | None = None,
     announce: Announce = unannounced,
 ) -> VaryingBound:
-    """Bounds for answers with a basis, (own, ell), of a full model whose stiffness depends on parameters.
+    """Bounds for answers with a basis, (own, ell), of a full model whose stiffness depends on
+    parameters.
 
-    Arrays that do not depend on the basis are those of :func:`between`. Relative errors use at least a thousandth of
-    the largest training force, (N_lambda, S), as the denominator. ``solvers`` of the components that have some points
-    already may be passed. BoundError with the hypothesis that fails.
+    Arrays that do not depend on the basis are those of :func:`between`. Relative errors use at
+    least a thousandth of the largest training force, (N_lambda, S), as the denominator. ``solvers``
+    of the components that have some points already may be passed. BoundError with the hypothesis
+    that fails.
     """
     problem: ContactProblem = full.problem
     known = between(full, solvers, announce)
     least = least_sizes(problem, known.compliances(problem.middle).schur, forces)
     error = known.inexact, known.proved
     whole = whole_problem(problem, basis, GRID)
-    return VaryingBound(*known[:2], whole, *error, problem.middle, problem.contact_areas, least, known.areas)
+    return VaryingBound(
+        *known[:2], whole, *error, problem.middle, problem.contact_areas, least, known.areas
+    )
 
 
 def _between(full: FullModel, solvers: Sequence[Solver], announce: Announce) -> Between:
@@ -117,15 +141,22 @@ def _between(full: FullModel, solvers: Sequence[Solver], announce: Announce) -> 
     components = [solver.component for solver in solvers]
     held = sum(int(component.dofs.sum()) for component in components)
     if held < int(np.count_nonzero(problem.free)):
-        raise BoundError("a body that nothing can touch has no part in S: leave it out of the scene")
+        raise BoundError(
+            "a body that nothing can touch has no part in S: leave it out of the scene"
+        )
     kinds = [_stiffness_of(component, problem) for component in components]
     proofs = [None if kind is None else kind.levels(GRID.tolerance) for kind in kinds]
     proofs = [proof if proof is not None and proof[1] <= PROVED else None for proof in proofs]
-    own = [GRID if proof is None else replace(GRID, compressed=False, least=proof[0]) for proof in proofs]
+    own = [
+        GRID if proof is None else replace(GRID, compressed=False, least=proof[0])
+        for proof in proofs
+    ]
     how = own, announce, "bound", with_energies
     compliances, grids, modes = interpolated_compliances(problem, solvers, GRID, *how)
     energies = tuple(
-        PartEnergy(*(np.ascontiguousarray(np.moveaxis(part[name], 2, 0)) for name in ("work", "lifted")))
+        PartEnergy(
+            *(np.ascontiguousarray(np.moveaxis(part[name], 2, 0)) for name in ("work", "lifted"))
+        )
         for part in modes
     )
     errors = [OF_ENERGY, *(_round_off(solver) for solver in solvers)]
@@ -151,8 +182,9 @@ def _between(full: FullModel, solvers: Sequence[Solver], announce: Announce) -> 
 def _round_off(solver: Solver) -> float:
     """Part of the energy of loads on a component that is round-off, largest for slender bodies.
 
-    It is the error of products with K: |K x| of a bent body is far below |K| |x|. Errors of rows are independent, so
-    that their squares are added (N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2002, section 2.8).
+    It is the error of products with K: |K x| of a bent body is far below |K| |x|. Errors of rows
+    are independent, so that their squares are added (N. J. Higham, Accuracy and Stability of
+    Numerical Algorithms, 2002, section 2.8).
     """
     middle = solver.problem.middle
     problem = solver.with_stiffness(middle)
@@ -161,7 +193,9 @@ def _round_off(solver: Solver) -> float:
     fields = solver.solved_columns(problem, middle, csc_matrix(loads[:, largest]))
     stiffness = problem.own_stiffness
     energies = np.asarray(loads[:, largest].multiply(fields).sum(axis=0)).ravel()
-    lost = np.finfo(float).eps * np.linalg.norm(np.abs(fields) * (abs(stiffness) @ np.abs(fields)), axis=0)
+    lost = np.finfo(float).eps * np.linalg.norm(
+        np.abs(fields) * (abs(stiffness) @ np.abs(fields)), axis=0
+    )
     known = energies > 0
     return float((lost[known] / energies[known]).max(initial=0.0))
 
@@ -172,27 +206,41 @@ def _areas(problem: ContactProblem) -> Interpolant | None:
     if reshaped is None:
         return None
     space = problem.parameters
-    grid, _ = grown(lambda point: {"areas": reshaped(point).contact_areas}, space, reshaped.axes, SHAPE_GRID)
+    grid, _ = grown(
+        lambda point: {"areas": reshaped(point).contact_areas}, space, reshaped.axes, SHAPE_GRID
+    )
     return grid.interpolant
 
 
 def _check_resolved(error: float) -> None:
-    """Raise BoundError if the interpolation is too inaccurate for a bound; relative, in the order of energies."""
+    """Raise BoundError if the interpolation is too inaccurate for a bound.
+
+    relative, in the order of energies.
+    """
     if error <= LARGEST:
         return
     off = f"{error:.2g} of itself" if error < 1 else "more than itself"
     raise BoundError(
-        f"S, the compliance of the contact surface, is known at few parameters, and what is interpolated between them "
-        f"may be off by {off}; a bound allows {LARGEST:g}. Narrow the box, leave out values at which a modulus bends, "
-        "jumps or nearly vanishes (a Poisson's ratio at .5), or write Young's modulus of a whole body as one formula"
+        "S, the compliance of the contact surface, is known at few parameters, and what is "
+        f"interpolated between them may be off by {off}; a bound allows {LARGEST:g}. Narrow the "
+        "box, leave out values at which a modulus bends, jumps or nearly vanishes (a Poisson's "
+        "ratio at .5), or write Young's modulus of a whole body as one formula"
     )
 
 
 def _stiffness_of(component: Component, problem: ContactProblem) -> PartStiffness | None:
-    """Dependence of K of a part on its only parameter; None if nothing is proved: a lift scales with K, not K^-1."""
+    """Dependence of K of a part on its only parameter.
+
+    None if nothing is proved: a lift scales with K, not K^-1.
+    """
     part = component.part
     moduli = part.moduli
-    if problem.reshaped is not None or part.axes.size != 1 or part.lifted.size or not 0 < len(moduli) < 3:
+    if (
+        problem.reshaped is not None
+        or part.axes.size != 1
+        or part.lifted.size
+        or not 0 < len(moduli) < 3
+    ):
         return None
     of_volume = len(moduli) == 2 and all(modulus.rest != "1" for modulus in moduli)
     return PartStiffness(part, problem.parameters, of_volume)
@@ -216,10 +264,15 @@ def _seen(solver: Solver, part: Compliance, energy: PartEnergy) -> float:
     return float(worst)
 
 
-def _largest_images(pairs: Sequence[tuple[Solver, Compliance]], lower: np.ndarray, problem: ContactProblem) -> float:
+def _largest_images(
+    pairs: Sequence[tuple[Solver, Compliance]], lower: np.ndarray, problem: ContactProblem
+) -> float:
     """Sum of the norm estimates of each, by powers of A; several components share a solution."""
     middle = problem.middle
-    rows = [csr_matrix(problem.contact[part.conditions].multiply(solver.component.dofs)) for solver, part in pairs]
+    rows = [
+        csr_matrix(problem.contact[part.conditions].multiply(solver.component.dofs))
+        for solver, part in pairs
+    ]
     images = [np.random.default_rng(PROBES).standard_normal((len(lower), PROBES)) for _ in pairs]
     for _ in range(POWERS):
         forces = [
@@ -229,29 +282,42 @@ def _largest_images(pairs: Sequence[tuple[Solver, Compliance]], lower: np.ndarra
         loads = csc_matrix(sum(own.T @ given for own, given in zip(rows, forces, strict=True)))
         responses = pairs[0][0].solved_together(problem, middle, loads)
         for place, (_, part) in enumerate(pairs):
-            # S_c is the only mode of a part without axes, which may take a tenth of all memory: there is no other copy
+            # S_c is the only mode of a part without axes, which may take a tenth of all memory:
+            # there is no other copy
             mode = part.interpolant.modes.reshape(part.conditions.size, -1)
             off = np.zeros(images[place].shape)
-            off[part.conditions] = part.compliance(middle) * (mode @ forces[place]) - rows[place] @ responses
+            off[part.conditions] = (
+                part.compliance(middle) * (mode @ forces[place]) - rows[place] @ responses
+            )
             images[place] = solve_triangular(lower, off, lower=True)
-    return sum((CERTAIN * float(np.linalg.norm(image, axis=0).max())) ** (1 / POWERS) for image in images)
+    return sum(
+        (CERTAIN * float(np.linalg.norm(image, axis=0).max())) ** (1 / POWERS) for image in images
+    )
 
 
 def probed(solvers: Sequence[Solver], compliances: Compliances, problem: ContactProblem) -> float:
-    """Error of S against solutions with random forces, in the order of energies, at the worst point of the box.
+    """Error of S against solutions with random forces, in the order of energies, at the worst point
+    of the box.
 
-    For parts that only have a variable factor: it is round-off, or due to compressed factors. The error E_c of each is
-    measured relative to S = L L^T in the middle of the box, A = L^-1 E_c L^-T, by a few powers of A times random
-    vectors: with a probability of 1 - 10^-PROBES the norm of a matrix is at most the largest of their images times
-    10 (2/π)^1/2 (N. Halko, P.-G. Martinsson and J. Tropp, SIAM Review 53, 2011, lemma 4.1), and that of A at most the
-    root of it. As S is the sum of its parts, the error is multiplied by the ratio of the softest part to the stiffest.
+    For parts that only have a variable factor: it is round-off, or due to compressed factors. The
+    error E_c of each is measured relative to S = L L^T in the middle of the box, A = L^-1 E_c L^-T,
+    by a few powers of A times random vectors: with a probability of 1 - 10^-PROBES the norm of a
+    matrix is at most the largest of their images times 10 (2/π)^1/2 (N. Halko, P.-G. Martinsson and
+    J. Tropp, SIAM Review 53, 2011, lemma 4.1), and that of A at most the root of it. As S is the
+    sum of its parts, the error is multiplied by the ratio of the softest part to the stiffest.
     """
     middle = problem.middle
     schur = compliances.stiffness(middle).schur.T  # symmetric; LAPACK uses Fortran order
     schur[np.diag_indices(len(schur))] += NOISE * schur.diagonal().mean()
-    lower = cholesky(schur, lower=True, overwrite_a=True)  # S may be as large as a tenth of all memory
+    lower = cholesky(
+        schur, lower=True, overwrite_a=True
+    )  # S may be as large as a tenth of all memory
     del schur
-    kept = [pair for pair in zip(solvers, compliances.parts, strict=True) if not pair[1].interpolant.axes.size]
+    kept = [
+        pair
+        for pair in zip(solvers, compliances.parts, strict=True)
+        if not pair[1].interpolant.axes.size
+    ]
     together = bool(kept) and solvers[0].serves_all
     groups = [kept] if together else [[one] for one in kept]
     error = sum(_largest_images(group, lower, problem) for group in groups)
@@ -274,10 +340,14 @@ def with_energies(solver: Solver, point: np.ndarray) -> dict[str, np.ndarray]:
     body = solver.component.body
     factor = part.factor_at(point)
     # load terms scale with the root of the compliance, lift terms with that of the stiffness
-    scales = np.append(np.full(part.forced.size, factor**0.5), np.full(part.lifted.size, factor**-0.5))
+    scales = np.append(
+        np.full(part.forced.size, factor**0.5), np.full(part.lifted.size, factor**-0.5)
+    )
     work = scales[:, None] * solver.work(point) * scales
     # dependent dofs of the component too, which have no rows in K
-    label = np.repeat(components_of_nodes(len(problem.points), problem.cell_nodes), problem.block_size)
+    label = np.repeat(
+        components_of_nodes(len(problem.points), problem.cell_nodes), problem.block_size
+    )
     body = np.flatnonzero(np.isin(label, label[body]))
     own = csc_matrix(problem.lifts[:, part.lifted])[body]
     pulls = problem.pulled[:, part.lifted]

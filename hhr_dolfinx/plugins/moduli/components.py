@@ -16,7 +16,13 @@ from hhr_dolfinx.contact.stiffness import FactorStore
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
 from hhr_dolfinx.models.full import FullModel
-from hhr_dolfinx.plugins.moduli.interpolate import GridSettings, Part, compliance_of, grown, round_off_of_gaps
+from hhr_dolfinx.plugins.moduli.interpolate import (
+    GridSettings,
+    Part,
+    compliance_of,
+    grown,
+    round_off_of_gaps,
+)
 from hhr_dolfinx.plugins.moduli.interpolated import Compliances
 from hhr_dolfinx.plugins.moduli.interpolation import FIRST_LEVELS, GrownGrid
 from hhr_dolfinx.timing import Announce, unannounced
@@ -25,7 +31,9 @@ if TYPE_CHECKING:
     from hhr_dolfinx.plugins.one_call.array_store import ArrayStore
 
 LARGE = 1e5
-"""Number of dofs above which recomputed factors of a component take less of its time than of the memory."""
+"""Number of dofs above which recomputed factors of a component take less of its time than of the
+memory.
+"""
 WHOLLY = 1e-6
 """Part of a motion outside of a component, or in it, that is round-off."""
 KNOWN_BYTES = 2e9
@@ -63,8 +71,13 @@ def components_of(problem: ContactProblem) -> list[Component]:
     return found
 
 
-def kept(store: ArrayStore | None, called: str, compute: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """Arrays by name, from a store if an interrupted run left them there; else computed and kept for another run."""
+def kept(
+    store: ArrayStore | None, called: str, compute: Callable[[], dict[str, np.ndarray]]
+) -> dict[str, np.ndarray]:
+    """Arrays by name, from a store if an interrupted run left them there.
+
+    Else computed and kept for another run.
+    """
     found = None if store is None else store.load(called)
     if found is None:
         found = compute()
@@ -79,10 +92,12 @@ def _acting(columns: csc_matrix, dofs: np.ndarray) -> np.ndarray:
 
 
 class Solver:
-    """Computes S and the load response of one connected component, with factors that are updated at each point.
+    """Computes S and the load response of one connected component, with factors that are updated at
+    each point.
 
-    If only moduli of whole bodies vary, the factors of the full model serve all points. Each rank of it has all rows.
-    Columns of K^-1 B^T are used and discarded. A ``store`` keeps solutions for another run.
+    If only moduli of whole bodies vary, the factors of the full model serve all points. Each rank
+    of it has all rows. Columns of K^-1 B^T are used and discarded. A ``store`` keeps solutions for
+    another run.
     """
 
     def __init__(self, full: FullModel, component: Component, store: ArrayStore | None = None):
@@ -96,22 +111,33 @@ class Solver:
         self.store = store
 
     def __call__(self, point: np.ndarray) -> dict[str, np.ndarray]:
-        """S_c, (m_c, m_c), and B K^-1 F above B K^-1 K lift, (T, m_c), for the factor 1; kept while memory allows."""
+        """S_c, (m_c, m_c), and B K^-1 F above B K^-1 K lift, (T, m_c), for the factor 1.
+
+        Kept while memory allows.
+        """
         part = self.component.part
         place = point[part.axes].tobytes()
         found = self._known.get(place)
         if found is None:
             called = f"component {self.component.number} at {point[part.axes].tolist()}"
-            found = kept(self.store, called, self._scaled if self.serves_all else partial(self._solved, point))
+            found = kept(
+                self.store,
+                called,
+                self._scaled if self.serves_all else partial(self._solved, point),
+            )
             if (work := found.pop("work", None)) is not None:
                 self._work[place] = work
             # if only an exact factor changes, there is one solution, which models and bounds share
-            if self.serves_all or 8 * part.conditions.size**2 * (len(self._known) + 1) <= KNOWN_BYTES:
+            if (
+                self.serves_all
+                or 8 * part.conditions.size**2 * (len(self._known) + 1) <= KNOWN_BYTES
+            ):
                 self._known[place] = found
         return found
 
     def _solved(self, point: np.ndarray) -> dict[str, np.ndarray]:
-        """Solve by factors that eliminate contact last, or by columns of K^-1 B^T, which serve loads too (symmetry).
+        """Solve by factors that eliminate contact last, or by columns of K^-1 B^T, which serve
+        loads too (symmetry).
 
         The former return the work of loads too.
         """
@@ -126,7 +152,9 @@ class Solver:
             if schur is not None and rigid is None:
                 responses = factors.solve_columns(acting.T)
                 columns = (rows @ responses).T
-                return self._normed(schur, columns, part.factor_at(point)) | {"work": acting @ responses}
+                return self._normed(schur, columns, part.factor_at(point)) | {
+                    "work": acting @ responses
+                }
             schur = np.empty((rows.shape[0],) * 2) if schur is None else schur
             columns = np.empty((acting.shape[0], rows.shape[0]))
             for places, block in factors.solved_blocks(rows.T):
@@ -137,7 +165,10 @@ class Solver:
         return self._normed(schur, columns, part.factor_at(point))
 
     def work(self, point: np.ndarray) -> np.ndarray:
-        """Loads, and K times lifts, times their displacements, (T, T); cached if the component was factored."""
+        """Loads, and K times lifts, times their displacements, (T, T).
+
+        Cached if the component was factored.
+        """
         found = self._work.get(point[self.component.part.axes].tobytes())
         if found is None or self.serves_all:
             problem = self.with_stiffness(point)
@@ -150,12 +181,16 @@ class Solver:
         problem = self.problem
         part = self.component.part
         rows = csr_matrix(problem.contact[part.conditions])
-        schur = self._full.stiffness.parts[self.component.number][np.ix_(part.conditions, part.conditions)]
+        schur = self._full.stiffness.parts[self.component.number][
+            np.ix_(part.conditions, part.conditions)
+        ]
         acting = self.acting(problem)
         columns = (rows @ self.solved_columns(problem, problem.middle, acting)).T
         if (rigid := self._rigid) is not None:
             responses = self.solved_columns(problem, problem.middle, csc_matrix(rigid))
-            schur, columns = without_motions(schur, columns, rows, csr_matrix(acting.T), rigid, responses)
+            schur, columns = without_motions(
+                schur, columns, rows, csr_matrix(acting.T), rigid, responses
+            )
         return self._normed(schur, columns, part.factor_at(problem.middle))
 
     @cached_property
@@ -172,12 +207,15 @@ class Solver:
         sizes = np.linalg.norm(found, axis=0)
         if ((sizes > WHOLLY) & (sizes < 1 - WHOLLY)).any():
             raise NotOfferedError(
-                "bodies move with others that constraints join, and contact alone holds them: components of the scene "
-                f"are eliminated one by one, which leaves no motion to each: {self.problem.kernel.described}"
+                "bodies move with others that constraints join, and contact alone holds them: "
+                "components of the scene are eliminated one by one, which leaves no motion to "
+                f"each: {self.problem.kernel.described}"
             )
         return found[:, sizes > 0.5] if (sizes > 0.5).any() else None
 
-    def _normed(self, schur: np.ndarray, columns: np.ndarray, factor: float) -> dict[str, np.ndarray]:
+    def _normed(
+        self, schur: np.ndarray, columns: np.ndarray, factor: float
+    ) -> dict[str, np.ndarray]:
         """Normalise to the factor 1; displacements by lifts do not depend on it."""
         columns[: self.component.part.forced.size] *= factor
         symmetric = schur + schur.T
@@ -199,7 +237,8 @@ class Solver:
         return self.solved_columns(problem, point, hstack([contact_loads, loads], format="csc"))
 
     def fields_under(self, point: np.ndarray, points: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        """Displacements under loads at some points, (k, P), and forces, (k, m), at another one: (N, k).
+        """Displacements under loads at some points, (k, P), and forces, (k, m), at another one: (N,
+        k).
 
         They are those of all components if the factors serve all of them.
         """
@@ -223,7 +262,9 @@ class Solver:
             self._factors.release()
 
     def with_stiffness(self, point: np.ndarray) -> ContactProblem:
-        """The problem at a point; that of the middle if K of the component is a multiple of the one there."""
+        """The problem at a point; that of the middle if K of the component is a multiple of the one
+        there.
+        """
         return self.problem if self.serves_all else self._at(point)
 
     def _at(self, point: np.ndarray) -> ContactProblem:
@@ -245,18 +286,27 @@ class Solver:
         assert bodies is not None
         return float(bodies.at(point)[self.component.number])
 
-    def solved_together(self, problem: ContactProblem, point: np.ndarray, columns: spmatrix) -> np.ndarray:
-        """K^-1 of all components at a point times columns, (N, k), if the factors serve all; else of this one."""
+    def solved_together(
+        self, problem: ContactProblem, point: np.ndarray, columns: spmatrix
+    ) -> np.ndarray:
+        """K^-1 of all components at a point times columns, (N, k), if the factors serve all.
+
+        Else of this one.
+        """
         if self.serves_all:
             return self._full.system.stiffness(point).columns(columns)
         return self.solved_columns(problem, point, columns)
 
-    def solved_columns(self, problem: ContactProblem, point: np.ndarray, columns: spmatrix) -> np.ndarray:
+    def solved_columns(
+        self, problem: ContactProblem, point: np.ndarray, columns: spmatrix
+    ) -> np.ndarray:
         """K^-1 of the component times columns, (N, k), with the problem at this point."""
         if not self.serves_all:
             prolongation = problem.prolongation
             with self._factors.of(problem.own_stiffness) as factors:
-                return prolongation.prolong(factors.solve_columns(prolongation.restrict(csc_matrix(columns))))
+                return prolongation.prolong(
+                    factors.solve_columns(prolongation.restrict(csc_matrix(columns)))
+                )
         dofs = self.component.dofs
         scale = self._scale(point)
         return self._full.stiffness.columns(csc_matrix(diags(dofs / scale) @ columns))
@@ -273,19 +323,27 @@ class Solver:
         name = full.scene.name
         if full.comm.size > 1:
             first: Any = full.store.first
-            shared: FreeCholesky = full.group.factors(matrix, dofs, name, low_rank=low_rank, last=last, rows=first.rows)
+            shared: FreeCholesky = full.group.factors(
+                matrix, dofs, name, low_rank=low_rank, last=last, rows=first.rows
+            )
             return shared
         how = slice(0, problem.free.size), name, ordering_of(problem.block_size, "mumps"), full.comm
         return FreeCholesky(matrix, dofs, *how, low_rank=low_rank, last=last)
 
 
 def without_motions(
-    schur: np.ndarray, columns: np.ndarray, rows: csr_matrix, acting: csr_matrix, rigid: np.ndarray, pinned: np.ndarray
+    schur: np.ndarray,
+    columns: np.ndarray,
+    rows: csr_matrix,
+    acting: csr_matrix,
+    rigid: np.ndarray,
+    pinned: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """B K^+ B^T and F^T K^+ B^T of rows B, (m, N), and loads F^T, (T, N), from those of the pinned component.
+    """B K^+ B^T and F^T K^+ B^T of rows B, (m, N), and loads F^T, (T, N), from those of the pinned
+    component.
 
-    K^+ = P K_pinned^-1 P leaves out the orthonormal ``rigid`` motions R, (N, k), with P = 1 - R R^T; ``pinned`` is
-    K_pinned^-1 R. On loads that balance it inverts K, whatever the pins are.
+    K^+ = P K_pinned^-1 P leaves out the orthonormal ``rigid`` motions R, (N, k), with P = 1 - R
+    R^T; ``pinned`` is K_pinned^-1 R. On loads that balance it inverts K, whatever the pins are.
     """
     effect = rows @ rigid
     work = rigid.T @ pinned
@@ -304,10 +362,12 @@ def interpolated_compliances(
     stage: str = "compliances",
     solve: Callable[[Solver, np.ndarray], Mapping[str, np.ndarray]] = Solver.__call__,
 ) -> tuple[Compliances, list[GrownGrid], list[dict[str, np.ndarray]]]:
-    """Compute and interpolate all that contact needs of a full model, on one rank, and the modes of further arrays.
+    """Compute and interpolate all that contact needs of a full model, on one rank, and the modes of
+    further arrays.
 
-    ``settings`` apply to all parts, unless ``own`` has settings for each. ``solve`` returns arrays by name at a point.
-    Each solution is announced under the name of a stage, as a share of the fewest that the grids of all parts need.
+    ``settings`` apply to all parts, unless ``own`` has settings for each. ``solve`` returns arrays
+    by name at a point. Each solution is announced under the name of a stage, as a share of the
+    fewest that the grids of all parts need.
     """
     fewest = sum(1 + FIRST_LEVELS * solver.component.part.axes.size for solver in solvers)
     done = count(1)
@@ -327,13 +387,19 @@ def interpolated_compliances(
         solver.release()
         parts.append(compliance_of(part, grid, modes, None))
         grids.append(grid)
-        others.append({name: values for name, values in modes.items() if name not in ("schur", "columns")})
+        others.append(
+            {name: values for name, values in modes.items() if name not in ("schur", "columns")}
+        )
     reshaped = None
     if problem.reshaped is not None:
         shapes = problem.reshaped.axes
         closed = {"gaps": round_off_of_gaps(problem)}
         grid, _ = grown(
-            lambda point: {"gaps": problem.at(point).gaps}, problem.parameters, shapes, settings, round_off=closed
+            lambda point: {"gaps": problem.at(point).gaps},
+            problem.parameters,
+            shapes,
+            settings,
+            round_off=closed,
         )
         grids.append(grid)
         reshaped = grid.interpolant

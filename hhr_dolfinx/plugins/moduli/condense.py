@@ -1,4 +1,6 @@
-"""Interpolated condensation, offline: S and the free slack of each component at few parameters, and between them."""
+"""Interpolated condensation, offline: S and the free slack of each component at few parameters, and
+between them.
+"""
 
 from __future__ import annotations
 
@@ -58,61 +60,88 @@ ALONG = 4
 STARTS = 256
 FEWEST_STARTS = 32
 START_BYTES = 0.13e9
-"""Points with tabulated statuses: four times as many save a tenth of the iterations on the pellet. Their number is
-reduced if the displacements there would take more memory than this."""
+"""Points with tabulated statuses: four times as many save a tenth of the iterations on the pellet.
+
+Their number is reduced if the displacements there would take more memory than this.
+"""
 FIELD_TOLERANCE = 1e-13
 """Part of the squared sum of displacements that the basis of the fields may leave out."""
 FORCE_TOLERANCE = 1e-9
 FIELD_NODES = 8
 TINY = 1e-300
-"""Part of the squared forces that the fields of a shape may leave out, and the number of shapes they are solved at."""
+"""Part of the squared forces that the fields of a shape may leave out, and the number of shapes
+they are solved at.
+"""
 _INTERPOLATED = (
-    "S is interpolated between parameters and not resolved here: raise the budget of the grid or narrow the box"
+    "S is interpolated between parameters and not resolved here: raise the budget of the grid or "
+    "narrow the box"
 )
-ADVICE: Mapping[Status, str] = MappingProxyType({Status.CYCLING: _INTERPOLATED, Status.SINGULAR: _INTERPOLATED})
+ADVICE: Mapping[Status, str] = MappingProxyType(
+    {Status.CYCLING: _INTERPOLATED, Status.SINGULAR: _INTERPOLATED}
+)
 SHAPES = 8
 SAME = 1e-9
-"""Shapes at which the effect of contact on motions is compared, and the relative difference that is round-off."""
-OF_MEMORY = "moduli vary, and contacts remember their path: how far interpolated forces are off is not bounded there"
+"""Shapes at which the effect of contact on motions is compared, and the relative difference that is
+round-off.
+"""
+OF_MEMORY = (
+    "moduli vary, and contacts remember their path: how far interpolated forces are off is not "
+    "bounded there"
+)
 ALONG_NODES = (4, 16)
 PER_NODE = 8
 TOGETHER = 16
-"""Nodes of a grid at which fields are solved without snapshots, each a factorisation, at least and at most; fields for
-each of them; and the number solved for at once. Of 32 fields those at 3 to 16 nodes were as good."""
+"""Nodes of a grid at which fields are solved without snapshots, each a factorisation, at least and
+at most; fields for each of them; and the number solved for at once. Of 32 fields those at 3 to 16
+nodes were as good.
+"""
 FEW = 150_000
-"""Numbers of an interpolation up to which it may be finer than requested: they fit into the cache of a processor, so
-that answers take hardly longer, and into a page."""
+"""Numbers of an interpolation up to which it may be finer than requested: they fit into the cache
+of a processor, so that answers take hardly longer, and into a page.
+"""
 OF_CONDENSATION = {
-    "displacement": "it is a combination of training answers, of which forces need none: train on more points",
-    "contact force": "S is interpolated: take GridSettings with a smaller tolerance or a larger budget",
+    "displacement": (
+        "it is a combination of training answers, of which forces need none: train on more points"
+    ),
+    "contact force": (
+        "S is interpolated: take GridSettings with a smaller tolerance or a larger budget"
+    ),
 }
 """Remedies for models with all contact conditions and without a RID, by the error."""
 GRID_PART = 1e-3
-"""Target error of interpolated S in a search, as a part of its target: errors of forces are ten or more times larger,
-just after a contact has closed even more."""
+"""Target error of interpolated S in a search, as a part of its target: errors of forces are ten or
+more times larger, just after a contact has closed even more.
+"""
 GRID_BUDGETS = (200, 800, 800, 800, 800)
 """Solutions for each component in rounds of a search."""
 
 
 @dataclass(frozen=True, eq=False)
 class CondensedFacts:
-    """Facts of an interpolated condensation, in its :class:`~hhr_dolfinx.reduction.reductor.Record`."""
+    """Facts of an interpolated condensation, in its
+    :class:`~hhr_dolfinx.reduction.reductor.Record`.
+    """
 
     settings: GridSettings  # targets of its grids
     evaluations: list[int]  # solutions of the parts of the scene, one number for each grid
     surpluses: list[float]  # surplus of the terms tried last, relative
-    unresolved: float  # error of the formulas of moduli between the nodes of the grids, as far as tested, relative
+    # error of the formulas of moduli between the nodes of the grids, as far as tested, relative
+    unresolved: float
     finer: bool  # answers use the interpolation of the bound instead of these grids
 
     @property
     def doubt(self) -> float:
-        """Expected error of S of grids that spent their budget before they converged; 0 for others."""
+        """Expected error of S of grids that spent their budget before they converged; 0 for
+        others.
+        """
         worst = max([self.unresolved, *self.surpluses])
         return 0.0 if self.finer or worst <= self.settings.tolerance else worst
 
 
 class _Prepared(NamedTuple):
-    """The task of all attempts, and solvers of all components, which keep their solutions for further tasks."""
+    """The task of all attempts, and solvers of all components, which keep their solutions for
+    further tasks.
+    """
 
     task: Task
     solvers: list[Solver]
@@ -126,49 +155,66 @@ class _Prepared(NamedTuple):
         """Compliances of all components, with a warning if a grid spent its budget."""
         full = self.task.full
         with self.task.log.stage("compliances", self.task.announce):
-            found = interpolated_compliances(full.problem, self.solvers, settings, announce=self.task.announce)
+            found = interpolated_compliances(
+                full.problem, self.solvers, settings, announce=self.task.announce
+            )
         compliances, grids, _ = found
         worst = max((grid.surplus for grid in grids), default=0.0)
         if worst > settings.tolerance:
             warn(
-                f"interpolated condensation of scene '{full.scene.name}' spent its budget of {settings.budget} "
-                f"solutions, and an error of about {worst:.1e} is left where {settings.tolerance:g} was wished: raise "
-                "the budget, narrow the box, smooth formulas of moduli that jump or have spikes, or take the "
-                "hyper-reduced model",
+                f"interpolated condensation of scene '{full.scene.name}' spent its budget of "
+                f"{settings.budget} solutions, and an error of about {worst:.1e} is left where "
+                f"{settings.tolerance:g} was wished: raise the budget, narrow the box, smooth "
+                "formulas of moduli that jump or have spikes, or take the hyper-reduced model",
                 StabilityWarning,
             )
         return compliances, grids
 
-    def starts(self, compliances: Compliances, settings: GridSettings) -> tuple[KnownStatuses, np.ndarray]:
-        """Starts of searches, and typical forces, (S, m); those of elastic bodies are kept for an interrupted run."""
+    def starts(
+        self, compliances: Compliances, settings: GridSettings
+    ) -> tuple[KnownStatuses, np.ndarray]:
+        """Starts of searches, and typical forces, (S, m).
+
+        Those of elastic bodies are kept for an interrupted run.
+        """
         full = self.task.full
         announce = self.task.announce
         problem = full.problem
         room = int(np.log2(START_BYTES / (8 * problem.free.size)))
         points = Sobol(min(STARTS, max(FEWEST_STARTS, 2**room))).points(problem.parameters)
         if problem.law.remembers:
-            return _starts_along_paths(_with_motions(compliances, problem), points, problem, announce)
+            return _starts_along_paths(
+                _with_motions(compliances, problem), points, problem, announce
+            )
         if problem.kernel is not None:
             return _starts_beside_motions(_with_motions(compliances, problem), points, problem)
 
         def starts() -> dict[str, np.ndarray]:
-            known: Any = linear_starts(compliances, points, problem.contact_pairs, group=full.group, announce=announce)
+            known: Any = linear_starts(
+                compliances, points, problem.contact_pairs, group=full.group, announce=announce
+            )
             return {item.name: getattr(known, item.name) for item in fields_of(LinearStarts)}
 
         known = LinearStarts(**kept(self.store, f"starts {settings} {len(points)}", starts))
         return known, np.maximum(known.margins, 0.0)
 
-    def bounded(self, fields: InterpolatedFields, forces: np.ndarray, *, wanted: bool) -> InterpolatedFields:
+    def bounded(
+        self, fields: InterpolatedFields, forces: np.ndarray, *, wanted: bool
+    ) -> InterpolatedFields:
         """Fields with a bound; unchanged without one, with the reason in the log."""
         full = self.task.full
         announce = self.task.announce
         if full.problem.kernel is not None:
-            return replace(fields, unbounded=NOT_ASKED if not wanted else singular_along(full.problem))
+            return replace(
+                fields, unbounded=NOT_ASKED if not wanted else singular_along(full.problem)
+            )
         if not wanted or full.problem.law.remembers:
             return replace(fields, unbounded=NOT_ASKED if not wanted else OF_MEMORY)
         try:
             with self.task.log.stage("bound", announce):
-                return replace(fields, bound=varying_bound(full, fields.basis, forces, self.solvers, announce))
+                return replace(
+                    fields, bound=varying_bound(full, fields.basis, forces, self.solvers, announce)
+                )
         except BoundError as error:
             self.task.log.skip("bound", str(error))
             found = replace(fields, unbounded=str(error))
@@ -190,17 +236,23 @@ class _Prepared(NamedTuple):
 
 @dataclass(frozen=True)
 class Condensation(Reductor[_Prepared]):
-    """Interpolated condensation: a model that keeps all contact conditions and interpolates their compliance.
+    """Interpolated condensation: a model that keeps all contact conditions and interpolates their
+    compliance.
 
-    Displacements of snapshots span the fields; the contact forces do not need them. Without snapshots, fields of
-    typical forces and loads at some nodes of the grids do.
+    Displacements of snapshots span the fields; the contact forces do not need them. Without
+    snapshots, fields of typical forces and loads at some nodes of the grids do.
     """
 
     settings: GridSettings | None = None  # targets of the sparse grids; None for the defaults
     bound: bool = True  # answers have a bound of their error, or an estimate if none is proved
     fields: bool = True  # answers have displacements; without them there is no bound either
-    along: bool = False  # displacements under forces and loads span the fields in addition to snapshots
-    finer: bool | None = None  # answers use the interpolation of the bound if it is small; None: without ``settings``
+    along: bool = (
+        False  # displacements under forces and loads span the fields in addition to snapshots
+    )
+    finer: bool | None = (
+        # answers use the interpolation of the bound if it is small; None: without ``settings``
+        None
+    )
     spare: bool = False  # leave out fields if there can be no bound; nothing is compared then
     method: ClassVar[str] = "condensed"
     own_range: ClassVar[bool] = True
@@ -218,8 +270,9 @@ class Condensation(Reductor[_Prepared]):
         problem.require_parts("condensation")
         if full.equilibrium is not None or not problem.varies:
             raise ReductionError(
-                f"the stiffness of scene '{full.scene.name}' does not depend on parameters, or its bodies have laws: "
-                "interpolated condensation is for elastic bodies that vary; take exact_condensation"
+                f"the stiffness of scene '{full.scene.name}' does not depend on parameters, or "
+                "its bodies have laws: interpolated condensation is for elastic bodies that vary; "
+                "take exact_condensation"
             )
         _check_motions(problem)
         if full.scene.system is not None:
@@ -245,19 +298,31 @@ class Condensation(Reductor[_Prepared]):
         fields = self.fields and not (self.spare and prepared.unbounded())
         with task.log.stage("fields", task.announce):
             if fields:
-                seen = [] if problem.reshaped is None else _fields_seen(compliances, prepared.solvers, forces)
+                seen = (
+                    []
+                    if problem.reshaped is None
+                    else _fields_seen(compliances, prepared.solvers, forces)
+                )
                 if task.snapshots is None:
                     _warn_of_untouched(prepared.solvers)
                 if task.snapshots is None or self.along:
                     given = compliances, prepared.solvers, known.points, forces, task.announce
-                    seen.append(kept(prepared.store, f"fields {settings}", lambda: {"0": _fields_along(*given)})["0"])
+                    seen.append(
+                        kept(
+                            prepared.store,
+                            f"fields {settings}",
+                            lambda: {"0": _fields_along(*given)},
+                        )["0"]
+                    )
                 if task.snapshots is not None:
                     seen.append(task.snapshots.displacements)
                 completed = _fields(full, seen, settings)
             else:
                 basis = np.zeros((problem.free.size, 0))
                 rest = None, problem.block_size, None, _outputs(full, basis, settings)
-                completed = InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest, full=full)
+                completed = InterpolatedFields(
+                    problem.amplitudes, basis, problem.lifts, *rest, full=full
+                )
         if fields:
             forces = forces.T if task.snapshots is None else task.snapshots.forces
             completed = prepared.bounded(completed, forces, wanted=self.bound)
@@ -267,7 +332,9 @@ class Condensation(Reductor[_Prepared]):
         model = CondensedModel(*parts, advice=ADVICE, law=problem.law)
         numbers = [grid.evaluations for grid in grids], [grid.surplus for grid in grids]
         unresolved = max((grid.unresolved for grid in grids), default=0.0)
-        return model, CondensedFacts(settings, *numbers, unresolved, finer=answering is not compliances)
+        return model, CondensedFacts(
+            settings, *numbers, unresolved, finer=answering is not compliances
+        )
 
     def compare(self, task: Task, model: Any) -> tuple[Comparison | None, Any]:
         """Errors against validation answers; those of training span the fields."""
@@ -276,7 +343,10 @@ class Condensation(Reductor[_Prepared]):
         return compared(task, model, self.limits, self.remedy)
 
     def proposals(self, search: SearchContext) -> Iterator[Proposal]:
-        """Finer and finer grids while forces are off; displacements of checks improve the fields of later rounds."""
+        """Finer and finer grids while forces are off.
+
+        Displacements of checks improve the fields of later rounds.
+        """
         from hhr_dolfinx.plugins.one_call.proposals import Proposal
 
         before = _Prepared(Task(search.full), solvers_of(search.full, search.store))
@@ -288,7 +358,9 @@ class Condensation(Reductor[_Prepared]):
 
             def make(settings: GridSettings = settings) -> Any:
                 task = Task(search.full, search.checked, announce=search.announce, sure=0)
-                return made(Condensation(settings, along=True, finer=True, spare=spare), task, before)
+                return made(
+                    Condensation(settings, along=True, finer=True, spare=spare), task, before
+                )
 
             def spared(settings: GridSettings = settings) -> Any:
                 # all expensive results exist by now, so the budget need not stop the rest
@@ -304,7 +376,9 @@ class Condensation(Reductor[_Prepared]):
 
 
 def _check_motions(problem: ContactProblem) -> None:
-    """Refuse a shape that changes how contact acts on the motions of bodies that it alone holds, or their loads."""
+    """Refuse a shape that changes how contact acts on the motions of bodies that it alone holds, or
+    their loads.
+    """
     kernel: Any = problem.kernel
     if kernel is None or problem.reshaped is None:
         return
@@ -313,14 +387,16 @@ def _check_motions(problem: ContactProblem) -> None:
         pairs = (there.contact_of_motions, kernel.contact_of_motions), (there.loads, kernel.loads)
         if any(np.abs(one - other).max() > SAME * np.abs(other).max() for one, other in pairs):
             raise NotOfferedError(
-                "contact alone holds bodies, and a shape changes the directions in which it does: the balance of these "
-                f"bodies is exact in every model, and interpolated it would not be. Take the full model: "
-                f"{kernel.described}"
+                "contact alone holds bodies, and a shape changes the directions in which it does: "
+                "the balance of these bodies is exact in every model, and interpolated it would "
+                f"not be. Take the full model: {kernel.described}"
             )
 
 
 def _check_supports(full: Any) -> None:
-    """Refuse a user-defined system that leaves motions at a corner of the box and not in the middle."""
+    """Refuse a user-defined system that leaves motions at a corner of the box and not in the
+    middle.
+    """
     from hhr_dolfinx.full_order.free_bodies import free_bodies
     from hhr_dolfinx.plugins.elasticity.unresisted import unresisted
 
@@ -333,40 +409,54 @@ def _check_supports(full: Any) -> None:
         left = unresisted(loose, problem, problem.stiffness_of(problem.weights(point)))
         if left:
             raise NotSolvableError(
-                f"at {problem.parameters.described(point)} nothing but contact holds {left[0].name} which "
-                f"{left[0].described(left[0].left)} there: K is singular at this corner of the box, and S grows "
-                "without limit towards it, so that nothing interpolates it. Narrow the box"
+                f"at {problem.parameters.described(point)} nothing but contact holds "
+                f"{left[0].name} which {left[0].described(left[0].left)} there: K is singular at "
+                "this corner of the box, and S grows without limit towards it, so that nothing "
+                "interpolates it. Narrow the box"
             )
 
 
 def _with_motions(compliances: Compliances, problem: ContactProblem) -> Any:
     """The elimination with the motions of bodies that contact alone holds; itself without any."""
-    return problem.kernel.beside(compliances) if problem.kernel is not None and problem.held_by_contact else compliances
+    return (
+        problem.kernel.beside(compliances)
+        if problem.kernel is not None and problem.held_by_contact
+        else compliances
+    )
 
 
 def _starts_beside_motions(
     eliminated: Any, points: np.ndarray, problem: ContactProblem
 ) -> tuple[KnownStatuses, np.ndarray]:
-    """Starts, and typical forces, (S, m), of answers at points, (S, P), where contact alone holds bodies."""
+    """Starts, and typical forces, (S, m), of answers at points, (S, P), where contact alone holds
+    bodies.
+    """
     nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
-    model = CondensedModel(problem.parameters, eliminated, nothing, NO_FIELDS, problem.contact_pairs, law=problem.law)
+    model = CondensedModel(
+        problem.parameters, eliminated, nothing, NO_FIELDS, problem.contact_pairs, law=problem.law
+    )
     answers = [model.solve(point, start=None, raise_on_failure=False) for point in points]
     known = KnownStatuses.of_answers(iter(answers))
     if known is None:
-        raise ReductionError("no point of the box has an answer: loads drive bodies off their contacts in all of it")
+        raise ReductionError(
+            "no point of the box has an answer: loads drive bodies off their contacts in all of it"
+        )
     return known, np.array([answer.multipliers for answer in answers if answer.converged])
 
 
 def _starts_along_paths(
     eliminated: Any, points: np.ndarray, problem: ContactProblem, announce: Announce
 ) -> tuple[KnownStatuses, np.ndarray]:
-    """Starts and typical forces, (S, m), with a law that remembers: increments start from the one before.
+    """Starts and typical forces, (S, m), with a law that remembers: increments start from the one
+    before.
 
-    Forces are those along paths through a few of the points, (S, P), each, which load, unload and reverse; parameters
-    that stay along a path are those of its first point.
+    Forces are those along paths through a few of the points, (S, P), each, which load, unload and
+    reverse; parameters that stay along a path are those of its first point.
     """
     nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
-    model = CondensedModel(problem.parameters, eliminated, nothing, NO_FIELDS, problem.contact_pairs, law=problem.law)
+    model = CondensedModel(
+        problem.parameters, eliminated, nothing, NO_FIELDS, problem.contact_pairs, law=problem.law
+    )
     fixed = problem.law.fixed
     found = []
     seen = []
@@ -377,14 +467,17 @@ def _starts_along_paths(
         rest = np.clip(0.0, problem.parameters.lower, problem.parameters.upper)
         rest[fixed] = along[0, fixed]
         try:
-            history = model.march([(0.0, rest), *((1.0 + k, point) for k, point in enumerate(along))])
+            history = model.march(
+                [(0.0, rest), *((1.0 + k, point) for k, point in enumerate(along))]
+            )
         except ConvergenceError as stop:
             history = vars(stop)["history"]
         found += [answer.multipliers for answer in history.answers]
         seen += [answer.parameter for answer in history.answers]
     if not found:
         raise ReductionError(
-            "no path through the box has an answer: contact rows are dependent, or the law of the contacts admits none"
+            "no path through the box has an answer: contact rows are dependent, or the law of the "
+            "contacts admits none"
         )
     return KnownStatuses(np.array(seen), np.array(found) != 0), np.array(found)
 
@@ -399,12 +492,15 @@ def _warn_of_untouched(solvers: list[Solver]) -> None:
         body
         for number, body in enumerate(problem.bodies)
         # factors that serve all bodies include the response to loads there
-        if number not in touched and loads[body].nnz and (lifts[body].nnz or not solvers[0].serves_all)
+        if number not in touched
+        and loads[body].nnz
+        and (lifts[body].nnz or not solvers[0].serves_all)
     ]
     if wrong:
         warn(
-            "nothing can touch a body that loads or displacements move: contact forces are right, its displacement is "
-            "not. Leave it out of the scene, train and condense, or ask the full model",
+            "nothing can touch a body that loads or displacements move: contact forces are right, "
+            "its displacement is not. Leave it out of the scene, train and condense, or ask the "
+            "full model",
             SceneWarning,
         )
 
@@ -415,21 +511,32 @@ def _outputs(full: FullModel, basis: np.ndarray, settings: GridSettings) -> AllO
     if reshaped is None:
         return plain_outputs(full)
     prepared = full.functionals
-    return None if prepared is None else reshaped.interpolated_outputs(prepared, full.problem, basis, settings)
+    return (
+        None
+        if prepared is None
+        else reshaped.interpolated_outputs(prepared, full.problem, basis, settings)
+    )
 
 
 def _fields(full: FullModel, seen: list[np.ndarray], settings: GridSettings) -> InterpolatedFields:
-    """Galerkin's method on the span of displacements, (N, k) each, body by body; the list is emptied."""
+    """Galerkin's method on the span of displacements, (N, k) each, body by body.
+
+    The list is emptied.
+    """
     problem: ContactProblem = full.problem
     displacements = seen[0] if len(seen) == 1 else np.column_stack(seen)
     seen.clear()  # it may take half of the memory of a model
     motions = None
-    if problem.kernel is not None:  # motions are unknowns of their own, beside displacements orthogonal to them
+    if (
+        problem.kernel is not None
+    ):  # motions are unknowns of their own, beside displacements orthogonal to them
         motions = problem.kernel.motions
         every = np.hstack([motions, problem.kernel.idle])
         displacements = displacements - every @ (every.T @ displacements)
         problem = replace(problem, kernel=None)
-    basis = Pod(FIELD_TOLERANCE, relative=True, by_body=True).of_columns(problem, displacements, full.group)
+    basis = Pod(FIELD_TOLERANCE, relative=True, by_body=True).of_columns(
+        problem, displacements, full.group
+    )
     del displacements
     if problem.reshaped is not None:
         # orthonormal in the energy of the middle: soft modes are then as exact as stiff ones
@@ -442,7 +549,9 @@ def _fields(full: FullModel, seen: list[np.ndarray], settings: GridSettings) -> 
         galerkin = ReshapedElimination(whole, problem.amplitudes, problem.parameters)
     spanned = basis if motions is None else np.hstack([basis, motions])
     rest = galerkin, problem.block_size, full.stress_of, _outputs(full, spanned, settings)
-    return InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest, motions=motions, full=full)
+    return InterpolatedFields(
+        problem.amplitudes, basis, problem.lifts, *rest, motions=motions, full=full
+    )
 
 
 def _finer(compliances: Compliances, bound: Any) -> Compliances:
@@ -450,13 +559,19 @@ def _finer(compliances: Compliances, bound: Any) -> Compliances:
     if bound is None:
         return compliances
     pairs = list(zip(compliances.parts, bound.compliances.parts, strict=True))
-    finer = all(len(own.interpolant.levels) <= len(other.interpolant.levels) for own, other in pairs)
+    finer = all(
+        len(own.interpolant.levels) <= len(other.interpolant.levels) for own, other in pairs
+    )
     numbers = sum(other.interpolant.modes.size + other.columns.size for _, other in pairs)
     return bound.compliances if finer and numbers <= FEW else compliances
 
 
-def _fields_seen(compliances: Compliances, solvers: list[Solver], forces: np.ndarray) -> list[np.ndarray]:
-    """Displacements at some shapes under typical forces, (S, m), (N, k) each: few snapshots do not span them."""
+def _fields_seen(
+    compliances: Compliances, solvers: list[Solver], forces: np.ndarray
+) -> list[np.ndarray]:
+    """Displacements at some shapes under typical forces, (S, m), (N, k) each: few snapshots do not
+    span them.
+    """
     forces = forces.T
     forces = pod(forces / np.maximum(np.linalg.norm(forces, axis=0), TINY), FORCE_TOLERANCE)[0]
     found = []
@@ -469,18 +584,25 @@ def _fields_seen(compliances: Compliances, solvers: list[Solver], forces: np.nda
 
 
 def _fields_along(
-    compliances: Compliances, solvers: list[Solver], points: np.ndarray, forces: np.ndarray, announce: Announce
+    compliances: Compliances,
+    solvers: list[Solver],
+    points: np.ndarray,
+    forces: np.ndarray,
+    announce: Announce,
 ) -> np.ndarray:
     """Displacements under loads and forces of solved points, (S, P) and (S, m): (N, k).
 
-    The points are shared out among the nodes of a grid. Displacements by lifts have their own columns, as they do not
-    depend on a factor of the stiffness. All components share columns: each has displacements on its dofs alone.
+    The points are shared out among the nodes of a grid. Displacements by lifts have their own
+    columns, as they do not depend on a factor of the stiffness. All components share columns: each
+    has displacements on its dofs alone.
     """
     count = len(points)
     least, most = ALONG_NODES
     few = max(least, min(most, count // PER_NODE))
     every = [part.interpolant.nodes[:few] for part in compliances.parts]
-    lifts = sum(len(nodes) * part.lifted.size for nodes, part in zip(every, compliances.parts, strict=True))
+    lifts = sum(
+        len(nodes) * part.lifted.size for nodes, part in zip(every, compliances.parts, strict=True)
+    )
     # one array, since stacking would copy it
     fields = np.zeros((solvers[0].problem.free.size, count + lifts), order="F")
     place = count
@@ -491,7 +613,11 @@ def _fields_along(
             share = slice(first, count, len(nodes))
             point[part.interpolant.axes] = node
             # the first component solves for all if its factors serve all
-            own = np.arange(count)[share] if solver is solvers[0] or not solver.serves_all else np.arange(0)
+            own = (
+                np.arange(count)[share]
+                if solver is solvers[0] or not solver.serves_all
+                else np.arange(0)
+            )
             for some in np.array_split(own, -(-own.size // TOGETHER)) if own.size else ():
                 fields[:, some] += solver.fields_under(point, points[some], forces[some])
             fields[:, place : place + part.lifted.size] = solver.fields_of_lifts(point)

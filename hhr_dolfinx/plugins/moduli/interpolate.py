@@ -1,9 +1,11 @@
-"""Common parts of interpolated condensation of full and reduced problems: grids, axes, division into arrays.
+"""Common parts of interpolated condensation of full and reduced problems: grids, axes, division
+into arrays.
 
-Formulas of moduli are cheap, so their resolution by a grid is tested at thousands of points. The compliance of a part
-whose stiffness is sum w_q(μ) K_q is composed of functions f_κ(μ) = 1 / sum κ_q w_q(μ), with shares κ >= 0 of
-energies. This is exact for two parts, see :mod:`hhr_dolfinx.certify.constants`. The error of the polynomials of a
-grid for these functions is the error for the compliance.
+Formulas of moduli are cheap, so their resolution by a grid is tested at thousands of points. The
+compliance of a part whose stiffness is sum w_q(μ) K_q is composed of functions f_κ(μ) = 1 / sum κ_q
+w_q(μ), with shares κ >= 0 of energies. This is exact for two parts, see
+:mod:`hhr_dolfinx.certify.constants`. The error of the polynomials of a grid for these functions is
+the error for the compliance.
 """
 
 from __future__ import annotations
@@ -32,7 +34,9 @@ from hhr_dolfinx.plugins.moduli.interpolation import (
 from hhr_dolfinx.plugins.moduli.known_forces import many_weights
 
 CLOSED = 1e-8
-"""Gap over the size of a mesh up to which nothing is interpolated: 1e-16 is round-off, and tolerances reach 1e-7."""
+"""Gap over the size of a mesh up to which nothing is interpolated: 1e-16 is round-off, and
+tolerances reach 1e-7.
+"""
 
 
 @dataclass(frozen=True)
@@ -41,19 +45,25 @@ class GridSettings:
 
     tolerance: float = 1e-5  # target error of S and of the free slack, relative to their size
     budget: int = 200  # most solutions for each connected component of a scene
-    compressed: bool = True  # directions are left out that the tolerance does not need, but proofs do
+    compressed: bool = (
+        True  # directions are left out that the tolerance does not need, but proofs do
+    )
     least: int = 0  # number of terms in any case
 
     def __post_init__(self) -> None:
-        if not is_number(self.tolerance) or not 0 < self.tolerance < 1 or not is_whole(self.budget, 1):
+        if (
+            not is_number(self.tolerance)
+            or not 0 < self.tolerance < 1
+            or not is_whole(self.budget, 1)
+        ):
             raise ReductionError(
-                f"tolerance = {self.tolerance!r} of an interpolation must lie in (0, 1), and its budget = "
-                f"{self.budget!r} be a positive integer"
+                f"tolerance = {self.tolerance!r} of an interpolation must lie in (0, 1), and its "
+                f"budget = {self.budget!r} be a positive integer"
             )
         if not isinstance(self.compressed, bool) or not is_whole(self.least, 0):
             raise ReductionError(
-                f"compressed = {self.compressed!r} of an interpolation must be True or False, and least = "
-                f"{self.least!r} an integer that is not negative"
+                f"compressed = {self.compressed!r} of an interpolation must be True or False, and "
+                f"least = {self.least!r} an integer that is not negative"
             )
 
 
@@ -82,7 +92,10 @@ class Part:
 
 
 def points_of(space: ParameterSpace, axes: np.ndarray, scaled: np.ndarray) -> np.ndarray:
-    """Points of a box, (n, P), from coordinates along some axes in [-1, 1]^d, (n, d); the others are in its middle."""
+    """Points of a box, (n, P), from coordinates along some axes in [-1, 1]^d, (n, d).
+
+    The others are in its middle.
+    """
     lower, upper = np.array([space.lower, space.upper])[:, axes]
     points = np.repeat(space.middle[None], len(scaled), axis=0)
     points[:, axes] = lower + (scaled + 1) / 2 * (upper - lower)
@@ -99,16 +112,18 @@ def grown(
 ) -> tuple[GrownGrid, dict[str, np.ndarray]]:
     """Interpolate arrays by name over some parameters; the others stay in the middle of the box.
 
-    ``round_off`` has norms of arrays, by name, below which nothing but round-off may be left of them. If the arrays
-    are the compliance of a ``part``, its formulas are compared with the grid at thousands of points. Returns the grid
-    and the modes of each array, in its shape with the modes along the last axis. The grid has no copy of the modes of a
-    part, which may be large.
+    ``round_off`` has norms of arrays, by name, below which nothing but round-off may be left of
+    them. If the arrays are the compliance of a ``part``, its formulas are compared with the grid at
+    thousands of points. Returns the grid and the modes of each array, in its shape with the modes
+    along the last axis. The grid has no copy of the modes of a part, which may be large.
     """
     axes = np.asarray(axes, dtype=np.int64)
     if not axes.size:
         return _alone(solved, space, part)
     lower, upper = np.array([space.lower, space.upper], dtype=float)
-    known = {point.tobytes(): solved(point) for point in typical(space, axes)}  # the growth evaluates them too
+    known = {
+        point.tobytes(): solved(point) for point in typical(space, axes)
+    }  # the growth evaluates them too
     shapes = {name: np.shape(part) for name, part in next(iter(known.values())).items()}
     sizes = {name: size_in_box([found[name] for found in known.values()]) for name in shapes}
     sizes |= {name: max(sizes[name], size) for name, size in (round_off or {}).items()}
@@ -122,24 +137,35 @@ def grown(
 
     def scale(values: np.ndarray) -> float:
         """Largest of the parts."""
-        return max((float(np.linalg.norm(part)) for part in unstacked(values, shapes.values())), default=0.0)
+        return max(
+            (float(np.linalg.norm(part)) for part in unstacked(values, shapes.values())),
+            default=0.0,
+        )
 
     box = (axes, lower[axes], upper[axes])
     how = (settings.tolerance, settings.budget)
     formulas = None if part is None else FormulaGrid(part, space).error
     kept = settings.compressed
-    grid = grow(joined, scale, box, *how, compressed=kept, least=settings.least, everywhere=formulas)
+    grid = grow(
+        joined, scale, box, *how, compressed=kept, least=settings.least, everywhere=formulas
+    )
     grid = replace(grid, evaluations=grid.evaluations + len(known))
     modes = grid.interpolant.modes
-    modes *= np.repeat(list(sizes.values()), [math.prod(shape) for shape in shapes.values()])[:, None]
+    modes *= np.repeat(list(sizes.values()), [math.prod(shape) for shape in shapes.values()])[
+        :, None
+    ]
     parts = dict(zip(shapes, unstacked(modes, shapes.values()), strict=True))
     if part is not None:
-        grid = replace(grid, interpolant=replace(grid.interpolant, modes=np.zeros((0, modes.shape[1]))))
+        grid = replace(
+            grid, interpolant=replace(grid.interpolant, modes=np.zeros((0, modes.shape[1])))
+        )
     return grid, parts
 
 
 def round_off_of_gaps(problem: ContactProblem) -> float:
-    """Norm of gaps below which they may be round-off of coordinates, as where surfaces stay flush in every shape."""
+    """Norm of gaps below which they may be round-off of coordinates, as where surfaces stay flush
+    in every shape.
+    """
     return CLOSED * float(np.ptp(problem.points, axis=0).max()) * math.sqrt(len(problem.gaps))
 
 
@@ -151,28 +177,40 @@ def typical(space: ParameterSpace, axes: np.ndarray) -> np.ndarray:
 def size_in_box(values: Sequence[np.ndarray | float]) -> float:
     """Size of an array in a box from its values at :func:`typical` points; 1 if it is zero.
 
-    In the middle it may vanish to round-off, as gaps of a shape that varies about a fit do. The smaller norm of the
-    random points stands for the box: the largest may be that of a corner where a body is soft.
+    In the middle it may vanish to round-off, as gaps of a shape that varies about a fit do. The
+    smaller norm of the random points stands for the box: the largest may be that of a corner where
+    a body is soft.
     """
     middle, *others = (float(np.linalg.norm(value)) for value in values)
     return max(middle, min(others)) or 1.0
 
 
 def _alone(
-    solved: Callable[[np.ndarray], Mapping[str, np.ndarray]], space: ParameterSpace, part: Part | None
+    solved: Callable[[np.ndarray], Mapping[str, np.ndarray]],
+    space: ParameterSpace,
+    part: Part | None,
 ) -> tuple[GrownGrid, dict[str, np.ndarray]]:
-    """Case without parameters: the arrays as they are; those of a part may be large, and are not stacked."""
+    """Case without parameters: the arrays as they are.
+
+    Those of a part may be large, and are not stacked.
+    """
     none = np.zeros(0)
     parts = {name: values[..., None] for name, values in solved(space.middle).items()}
     levels = np.zeros((1, 0), dtype=np.int64)
     stacked = [values.reshape(-1, 1) for values in parts.values()] if part is None else []
     modes = np.asfortranarray(np.concatenate([np.zeros((0, 1)), *stacked]))
     interpolant = Interpolant(none.astype(np.int64), none, none, levels, modes, np.ones((1, 1)))
-    return GrownGrid(interpolant, 0.0, 1, 0.0 if part is None else FormulaGrid(part, space).error(levels)), parts
+    return GrownGrid(
+        interpolant, 0.0, 1, 0.0 if part is None else FormulaGrid(part, space).error(levels)
+    ), parts
 
 
-def compliance_of(part: Part, grid: GrownGrid, modes: dict[str, np.ndarray], unknowns: np.ndarray | None) -> Compliance:
-    """Compliance of a part, from modes of ``schur`` (m, m), ``columns`` (T, m), ``pushed`` (n, m), ``free`` (T, n)."""
+def compliance_of(
+    part: Part, grid: GrownGrid, modes: dict[str, np.ndarray], unknowns: np.ndarray | None
+) -> Compliance:
+    """Compliance of a part, from modes of ``schur`` (m, m), ``columns`` (T, m), ``pushed`` (n, m),
+    ``free`` (T, n).
+    """
     rank = len(grid.interpolant.weights)
     schur = np.asfortranarray(modes["schur"].reshape(-1, rank))
     interpolant: Interpolant = replace(grid.interpolant, modes=schur)
@@ -181,7 +219,9 @@ def compliance_of(part: Part, grid: GrownGrid, modes: dict[str, np.ndarray], unk
         per_force = np.ascontiguousarray(np.moveaxis(modes["pushed"], 2, 0))
         primal = PrimalModes(unknowns, per_force, np.ascontiguousarray(modes["free"]))
     columns = np.ascontiguousarray(modes["columns"])
-    return Compliance(part.conditions, part.forced, part.lifted, part.factor, interpolant, columns, primal)
+    return Compliance(
+        part.conditions, part.forced, part.lifted, part.factor, interpolant, columns, primal
+    )
 
 
 MIXED = (0.1, 0.5)
@@ -196,7 +236,10 @@ class FormulaGrid:
     space: ParameterSpace  # the box
 
     def error(self, levels: np.ndarray) -> float:
-        """Largest error of polynomials, (n, d), relative to the largest f_κ; infinite if one is not finite."""
+        """Largest error of polynomials, (n, d), relative to the largest f_κ.
+
+        Infinite if one is not finite.
+        """
         if not self.part.moduli or not len(self._points_along):
             return 0.0
         known = self._inverses(points_of(self.space, self.part.axes, nodes_of(levels)))
@@ -217,7 +260,9 @@ class FormulaGrid:
             for scalar in (modulus.factor_scalar, modulus.rest_scalar)
             for name in scalar.formula.variables
         }
-        return self.space.lines([axis for axis in self.part.axes.tolist() if self.space.names[axis] in names])
+        return self.space.lines(
+            [axis for axis in self.part.axes.tolist() if self.space.names[axis] in names]
+        )
 
     @cached_property
     def _exact(self) -> np.ndarray:
@@ -228,7 +273,8 @@ class FormulaGrid:
     def _shares(self) -> np.ndarray:
         """κ of a few representative mixtures, (Q, k), scaled to the largest size of the parts.
 
-        A part may be negative, as the change of volume is for auxetic bodies; a negative mixture does not occur.
+        A part may be negative, as the change of volume is for auxetic bodies; a negative mixture
+        does not occur.
         """
         weights = self.part.weights(self._points_along)
         count = len(self.part.moduli)

@@ -1,7 +1,9 @@
-"""HHR models whose stiffness depends on parameters, with the elimination of K~(mu) interpolated between few of them.
+"""HHR models whose stiffness depends on parameters, with the elimination of K~(mu) interpolated
+between few of them.
 
-The contact of a reduced model needs S~ = B~2 K~^-1 B~1^T and the unknown under forces, which are as smooth in the
-parameters as K~. A sparse grid of a dozen factorisations of K~ replaces one for each query.
+The contact of a reduced model needs S~ = B~2 K~^-1 B~1^T and the unknown under forces, which are as
+smooth in the parameters as K~. A sparse grid of a dozen factorisations of K~ replaces one for each
+query.
 """
 
 from __future__ import annotations
@@ -44,12 +46,17 @@ SHAPE_GRID = GridSettings(2e-5, 200)
 def interpolated_reduction(
     problem: ReducedProblem, amplitudes: Amplitudes, space: ParameterSpace
 ) -> Compliances | None:
-    """Interpolate the elimination of gamma; None if it is not smooth and K~ should be factored for each query."""
+    """Interpolate the elimination of gamma.
+
+    None if it is not smooth and K~ should be factored for each query.
+    """
     parts = []
     for block in blocks_of(problem):
         assert problem.terms is not None
         part = _part(problem.terms, block, space)
-        grid, modes = grown(partial(_solved, problem.terms, block, part), space, part.axes, REDUCED_GRID, part)
+        grid, modes = grown(
+            partial(_solved, problem.terms, block, part), space, part.axes, REDUCED_GRID, part
+        )
         if grid.surplus > REDUCED_GRID.tolerance:
             return None
         parts.append(compliance_of(part, grid, modes, block.modes))
@@ -67,7 +74,9 @@ def _part(terms: ReducedTerms, block: Block, space: ParameterSpace) -> Part:
     return Part(conditions, forced, lifted, factor, axes, tuple(moduli))
 
 
-def _solved(terms: ReducedTerms, block: Block, part: Part, point: np.ndarray) -> dict[str, np.ndarray]:
+def _solved(
+    terms: ReducedTerms, block: Block, part: Part, point: np.ndarray
+) -> dict[str, np.ndarray]:
     """Arrays of an eliminated block for the factor 1, see :func:`compliance_of`."""
     weights = np.array([modulus.value(point) for modulus in terms.moduli])
     size = block.modes.size
@@ -80,7 +89,12 @@ def _solved(terms: ReducedTerms, block: Block, part: Part, point: np.ndarray) ->
     per_force = factor * dgetrs(lu, pivots, block.test[:, part.conditions])[0]
     free = np.column_stack([factor * dgetrs(lu, pivots, forces)[0], dgetrs(lu, pivots, lifts)[0]])
     trial = block.trial[part.conditions]
-    return {"schur": trial @ per_force, "columns": (trial @ free).T, "pushed": per_force, "free": free.T}
+    return {
+        "schur": trial @ per_force,
+        "columns": (trial @ free).T,
+        "pushed": per_force,
+        "free": free.T,
+    }
 
 
 def interpolated_problem(
@@ -89,9 +103,11 @@ def interpolated_problem(
     sets_at: Callable[[ContactProblem], IndexSets],
     settings: GridSettings,
 ) -> tuple[InterpolatedProblem, float]:
-    """Interpolate a projected problem over the parameters of a shape, with the surplus of the terms tried last.
+    """Interpolate a projected problem over the parameters of a shape, with the surplus of the terms
+    tried last.
 
-    ``sets_at`` returns the index sets for the problem of a shape, whose surfaces may face each other elsewhere.
+    ``sets_at`` returns the index sets for the problem of a shape, whose surfaces may face each
+    other elsewhere.
     """
     reshaped = problem.reshaped
     assert reshaped is not None
@@ -121,17 +137,24 @@ def interpolated_problem(
     space = problem.parameters
     points = typical(space, np.arange(len(space.names)))
     # Lamé's first constant is zero in the middle of a box about Poisson's ratio 0
-    sizes = np.array([size_in_box([modulus.value(point) for point in points]) for modulus in terms.moduli])
+    sizes = np.array(
+        [size_in_box([modulus.value(point) for point in points]) for modulus in terms.moduli]
+    )
     closed = {"gaps": round_off_of_gaps(problem)}
     grid, modes = grown(solved, problem.parameters, reshaped.axes, settings, round_off=closed)
     shapes = tuple(part.shape[:-1] for part in modes.values())
-    return InterpolatedProblem(base.pairs, terms.moduli, sizes, grid.interpolant, shapes), grid.surplus
+    return InterpolatedProblem(
+        base.pairs, terms.moduli, sizes, grid.interpolant, shapes
+    ), grid.surplus
 
 
 def whole_problem(
     problem: ContactProblem, basis: np.ndarray, settings: GridSettings
 ) -> ReducedProblem | InterpolatedProblem:
-    """Galerkin projection on the whole mesh, with all conditions among its rows; interpolated between shapes."""
+    """Galerkin projection on the whole mesh, with all conditions among its rows.
+
+    Interpolated between shapes.
+    """
     every = np.flatnonzero(problem.free)
     conditions = np.arange(len(problem.gaps))
     cells = np.arange(len(problem.cell_nodes))
@@ -142,7 +165,10 @@ def whole_problem(
 
 
 def interpolate(draft: Draft) -> None:
-    """Stage of the hyper-reduction: K~^-1, interpolated between few parameters; statuses start along derivatives."""
+    """Stage of the hyper-reduction: K~^-1, interpolated between few parameters.
+
+    Statuses start along derivatives.
+    """
     model = draft.model
     log = draft.shared.log
     with log.stage("online_arrays", draft.shared.task.announce):
@@ -153,9 +179,14 @@ def interpolate(draft: Draft) -> None:
             why = f"contact with {model.law.name}: K~ is factored once for all increments of a path"
             log.skip("interpolation", why)
             return
-        compliances = interpolated_reduction(model.problem, model.fields.amplitudes, model.parameters)
+        compliances = interpolated_reduction(
+            model.problem, model.fields.amplitudes, model.parameters
+        )
         if compliances is None:
-            log.skip("interpolation", "K~^-1 is no smooth function of the parameters: it is factored for each query")
+            log.skip(
+                "interpolation",
+                "K~^-1 is no smooth function of the parameters: it is factored for each query",
+            )
             return
         assert model.known is not None  # true for elastic bodies
         known = linear_starts(compliances, model.known.points, model.problem.pairs)

@@ -1,8 +1,9 @@
-"""Interpolated condensation: S(mu) and the free slack of a scene whose stiffness depends on parameters.
+"""Interpolated condensation: S(mu) and the free slack of a scene whose stiffness depends on
+parameters.
 
-Bodies interact through contact alone, so that S = sum of S_c over connected components c, each smooth in the parameters
-of that component. If a whole part has one factor E(mu), S_c = S_c(E = 1) / E exactly. The remaining dependence is
-interpolated.
+Bodies interact through contact alone, so that S = sum of S_c over connected components c, each
+smooth in the parameters of that component. If a whole part has one factor E(mu), S_c = S_c(E = 1) /
+E exactly. The remaining dependence is interpolated.
 """
 
 from __future__ import annotations
@@ -62,25 +63,41 @@ class Factored(NamedTuple):
 class Compliance:
     """Interpolated compliance of one connected component of a scene."""
 
-    conditions: Annotated[Integers, "conditions"]  # contact conditions that act on it, (m_c,), increasing
+    conditions: Annotated[
+        Integers, "conditions"
+    ]  # contact conditions that act on it, (m_c,), increasing
     forced: Annotated[Integers, "forced", "< terms"]  # terms of θ whose loads act on it, (T_F,)
-    lifted: Annotated[Integers, "lifted", "< terms"]  # terms whose imposed displacements act on it, (T_L,)
+    lifted: Annotated[
+        Integers, "lifted", "< terms"
+    ]  # terms whose imposed displacements act on it, (T_L,)
     factor: Scalar | None  # modulus common to all of it; None without one, or for a constant one
     interpolant: Interpolant  # of S_c for the factor 1, (m_c^2, r) modes
-    columns: Annotated[Floats, "terms of it", "conditions", "modes"]  # of B K^-1 F, then of B K^-1 K lift
-    primal: PrimalModes | None = None  # modes of its unknown; None if fields are computed in another way
+    columns: Annotated[
+        Floats, "terms of it", "conditions", "modes"
+    ]  # of B K^-1 F, then of B K^-1 K lift
+    primal: PrimalModes | None = (
+        None  # modes of its unknown; None if fields are computed in another way
+    )
 
     @cached_property
     def where(self) -> slice | np.ndarray:
-        """Its conditions, as a slice if they are contiguous: adding there is several times as fast."""
+        """Its conditions, as a slice if they are contiguous: adding there is several times as
+        fast.
+        """
         first = self.conditions[0]
         last = self.conditions[-1]
-        return slice(first, last + 1) if last - first + 1 == self.conditions.size else self.conditions
+        return (
+            slice(first, last + 1) if last - first + 1 == self.conditions.size else self.conditions
+        )
 
     @cached_property
     def block(self) -> tuple:
         """Index of S_c in S."""
-        return (self.where, self.where) if isinstance(self.where, slice) else np.ix_(self.conditions, self.conditions)
+        return (
+            (self.where, self.where)
+            if isinstance(self.where, slice)
+            else np.ix_(self.conditions, self.conditions)
+        )
 
     @cached_property
     def terms(self) -> np.ndarray:
@@ -88,7 +105,9 @@ class Compliance:
         return np.concatenate([self.forced, self.lifted])
 
     def compliance(self, point: np.ndarray) -> float:
-        """1 / E, which is positive wherever amplitudes are evaluated, see :class:`~hhr_dolfinx.amplitudes.Limits`."""
+        """1 / E, which is positive wherever amplitudes are evaluated, see
+        :class:`~hhr_dolfinx.amplitudes.Limits`.
+        """
         return 1.0 if self.factor is None else 1.0 / self.factor.value(point)
 
     def compliances(self, points: np.ndarray) -> np.ndarray:
@@ -107,8 +126,13 @@ class Compliance:
         m = self.conditions.size
         return (along @ self.interpolant.modes.T).reshape(*along.shape[:-1], m, m)
 
-    def load_response(self, columns: np.ndarray, along: np.ndarray, theta: np.ndarray, compliance: float) -> np.ndarray:
-        """Columns of F minus those of K lift. Load terms scale with 1/E; terms of imposed displacements do not."""
+    def load_response(
+        self, columns: np.ndarray, along: np.ndarray, theta: np.ndarray, compliance: float
+    ) -> np.ndarray:
+        """Columns of F minus those of K lift.
+
+        Load terms scale with 1/E; terms of imposed displacements do not.
+        """
         weights = theta[self.terms]
         weights[: self.forced.size] *= compliance
         weights[self.forced.size :] *= -1.0
@@ -116,7 +140,9 @@ class Compliance:
         used = weights.nonzero()[0]
         return weights[used] @ (columns[used] @ along) if used.size else np.zeros(columns.shape[1])
 
-    def load_responses(self, along: np.ndarray, theta: np.ndarray, compliances: np.ndarray) -> np.ndarray:
+    def load_responses(
+        self, along: np.ndarray, theta: np.ndarray, compliances: np.ndarray
+    ) -> np.ndarray:
         """The same of its columns at many points, from (n, r), (n, 1 + T) and (n,): (n, m_c)."""
         weights = theta[:, self.terms]
         weights[:, : self.forced.size] *= compliances[:, None]
@@ -128,11 +154,17 @@ class Compliance:
         return found
 
     def load_response_slopes(
-        self, columns: np.ndarray, ways: np.ndarray, theta: np.ndarray, changes: np.ndarray, factor: Factored
+        self,
+        columns: np.ndarray,
+        ways: np.ndarray,
+        theta: np.ndarray,
+        changes: np.ndarray,
+        factor: Factored,
     ) -> np.ndarray:
         """Derivatives of what :meth:`load_response` returns along the parameters, (rows, P).
 
-        ``ways``: components along the modes and their derivatives along the axes, (r, 1 + d); ``changes``: those of θ.
+        ``ways``: components along the modes and their derivatives along the axes, (r, 1 + d);
+        ``changes``: those of θ.
         """
         # terms that act or change; hundreds of others may do neither
         used = np.flatnonzero(theta[self.terms].astype(bool) | changes[self.terms].any(axis=1))
@@ -145,8 +177,12 @@ class Compliance:
         found[:, self.interpolant.axes] += values[:, 1:] @ (scales * theta[terms])
         return found
 
-    def force_response_slopes(self, modes: np.ndarray, ways: np.ndarray, factor: Factored) -> np.ndarray:
-        """Derivatives of the compliance times responses to forces along the modes, (rows, r): (rows, P)."""
+    def force_response_slopes(
+        self, modes: np.ndarray, ways: np.ndarray, factor: Factored
+    ) -> np.ndarray:
+        """Derivatives of the compliance times responses to forces along the modes, (rows, r):
+        (rows, P).
+        """
         along = modes @ ways
         found = np.outer(along[:, 0], factor.slopes)
         found[:, self.interpolant.axes] += factor.compliance * along[:, 1:]
@@ -154,7 +190,9 @@ class Compliance:
 
 
 def _check_places(part: Compliance, number: int, conditions: int, unknowns: int) -> None:
-    """Raise ValueError for indices out of ranges that no annotation declares, or arrays of other sizes."""
+    """Raise ValueError for indices out of ranges that no annotation declares, or arrays of other
+    sizes.
+    """
     named = {"conditions": (part.conditions, conditions)}
     if part.primal is not None:
         named["unknowns"] = part.primal.unknowns, unknowns
@@ -166,7 +204,9 @@ def _check_places(part: Compliance, number: int, conditions: int, unknowns: int)
     if not m or (np.diff(part.conditions) <= 0).any():
         raise ValueError(f"conditions of part {number} must increase, at least one")
     if len(part.interpolant.modes) != m * m or part.columns.shape != (part.terms.size, m, rank):
-        raise ValueError(f"part {number} of {m} conditions and {part.terms.size} terms has arrays of other sizes")
+        raise ValueError(
+            f"part {number} of {m} conditions and {part.terms.size} terms has arrays of other sizes"
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,7 +220,11 @@ class InterpolatedStiffness:
     @cached_property
     def equalities(self) -> SchurEqualities:
         """Equality problems on S, for all points of this stiffness."""
-        return SchurEqualities.symmetric(self.schur) if self.symmetric else SchurEqualities.of(self.schur, LapackLU)
+        return (
+            SchurEqualities.symmetric(self.schur)
+            if self.symmetric
+            else SchurEqualities.of(self.schur, LapackLU)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,10 +241,14 @@ class ManyContacts:
 
     def __getitem__(self, k: int) -> CondensedContact:
         """Contact problem at one of the points, for parts without modes of the unknown."""
-        along, compliances = ([values[k] for values in part] for part in (self.along, self.compliances))
+        along, compliances = (
+            [values[k] for values in part] for part in (self.along, self.compliances)
+        )
         parts = list(zip(self.owner.parts, along, compliances, strict=True))
         found = InterpolatedStiffness(self.schur[k], parts, self.owner.symmetric)
-        return self.owner.contact(self.points[k], self.theta[k], found, self.free_slack[k], np.zeros(0))
+        return self.owner.contact(
+            self.points[k], self.theta[k], found, self.free_slack[k], np.zeros(0)
+        )
 
 
 @dataclass(frozen=True)
@@ -210,16 +258,22 @@ class Compliances(Elimination):
     parts: tuple[Compliance, ...]  # of the scene
     amplitudes: Amplitudes  # θ as a function of the parameters
     gaps: Annotated[Floats, "conditions", "terms"]  # D as terms of θ, (m, 1 + T)
-    reshaped: Interpolant | None = None  # D if it changes with the shape of the bodies, (m (1 + T), r) modes; else None
+    reshaped: Interpolant | None = (
+        None  # D if it changes with the shape of the bodies, (m (1 + T), r) modes; else None
+    )
     unknowns: int = 0  # number of unknowns if the parts have modes of them; otherwise 0
     symmetric: bool = True  # whether S is symmetric
 
     def __post_init__(self) -> None:
-        """Refuse parts that do not fit these gaps, amplitudes and parameters; files may be wrong."""
+        """Refuse parts that do not fit these gaps, amplitudes and parameters; files may be
+        wrong.
+        """
         for number, part in enumerate(self.parts):
             _check_places(part, number, len(self.gaps), self.unknowns)
 
-    def __call__(self, point: np.ndarray, stiffness: InterpolatedStiffness | None = None) -> CondensedContact:
+    def __call__(
+        self, point: np.ndarray, stiffness: InterpolatedStiffness | None = None
+    ) -> CondensedContact:
         """Contact problem at a point, (P,); ``stiffness`` is S there if it is known."""
         theta = self.theta(point)  # first, since it refuses moduli that are impossible
         found = self.stiffness(point) if stiffness is None else stiffness
@@ -228,19 +282,31 @@ class Compliances(Elimination):
         for part, along, compliance in found.parts:
             slack[part.where] -= part.load_response(part.columns, along, theta, compliance)
             if part.primal is not None:
-                free[part.primal.unknowns] = part.load_response(part.primal.columns, along, theta, compliance)
+                free[part.primal.unknowns] = part.load_response(
+                    part.primal.columns, along, theta, compliance
+                )
         return self.contact(point, theta, found, slack, free)
 
     def contact(
-        self, point: np.ndarray, theta: np.ndarray, found: InterpolatedStiffness, slack: np.ndarray, free: np.ndarray
+        self,
+        point: np.ndarray,
+        theta: np.ndarray,
+        found: InterpolatedStiffness,
+        slack: np.ndarray,
+        free: np.ndarray,
     ) -> CondensedContact:
         """Contact problem at a point, (P,), from θ, S, free slack, (m,), and free unknown there."""
         respond = partial(self._compliance_times, found)
         changes = partial(self._changes, point, theta, found)
-        return CondensedContact(found.schur, slack, free, respond, changes, self.symmetric, factored=found)
+        return CondensedContact(
+            found.schur, slack, free, respond, changes, self.symmetric, factored=found
+        )
 
     def many(self, points: np.ndarray) -> ManyContacts:
-        """Contact problems at many points, (n, P), by products of matrices; :attr:`together` limits their number."""
+        """Contact problems at many points, (n, P), by products of matrices.
+
+        :attr:`together` limits their number.
+        """
         theta = dense(self.amplitudes.of_many(points))
         slack = self.many_driven(points, theta)
         schur = np.zeros((len(points), *[len(self.gaps)] * 2))
@@ -283,7 +349,9 @@ class Compliances(Elimination):
         found = np.zeros((self.unknowns, *forces.shape[1:]))
         for part, along, compliance in stiffness.parts:
             if part.primal is not None and forces.ndim == 1:
-                found[part.primal.unknowns] = compliance * (along @ (part.primal.pushed @ forces[part.where]))
+                found[part.primal.unknowns] = compliance * (
+                    along @ (part.primal.pushed @ forces[part.where])
+                )
             elif part.primal is not None:
                 # one pass over the modes, not one for each column
                 per_force = np.tensordot(along, part.primal.pushed, 1)
@@ -316,7 +384,9 @@ class Compliances(Elimination):
             # S_c forces of every mode, so that no derivative forms S_c
             schur_forces = (part.interpolant.modes.T.reshape(-1, own.size, own.size) @ own).T
             slack[part.where] += part.force_response_slopes(schur_forces, ways, factor)
-            slack[part.where] -= part.load_response_slopes(part.columns, ways, theta, changes, factor)
+            slack[part.where] -= part.load_response_slopes(
+                part.columns, ways, theta, changes, factor
+            )
             if part.primal is not None:
                 free = part.load_response_slopes(part.primal.columns, ways, theta, changes, factor)
                 forced = part.force_response_slopes((part.primal.pushed @ own).T, ways, factor)
@@ -327,7 +397,9 @@ class Compliances(Elimination):
     def stiffness_axes(self) -> np.ndarray:
         """Indices of the parameters that S depends on."""
         factors = [part.factor for part in self.parts if part.factor is not None]
-        places = [factor.names.index(name) for factor in factors for name in factor.formula.variables]
+        places = [
+            factor.names.index(name) for factor in factors for name in factor.formula.variables
+        ]
         places += [axis for part in self.parts for axis in part.interpolant.axes.tolist()]
         return np.unique(np.array(places, dtype=np.int64))
 
@@ -345,7 +417,9 @@ class Compliances(Elimination):
         return made
 
     def answers(self, model: Any, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
-        """Answers; neighbours of equal stiffness share S and factors, else S of many points is computed at once."""
+        """Answers; neighbours of equal stiffness share S and factors, else S of many points is
+        computed at once.
+        """
         from hhr_dolfinx.models.many import ManyAnswers
 
         answers: list[Answer] = []
@@ -359,14 +433,24 @@ class Compliances(Elimination):
         for block in np.array_split(points, -(-len(points) // self.together)):
             try:
                 contacts = self.many(block)
-            except (NotSolvableError, ParameterError):  # at one of them: one by one, errors name the point
+            except (
+                NotSolvableError,
+                ParameterError,
+            ):  # at one of them: one by one, errors name the point
                 answers += [self._answer(model, point, self, raise_on_failure) for point in block]
                 continue
-            answers += [model.from_contact(contacts[k], block[k], raise_on_failure) for k in range(len(block))]
+            answers += [
+                model.from_contact(contacts[k], block[k], raise_on_failure)
+                for k in range(len(block))
+            ]
         return ManyAnswers.of(answers, model.fields)
 
     def _answer(
-        self, model: Any, point: np.ndarray, made: Callable[[np.ndarray], CondensedContact], raise_on_failure: bool
+        self,
+        model: Any,
+        point: np.ndarray,
+        made: Callable[[np.ndarray], CondensedContact],
+        raise_on_failure: bool,
     ) -> Answer:
         """Answer to one point; NaN if it has no contact problem, unless ``raise_on_failure``."""
         try:
@@ -379,7 +463,11 @@ class Compliances(Elimination):
 
     def gaps_at(self, point: np.ndarray) -> np.ndarray:
         """D at a point, (m, 1 + T)."""
-        return self.gaps if self.reshaped is None else self.reshaped.value(point).reshape(self.gaps.shape)
+        return (
+            self.gaps
+            if self.reshaped is None
+            else self.reshaped.value(point).reshape(self.gaps.shape)
+        )
 
 
 class FieldBound(Bound, Protocol):
@@ -391,19 +479,26 @@ class FieldBound(Bound, Protocol):
 
 @dataclass(frozen=True)
 class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
-    """Fields of interpolated condensation: by Galerkin's method on a basis, the best in energy under given forces."""
+    """Fields of interpolated condensation: by Galerkin's method on a basis, the best in energy
+    under given forces.
+    """
 
     amplitudes: Amplitudes  # θ as a function of the parameters
     basis: Annotated[Floats, "N", "columns"]  # V, (N, ell)
     lifts: Annotated[csc_matrix, "N", "terms"]  # imposed displacements, sparse, (N, 1 + T)
-    galerkin: BlockElimination | ReshapedElimination | None  # eliminates the unknown of the basis; None without fields
+    galerkin: (
+        BlockElimination | ReshapedElimination | None
+    )  # eliminates the unknown of the basis; None without fields
     dimension: int  # components of the displacement at a node
     # stress of a displacement at a parameter; None without a mesh
-    stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
+    stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(
+        default=None, metadata=OF_THE_MESH
+    )
     functionals: AllOutputs | None = None  # outputs of the scene; None if it has none
     bound: FieldBound | None = None  # bounds the error of an answer; None if its hypotheses fail
     unbounded: str = ""  # reason why there is no bound
-    # of bodies that contact alone holds, (N, r), orthogonal to the basis; their amplitudes are the unknown of answers
+    # of bodies that contact alone holds, (N, r), orthogonal to the basis; their amplitudes are the
+    # unknown of answers
     motions: Annotated[Floats, "N", "motions"] | None = None
     # see :class:`~hhr_dolfinx.models.answer.ModelFields`
     full: Meshed | None = field(default=None, metadata=OF_THE_MESH)
@@ -430,13 +525,17 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
         forces = np.maximum(forces, 0.0)
         gamma = self._solver.many_under(points, forces)
         theta = dense(self.amplitudes.of_many(points))
-        return bound.at(points, theta).of(gamma, forces, lambda: bound.slack_of(gamma, points, theta))
+        return bound.at(points, theta).of(
+            gamma, forces, lambda: bound.slack_of(gamma, points, theta)
+        )
 
     def displacement(self, answer: Answer) -> np.ndarray:
         """V gamma and the lift, (N,)."""
         if not answer.converged:
             return np.full(len(self.basis), np.nan)
-        return self._spanned @ self._coordinates(answer) + self.lifts @ self.amplitudes(answer.parameter)
+        return self._spanned @ self._coordinates(answer) + self.lifts @ self.amplitudes(
+            answer.parameter
+        )
 
     def _per_coordinate(self, rows: csr_matrix) -> np.ndarray:
         return rows @ self._spanned
@@ -450,7 +549,10 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
         return dense(rows @ self.lifts)
 
     def _coordinates(self, answer: Answer) -> np.ndarray:
-        """Coordinates in the basis, gamma, (ell,), under the forces of an answer; NotOfferedError without fields."""
+        """Coordinates in the basis, gamma, (ell,), under the forces of an answer.
+
+        NotOfferedError without fields.
+        """
         gamma = self._solver.under(answer.parameter, answer.multipliers)
         return gamma if self.motions is None else np.concatenate([gamma, answer.unknown])
 
@@ -458,16 +560,20 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
         """Derivatives of gamma, (ell, P)."""
         assert answer.gradient is not None
         galerkin = self._solver(answer.parameter)
-        _, fixed = galerkin.at_fixed_forces(answer.multipliers, galerkin.unknown(answer.multipliers))
+        _, fixed = galerkin.at_fixed_forces(
+            answer.multipliers, galerkin.unknown(answer.multipliers)
+        )
         changed = fixed - galerkin.pushed(answer.gradient.multipliers)
-        return changed if self.motions is None else np.concatenate([changed, answer.gradient.unknown])
+        return (
+            changed if self.motions is None else np.concatenate([changed, answer.gradient.unknown])
+        )
 
     @cached_property
     def _solver(self) -> KnownForces | ReshapedElimination:
         if self.galerkin is None:
             raise NotOfferedError(
-                "this model was condensed for contact forces, and has no displacement: hhr.condense(scene, "
-                "fields=True), or hhr.train(scene, ...).condense()"
+                "this model was condensed for contact forces, and has no displacement: "
+                "hhr.condense(scene, fields=True), or hhr.train(scene, ...).condense()"
             )
         if isinstance(self.galerkin, BlockElimination):
             return KnownForces(self.galerkin.problem, self.galerkin.amplitudes)

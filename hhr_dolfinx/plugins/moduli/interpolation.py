@@ -1,9 +1,10 @@
 """Interpolation of smooth functions of a few parameters by polynomials on adaptive sparse grids.
 
-Each polynomial has a level per axis and adds one node, so that a function of d parameters costs as many evaluations
-as it has terms. Nodes along an axis are Leja points, which are nested and nearly as good as Chebyshev's. The next term
-is chosen by its surplus, the error of the interpolation so far at its node (T. Gerstner and M. Griebel, Computing 71,
-2003; A. Chkifa, A. Cohen and C. Schwab, Found. Comput. Math. 14, 2014).
+Each polynomial has a level per axis and adds one node, so that a function of d parameters costs as
+many evaluations as it has terms. Nodes along an axis are Leja points, which are nested and nearly
+as good as Chebyshev's. The next term is chosen by its surplus, the error of the interpolation so
+far at its node (T. Gerstner and M. Griebel, Computing 71, 2003; A. Chkifa, A. Cohen and C. Schwab,
+Found. Comput. Math. 14, 2014).
 """
 
 from __future__ import annotations
@@ -23,18 +24,27 @@ from hhr_dolfinx.errors import SceneError
 MOST_LEVELS = 40
 """Most nodes along one axis."""
 FIRST_LEVELS = 2
-"""Levels along each axis that are always included: one surplus may vanish by chance, two hardly do."""
+"""Levels along each axis that are always included: one surplus may vanish by chance, two hardly
+do.
+"""
 
 PROBES = 2
 NEAR = 10.0
-"""Places of the final check of an interpolation against its function, and the error allowed there in tolerances."""
+"""Places of the final check of an interpolation against its function, and the error allowed there
+in tolerances.
+"""
 FAR = 30.0
-"""Error allowed in tolerances at the worst of thousands of places; two random places miss the corners of a box."""
+"""Error allowed in tolerances at the worst of thousands of places.
+
+Two random places miss the corners of a box.
+"""
 
 
 @cache
 def leja_points() -> tuple[float, ...]:
-    """Leja points of [-1, 1]: 0, and then always where the product of distances to those before is largest."""
+    """Leja points of [-1, 1]: 0, and then always where the product of distances to those before is
+    largest.
+    """
     candidates = np.cos(np.linspace(0, np.pi, 20_001))
     points = [0.0]
     product = np.abs(candidates)
@@ -59,14 +69,25 @@ class Interpolant:
         d = self.axes.size
         rank, n = self.weights.shape
         fits = self.lower.shape == self.upper.shape == (d,) and self.levels.shape == (n, d)
-        if not fits or self.modes.ndim != 2 or self.modes.shape[1] != rank or not (self.lower < self.upper).all():
-            raise SceneError(f"an interpolation over {d} parameters of {n} polynomials has arrays of other sizes")
+        if (
+            not fits
+            or self.modes.ndim != 2
+            or self.modes.shape[1] != rank
+            or not (self.lower < self.upper).all()
+        ):
+            raise SceneError(
+                f"an interpolation over {d} parameters of {n} polynomials has arrays of other sizes"
+            )
         if self.levels.size and not 0 <= self.levels.min() <= self.levels.max() < MOST_LEVELS:
-            raise SceneError(f"levels of an interpolation must be whole numbers from 0 to {MOST_LEVELS - 1}")
+            raise SceneError(
+                f"levels of an interpolation must be whole numbers from 0 to {MOST_LEVELS - 1}"
+            )
 
     @cached_property
     def _bases(self) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes and denominators of the polynomials along an axis, up to the largest level, (L,) each."""
+        """Nodes and denominators of the polynomials along an axis, up to the largest level, (L,)
+        each.
+        """
         return _bases_up_to(int(self.levels.max(initial=0)))
 
     def value(self, point: np.ndarray) -> np.ndarray:
@@ -87,12 +108,16 @@ class Interpolant:
         if not self.axes.size:
             return np.zeros((len(self.weights), 0))
         sides = (self.upper - self.lower).tolist()
-        columns = [self.weights @ (self.polynomials(point, k) * 2 / side) for k, side in enumerate(sides)]
+        columns = [
+            self.weights @ (self.polynomials(point, k) * 2 / side) for k, side in enumerate(sides)
+        ]
         return np.stack(columns, axis=1)
 
     @property
     def nodes(self) -> np.ndarray:
-        """Coordinates along its axes at which the function was evaluated, in the order of the polynomials, (n, d)."""
+        """Coordinates along its axes at which the function was evaluated, in the order of the
+        polynomials, (n, d).
+        """
         return self.lower + (nodes_of(self.levels) + 1) / 2 * (self.upper - self.lower)
 
     def polynomials(self, point: np.ndarray, derived: int = -1) -> np.ndarray:
@@ -111,7 +136,9 @@ def _bases_up_to(level: int) -> tuple[np.ndarray, np.ndarray]:
     return nodes, np.array([np.prod(nodes[k] - nodes[:k]) for k in range(level + 1)])
 
 
-def _one_dimensional(x: float, nodes: np.ndarray, sizes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _one_dimensional(
+    x: float, nodes: np.ndarray, sizes: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """h_k(x) = prod_{i<k} (x - z_i) / (z_k - z_i) and their slopes, (L,) each."""
     values = [1.0]
     slopes = [0.0]
@@ -139,21 +166,30 @@ def nodes_of(levels: np.ndarray) -> np.ndarray:
 
 
 def values_between(levels: np.ndarray, known: np.ndarray, scaled: np.ndarray) -> np.ndarray:
-    """Values at places of [-1, 1]^d, (k, d), of the interpolation of those at the nodes of levels, (n, v): (k, v)."""
+    """Values at places of [-1, 1]^d, (k, d), of the interpolation of those at the nodes of levels,
+    (n, v): (k, v).
+    """
     # each polynomial vanishes at the nodes before its node
     surpluses = solve_triangular(polynomials_of(levels, nodes_of(levels)), known, lower=True)
     return polynomials_of(levels, scaled) @ surpluses
 
 
 def unstacked(values: np.ndarray, shapes: Iterable[tuple[int, ...]]) -> list[np.ndarray]:
-    """Views of arrays that were stacked row by row, in their shapes followed by the other axes of ``values``."""
+    """Views of arrays that were stacked row by row, in their shapes followed by the other axes of
+    ``values``.
+    """
     shapes = list(shapes)
     parts = np.split(values, np.cumsum([math.prod(shape) for shape in shapes]))
-    return [part.reshape((*shape, *values.shape[1:])) for part, shape in zip(parts, shapes, strict=False)]
+    return [
+        part.reshape((*shape, *values.shape[1:]))
+        for part, shape in zip(parts, shapes, strict=False)
+    ]
 
 
 def probes_of(dimension: int) -> np.ndarray:
-    """Random places of [-1, 1]^d, (n, d), at which no function of interest vanishes unless it is zero."""
+    """Random places of [-1, 1]^d, (n, d), at which no function of interest vanishes unless it is
+    zero.
+    """
     return np.random.default_rng(0).uniform(-1, 1, (PROBES, dimension))
 
 
@@ -162,9 +198,13 @@ class GrownGrid:
     """Result of the growth of a sparse grid."""
 
     interpolant: Interpolant  # the interpolation
-    surplus: float  # largest surplus of the terms tried last, or error elsewhere, relative to the values
+    surplus: (
+        float  # largest surplus of the terms tried last, or error elsewhere, relative to the values
+    )
     evaluations: int  # number of evaluations of the function
-    unresolved: float = 0.0  # largest error of a cheap function that depends on the parameters as this one does
+    unresolved: float = (
+        0.0  # largest error of a cheap function that depends on the parameters as this one does
+    )
 
 
 def grow(
@@ -186,10 +226,12 @@ def grow(
         box: axes, lower and upper ends, (d,) each.
         tolerance: target surplus.
         budget: most evaluations.
-        compressed: keep only the directions of the values that the tolerance needs, not all of them.
+        compressed: keep only the directions of the values that the tolerance needs, not all of
+            them.
         least: number of terms to include in any case.
-        everywhere: maps levels of polynomials, (n, d), to the largest error that they leave in a cheap function at
-            thousands of points: a few places do not detect spikes between them. None if there is no such function.
+        everywhere: maps levels of polynomials, (n, d), to the largest error that they leave in a
+            cheap function at thousands of points: a few places do not detect spikes between them.
+            None if there is no such function.
     """
     axes, lower, upper = box
     growing = _Growing(function, scale, lower, upper)
@@ -200,7 +242,11 @@ def grow(
     missed = last = 0.0
     while growing.waiting and len(growing.order) < budget:
         chosen = growing.next()
-        if growing.waiting[chosen] <= tolerance and not growing.is_early(chosen) and len(growing.order) >= least:
+        if (
+            growing.waiting[chosen] <= tolerance
+            and not growing.is_early(chosen)
+            and len(growing.order) >= least
+        ):
             missed = max(growing.off(), unresolved() * NEAR / FAR)
             if missed <= NEAR * tolerance:
                 missed = last = 0.0
@@ -210,9 +256,12 @@ def grow(
         last = growing.follow(chosen, budget)
     values = growing.surplus_columns()
     order = growing.order
-    modes, weights = _compressed(values, tolerance * 0.1) if compressed else (values, np.eye(len(order)))
+    modes, weights = (
+        _compressed(values, tolerance * 0.1) if compressed else (values, np.eye(len(order)))
+    )
     grown = Interpolant(axes, lower, upper, growing.levels, modes, weights)
-    # if the budget ends the growth, the next terms are unknown; the surplus of the last one stands for them
+    # if the budget ends the growth, the next terms are unknown; the surplus of the last one stands
+    # for them
     left = max(*growing.ended, *growing.waiting.values(), missed, last) if axes.size else 0.0
     return GrownGrid(grown, left, len(order) + len(growing.probes), unresolved())
 
@@ -227,9 +276,15 @@ class _Growing:
     upper: np.ndarray
     order: list[tuple[int, ...]] = field(default_factory=list)  # levels of the terms
     surpluses: list[np.ndarray] = field(default_factory=list)  # of each term
-    waiting: dict[tuple[int, ...], float] = field(default_factory=dict)  # their sizes, if no successor was tried
-    ended: list[float] = field(default_factory=lambda: [0.0])  # the same of terms that no longer axis could follow
-    probes: list[tuple[np.ndarray, np.ndarray]] = field(default_factory=list)  # random places, and the function there
+    waiting: dict[tuple[int, ...], float] = field(
+        default_factory=dict
+    )  # their sizes, if no successor was tried
+    ended: list[float] = field(
+        default_factory=lambda: [0.0]
+    )  # the same of terms that no longer axis could follow
+    probes: list[tuple[np.ndarray, np.ndarray]] = field(
+        default_factory=list
+    )  # random places, and the function there
 
     def __post_init__(self) -> None:
         self._try((0,) * self.lower.size)
@@ -240,7 +295,9 @@ class _Growing:
         return np.array(self.order, dtype=np.int64).reshape(len(self.order), len(self.lower))
 
     def next(self) -> tuple[int, ...]:
-        """The next term: first the levels that are always included, then the term of the largest surplus."""
+        """The next term: first the levels that are always included, then the term of the largest
+        surplus.
+        """
         early = [levels for levels in self.waiting if self.is_early(levels)]
         return early[0] if early else max(self.waiting, key=self.waiting.__getitem__)
 
@@ -261,7 +318,10 @@ class _Growing:
         return surplus
 
     def surplus_columns(self) -> np.ndarray:
-        """All surpluses as columns, (M, n); the list is emptied, since it may take half of the memory."""
+        """All surpluses as columns, (M, n).
+
+        The list is emptied, since it may take half of the memory.
+        """
         found = np.empty((self.surpluses[0].size, len(self.surpluses)), order="F")
         for place in range(len(self.surpluses)):
             found[:, place] = self.surpluses[place]
@@ -272,7 +332,9 @@ class _Growing:
         """Largest error at random places: a term that vanishes at its node hides its successors."""
         if not self.probes and len(self.lower):
             self.probes = [(place, self._at(place)) for place in probes_of(len(self.lower))]
-        return max((self.scale(self._left(value, place)) for place, value in self.probes), default=0.0)
+        return max(
+            (self.scale(self._left(value, place)) for place, value in self.probes), default=0.0
+        )
 
     def _try(self, levels: tuple[int, ...]) -> None:
         place = nodes_of(np.array(levels, dtype=np.int64))
@@ -297,12 +359,16 @@ def _admissible(levels: tuple[int, ...], order: list[tuple[int, ...]]) -> bool:
     if levels in order:
         return False
     return all(
-        (*levels[:axis], level - 1, *levels[axis + 1 :]) in order for axis, level in enumerate(levels) if level > 0
+        (*levels[:axis], level - 1, *levels[axis + 1 :]) in order
+        for axis, level in enumerate(levels)
+        if level > 0
     )
 
 
 def _compressed(values: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
-    """Few directions for all columns; the rest is less than ``tolerance`` of the largest singular value."""
+    """Few directions for all columns; the rest is less than ``tolerance`` of the largest singular
+    value.
+    """
     modes, sizes, weights = svd(values, full_matrices=False, overwrite_a=True)
     rank = max(1, int((sizes > tolerance * sizes[0]).sum()))
     modes *= sizes

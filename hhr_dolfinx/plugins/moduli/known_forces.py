@@ -1,4 +1,6 @@
-"""Galerkin's fields under known contact forces, for a stiffness that is a sum of parts with moduli: no S is needed."""
+"""Galerkin's fields under known contact forces, for a stiffness that is a sum of parts with moduli:
+no S is needed.
+"""
 
 from __future__ import annotations
 
@@ -15,23 +17,37 @@ from hhr_dolfinx.models.displacement import dense
 from hhr_dolfinx.models.eliminations.block import Block, BlockElimination, factored
 
 SYMMETRIC = 1e-10
-"""Largest relative difference of a part and its transpose in a Galerkin projection (equal test and trial functions)."""
+"""Largest relative difference of a part and its transpose in a Galerkin projection (equal test and
+trial functions).
+"""
 DEFINITE = 1e-11
-"""Smallest eigenvalue of the sum of the parts, relative to the largest, for which modes keep five digits."""
+"""Smallest eigenvalue of the sum of the parts, relative to the largest, for which modes keep five
+digits.
+"""
 
 
 @dataclass(frozen=True)
 class KnownForces(BlockElimination):
-    """The elimination of a reduced problem, with the unknown under known forces; files hold a BlockElimination."""
+    """The elimination of a reduced problem, with the unknown under known forces.
+
+    Files hold a BlockElimination.
+    """
 
     def under(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        """The unknown, (ell,), at a point under given forces, (m,), without S; SingularError for a singular K~."""
+        """The unknown, (ell,), at a point under given forces, (m,), without S.
+
+        SingularError for a singular K~.
+        """
         weights, loads = self._weights_and_loads(point)
         found = np.empty(loads.size)
         for block, diagonal in zip(self.blocks, self._diagonal, strict=True):
             right = loads[block.modes] - block.test @ forces
             own = weights[block.parts]
-            solved = dgetrs(*factored(block, own), right)[0] if diagonal is None else diagonal.solved(own, right)
+            solved = (
+                dgetrs(*factored(block, own), right)[0]
+                if diagonal is None
+                else diagonal.solved(own, right)
+            )
             found[block.modes] = solved
         return found
 
@@ -61,9 +77,9 @@ class KnownForces(BlockElimination):
 class DiagonalBlock:
     """Modes in which a block is diagonal at every parameter.
 
-    The sum of two positive semi-definite parts, as changes of volume and of shape, is diagonal in the same modes W for
-    all weights: with W^T (K_1 / |K_1| + K_2 / |K_2|) W = I and W^T K_q W = diag(d_q),
-    K~^-1 = W diag(1 / sum_q w_q d_q) W^T.
+    The sum of two positive semi-definite parts, as changes of volume and of shape, is diagonal in
+    the same modes W for all weights: with W^T (K_1 / |K_1| + K_2 / |K_2|) W = I and W^T K_q W =
+    diag(d_q), K~^-1 = W diag(1 / sum_q w_q d_q) W^T.
     """
 
     modes: np.ndarray  # W, (k, k)
@@ -71,7 +87,9 @@ class DiagonalBlock:
 
     @classmethod
     def of(cls, block: Block) -> DiagonalBlock | None:
-        """Diagonal form of a block; None if it has more than two parts, or is not symmetric and definite."""
+        """Diagonal form of a block; None if it has more than two parts, or is not symmetric and
+        definite.
+        """
         size = block.modes.size
         parts = block.entries.reshape(-1, size, size)
         largest = np.abs(parts).max(axis=(1, 2), initial=0.0)
@@ -89,7 +107,9 @@ class DiagonalBlock:
         return cls(modes, np.array([np.sum(modes * (part @ modes), axis=0) for part in parts]))
 
     def solved(self, weights: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """K~^-1 times right-hand sides, (k,) or (n, k), each with its weights of the parts, (q,) or (n, q)."""
+        """K~^-1 times right-hand sides, (k,) or (n, k), each with its weights of the parts, (q,) or
+        (n, q).
+        """
         return ((right @ self.modes) / (weights @ self.entries)) @ self.modes.T
 
 

@@ -1,12 +1,15 @@
-"""Lower bounds of an S that depends on parameters, so that bounds need no factor of S at each of them.
+"""Lower bounds of an S that depends on parameters, so that bounds need no factor of S at each of
+them.
 
-S is the sum of the contributions S_c of connected components c of a scene, and relative to the middle of the box
+S is the sum of the contributions S_c of connected components c of a scene, and relative to the
+middle of the box
 
-    S_c(mu) >= a_c(mu) S_c(middle),  a_c(mu) = E_c(middle) / E_c(mu) (1 + sum_k min eig of d_k S_c(middle)^-1 M_ck),
+    S_c(mu) >= a_c(mu) S_c(middle),  a_c(mu) = E_c(middle) / E_c(mu) (1 + sum_k min eig of d_k
+    S_c(middle)^-1 M_ck),
 
-with d_k the components along the modes M_ck of its interpolation less those of the middle. For any weights
-w > 0, S(mu) >= min_c (a_c(mu) / w_c) sum_c w_c S_c(middle): sums whose weights are powers of a number are factored
-once, and each point uses the powers next to its a_c.
+with d_k the components along the modes M_ck of its interpolation less those of the middle. For any
+weights w > 0, S(mu) >= min_c (a_c(mu) / w_c) sum_c w_c S_c(middle): sums whose weights are powers
+of a number are factored once, and each point uses the powers next to its a_c.
 """
 
 from __future__ import annotations
@@ -25,20 +28,37 @@ from hhr_dolfinx.plugins.differences.contact_response import ContactResponse
 from hhr_dolfinx.plugins.moduli.interpolated import Compliance, Compliances, ManyContacts
 
 STEP = math.log(1.1)
-"""Step of logarithms of weights: bounds are wider than with exact weights by at most the root of half a step."""
+"""Step of logarithms of weights: bounds are wider than with exact weights by at most the root of
+half a step.
+"""
 KEPT = 64
 KEPT_BYTES = 64 * 2**20
-"""Number and memory of kept factors, for the most recently used weights; a single factor may take more memory."""
+"""Number and memory of kept factors, for the most recently used weights.
+
+a single factor may take more memory.
+"""
 FACTORED = 1500
-"""Conditions up to which weights have steps; beyond, those of the middle are used: a factor took a second."""
+"""Conditions up to which weights have steps.
+
+beyond, those of the middle are used: a factor took a second.
+"""
 WITH_MODES = 400
-"""Conditions up to which modes of the interpolation are evaluated; beyond, their eigenvalues take a minute."""
+"""Conditions up to which modes of the interpolation are evaluated.
+
+beyond, their eigenvalues take a minute.
+"""
 NOTHING = 1e-10
-"""Part of the largest eigenvalue of S_c up to which one counts as zero: conditions on a body may be dependent."""
+"""Part of the largest eigenvalue of S_c up to which one counts as zero: conditions on a body may be
+dependent.
+"""
 SOLVED = 1e-11
-"""Part of S times the forces up to which residuals are not solved for again: they are bounded instead."""
+"""Part of S times the forces up to which residuals are not solved for again: they are bounded
+instead.
+"""
 LEAST = 0.2
-"""Smallest part of S_c(middle) that bounds S_c: if the modes sum to more, a point has its exact factor."""
+"""Smallest part of S_c(middle) that bounds S_c: if the modes sum to more, a point has its exact
+factor.
+"""
 
 
 class Share(NamedTuple):
@@ -46,7 +66,9 @@ class Share(NamedTuple):
 
     compliance: float  # 1 / E_c there
     along: np.ndarray  # components along the modes there, (r,)
-    extremes: np.ndarray  # least and largest eigenvalue of S_c(middle)^-1 M_ck, (r, 2); infinite where S_c is zero
+    extremes: (
+        np.ndarray
+    )  # least and largest eigenvalue of S_c(middle)^-1 M_ck, (r, 2); infinite where S_c is zero
 
     @classmethod
     def of(cls, part: Compliance, middle: np.ndarray) -> Share:
@@ -65,12 +87,17 @@ class Share(NamedTuple):
         return cls(part.compliance(middle), along, extremes)
 
     def least(self, along: np.ndarray, compliances: np.ndarray) -> np.ndarray:
-        """a_c at components along the modes, (n, r), and compliances, (n,): (n,); zero if it may be too small."""
+        """a_c at components along the modes, (n, r), and compliances, (n,): (n,).
+
+        Zero if it may be too small.
+        """
         if not self.extremes.any():
             return compliances / self.compliance
         off = along - self.along
         with np.errstate(invalid="ignore"):
-            left = 1 + np.where(off > 0, off * self.extremes[:, 0], off * self.extremes[:, 1]).sum(axis=1)
+            left = 1 + np.where(off > 0, off * self.extremes[:, 0], off * self.extremes[:, 1]).sum(
+                axis=1
+            )
         return np.where(left > LEAST, left, 0.0) * compliances / self.compliance
 
 
@@ -84,13 +111,18 @@ class FactoredResponse(ContactResponse):
 
     @cached_property
     def amplified(self) -> tuple[float, np.ndarray]:
-        """Largest Euclidean norm of forces of S norm 1, and largest force at each condition, (m,)."""
+        """Largest Euclidean norm of forces of S norm 1, and largest force at each condition,
+        (m,).
+        """
         longest, sizes = amplified_by(self.lower) if self.known is None else self.known
         scale = math.sqrt(self.least)
         return longest / scale, sizes / scale
 
     def off(self, slack: np.ndarray, forces: np.ndarray) -> float:
-        """|r|_{S^-1} of a slack and forces, (m,) each: r is the slack at nonzero forces or if negative, else 0."""
+        """|r|_{S^-1} of a slack and forces, (m,) each.
+
+        r is the slack at nonzero forces or if negative, else 0.
+        """
         left = np.where((forces > 0) | (slack < 0), slack, 0.0)
         if not left.any():
             return 0.0
@@ -101,8 +133,8 @@ class FactoredResponse(ContactResponse):
 def amplified_by(lower: np.ndarray) -> tuple[float, np.ndarray]:
     """Largest Euclidean norm of x with |L^T x| = 1, and largest absolute value of each entry, (m,).
 
-    The second is exactly ((L L^T)^-1)_ii^1/2. The first, |L^-1|, is at most the Frobenius norm, and the root of the
-    largest column sum times the largest row sum.
+    The second is exactly ((L L^T)^-1)_ii^1/2. The first, |L^-1|, is at most the Frobenius norm, and
+    the root of the largest column sum times the largest row sum.
     """
     inverse = dtrtri(lower, lower=1)[0]
     np.abs(inverse, out=inverse)
@@ -131,17 +163,22 @@ class ManyResponses:
         """S times forces, (n, m) each."""
         return (forces[:, None] @ self.schur)[:, 0]
 
-    def settled(self, forces: np.ndarray, free: np.ndarray, schur_times_forces: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Forces that solve the contact problem on S, S times them, (n, m) each, and their error in the S norm, (n,).
+    def settled(
+        self, forces: np.ndarray, free: np.ndarray, schur_times_forces: np.ndarray
+    ) -> tuple[np.ndarray, ...]:
+        """Forces that solve the contact problem on S, S times them, (n, m) each, and their error in
+        the S norm, (n,).
 
-        The search starts from the statuses of the given forces, >= 0, (n, m), which remain if it does not converge.
-        ``free`` is the slack without forces. Closed gaps count as closed: the sizes of the answers bound their
-        round-off.
+        The search starts from the statuses of the given forces, >= 0, (n, m), which remain if it
+        does not converge. ``free`` is the slack without forces. Closed gaps count as closed: the
+        sizes of the answers bound their round-off.
         """
         touching = self.schur.diagonal(axis1=1, axis2=2) * forces > free + schur_times_forces
         found = forces.copy()
         slack = free + schur_times_forces
-        wrong = np.where(forces > 0, np.abs(slack), np.maximum(-slack, 0.0)).max(axis=1, initial=0.0)
+        wrong = np.where(forces > 0, np.abs(slack), np.maximum(-slack, 0.0)).max(
+            axis=1, initial=0.0
+        )
         solved = wrong <= SOLVED * np.abs(schur_times_forces).max(axis=1, initial=0.0)
         closed = np.zeros(len(forces), dtype=bool)
         for k in np.flatnonzero(~solved):
@@ -182,9 +219,15 @@ class LeastResponse:
         self._factored = lru_cache(maxsize=int(min(max(fitting, 1), KEPT)))(self._made)
 
     def at(self, found: ManyContacts) -> ManyResponses:
-        """S of some points with factors of lower bounds, or exact factors; LinAlgError if one is not definite."""
+        """S of some points with factors of lower bounds, or exact factors.
+
+        LinAlgError if one is not definite.
+        """
         conditions = found.schur.shape[1]
-        if any(part.interpolant.axes.size for part in self.compliances.parts) and conditions > WITH_MODES:
+        if (
+            any(part.interpolant.axes.size for part in self.compliances.parts)
+            and conditions > WITH_MODES
+        ):
             return ManyResponses([_alone(schur) for schur in found.schur], found.schur)
         columns = zip(self._shares, found.along, found.compliances, strict=True)
         shares = np.stack([share.least(along, sizes) for share, along, sizes in columns], axis=1)
@@ -194,7 +237,9 @@ class LeastResponse:
             steps[known] = np.round(np.log(shares[known] / shares[known, :1]) / STEP)
         least = (shares / np.exp(STEP * steps)).min(axis=1)
         responses = []
-        for schur, own, size in zip(found.schur, steps.astype(int).tolist(), least.tolist(), strict=True):
+        for schur, own, size in zip(
+            found.schur, steps.astype(int).tolist(), least.tolist(), strict=True
+        ):
             if not size > 0:
                 responses.append(_alone(schur))
                 continue

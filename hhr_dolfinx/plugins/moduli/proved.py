@@ -1,9 +1,11 @@
-"""Error of an inverse stiffness that is interpolated between parameters, as far as it can be proved.
+"""Error of an inverse stiffness that is interpolated between parameters, as far as it can be
+proved.
 
-Let K(ν) = a(ν) K_a + b(ν) K_b with K_a, K_b positive semi-definite and a, b positive. Both are diagonal in the same
-basis, so that K^-1 is a sum of functions f_κ(ν) = 1 / (κ a(ν) + (1 - κ) b(ν)), 0 <= κ <= 1, of dyads that do not depend
-on ν. Interpolation is linear: that of K^-1 is off by -ε K^-1 <= Δ <= ε K^-1, in the order of energies, where ε is the
-largest relative error of the interpolation of any f_κ: a problem in one variable, for any mesh.
+Let K(ν) = a(ν) K_a + b(ν) K_b with K_a, K_b positive semi-definite and a, b positive. Both are
+diagonal in the same basis, so that K^-1 is a sum of functions f_κ(ν) = 1 / (κ a(ν) + (1 - κ) b(ν)),
+0 <= κ <= 1, of dyads that do not depend on ν. Interpolation is linear: that of K^-1 is off by -ε
+K^-1 <= Δ <= ε K^-1, in the order of energies, where ε is the largest relative error of the
+interpolation of any f_κ: a problem in one variable, for any mesh.
 """
 
 from __future__ import annotations
@@ -22,11 +24,15 @@ from hhr_dolfinx.plugins.moduli.interpolation import MOST_LEVELS, leja_points, v
 SMALLEST = 1e-9
 SHARES = 81
 PLACES = 1001
-"""Smallest κ, and numbers of κ and of ν, at which the error is evaluated: it oscillates once between nodes."""
+"""Smallest κ, and numbers of κ and of ν, at which the error is evaluated: it oscillates once
+between nodes.
+"""
 BETWEEN = 1.2
 """Factor by which the error may be larger between these."""
 OF_VOLUME = 0.6
-"""Largest κ if K_a is λ tr(ε)^2 and K_b is 2 μ ε:ε of one body: ε:ε is at least a third of tr(ε)^2."""
+"""Largest κ if K_a is λ tr(ε)^2 and K_b is 2 μ ε:ε of one body: ε:ε is at least a third of
+tr(ε)^2.
+"""
 
 
 @dataclass(frozen=True)
@@ -38,22 +44,35 @@ class PartStiffness:
     of_volume: bool  # the two moduli are those of the changes of volume and of shape of one body
 
     def error(self, levels: int) -> float:
-        """ε of the interpolation on so many of the Leja points; infinite for an invalid interpolation."""
+        """ε of the interpolation on so many of the Leja points.
+
+        Infinite for an invalid interpolation.
+        """
         places, exact = self._everywhere
         if not (np.isfinite(exact).all() and (exact > 0).all()):
             return math.inf
         along = np.arange(levels)[:, None]
-        return float(BETWEEN * np.abs(values_between(along, self._at_nodes[:levels], places) / exact - 1).max())
+        return float(
+            BETWEEN
+            * np.abs(values_between(along, self._at_nodes[:levels], places) / exact - 1).max()
+        )
 
     def levels(self, wished: float) -> tuple[int, float]:
         """Number of nodes for a given ε, or the largest number, and its ε."""
-        found = 2 + bisect_left(range(2, MOST_LEVELS), True, key=lambda levels: self.error(levels) <= wished)
+        found = 2 + bisect_left(
+            range(2, MOST_LEVELS), True, key=lambda levels: self.error(levels) <= wished
+        )
         return found, self.error(found)
 
     @cached_property
     def _everywhere(self) -> tuple[np.ndarray, np.ndarray]:
-        """Places in [-1, 1], (n, 1), and f_κ there; some are irregular: expressions may be periodic."""
-        places = np.append(np.linspace(-1, 1, PLACES), np.random.default_rng(0).uniform(-1, 1, PLACES // 4))[:, None]
+        """Places in [-1, 1], (n, 1), and f_κ there.
+
+        Some are irregular: expressions may be periodic.
+        """
+        places = np.append(
+            np.linspace(-1, 1, PLACES), np.random.default_rng(0).uniform(-1, 1, PLACES // 4)
+        )[:, None]
         return places, self._inverses(places)
 
     @cached_property

@@ -1,4 +1,6 @@
-"""Reduced problems of scenes whose shape depends on parameters: their arrays are interpolated between few shapes."""
+"""Reduced problems of scenes whose shape depends on parameters: their arrays are interpolated
+between few shapes.
+"""
 
 from __future__ import annotations
 
@@ -25,32 +27,48 @@ DIFFERENCE = 1e-4
 
 @dataclass(frozen=True)
 class InterpolatedProblem:
-    """Reduced problem whose arrays are interpolated over the shape parameters; maps a point to the problem there."""
+    """Reduced problem whose arrays are interpolated over the shape parameters.
+
+    Maps a point to the problem there.
+    """
 
     pairs: Annotated[Integers, "conditions"]  # number of the contact pair of each condition, (m,)
     moduli: tuple[Modulus, ...]  # of the parts of its stiffness
-    sizes: Annotated[Floats, "parts"]  # of these moduli in the box, by which the parts are multiplied, (Q,)
+    sizes: Annotated[
+        Floats, "parts"
+    ]  # of these moduli in the box, by which the parts are multiplied, (Q,)
     interpolant: Interpolant  # of the concatenated arrays, in the order of ``shapes``
-    shapes: tuple[tuple[int, ...], ...]  # of the arrays: parts of K~, their lifts, forces, B~1, B~2, gaps
+    shapes: tuple[
+        tuple[int, ...], ...
+    ]  # of the arrays: parts of K~, their lifts, forces, B~1, B~2, gaps
 
     def __call__(self, point: np.ndarray) -> ReducedProblem:
         """The problem at a point, (P,), of constant stiffness."""
-        stiffness, lifts, forces, test, trial, gaps = unstacked(self.interpolant.value(point), self.shapes)
+        stiffness, lifts, forces, test, trial, gaps = unstacked(
+            self.interpolant.value(point), self.shapes
+        )
         weights = np.array([modulus.value(point) for modulus in self.moduli]) / self.sizes
         loads = forces - np.tensordot(weights, lifts, 1)
-        return ReducedProblem(np.tensordot(weights, stiffness, 1), test, trial, loads, gaps, self.pairs)
+        return ReducedProblem(
+            np.tensordot(weights, stiffness, 1), test, trial, loads, gaps, self.pairs
+        )
 
 
 @dataclass(frozen=True)
 class ReshapedElimination(Elimination):
     """Eliminates gamma from the problem of each point, (P,)."""
 
-    problem_at: Callable[[np.ndarray], ReducedProblem]  # makes the reduced problem of a point, of constant stiffness
+    problem_at: Callable[
+        [np.ndarray], ReducedProblem
+    ]  # makes the reduced problem of a point, of constant stiffness
     amplitudes: Amplitudes  # θ as a function of the parameters
     parameters: ParameterSpace  # the box of the parameters
 
     def under(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        """gamma, (ell,), at a point under given contact forces, (m,); SingularError if K~ is singular there."""
+        """gamma, (ell,), at a point under given contact forces, (m,).
+
+        SingularError if K~ is singular there.
+        """
         problem, theta, factors = self._factored(point)
         return dgetrs(*factors, problem.loads @ theta - problem.contact_test.T @ forces)[0]
 
@@ -61,22 +79,35 @@ class ReshapedElimination(Elimination):
     def __call__(self, point: np.ndarray) -> CondensedContact:
         """Contact problem at a point, with factors of K~ there; SingularError if it is singular."""
         problem, theta, factors = self._factored(point)
-        solved = dgetrs(*factors, np.column_stack([problem.loads @ theta, problem.contact_test.T]))[0]
+        solved = dgetrs(*factors, np.column_stack([problem.loads @ theta, problem.contact_test.T]))[
+            0
+        ]
         free = solved[:, 0]
         per_force = solved[:, 1:]
         slack = problem.gaps @ theta - problem.contact_trial @ free
         changes = partial(self._changes, point, problem.contact_trial, factors)
-        return CondensedContact(problem.contact_trial @ per_force, slack, free, partial(np.matmul, per_force), changes)
+        return CondensedContact(
+            problem.contact_trial @ per_force, slack, free, partial(np.matmul, per_force), changes
+        )
 
     def _changes(
-        self, point: np.ndarray, trial: np.ndarray, factors: tuple, forces: np.ndarray, unknown: np.ndarray
+        self,
+        point: np.ndarray,
+        trial: np.ndarray,
+        factors: tuple,
+        forces: np.ndarray,
+        unknown: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives from K~ gamma' = -R', with central differences of the residual R."""
 
         def residual_and_slack(shifted: np.ndarray) -> np.ndarray:
             problem = self.problem_at(shifted)
             theta = self.amplitudes(shifted)
-            left = problem.stiffness @ unknown + problem.contact_test.T @ forces - problem.loads @ theta
+            left = (
+                problem.stiffness @ unknown
+                + problem.contact_test.T @ forces
+                - problem.loads @ theta
+            )
             return np.append(left, problem.gaps @ theta - problem.contact_trial @ unknown)
 
         explicit = self.parameters.differences(residual_and_slack, point, DIFFERENCE)
@@ -84,11 +115,15 @@ class ReshapedElimination(Elimination):
         found = dgetrs(*factors, -explicit[:size])[0]
         return explicit[size:] - trial @ found, found
 
-    def _factored(self, point: np.ndarray) -> tuple[ReducedProblem, Theta, tuple[np.ndarray, np.ndarray]]:
+    def _factored(
+        self, point: np.ndarray
+    ) -> tuple[ReducedProblem, Theta, tuple[np.ndarray, np.ndarray]]:
         """Problem of a point, θ there and LU factors of K~."""
         problem = self.problem_at(point)
         theta = self.amplitudes(point)
         lu, pivots, info = dgetrf(problem.stiffness)
         if info:
-            raise SingularError(f"K~ of {len(problem.stiffness)} modes is singular at {point.tolist()}")
+            raise SingularError(
+                f"K~ of {len(problem.stiffness)} modes is singular at {point.tolist()}"
+            )
         return problem, theta, (lu, pivots)

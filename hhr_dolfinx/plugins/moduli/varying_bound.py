@@ -1,19 +1,23 @@
-"""Bounds of errors if the stiffness or the shape depends on parameters: their arrays are interpolated.
+"""Bounds of errors if the stiffness or the shape depends on parameters: their arrays are
+interpolated.
 
-With f = loads θ - B^T λ the field in equilibrium with forces λ is K^-1 f. Bounds need arrays with the size of
-the contact surface: S, the slack, and its energy f^T K^-1 f. All are blocks of one matrix P^T K^-1 P, P = (loads, B^T),
-which condensation interpolates between few parameters (:mod:`hhr_dolfinx.plugins.moduli.interpolated`). The
-error of a reduced field V γ is
+With f = loads θ - B^T λ the field in equilibrium with forces λ is K^-1 f. Bounds need arrays with
+the size of the contact surface: S, the slack, and its energy f^T K^-1 f. All are blocks of one
+matrix P^T K^-1 P, P = (loads, B^T), which condensation interpolates between few parameters
+(:mod:`hhr_dolfinx.plugins.moduli.interpolated`). The error of a reduced field V γ is
 
     |V γ - K^-1 f|_K^2 = γ^T V^T K V γ - 2 γ^T V^T f + f^T K^-1 f,
 
-whose first terms are small matrices. Its root is meaningful above the root of the error of the interpolation.
-docs/bounds.md states when that error is proved; otherwise the result is called an estimate.
+whose first terms are small matrices. Its root is meaningful above the root of the error of the
+interpolation. docs/bounds.md states when that error is proved; otherwise the result is called an
+estimate.
 
-The error of forces follows from the solution of the contact problem on S, found from the statuses of the answer. With
-the field u in equilibrium with any λ >= 0, its slack s, and r = s where λ > 0 or s < 0, else 0, the exact (U, Λ) has
-|λ - Λ|_S = |u - U|_K <= |r|_{S^-1}. Another field, with the slack ŝ and its r̂, and the difference a from u in energy,
-has an error x of at most a + |r|_{S^-1}, and x^2 <= a x + |λ - Λ|_S |r̂|_{S^-1}: docs/bounds.md has the proof.
+The error of forces follows from the solution of the contact problem on S, found from the statuses
+of the answer. With the field u in equilibrium with any λ >= 0, its slack s, and r = s where λ > 0
+or s < 0, else 0, the exact (U, Λ) has
+|λ - Λ|_S = |u - U|_K <= |r|_{S^-1}. Another field, with the slack ŝ and its r̂, and the difference
+a from u in energy, has an error x of at most a + |r|_{S^-1}, and
+x^2 <= a x + |λ - Λ|_S |r̂|_{S^-1}: docs/bounds.md has the proof.
 """
 
 from __future__ import annotations
@@ -53,7 +57,8 @@ NOTHING = 0.01
 class PartEnergy:
     """Energies of one part of a scene for the factor 1, as modes of its compliance."""
 
-    # modes of P^T K^-1 P, where P are the terms with forces, followed by K lift of those with lifts, (r, T, T)
+    # modes of P^T K^-1 P, where P are the terms with forces, followed by K lift of those with
+    # lifts, (r, T, T)
     work: Annotated[Floats, "modes", "terms of it", "terms of it"]
     lifted: Annotated[Floats, "modes", "lifted", "lifted"]  # modes of lift^T K lift, (r, T_L, T_L)
 
@@ -72,13 +77,18 @@ class VaryingBound(Rebuilt):
     # areas, least: see :class:`~hhr_dolfinx.models.bound.ForceScale`; S is that of the middle
     areas: Annotated[Floats, "N_lambda"]
     least: Annotated[Floats, "3"]
-    reshaped_areas: Interpolant | None = None  # areas if they change with the shape of the bodies; None otherwise
+    reshaped_areas: Interpolant | None = (
+        None  # areas if they change with the shape of the bodies; None otherwise
+    )
 
     def __post_init__(self) -> None:
         """Refuse an invalid error."""
-        if not (is_number(self.inexact) and 0 <= self.inexact < 1 and isinstance(self.proved, bool)):
+        if not (
+            is_number(self.inexact) and 0 <= self.inexact < 1 and isinstance(self.proved, bool)
+        ):
             raise BoundError(
-                f"inexact = {self.inexact!r} of a bound must be a part of energies, proved = {self.proved!r}"
+                f"inexact = {self.inexact!r} of a bound must be a part of energies, proved = "
+                f"{self.proved!r}"
             )
 
     @property
@@ -119,8 +129,8 @@ class VaryingBound(Rebuilt):
             response = self._least.at(found)
         except LinAlgError:
             raise ConvergenceError(
-                f"S, interpolated between parameters, is not definite at {points.tolist()}: build the model without "
-                "a bound, Recipe(bound=False), or condense(..., bound=False)"
+                f"S, interpolated between parameters, is not definite at {points.tolist()}: build "
+                "the model without a bound, Recipe(bound=False), or condense(..., bound=False)"
             ) from None
         return VaryingThere(self, found, response)
 
@@ -159,15 +169,21 @@ class VaryingBound(Rebuilt):
         whole = self.whole
         if not isinstance(whole, ReducedProblem):
             parts = zip(map(whole, points), unknown, theta, strict=True)
-            found = [(u @ one.stiffness @ u, u @ one.loads @ own, one.contact_trial @ u) for one, u, own in parts]
-            return tuple(np.array(values) for values in zip(*found, strict=True))  # type: ignore[return-value]
+            found = [
+                (u @ one.stiffness @ u, u @ one.loads @ own, one.contact_trial @ u)
+                for one, u, own in parts
+            ]
+            rows = zip(*found, strict=True)
+            return tuple(np.array(values) for values in rows)  # type: ignore[return-value]
         assert whole.terms is not None
         weights = many_weights(whole.terms.moduli, points)
         energies = np.zeros(len(points))
         for block in self._blocks:
             own = unknown[:, block.modes]
             for part, entries in zip(block.parts, block.entries, strict=True):
-                energies += weights[:, part] * np.sum(own @ entries.reshape(len(block.modes), -1) * own, axis=1)
+                energies += weights[:, part] * np.sum(
+                    own @ entries.reshape(len(block.modes), -1) * own, axis=1
+                )
         pulled = np.sum(theta @ whole.terms.forces.T * unknown, axis=1)
         for part, lifts in zip(weights.T, whole.terms.lifts, strict=True):
             pulled -= part * np.sum(theta @ lifts.T * unknown, axis=1)
@@ -197,21 +213,31 @@ class VaryingThere(NamedTuple):
         """See :class:`BoundThere`."""
         free = self.found.free_slack[:, None]
         return np.concatenate(
-            [self.response[k].outside(*outside).completed(own[k, None], free[k]) for k in range(len(own))]
+            [
+                self.response[k].outside(*outside).completed(own[k, None], free[k])
+                for k in range(len(own))
+            ]
         )
 
     def force_changes(
-        self, forces: np.ndarray, outside: tuple[np.ndarray, np.ndarray], gradient: Gradient, changes: np.ndarray
+        self,
+        forces: np.ndarray,
+        outside: tuple[np.ndarray, np.ndarray],
+        gradient: Gradient,
+        changes: np.ndarray,
     ) -> np.ndarray:
         """See :class:`BoundThere`."""
         fixed, _ = self.found[0].at_fixed_forces(forces, np.zeros(0))
         return self.response[0].outside(*outside).changes(forces, gradient.multipliers, fixed)
 
-    def of(self, unknown: np.ndarray, forces: np.ndarray, slack: Callable[[], np.ndarray]) -> Estimates:
+    def of(
+        self, unknown: np.ndarray, forces: np.ndarray, slack: Callable[[], np.ndarray]
+    ) -> Estimates:
         """See :class:`BoundThere`, for forces >= 0.
 
-        The proof holds for any forces. Those of the contact problem on S are the exact ones up to round-off and the
-        error of S, δ in the S norm: errors are differences from them. A remaining error e has |e| <= |L^-1| δ and
+        The proof holds for any forces. Those of the contact problem on S are the exact ones up to
+        round-off and the error of S, δ in the S norm: errors are differences from them. A remaining
+        error e has |e| <= |L^-1| δ and
         |e_i| <= (S^-1)_ii^1/2 δ.
         """
         response = self.response
@@ -230,7 +256,9 @@ class VaryingThere(NamedTuple):
         if (rows := np.flatnonzero(nearer > NOTHING * unbalanced)).size:
             alone = unbalanced[rows]
             left = response.off(slack()[rows], better[rows], rows)
-            primal[rows] = np.minimum(primal[rows], (alone + np.sqrt(alone**2 + 4 * nearer[rows] * left)) / 2)
+            primal[rows] = np.minimum(
+                primal[rows], (alone + np.sqrt(alone**2 + 4 * nearer[rows] * left)) / 2
+            )
         # S and its inverse are accurate to a factor of 1 + ε or 1 - ε
         wider = 1 + 2 * inexact
         longest, most = response.amplified
@@ -238,16 +266,26 @@ class VaryingThere(NamedTuple):
         further = amplified * ((nearer + noise) * wider**2)
         pressures = scale.peak(np.array((np.abs(off), better)))
         errors = further + np.array((apart * wider, apart_euclid, pressures[0]))
-        least = np.maximum(np.array((exact / wider, exact_euclid, pressures[1])) - further, scale.least[:, None])
+        least = np.maximum(
+            np.array((exact / wider, exact_euclid, pressures[1])) - further, scale.least[:, None]
+        )
         primal = (primal + ROUND_OFF * size + noise) * wider
-        return estimates_of(self.owner.kind, np.array((primal, *errors)), np.array((size - primal, *least)))
+        return estimates_of(
+            self.owner.kind, np.array((primal, *errors)), np.array((size - primal, *least))
+        )
 
-    def _norms(self, unknown: np.ndarray, forces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Energy norms of V γ less fields in equilibrium with forces, and of these with and without the lift, (n,)."""
+    def _norms(
+        self, unknown: np.ndarray, forces: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Energy norms of V γ less fields in equilibrium with forces, and of these with and without
+        the lift, (n,).
+        """
         own, loaded, pressed = self.owner.fields(unknown, self.found.points, self.found.theta)
         pulled = loaded - np.sum(forces * pressed, axis=1)
         energies = self._energies(forces)
-        noise = self.owner.inexact * energies.homogeneous + OF_ENERGY * (own + 2 * np.abs(pulled) + energies.scale)
+        noise = self.owner.inexact * energies.homogeneous + OF_ENERGY * (
+            own + 2 * np.abs(pulled) + energies.scale
+        )
         left = np.maximum(own - 2 * pulled + energies.homogeneous, 0.0) + noise
         return np.sqrt(left), np.sqrt(energies.size), np.sqrt(energies.homogeneous)
 
@@ -263,26 +301,36 @@ class VaryingThere(NamedTuple):
             weights = found.theta[:, part.terms]
             lifts = np.arange(weights.shape[1]) >= part.forced.size
             weights = np.where(lifts, -weights / roots, weights * roots)
-            # of hundreds of columns of a partial pressure three act: indices of these, padded to the same number
+            # of hundreds of columns of a partial pressure three act: indices of these, padded to
+            # the same number
             count = int(np.count_nonzero(weights, axis=1).max(initial=0))
             used = np.argsort(weights == 0, axis=1, kind="stable")[:, :count]
             acting = np.take_along_axis(weights, used, 1)
             # mode by mode, to limit memory
             pairs = used[:, :, None], used[:, None, :]
-            work = sum(share[:, None, None] * mode[pairs] for share, mode in zip(along.T, energy.work, strict=True))
+            work = sum(
+                share[:, None, None] * mode[pairs]
+                for share, mode in zip(along.T, energy.work, strict=True)
+            )
             done = np.einsum("nst,nt->ns", work, acting)
             driven += np.sum(acting * done, axis=1)
             held -= np.sum(acting * lifts[used] * done, axis=1)
             if part.lifted.size:
                 lifting = found.theta[:, part.lifted]
-                lift_work = np.einsum("nr,tmr,nm->nt", along, part.columns[part.forced.size :], forces[:, part.where])
+                lift_work = np.einsum(
+                    "nr,tmr,nm->nt", along, part.columns[part.forced.size :], forces[:, part.where]
+                )
                 held -= np.sum(lifting * lift_work, axis=1)
                 own = weights[:, lifts]
-                lifted += np.einsum("ns,nr,rst,nt->n", own, along, energy.lifted, own, optimize=True)
+                lifted += np.einsum(
+                    "ns,nr,rst,nt->n", own, along, energy.lifted, own, optimize=True
+                )
         closed = found.owner.many_driven(found.points, found.theta) - found.free_slack
         pulled = np.sum(closed * forces, axis=1)
         work_of_forces = np.sum(self.response.schur_times(forces) * forces, axis=1)
         homogeneous = np.maximum(driven - 2 * pulled + work_of_forces, 0.0)
         return _Energies(
-            homogeneous, np.maximum(homogeneous + 2 * held + lifted, 0.0), driven + 2 * np.abs(pulled) + work_of_forces
+            homogeneous,
+            np.maximum(homogeneous + 2 * held + lifted, 0.0),
+            driven + 2 * np.abs(pulled) + work_of_forces,
         )

@@ -1,9 +1,11 @@
-"""Mortar contact on non-matching meshes: weighted gaps integrated over the common parts of both meshes.
+"""Mortar contact on non-matching meshes: weighted gaps integrated over the common parts of both
+meshes.
 
-The thesis has conditions of nodes only (chapter 5). Mortar contact transfers a constant pressure between any pair of
-meshes, the patch test that node-to-surface fails. Sources: B. Wohlmuth, "A mortar finite element method using dual
-spaces for the Lagrange multiplier" (SIAM J. Numer. Anal. 38, 2000), and T. Cichosz and M. Bischoff, "Consistent
-treatment of boundaries with mortar contact formulations using dual Lagrange multipliers" (CMAME 200, 2011).
+The thesis has conditions of nodes only (chapter 5). Mortar contact transfers a constant pressure
+between any pair of meshes, the patch test that node-to-surface fails. Sources: B. Wohlmuth, "A
+mortar finite element method using dual spaces for the Lagrange multiplier" (SIAM J. Numer. Anal.
+38, 2000), and T. Cichosz and M. Bischoff, "Consistent treatment of boundaries with mortar contact
+formulations using dual Lagrange multipliers" (CMAME 200, 2011).
 """
 
 from __future__ import annotations
@@ -43,27 +45,33 @@ from hhr_dolfinx.plugins.nonmatching.messages import (
 from hhr_dolfinx.plugins.nonmatching.projection import ROUND_OFF, pairs_within
 
 COVERED = 0.1
-"""Covered fraction of a node's area below which it has no condition: its gap would be extrapolated too far."""
+"""Covered fraction of a node's area below which it has no condition: its gap would be extrapolated
+too far.
+"""
 MULTIPLIERS = ("dual", "standard")
 
 
 @dataclass(frozen=True)
 class Mortar(SlaveAndMaster):
-    """Weighted non-penetration ``∫ psi_j (u_s - u_m)·n ds <= ∫ psi_j g ds``, divided by ``∫ psi_j ds``.
+    """Weighted non-penetration ``∫ psi_j (u_s - u_m)·n ds <= ∫ psi_j g ds``, divided by ``∫ psi_j
+    ds``.
 
-    With this scale B has the size of nodal rows, and multipliers are nodal forces. Dual functions psi_j are
-    biorthogonal to the shape functions of the slave and tie each row to one slave node; standard ones are the shape
-    functions themselves. On cells of second order both are the linear functions of their flat parts, see
-    the plug-in ``second_order``.
+    With this scale B has the size of nodal rows, and multipliers are nodal forces. Dual functions
+    psi_j are biorthogonal to the shape functions of the slave and tie each row to one slave node;
+    standard ones are the shape functions themselves. On cells of second order both are the linear
+    functions of their flat parts, see the plug-in ``second_order``.
 
     Attributes:
         slave: facet tag of the surface that carries the multipliers.
         master: facet tag of the facing surface.
-        normal: n from slave to master, along which points are projected; None takes the averaged outer normal of the
-            slave at each of its nodes, and projects along the normal of each slave facet.
+        normal: n from slave to master, along which points are projected; None takes the averaged
+            outer normal of the slave at each of its nodes, and projects along the normal of each
+            slave facet.
         multipliers: ``dual`` or ``standard``.
-        friction: coefficient of Coulomb's law, a number or a formula, or its law; None without. A plug-in reads it.
-        law: any law of a plug-in in addition to unilateral contact, such as ``Coulomb(0.3)``; None without.
+        friction: coefficient of Coulomb's law, a number or a formula, or its law; None without. A
+            plug-in reads it.
+        law: any law of a plug-in in addition to unilateral contact, such as ``Coulomb(0.3)``; None
+            without.
     """
 
     normal: tuple[float, ...] | None = None
@@ -73,9 +81,14 @@ class Mortar(SlaveAndMaster):
 
     def __post_init__(self) -> None:
         if self.multipliers not in MULTIPLIERS:
-            raise SceneError(f"multipliers '{self.multipliers}' are unknown, one of {', '.join(MULTIPLIERS)}")
+            raise SceneError(
+                f"multipliers '{self.multipliers}' are unknown, one of {', '.join(MULTIPLIERS)}"
+            )
         if not (self.friction is None and self.law is None) and self.multipliers != "dual":
-            raise SceneError("a law such as friction is one of each contact for itself, which needs dual multipliers")
+            raise SceneError(
+                "a law such as friction is one of each contact for itself, which needs dual "
+                "multipliers"
+            )
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
         """One row for each slave node whose surroundings face the master surface."""
@@ -86,7 +99,9 @@ class Mortar(SlaveAndMaster):
         if idle.any():
             if self.normal is None:
                 count = len(slave.facets)
-                whole, left = (np.bincount(some.slave, some.measures, count) for some in (every, seen))
+                whole, left = (
+                    np.bincount(some.slave, some.measures, count) for some in (every, seen)
+                )
                 hidden = np.zeros(len(slave.nodes), dtype=bool)  # in part, by a body between
                 hidden[slave.facets[left < whole * (1 - ROUND_OFF)]] = True
                 looks = opposed(slave, master, 0.0).overhanging & ~hidden
@@ -95,13 +110,20 @@ class Mortar(SlaveAndMaster):
             warn_beyond_edge(slave, master, idle & looks)
         return rows
 
-    def rows_of_deformed(self, surfaces: Sequence[Surface], dofs: int, overlap: float) -> ContactRows:
-        """Rows of deformed surfaces, as :meth:`rows`; they may overlap by the length ``overlap`` beyond a cell."""
+    def rows_of_deformed(
+        self, surfaces: Sequence[Surface], dofs: int, overlap: float
+    ) -> ContactRows:
+        """Rows of deformed surfaces, as :meth:`rows`.
+
+        They may overlap by the length ``overlap`` beyond a cell.
+        """
         slave, master = surfaces
         return self._rows(slave, master, self._faced(slave, master, overlap)[1], dofs)
 
     def _faced(self, slave: Surface, master: Surface, overlap: float) -> tuple[Segments, Segments]:
-        """Common parts of opposite facets, and the ones among them that can touch because no body lies between."""
+        """Common parts of opposite facets, and the ones among them that can touch because no body
+        lies between.
+        """
         dim = slave.points.shape[1]
         if self.normal is None:
             directions = slave.outward
@@ -115,7 +137,8 @@ class Mortar(SlaveAndMaster):
             for surface in (slave, master):
                 warn_of_tilt(surface, normal)
             directions = np.tile(normal, (len(slave.facets), 1))
-            # projected along the normal the surfaces are flat, and facets that face each other overlap
+            # projected along the normal the surfaces are flat, and facets that face each other
+            # overlap
             flat = np.eye(dim) - np.outer(normal, normal)
             pairs = _near_pairs(slave.corners @ flat, master.corners @ flat, 0.0)
         here, there = pairs
@@ -125,7 +148,9 @@ class Mortar(SlaveAndMaster):
         pairs = _overlapping(slave, master, directions, here[opposite], there[opposite])
         every = common_parts(slave, master, directions, *pairs)
         if not every.measures.size:
-            raise NeverFacingError(never_facing(slave, master, "no facet of one lies in front of a facet of the other"))
+            raise NeverFacingError(
+                never_facing(slave, master, "no facet of one lies in front of a facet of the other")
+            )
         seen = every if self.normal is not None else _meeting(slave, master, every, reach, overlap)
         _check_one_layer(slave, master, seen)
         return every, seen
@@ -136,7 +161,9 @@ class Mortar(SlaveAndMaster):
         n = len(slave.nodes)
         tests = _Side(slave.facets, segments.slave, segments.slave_values)
         on_slave = _displaced(slave, tests)
-        on_master = _displaced(master, _Side(master.facets, segments.master, segments.master_values))
+        on_master = _displaced(
+            master, _Side(master.facets, segments.master, segments.master_values)
+        )
         functions = _dual_functions(slave, segments) if dual else tests.values
         tested = functions * segments.measures[:, None]
         by_facet = _summed(tested, segments.slave, len(slave.facets))
@@ -158,12 +185,22 @@ class Mortar(SlaveAndMaster):
             area = shared @ np.where(covered, area, 0.0)
             covered = area > 0
         if not covered.any():
-            raise NeverFacingError(never_facing(slave, master, "no slave node is covered by the master"))
+            raise NeverFacingError(
+                never_facing(slave, master, "no slave node is covered by the master")
+            )
         scale = diags(1 / np.where(covered, area, 1.0))
         # dual functions are biorthogonal to the shape functions of the slave
-        onto_slave = identity(n) if dual else scale @ _shared(shared, _assemble(tests, tested, on_slave, (n, n)))
-        onto_master = scale @ _shared(shared, _assemble(tests, tested, on_master, (n, len(master.nodes))))
-        gap = np.einsum("md,md->m", onto_master @ master.points - onto_slave @ slave.points, normals)
+        onto_slave = (
+            identity(n)
+            if dual
+            else scale @ _shared(shared, _assemble(tests, tested, on_slave, (n, n)))
+        )
+        onto_master = scale @ _shared(
+            shared, _assemble(tests, tested, on_master, (n, len(master.nodes)))
+        )
+        gap = np.einsum(
+            "md,md->m", onto_master @ master.points - onto_slave @ slave.points, normals
+        )
         matrix = _along_normals(onto_slave, slave.nodes, normals, dofs)
         matrix = matrix - _along_normals(onto_master, master.nodes, normals, dofs)
         kept = np.flatnonzero(covered)
@@ -172,7 +209,9 @@ class Mortar(SlaveAndMaster):
         warn_of_overlap(slave, rows)
         bulges = slave.bulges(segments.slave, segments.slave_values)
         bulges = bulges + master.bulges(segments.master, segments.master_values)
-        warn_of_sag(slave, master, rows, float(np.abs(bulges) @ segments.measures / segments.measures.sum()))
+        warn_of_sag(
+            slave, master, rows, float(np.abs(bulges) @ segments.measures / segments.measures.sum())
+        )
         return rows
 
 
@@ -185,15 +224,17 @@ def _check_one_layer(slave: Surface, master: Surface, segments: Segments) -> Non
     if times.max() > 1.05:
         place = slave.corners[times.argmax()].mean(axis=0).tolist()
         raise SceneError(
-            f"several layers of master surface {master.tag} face slave surface {slave.tag} at {place}: "
-            "give each layer a tag and a contact pair of its own"
+            f"several layers of master surface {master.tag} face slave surface {slave.tag} at "
+            f"{place}: give each layer a tag and a contact pair of its own"
         )
 
 
 def _overlapping(
     slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs whose enclosing circles overlap when projected along the direction of the slave facet."""
+    """Pairs whose enclosing circles overlap when projected along the direction of the slave
+    facet.
+    """
     middles = [surface.corners.mean(axis=1) for surface in (slave, master)]
     radii = [
         np.linalg.norm(surface.corners - middle[:, None], axis=2).max(axis=1)
@@ -206,16 +247,20 @@ def _overlapping(
     return here[close], there[close]
 
 
-def _meeting(slave: Surface, master: Surface, segments: Segments, reach: float, overlap: float) -> Segments:
+def _meeting(
+    slave: Surface, master: Surface, segments: Segments, reach: float, overlap: float
+) -> Segments:
     """Drop segments of opposite facets that cannot touch, because a body lies between.
 
-    A back side lies behind its partner by the thickness of both bodies, and a body is no thinner than a cell of it. A
-    facet in front is hidden if another part of the slave's body lies before it. Deformed bodies may overlap by the
-    length ``overlap`` more than a cell.
+    A back side lies behind its partner by the thickness of both bodies, and a body is no thinner
+    than a cell of it. A facet in front is hidden if another part of the slave's body lies before
+    it. Deformed bodies may overlap by the length ``overlap`` more than a cell.
     """
     distance = _distances(slave, master, segments)
     # sides of equal blocks of one cell lie a cell behind each other, to round-off
-    deepest = np.maximum(slave.depths[segments.slave], master.depths[segments.master]) * (1 - ROUND_OFF)
+    deepest = np.maximum(slave.depths[segments.slave], master.depths[segments.master]) * (
+        1 - ROUND_OFF
+    )
     behind = distance < -deepest - overlap
     if behind.all():
         raise NeverFacingError(never_facing(slave, master, beyond_overlap(-distance.min())))
@@ -226,13 +271,19 @@ def _meeting(slave: Surface, master: Surface, segments: Segments, reach: float, 
 
 
 def _own_body(slave: Surface, facets: np.ndarray, reach: float) -> np.ndarray:
-    """Distance along the normals of some slave facets to the next part of the same body, else infinite, (f,)."""
+    """Distance along the normals of some slave facets to the next part of the same body, else
+    infinite, (f,).
+    """
     nearest = np.full(len(slave.facets), np.inf)
     if facets.size:
         here, there = _near_pairs(slave.corners[facets], slave.corners, reach)
         here, there = _overlapping(slave, slave, slave.outward, facets[here], there)
         alike = np.einsum("pd,pd->p", slave.outward[here], slave.outward[there]) > FACING
-        along = np.einsum("pd,pd->p", (slave.corners[there] - slave.corners[here]).mean(axis=1), slave.outward[here])
+        along = np.einsum(
+            "pd,pd->p",
+            (slave.corners[there] - slave.corners[here]).mean(axis=1),
+            slave.outward[here],
+        )
         way = alike & (along > slave.depths[here])
         parts = common_parts(slave, slave, slave.outward, here[way], there[way])
         np.minimum.at(nearest, parts.slave, _distances(slave, slave, parts))
@@ -240,17 +291,23 @@ def _own_body(slave: Surface, facets: np.ndarray, reach: float) -> np.ndarray:
 
 
 def _distances(slave: Surface, master: Surface, segments: Segments) -> np.ndarray:
-    """Distance from slave to master along the normal of the slave facet at each quadrature point, (q,)."""
+    """Distance from slave to master along the normal of the slave facet at each quadrature point,
+    (q,).
+    """
     pairs, of_point = _pairs(len(master.facets), segments.slave, segments.master)
     here, there = np.divmod(pairs, len(master.facets))
     normals = slave.outward[here][:, :, None]
     lows = (slave.corners[here] @ normals)[:, :, 0]
     highs = (master.corners[there] @ normals)[:, :, 0]
-    return (segments.master_values * highs[of_point] - segments.slave_values * lows[of_point]).sum(axis=1)
+    return (segments.master_values * highs[of_point] - segments.slave_values * lows[of_point]).sum(
+        axis=1
+    )
 
 
 class _Side(NamedTuple):
-    """Functions of one surface at quadrature points: nodes of its facets, (f, k), facet, (q,), and values, (q, k)."""
+    """Functions of one surface at quadrature points: nodes of its facets, (f, k), facet, (q,), and
+    values, (q, k).
+    """
 
     facets: np.ndarray
     facet: np.ndarray
@@ -258,14 +315,17 @@ class _Side(NamedTuple):
 
 
 def _displaced(surface: Surface, flat: _Side) -> _Side:
-    """Functions of the displacement at the points of flat functions: the same, or those of second order."""
+    """Functions of the displacement at the points of flat functions: the same, or those of second
+    order.
+    """
     if surface.quadratic is None:
         return flat
     return _Side(surface.quadratic.nodes, *surface.quadratic.functions(flat.facet, flat.values))
 
 
 def _pairs(facets: int, here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of facets as ``here * facets of the other surface + there``, and the pair of each point, (q,).
+    """Pairs of facets as ``here * facets of the other surface + there``, and the pair of each
+    point, (q,).
 
     Points of one pair follow each other in few runs; each run counts as a pair.
     """
@@ -275,11 +335,15 @@ def _pairs(facets: int, here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray
 
 
 def _dual_functions(slave: Surface, segments: Segments) -> np.ndarray:
-    """Functions biorthogonal to the shape functions on the covered part of each slave facet, (q, k)."""
+    """Functions biorthogonal to the shape functions on the covered part of each slave facet, (q,
+    k).
+    """
     count, k = slave.facets.shape
     values = segments.slave_values
     weighted = values * segments.measures[:, None]
-    mass = _summed((weighted[:, :, None] * values[:, None, :]).reshape(-1, k * k), segments.slave, count)
+    mass = _summed(
+        (weighted[:, :, None] * values[:, None, :]).reshape(-1, k * k), segments.slave, count
+    )
     diagonal = _summed(weighted, segments.slave, count)
     # facets that are hardly covered have a nearly singular mass matrix
     inverse = np.linalg.pinv(mass.reshape(count, k, k), rcond=1e-12, hermitian=True)
@@ -295,28 +359,38 @@ def _assemble(tests: _Side, tested: np.ndarray, other: _Side, shape: tuple[int, 
     pairs, of_point = _pairs(len(other.facets), tests.facet, other.facet)
     k = tested.shape[1]
     l = other.values.shape[1]
-    entries = _summed((tested[:, :, None] * other.values[:, None, :]).reshape(-1, k * l), of_point, len(pairs))
+    entries = _summed(
+        (tested[:, :, None] * other.values[:, None, :]).reshape(-1, k * l), of_point, len(pairs)
+    )
     rows = np.repeat(tests.facets[pairs // len(other.facets)], l, axis=1)
     columns = np.tile(other.facets[pairs % len(other.facets)], k)
     return csr_matrix((entries.ravel(), (rows.ravel(), columns.ravel())), shape=shape)
 
 
 def _shared(shared: csr_matrix | None, assembled: csr_matrix) -> csr_matrix:
-    """Integrals with the multiplier functions of :meth:`QuadraticFacets.shared`; unchanged if none are shared out."""
+    """Integrals with the multiplier functions of :meth:`QuadraticFacets.shared`.
+
+    Unchanged if none are shared out.
+    """
     return assembled if shared is None else csr_matrix(shared @ assembled)
 
 
 def _summed(values: np.ndarray, places: np.ndarray, count: int) -> np.ndarray:
-    """Sums of the rows of ``values``, (q, r), with the same index in ``places``, (q,): (count, r)."""
+    """Sums of the rows of ``values``, (q, r), with the same index in ``places``, (q,): (count,
+    r).
+    """
     ones = np.ones(len(places))
     starts = np.arange(len(places) + 1)
     return csc_matrix((ones, places, starts), shape=(count, len(places))) @ values
 
 
-def _along_normals(weights: csr_matrix, nodes: np.ndarray, normals: np.ndarray, dofs: int) -> csr_matrix:
+def _along_normals(
+    weights: csr_matrix, nodes: np.ndarray, normals: np.ndarray, dofs: int
+) -> csr_matrix:
     """Rows sum_k weights_jk n_j·u(nodes_k), (m, N)."""
     coo = weights.tocoo()
-    # entries that biorthogonal functions leave by round-off would tie a row to more than one slave node
+    # entries that biorthogonal functions leave by round-off would tie a row to more than one slave
+    # node
     keep = np.abs(coo.data) > 1e-12
     row = coo.row[keep]
     node = nodes[coo.col[keep]]
@@ -324,20 +398,33 @@ def _along_normals(weights: csr_matrix, nodes: np.ndarray, normals: np.ndarray, 
     dim = normals.shape[1]
     columns = node[:, None] * dim + np.arange(dim)
     entries = value[:, None] * normals[row]
-    rows = csr_matrix((entries.ravel(), (np.repeat(row, dim), columns.ravel())), shape=(weights.shape[0], dofs))
+    rows = csr_matrix(
+        (entries.ravel(), (np.repeat(row, dim), columns.ravel())), shape=(weights.shape[0], dofs)
+    )
     rows.data[np.abs(rows.data) < 1e-14] = 0.0
     rows.eliminate_zeros()
     return rows
 
 
-def _near_pairs(first: np.ndarray, second: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of facets, (p,) each, whose bounding boxes meet, those of the first enlarged by the length ``reach``.
+def _near_pairs(
+    first: np.ndarray, second: np.ndarray, reach: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Pairs of facets, (p,) each, whose bounding boxes meet, those of the first enlarged by the
+    length ``reach``.
 
     Facets are given by their corners, (f, k, dim) and (g, l, dim).
     """
     boxes = [(corners.min(axis=1), corners.max(axis=1)) for corners in (first, second)]
-    (middle, half), (others, other_half) = (((low + high) / 2, (high - low) / 2) for low, high in boxes)
-    half = half + reach + ROUND_OFF * max(np.ptp(first, axis=(0, 1)).max(), np.ptp(second, axis=(0, 1)).max())
-    here, there = pairs_within(cKDTree(others), middle, (half + other_half.max(axis=0)).max(axis=1), np.inf)
+    (middle, half), (others, other_half) = (
+        ((low + high) / 2, (high - low) / 2) for low, high in boxes
+    )
+    half = (
+        half
+        + reach
+        + ROUND_OFF * max(np.ptp(first, axis=(0, 1)).max(), np.ptp(second, axis=(0, 1)).max())
+    )
+    here, there = pairs_within(
+        cKDTree(others), middle, (half + other_half.max(axis=0)).max(axis=1), np.inf
+    )
     meet = (np.abs(middle[here] - others[there]) <= half[here] + other_half[there]).all(axis=1)
     return here[meet], there[meet]

@@ -16,12 +16,17 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.pairings.surface import Surface, shape_functions
 
 _SKEWED = ((4, -1.0, 1e-10), (8, 1e-10, 1e-2), (14, 1e-2, 0.2), (30, 0.2, np.inf))
-"""Degree of quadrature by skewness s of the facets, for 1e-10 of the load of a node. On quadrilaterals that are no
-parallelograms products of shape functions are series of polynomials of degree 4 + p and size s^p."""
+"""Degree of quadrature by skewness s of the facets, for 1e-10 of the load of a node.
+
+On quadrilaterals that are no parallelograms products of shape functions are series of polynomials
+of degree 4 + p and size s^p.
+"""
 
 
 _QUADRATIC = 8
-"""Degree of quadrature of facets of second order: products of linear and quadratic functions on a square have 6."""
+"""Degree of quadrature of facets of second order: products of linear and quadratic functions on a
+square have 6.
+"""
 
 _ORBITS: Mapping[int, tuple[tuple[float, float, float], ...]] = MappingProxyType(
     {
@@ -50,8 +55,10 @@ _ORBITS: Mapping[int, tuple[tuple[float, float, float], ...]] = MappingProxyType
         ),
     }
 )
-"""Symmetric rules on a triangle by degree: two barycentric coordinates of a point, which stands for all permutations of
-the three, and the share of the area of each (D. A. Dunavant, Int. J. Numer. Methods Eng. 21, 1985)."""
+"""Symmetric rules on a triangle by degree: two barycentric coordinates of a point, which stands for
+all permutations of the three, and the share of the area of each (D. A. Dunavant, Int. J. Numer.
+Methods Eng. 21, 1985).
+"""
 
 
 class Segments(NamedTuple):
@@ -68,16 +75,25 @@ def common_parts(
     slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray
 ) -> Segments:
     """Common parts of pairs of facets, projected along the directions of the slave facets."""
-    return (_segments if slave.points.shape[1] == 2 else _polygons)(slave, master, directions, here, there)
+    return (_segments if slave.points.shape[1] == 2 else _polygons)(
+        slave, master, directions, here, there
+    )
 
 
-def _segments(slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray) -> Segments:
-    """Common parts of segments in the plane: master nodes are projected on the slave along the direction."""
+def _segments(
+    slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray
+) -> Segments:
+    """Common parts of segments in the plane: master nodes are projected on the slave along the
+    direction.
+    """
     start, end = slave.corners[here].transpose(1, 0, 2)
     cross = lambda a, b: a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]  # noqa: E731
     whole = cross(end - start, directions[here])
     ends = np.stack(
-        [cross(corner - start, directions[here]) / whole for corner in master.corners[there].transpose(1, 0, 2)]
+        [
+            cross(corner - start, directions[here]) / whole
+            for corner in master.corners[there].transpose(1, 0, 2)
+        ]
     )
     low = np.maximum(ends.min(axis=0), 0.0)
     high = np.minimum(ends.max(axis=0), 1.0)
@@ -90,15 +106,23 @@ def _segments(slave: Surface, master: Surface, directions: np.ndarray, here: np.
     nodes, weights = _on_interval(4)
     position = low[:, None] + (high - low)[:, None] * nodes
     on_master = (position - ends[0][:, None]) / (ends[1] - ends[0])[:, None]
-    slave_values, master_values = (np.stack([1 - t, t], axis=-1).reshape(-1, 2) for t in (position, on_master))
+    slave_values, master_values = (
+        np.stack([1 - t, t], axis=-1).reshape(-1, 2) for t in (position, on_master)
+    )
     facet = np.repeat(here, nodes.size)
     measure = ((high - low) * slave.sizes[here])[:, None] * weights
     density = np.einsum("qk,qk->q", slave_values, slave.weights[slave.facets[facet]])
-    return Segments(facet, np.repeat(there, nodes.size), slave_values, master_values, measure.ravel() * density)
+    return Segments(
+        facet, np.repeat(there, nodes.size), slave_values, master_values, measure.ravel() * density
+    )
 
 
-def _polygons(slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray) -> Segments:
-    """Common parts of facets in space, projected along the direction of the slave facet and cut into triangles."""
+def _polygons(
+    slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray
+) -> Segments:
+    """Common parts of facets in space, projected along the direction of the slave facet and cut
+    into triangles.
+    """
     # two unit vectors orthogonal to each direction, (f, 3, 2)
     first = np.cross(directions, np.eye(3)[np.abs(directions).argmin(axis=1)])
     first /= np.linalg.norm(first, axis=1, keepdims=True)
@@ -121,17 +145,26 @@ def _polygons(slave: Surface, master: Surface, directions: np.ndarray, here: np.
     for degree, low, high in _SKEWED:
         rule = _on_triangle(degree if slave.quadratic is None else max(degree, _QUADRATIC))
         which = np.flatnonzero((skew > low) & (skew <= high))
-        (slave_values, master_values), measures = _on_triangles(flat, pair[which], triangles[which], *rule)
+        (slave_values, master_values), measures = _on_triangles(
+            flat, pair[which], triangles[which], *rule
+        )
         facet = np.repeat(pair[which], len(rule[1]))
-        density = np.einsum("qk,qk->q", slave_values, slave.weights[slave.facets[here[facet]]]) / tilt[facet]
-        parts.append(Segments(here[facet], there[facet], slave_values, master_values, measures * density))
+        density = (
+            np.einsum("qk,qk->q", slave_values, slave.weights[slave.facets[here[facet]]])
+            / tilt[facet]
+        )
+        parts.append(
+            Segments(here[facet], there[facet], slave_values, master_values, measures * density)
+        )
     return Segments(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
 def _common_triangles(
     slave: Surface, master: Surface, here: np.ndarray, there: np.ndarray, flat: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles that fill the common part of each pair: number of the pair (t,), corners (t, 3, 2)."""
+    """Triangles that fill the common part of each pair: number of the pair (t,), corners (t, 3,
+    2).
+    """
     with extra("mortar", "mortar in space"):
         import shapely
 
@@ -142,30 +175,41 @@ def _common_triangles(
         if crossed.any():
             place = surface.corners[which[crossed][0]].mean(axis=0)
             raise SceneError(
-                f"a facet of surface {surface.tag} at {place.tolist()} is so warped that its outline crosses itself "
-                "seen from the other surface: mesh it finer or with triangles, or give the contact a normal"
+                f"a facet of surface {surface.tag} at {place.tolist()} is so warped that its "
+                "outline crosses itself seen from the other surface: mesh it finer or with "
+                "triangles, or give the contact a normal"
             )
     common = shapely.intersection(*outlines)
     wanted = np.flatnonzero(shapely.area(common) > 1e-12 * shapely.area(outlines[0]))
-    # the common part of two convex polygons is convex: a fan fills it; the last point of a ring is its first one
+    # the common part of two convex polygons is convex: a fan fills it; the last point of a ring is
+    # its first one
     corners, polygon = shapely.get_coordinates(common[wanted], return_index=True)
     counts = np.bincount(polygon, minlength=wanted.size)
     starts = np.cumsum(counts) - counts
     place = np.arange(polygon.size) - starts[polygon]
     second = np.flatnonzero((place >= 1) & (place <= counts[polygon] - 3))
-    triangles = np.stack([corners[starts[polygon[second]]], corners[second], corners[second + 1]], axis=1)
+    triangles = np.stack(
+        [corners[starts[polygon[second]]], corners[second], corners[second + 1]], axis=1
+    )
     return wanted[polygon[second]], triangles
 
 
 def _on_triangles(
-    flat: Sequence[np.ndarray], pair: np.ndarray, triangles: np.ndarray, local: np.ndarray, weights: np.ndarray
+    flat: Sequence[np.ndarray],
+    pair: np.ndarray,
+    triangles: np.ndarray,
+    local: np.ndarray,
+    weights: np.ndarray,
 ) -> tuple[list[np.ndarray], np.ndarray]:
-    """Shape functions of both facets at the quadrature points of each triangle, and the weights times its area."""
+    """Shape functions of both facets at the quadrature points of each triangle, and the weights
+    times its area.
+    """
     sides = triangles[:, 1:] - triangles[:, :1]
     area = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]) / 2
     points = triangles[:, None, 0] + local @ sides
     values = [
-        shape_functions(_within_facets(points, corners[pair]).reshape(-1, 2), corners.shape[1])[0] for corners in flat
+        shape_functions(_within_facets(points, corners[pair]).reshape(-1, 2), corners.shape[1])[0]
+        for corners in flat
     ]
     return values, (area[:, None] * weights).ravel()
 
@@ -173,8 +217,9 @@ def _on_triangles(
 def _within_facets(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """Reference coordinates of points in flat convex facets, (t, q, 2) in (t, k, 2): (t, q, 2).
 
-    x = a ξ + b η + c ξ η is solved for η, a root of a quadratic equation, in the form that allows c = 0. The Jacobian
-    at the solution is the root of the discriminant; it has one sign within a convex facet.
+    x = a ξ + b η + c ξ η is solved for η, a root of a quadratic equation, in the form that allows c
+    = 0. The Jacobian at the solution is the root of the discriminant; it has one sign within a
+    convex facet.
     """
     first = corners[:, 0]
     a = corners[:, 1] - first
@@ -208,10 +253,14 @@ def _on_triangle(degree: int) -> tuple[np.ndarray, np.ndarray]:
     Without a symmetric rule they are the Gauss points of a square that is folded to a triangle.
     """
     if degree in _ORBITS:
-        orbits = ((np.round((a, b, 1 - a - b), 15).tolist(), weight) for a, b, weight in _ORBITS[degree])
+        orbits = (
+            (np.round((a, b, 1 - a - b), 15).tolist(), weight) for a, b, weight in _ORBITS[degree]
+        )
         turned = [(set(permutations(point)), weight) for point, weight in orbits]
         points = [point[:2] for orbit, _ in turned for point in sorted(orbit)]
-        return np.array(points), np.concatenate([np.full(len(orbit), weight) for orbit, weight in turned])
+        return np.array(points), np.concatenate(
+            [np.full(len(orbit), weight) for orbit, weight in turned]
+        )
     along, weights = _on_interval(degree)
     # the weight function of the second rule is the width of the triangle
     height, shares = roots_sh_jacobi(len(along), 2, 1)
@@ -221,7 +270,10 @@ def _on_triangle(degree: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _skewness(corners: np.ndarray) -> np.ndarray:
-    """Deviation of quadrilaterals from parallelograms, on which shape functions are polynomials; 0 for triangles."""
+    """Deviation of quadrilaterals from parallelograms, on which shape functions are polynomials.
+
+    0 for triangles.
+    """
     if corners.shape[1] == 3:
         return np.zeros(len(corners))
     skew = corners[:, 0] - corners[:, 1] - corners[:, 2] + corners[:, 3]

@@ -20,23 +20,28 @@ from hhr_dolfinx.plugins.nonmatching.node_to_surface import NodeToSurface
 DEPENDENT = 1e-8
 """Fraction of a row not spanned by the rows before it, below which the row is dependent on them."""
 POOR_INF_SUP = 0.02
-"""Inf-sup constant of a double pass relative to the norm of B below which pressures oscillate visibly."""
+"""Inf-sup constant of a double pass relative to the norm of B below which pressures oscillate
+visibly.
+"""
 
 
 @dataclass(frozen=True)
 class DoublePass:
     """Node-to-surface contact both ways, without redundant conditions (section 5.1).
 
-    Two passes can over-constrain: both give the same row for nodes that face each other, and other rows may be
-    dependent (El-Abbasi and Bathe 2001). Rows of the second pass in the span of the rows before them are dropped, so
-    that B has full rank. A warning reports an inf-sup constant that is still poor.
+    Two passes can over-constrain: both give the same row for nodes that face each other, and other
+    rows may be dependent (El-Abbasi and Bathe 2001). Rows of the second pass in the span of the
+    rows before them are dropped, so that B has full rank. A warning reports an inf-sup constant
+    that is still poor.
 
     Attributes:
         first: facet tag of one surface; all of its conditions are kept.
         second: facet tag of the other.
         normal: from the first to the second surface, or None; see :class:`NodeToSurface`.
-        friction: coefficient of Coulomb's law, a number or a formula, or its law; None without. A plug-in reads it.
-        law: any law of a plug-in in addition to unilateral contact, such as ``Coulomb(0.3)``; None without.
+        friction: coefficient of Coulomb's law, a number or a formula, or its law; None without. A
+            plug-in reads it.
+        law: any law of a plug-in in addition to unilateral contact, such as ``Coulomb(0.3)``; None
+            without.
     """
 
     first: Tag
@@ -64,25 +69,32 @@ class DoublePass:
         ):
             try:
                 passes.append(pairing.rows(pair, dofs))
-            except SceneError as refusal:  # a coarse surface may have no node in front of a small one
+            except (
+                SceneError
+            ) as refusal:  # a coarse surface may have no node in front of a small one
                 refusals.append(refusal)
         if not passes:
             raise refusals[0]
         if refusals:
-            warn(f"only one pass of surfaces {self.tags} has conditions; of the other: {refusals[0]}")
+            warn(
+                f"only one pass of surfaces {self.tags} has conditions; of the other: {refusals[0]}"
+            )
             return passes[0]
         one, two = passes
         kept, beta = _independent(one.matrix, two.matrix)
         if beta < POOR_INF_SUP:
             warn(
-                f"the double pass of surfaces {self.tags} has an inf-sup constant of {beta:.1e} relative to its norm: "
-                "pressures will oscillate. Use Mortar, or NodeToSurface with the finer surface as slave"
+                f"the double pass of surfaces {self.tags} has an inf-sup constant of {beta:.1e} "
+                "relative to its norm: pressures will oscillate. Use Mortar, or NodeToSurface "
+                "with the finer surface as slave"
             )
         return joined([one, two.take(kept)])
 
 
 def _independent(one: csr_matrix, two: csr_matrix) -> tuple[np.ndarray, float]:
-    """Rows of the second pass that add conditions, and the inf-sup constant of all rows over the norm of B."""
+    """Rows of the second pass that add conditions, and the inf-sup constant of all rows over the
+    norm of B.
+    """
     columns = np.union1d(one.indices, two.indices)
     first = one[:, columns].toarray()
     second = two[:, columns].toarray()

@@ -1,4 +1,5 @@
-"""Partners of the nodes of one surface on another: the closest points on facets that look against one of their sides.
+"""Partners of the nodes of one surface on another: the closest points on facets that look against
+one of their sides.
 
 The nearest facet alone would not do: for a node on an edge it may look the same way as the node.
 """
@@ -11,14 +12,23 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from hhr_dolfinx.pairings.surface import Surface, looking, normalised
-from hhr_dolfinx.plugins.nonmatching.projection import ROUND_OFF, ClosestPoints, closest_of, closest_points
+from hhr_dolfinx.plugins.nonmatching.projection import (
+    ROUND_OFF,
+    ClosestPoints,
+    closest_of,
+    closest_points,
+)
 
 FACING = 0.1
-"""Cosine between two directions found from the meshes below which surfaces do not face each other."""
+"""Cosine between two directions found from the meshes below which surfaces do not face each
+other.
+"""
 AT_ONCE = 2_000_000
 """Pairs of a node and a facet in one batch: 16 MB for each array, a few times that for sides."""
 BEYOND = 1e-6
-"""Part of a facet by which a slave node may lie beyond the edge of the master surface: round-off of meshers."""
+"""Part of a facet by which a slave node may lie beyond the edge of the master surface: round-off of
+meshers.
+"""
 
 
 class Opposed(NamedTuple):
@@ -26,11 +36,14 @@ class Opposed(NamedTuple):
 
     # closest points on the facets that look against a side of the node; on any facet if none does
     closest: ClosestPoints
-    # unit normals from the node to its partner, smoothed over the facets of the other surface, (n, dim)
+    # unit normals from the node to its partner, smoothed over the facets of the other surface, (n,
+    # dim)
     normals: np.ndarray
     facing: np.ndarray  # nodes with a side that looks along the normal
     behind: np.ndarray  # nodes that lie behind their partner, deeper than a cell, as back sides do
-    beyond: np.ndarray  # nodes that lie beyond the edge on which their partner lies, and not below or above it
+    beyond: (
+        np.ndarray
+    )  # nodes that lie beyond the edge on which their partner lies, and not below or above it
     overhanging: np.ndarray  # nodes beyond the edge that look at the other body, past its edge
     depth: np.ndarray  # overlap of each node with its partner, negative of a gap, (n,)
 
@@ -51,23 +64,27 @@ def opposed(slave: Surface, master: Surface, overlap: float) -> Opposed:
         normals = _towards(master, closest)
         facing = looking(slave, normals, FACING)[0]
     depth = np.einsum("md,md->m", closest.offsets, normals)
-    # a back side lies behind its partner by the thickness of both bodies, and no body is thinner than a cell
+    # a back side lies behind its partner by the thickness of both bodies, and no body is thinner
+    # than a cell
     smallest = np.full(len(slave.nodes), np.inf)  # depth of the facets at each node
     np.minimum.at(smallest, slave.facets, slave.depths[:, None])
     deepest = np.maximum(smallest, master.depths[closest.facets]) * (1 - ROUND_OFF)
     behind = depth > deepest + overlap
     beyond = _beyond(master, closest)
     overhanging = facing & ~behind & beyond
-    # back sides of bodies of one cell are no deeper than a cell, but farther behind the partner than beyond the edge
+    # back sides of bodies of one cell are no deeper than a cell, but farther behind the partner
+    # than beyond the edge
     deeper = depth[others] > FACING * np.linalg.norm(closest.offsets[others], axis=1)
     overhanging[others[deeper]] = False
     return Opposed(closest, normals, facing, behind, beyond, overhanging, depth)
 
 
 def _beyond(master: Surface, closest: ClosestPoints) -> np.ndarray:
-    """Points that lie beyond an edge of the master, so that the closest point is not below them, (m,) bool.
+    """Points that lie beyond an edge of the master, so that the closest point is not below them,
+    (m,) bool.
 
-    On a curved surface the normal of a facet is off by at most twice the angle to the averages over its neighbours.
+    On a curved surface the normal of a facet is off by at most twice the angle to the averages over
+    its neighbours.
     """
     outward = master.outward[closest.facets]
     height = np.einsum("md,md->m", closest.offsets, outward)
@@ -78,12 +95,21 @@ def _beyond(master: Surface, closest: ClosestPoints) -> np.ndarray:
 
 
 def _towards(master: Surface, closest: ClosestPoints) -> np.ndarray:
-    """Unit normals against the smoothed outer normal of the master at its closest points, (m, dim)."""
-    return -normalised(np.einsum("mk,mkd->md", closest.weights, master.corner_normals[closest.facets]))
+    """Unit normals against the smoothed outer normal of the master at its closest points, (m,
+    dim).
+    """
+    return -normalised(
+        np.einsum("mk,mkd->md", closest.weights, master.corner_normals[closest.facets])
+    )
 
 
-def _of_opposed(slave: Surface, master: Surface, nodes: np.ndarray, closest: ClosestPoints) -> ClosestPoints:
-    """Closest points for some nodes, (l,), on facets that look against one of their sides; unchanged without any."""
+def _of_opposed(
+    slave: Surface, master: Surface, nodes: np.ndarray, closest: ClosestPoints
+) -> ClosestPoints:
+    """Closest points for some nodes, (l,), on facets that look against one of their sides.
+
+    Unchanged without any.
+    """
     sides, of_node = _sides_of(slave, nodes)
     middles = master.corners.mean(axis=1)
     reach = np.linalg.norm(master.corners - middles[:, None], axis=2).max(axis=1)
@@ -96,14 +122,19 @@ def _of_opposed(slave: Surface, master: Surface, nodes: np.ndarray, closest: Clo
         starts = np.searchsorted(of_node[own] - first, np.arange(some.size))
         against = np.logical_or.reduceat(sides[own] @ master.outward.T < -FACING, starts, axis=0)
         distance = np.where(against, cdist(slave.points[some], middles), np.inf)
-        # a facet is at least as far as its middle less its radius, and the nearest one at most as far as a middle
+        # a facet is at least as far as its middle less its radius, and the nearest one at most as
+        # far as a middle
         bound = distance.min(axis=1)
         point, facet = np.nonzero(against & (distance - reach <= bound[:, None] * (1 + ROUND_OFF)))
         having = np.unique(point)
         if not having.size:
             continue
         nearest = closest_of(
-            slave.points[some[having]], master.corners, bound[having], np.searchsorted(having, point), facet
+            slave.points[some[having]],
+            master.corners,
+            bound[having],
+            np.searchsorted(having, point),
+            facet,
         )
         for part, nearer in zip(found, nearest, strict=True):
             part[some[having]] = nearer
@@ -111,12 +142,16 @@ def _of_opposed(slave: Surface, master: Surface, nodes: np.ndarray, closest: Clo
 
 
 def _sides_of(surface: Surface, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit normals of the sides of some nodes, (s, dim), and the index of each side's node among (l,), sorted, (s,)."""
+    """Unit normals of the sides of some nodes, (s, dim), and the index of each side's node among
+    (l,), sorted, (s,).
+    """
     place = np.full(len(surface.nodes), -1)
     place[nodes] = np.arange(nodes.size)
     of_corner = place[surface.facets].ravel()
     own = of_corner >= 0
     normals = surface.corner_normals.reshape(-1, surface.points.shape[1])[own]
     # all facets of one side have the same corner normal
-    _, first = np.unique(np.column_stack([of_corner[own], np.round(normals, 9)]), axis=0, return_index=True)
+    _, first = np.unique(
+        np.column_stack([of_corner[own], np.round(normals, 9)]), axis=0, return_index=True
+    )
     return normals[first], of_corner[own][first]

@@ -35,11 +35,17 @@ from hhr_dolfinx.plugins.nonmatching.messages import (
 from hhr_dolfinx.plugins.nonmatching.projection import ClosestPoints, closest_points, project
 
 LAYERS = 1e-4
-"""Fraction of their height that projected surfaces keep, so that the nearest of several layers is found."""
+"""Fraction of their height that projected surfaces keep, so that the nearest of several layers is
+found.
+"""
 FINER = 0.5
-"""Size of slave facets over that of the master above which node-to-surface is inaccurate on cells of second order."""
+"""Size of slave facets over that of the master above which node-to-surface is inaccurate on cells
+of second order.
+"""
 NESTED = 1.5
-"""Size of slave facets over that of the master above which meshes whose nodes coincide are nested: 2 at least."""
+"""Size of slave facets over that of the master above which meshes whose nodes coincide are nested:
+2 at least.
+"""
 
 WITH_MIDDLE = 9
 """Nodes of a facet of which the last one is in its middle."""
@@ -48,7 +54,10 @@ CORNERS = 4
 
 
 class _Partners(NamedTuple):
-    """Slave nodes that have a condition, (m,); closest points, normals, and areas along the normal of all n nodes."""
+    """Slave nodes that have a condition, (m,).
+
+    Closest points, normals, and areas along the normal of all n nodes.
+    """
 
     kept: np.ndarray
     closest: ClosestPoints
@@ -66,13 +75,17 @@ class NodeToSurface(SlaveAndMaster):
     Attributes:
         slave: facet tag of the surface whose nodes carry conditions and multipliers.
         master: facet tag of the facing surface.
-        normal: n from slave to master, along which the slave nodes are projected. None takes the closest point, and an
-            n for each node: against the smoothed outer normal of the master at that point.
-        friction: coefficient of Coulomb's law, a number or a formula, or its law; None without. A plug-in reads it.
-        law: any law of a plug-in in addition to unilateral contact, such as ``Coulomb(0.3)``; None without.
-        at_nodes: on cells of second order, True for conditions at single nodes of edges, as CalculiX has them, instead
-            of means around nodes. The end of a body presses at its nodes then; pressures at single nodes vary. Nodes in
-            the middle of faces have no condition: on hexahedra this needs ``Serendipity()``, or faces pass there.
+        normal: n from slave to master, along which the slave nodes are projected. None takes the
+            closest point, and an n for each node: against the smoothed outer normal of the master
+            at that point.
+        friction: coefficient of Coulomb's law, a number or a formula, or its law; None without. A
+            plug-in reads it.
+        law: any law of a plug-in in addition to unilateral contact, such as ``Coulomb(0.3)``; None
+            without.
+        at_nodes: on cells of second order, True for conditions at single nodes of edges, as
+            CalculiX has them, instead of means around nodes. The end of a body presses at its nodes
+            then; pressures at single nodes vary. Nodes in the middle of faces have no condition: on
+            hexahedra this needs ``Serendipity()``, or faces pass there.
     """
 
     normal: tuple[float, ...] | None = None
@@ -92,8 +105,13 @@ class NodeToSurface(SlaveAndMaster):
         _warn_of_coarse_slave(slave, master, weights)
         return slave.averaged(rows)
 
-    def rows_of_deformed(self, surfaces: Sequence[Surface], dofs: int, overlap: float) -> ContactRows:
-        """Rows of deformed surfaces without warnings; they may overlap by the length ``overlap`` beyond a cell."""
+    def rows_of_deformed(
+        self, surfaces: Sequence[Surface], dofs: int, overlap: float
+    ) -> ContactRows:
+        """Rows of deformed surfaces without warnings.
+
+        They may overlap by the length ``overlap`` beyond a cell.
+        """
         slave, master = surfaces
         rows = self._paired(slave, master, dofs, overlap)[0]
         return _without_middles(slave, rows) if self.at_nodes else slave.averaged(rows)
@@ -101,14 +119,20 @@ class NodeToSurface(SlaveAndMaster):
     def _paired(
         self, slave: Surface, master: Surface, dofs: int, overlap: float = 0.0
     ) -> tuple[ContactRows, np.ndarray, np.ndarray]:
-        """Rows, the facet of the master that each node faces, and the values of its shape functions there."""
+        """Rows, the facet of the master that each node faces, and the values of its shape functions
+        there.
+        """
         if self.normal is None:
             kept, closest, normals, areas = _closest(slave, master, overlap)
         else:
-            kept, closest, normals, areas = _along(slave, master, unit(self.normal, slave.points.shape[1]))
+            kept, closest, normals, areas = _along(
+                slave, master, unit(self.normal, slave.points.shape[1])
+            )
         nodes = master.facets[closest.facets]
         weights = closest.weights
-        if master.quadratic is not None:  # the displacement has other functions than the flat parts of the facets
+        if (
+            master.quadratic is not None
+        ):  # the displacement has other functions than the flat parts of the facets
             whole, weights = master.quadratic.functions(closest.facets, weights)
             nodes = master.quadratic.nodes[whole]
         order = kept[tangential_order(slave.points[kept], mean_normal(slave))]
@@ -123,7 +147,8 @@ class NodeToSurface(SlaveAndMaster):
 
 
 def _without_middles(slave: Surface, rows: ContactRows) -> ContactRows:
-    """Rows without those in the middle of quadrilaterals of second order: CalculiX has no nodes there.
+    """Rows without those in the middle of quadrilaterals of second order: CalculiX has no nodes
+    there.
 
     Nodes of edges take over their areas, so that these still have the sum of the surface.
     """
@@ -141,17 +166,21 @@ def _without_middles(slave: Surface, rows: ContactRows) -> ContactRows:
 
 
 def _warn_of_coarse_slave(slave: Surface, master: Surface, weights: np.ndarray) -> None:
-    """Warn of non-matching cells of second order unless the slave is far finer: conditions belong to its nodes.
+    """Warn of non-matching cells of second order unless the slave is far finer: conditions belong
+    to its nodes.
 
-    Single nodes received 7 to 175 % of a constant pressure with three slave facets on four, 99.7 to 100.1 % with ten on
-    three.
+    Single nodes received 7 to 175 % of a constant pressure with three slave facets on four, 99.7 to
+    100.1 % with ten on three.
     """
     ratio = slave.lengths().mean() / master.lengths().mean()
-    matching = (weights.max(axis=1) > 1 - BEYOND).all() and ratio < NESTED  # nodes of nested meshes lie on nodes too
+    matching = (
+        weights.max(axis=1) > 1 - BEYOND
+    ).all() and ratio < NESTED  # nodes of nested meshes lie on nodes too
     if slave.quadratic is not None and not matching and ratio > FINER:
         warn(
-            f"surfaces {slave.tag} and {master.tag} are of second order and do not match, and the slave is not far "
-            "finer: node to surface has pressures wrong at single nodes, by as much as they are. Take Mortar"
+            f"surfaces {slave.tag} and {master.tag} are of second order and do not match, and the "
+            "slave is not far finer: node to surface has pressures wrong at single nodes, by as "
+            "much as they are. Take Mortar"
         )
 
 
@@ -161,12 +190,16 @@ def _along(slave: Surface, master: Surface, normal: np.ndarray) -> _Partners:
         warn_of_tilt(surface, normal)
     facing = master.outward @ normal < -GRAZING
     if not facing.any():
-        raise NeverFacingError(never_facing(slave, master, f"no facet of {master.tag} looks against {normal.tolist()}"))
+        raise NeverFacingError(
+            never_facing(slave, master, f"no facet of {master.tag} looks against {normal.tolist()}")
+        )
     along = np.outer(normal, normal)
     flat = np.eye(normal.size) - along
     corners = master.corners[facing]
     # projected along the normal the surfaces are flat, and the closest point is the point hit
-    found = closest_points(slave.points @ (flat + LAYERS * along), corners @ (flat + LAYERS * along)).facets
+    found = closest_points(
+        slave.points @ (flat + LAYERS * along), corners @ (flat + LAYERS * along)
+    ).facets
     weights = project(slave.points @ flat, corners[found] @ flat)
     offsets = slave.points @ flat - np.einsum("mk,mkd->md", weights, corners[found] @ flat)
     closest = ClosestPoints(np.flatnonzero(facing)[found], weights, offsets)
@@ -177,20 +210,33 @@ def _along(slave: Surface, master: Surface, normal: np.ndarray) -> _Partners:
 
 
 def _closest(slave: Surface, master: Surface, allowed: float) -> _Partners:
-    """Project the slave nodes on facets that look against them; bodies may overlap by a cell plus ``allowed``."""
+    """Project the slave nodes on facets that look against them.
+
+    Bodies may overlap by a cell plus ``allowed``.
+    """
     found = opposed(slave, master, allowed)
     closest = found.closest
     if not found.facing.any():
-        raise NeverFacingError(never_facing(slave, master, "the closest facets all look the same way as the slave"))
+        raise NeverFacingError(
+            never_facing(slave, master, "the closest facets all look the same way as the slave")
+        )
     if not (found.facing & ~found.behind).any():
-        raise NeverFacingError(never_facing(slave, master, beyond_overlap(found.depth[found.facing].max())))
+        raise NeverFacingError(
+            never_facing(slave, master, beyond_overlap(found.depth[found.facing].max()))
+        )
     areas = looking(slave, found.normals, FACING)[1]
-    return _Partners(_kept(slave, master, ~found.meets, found.overhanging), closest, found.normals, areas)
+    return _Partners(
+        _kept(slave, master, ~found.meets, found.overhanging), closest, found.normals, areas
+    )
 
 
 def _kept(slave: Surface, master: Surface, lost: np.ndarray, beyond: np.ndarray) -> np.ndarray:
-    """Drop slave nodes that face nothing, with a warning that names a node beyond the edge of the master."""
+    """Drop slave nodes that face nothing, with a warning that names a node beyond the edge of the
+    master.
+    """
     if lost.all():
-        raise NeverFacingError(never_facing(slave, master, "no slave node lies in front of a master facet"))
+        raise NeverFacingError(
+            never_facing(slave, master, "no slave node lies in front of a master facet")
+        )
     warn_beyond_edge(slave, master, beyond, ": swap slave and master, or tag only what can touch")
     return np.flatnonzero(~lost)

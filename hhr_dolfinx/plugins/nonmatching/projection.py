@@ -22,7 +22,9 @@ AT_ONCE = 1000
 
 
 class ClosestPoints(NamedTuple):
-    """Closest points of a surface: facets, (m,), shape functions, (m, k), and offsets to the given points, (m, dim)."""
+    """Closest points of a surface: facets, (m,), shape functions, (m, k), and offsets to the given
+    points, (m, dim).
+    """
 
     facets: np.ndarray
     weights: np.ndarray
@@ -30,11 +32,16 @@ class ClosestPoints(NamedTuple):
 
 
 def closest_points(points: np.ndarray, corners: np.ndarray) -> ClosestPoints:
-    """Closest points of (m, dim) on facets by their corners, (f, k, dim); among equally near ones the first counts."""
+    """Closest points of (m, dim) on facets by their corners, (f, k, dim).
+
+    Among equally near ones the first counts.
+    """
     middles = corners.mean(axis=1)
     radius = np.linalg.norm(corners - middles[:, None], axis=2).max()
     # the closest point is no farther than the nearest corner or middle
-    bound = cKDTree(np.concatenate([middles, corners.reshape(-1, corners.shape[2])])).query(points)[0]
+    bound = cKDTree(np.concatenate([middles, corners.reshape(-1, corners.shape[2])])).query(points)[
+        0
+    ]
     tree = cKDTree(middles)
     parts = []
     for first in range(0, len(points), AT_ONCE):
@@ -47,7 +54,9 @@ def closest_points(points: np.ndarray, corners: np.ndarray) -> ClosestPoints:
 def closest_of(
     points: np.ndarray, corners: np.ndarray, bound: np.ndarray, point: np.ndarray, facet: np.ndarray
 ) -> ClosestPoints:
-    """Closest points on the facets that each point is paired with, none of them farther than its bound, (m,)."""
+    """Closest points on the facets that each point is paired with, none of them farther than its
+    bound, (m,).
+    """
     size = np.ptp(corners)
     # for a distant point many facets are within reach, but few of their boxes are near enough
     low = corners.min(axis=1)
@@ -78,7 +87,9 @@ def pairs_within(
 
 
 def project(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Shape functions, (m, k), at the closest point of one facet, (m, k, dim), for each point, (m, dim)."""
+    """Shape functions, (m, k), at the closest point of one facet, (m, k, dim), for each point, (m,
+    dim).
+    """
     k = corners.shape[1]
     if k == 2:
         return _on_segment(points, corners)
@@ -98,7 +109,9 @@ def project(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 
 def local_coordinates(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Reference coordinates of the orthogonal projection on a facet, inside or not, by Gauss-Newton, (m, 2)."""
+    """Reference coordinates of the orthogonal projection on a facet, inside or not, by
+    Gauss-Newton, (m, 2).
+    """
     k = corners.shape[1]
     local = np.full((len(points), 2), 1 / k if k == 3 else 0.5)
     # converged points are left out: most converge after three rounds, the worst ones take all
@@ -121,7 +134,9 @@ def _least_squares(tangents: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solve T T^T x = b for two tangents at each point, (m, 2, dim) and (m, 2): (m, 2)."""
     first = tangents[:, 0]
     second = tangents[:, 1]
-    a, b, c = (np.einsum("md,md->m", *pair) for pair in ((first, first), (first, second), (second, second)))
+    a, b, c = (
+        np.einsum("md,md->m", *pair) for pair in ((first, first), (first, second), (second, second))
+    )
     # if corners coincide, the tangents are dependent
     shift = 1e-14 * (a + c)
     a = a + shift

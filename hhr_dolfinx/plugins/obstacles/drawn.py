@@ -24,9 +24,14 @@ STEPS = 8
 PARTS = 8
 """Chords of a curve between two points, which start the search on it."""
 SAMPLES = 801
-"""Points of a curve given by a formula; a spline through them is off by the fourth power of their distance."""
+"""Points of a curve given by a formula.
+
+a spline through them is off by the fourth power of their distance.
+"""
 SMOOTH = np.cos(np.deg2rad(20.0))
-"""Cosine of half the angle of a crease: normals of smooth surfaces deviate less from the way to the closest point."""
+"""Cosine of half the angle of a crease: normals of smooth surfaces deviate less from the way to the
+closest point.
+"""
 EDGE = 1e-6
 """Part of a facet by which round-off puts a point off its edge."""
 AT_ONCE = 2_000_000
@@ -35,16 +40,24 @@ AT_ONCE = 2_000_000
 
 @dataclass(frozen=True)
 class Facets:
-    """Segments in the plane or triangles in space, of sizes (place, scale); on a curve if they are its chords.
+    """Segments in the plane or triangles in space, of sizes (place, scale).
+
+    On a curve if they are its chords.
 
     Points are relative to the place, and in units of the scale. Methods are those of
     :class:`~hhr_dolfinx.plugins.obstacles.rigid.RigidShape`.
     """
 
-    corners: Annotated[Floats, "rigid facets", "rigid dimension", "rigid dimension"]  # of each facet, (f, dim, dim)
+    corners: Annotated[
+        Floats, "rigid facets", "rigid dimension", "rigid dimension"
+    ]  # of each facet, (f, dim, dim)
     flat: Annotated[Floats, "rigid facets", "rigid dimension"]  # unit normals
-    smooth: Annotated[Floats, "rigid facets", "rigid dimension", "rigid dimension"]  # those at corners, up to creases
-    ends: Annotated[Integers, "rigid facets", "rigid dimension"]  # 1 for a corner on the end of the obstacle
+    smooth: Annotated[
+        Floats, "rigid facets", "rigid dimension", "rigid dimension"
+    ]  # those at corners, up to creases
+    ends: Annotated[
+        Integers, "rigid facets", "rigid dimension"
+    ]  # 1 for a corner on the end of the obstacle
     # cubic polynomials of the pieces of a curve, (4, pieces, 2); none of a polyline or a surface
     curve: Annotated[Floats, "powers", "pieces", "plane"]
     turned: float = 1.0  # -1 if unit normals point to the body
@@ -85,19 +98,36 @@ class Facets:
             return sizes[-1] * np.einsum("md,md->m", places - local, vectors) / across
 
     def _crossed(self, local: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Nearest points at which lines along normals enter the obstacle, NaN without one, and its normals there."""
+        """Nearest points at which lines along normals enter the obstacle, NaN without one, and its
+        normals there.
+        """
         middles = self.corners.mean(axis=1)
         reach = np.linalg.norm(self.corners - middles[:, None], axis=2).max(axis=1)
         rise = normals @ middles.T - np.einsum("md,md->m", normals, local)[:, None]
-        away = (middles**2).sum(axis=1) - 2 * local @ middles.T + (local**2).sum(axis=1)[:, None] - rise**2
-        slack = 1e-12 * (np.abs(middles).max() + np.abs(local).max()) ** 2  # cancellation of these squares
-        near = (away <= (1 + EDGE) ** 2 * reach**2 + slack) & (self.turned * normals @ self.flat.T > EDGE)
+        away = (
+            (middles**2).sum(axis=1)
+            - 2 * local @ middles.T
+            + (local**2).sum(axis=1)[:, None]
+            - rise**2
+        )
+        slack = (
+            1e-12 * (np.abs(middles).max() + np.abs(local).max()) ** 2
+        )  # cancellation of these squares
+        near = (away <= (1 + EDGE) ** 2 * reach**2 + slack) & (
+            self.turned * normals @ self.flat.T > EDGE
+        )
         point, facet = np.nonzero(near)
         start = self.corners[facet, 0]
         edges = self.corners[facet, 1:] - start[:, None]
         normal = self.flat[facet]
-        gap = np.einsum("pd,pd->p", start - local[point], normal) / np.einsum("pd,pd->p", normals[point], normal)
-        inner = np.einsum("pd,pde->pe", local[point] + gap[:, None] * normals[point] - start, np.linalg.pinv(edges))
+        gap = np.einsum("pd,pd->p", start - local[point], normal) / np.einsum(
+            "pd,pd->p", normals[point], normal
+        )
+        inner = np.einsum(
+            "pd,pde->pe",
+            local[point] + gap[:, None] * normals[point] - start,
+            np.linalg.pinv(edges),
+        )
         weights = np.column_stack([1 - inner.sum(axis=1), inner])
         order = np.lexsort((np.abs(gap), point))
         order = order[(weights[order] >= -EDGE).all(axis=1)]
@@ -116,7 +146,8 @@ class Facets:
     def _on_curve(
         self, chords: np.ndarray, weights: np.ndarray, local: np.ndarray, normals: np.ndarray | None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Points of the curve closest to points, or on lines along normals, and tangents: Newton's method from chords.
+        """Points of the curve closest to points, or on lines along normals, and tangents: Newton's
+        method from chords.
 
         The place on the curve is the index of a piece plus a fraction of it.
         """
@@ -134,7 +165,9 @@ class Facets:
             across = tangent if normals is None else _rotated(normals)
             slope = np.einsum("md,md->m", tangent, across)
             if normals is None:  # in a bend the closest point may be no minimum of the parabola
-                slope = np.maximum(slope + np.einsum("md,md->m", point - local, second), 0.1 * slope)
+                slope = np.maximum(
+                    slope + np.einsum("md,md->m", point - local, second), 0.1 * slope
+                )
             change = np.einsum("md,md->m", point - local, across) / slope
             place = place - np.clip(change, -0.5, 0.5)
             place = np.clip(place, 0.0, pieces) if self.ends.any() else np.mod(place, pieces)
@@ -147,12 +180,19 @@ def _rotated(vectors: np.ndarray) -> np.ndarray:
 
 
 def facets_of(points: np.ndarray, facets: np.ndarray, curve: np.ndarray | None = None) -> Facets:
-    """Segments or triangles, (f, dim), oriented alike, with smooth normals; SceneError for a surface with one side."""
+    """Segments or triangles, (f, dim), oriented alike, with smooth normals.
+
+    SceneError for a surface with one side.
+    """
     count, k = facets.shape
     # sides of facets, without a corner each, and +1 or -1 by their direction
     sides = np.concatenate([facets[:, [(i + 1 + j) % k for j in range(k - 1)]] for i in range(k)])
-    signs = np.where(sides[:, 0] < sides[:, 1], 1.0, -1.0) if k == 3 else np.repeat([1.0, -1.0], count)
-    nodes, side, numbers = np.unique(np.sort(sides, axis=1), axis=0, return_inverse=True, return_counts=True)
+    signs = (
+        np.where(sides[:, 0] < sides[:, 1], 1.0, -1.0) if k == 3 else np.repeat([1.0, -1.0], count)
+    )
+    nodes, side, numbers = np.unique(
+        np.sort(sides, axis=1), axis=0, return_inverse=True, return_counts=True
+    )
     border = coo_matrix((signs, (side.ravel(), np.tile(np.arange(count), k)))).tocsr()
     turned = np.zeros(count)
     while (turned == 0).any():
@@ -166,7 +206,9 @@ def facets_of(points: np.ndarray, facets: np.ndarray, curve: np.ndarray | None =
     vectors = area_vectors(points[facets])
     sizes = np.linalg.norm(vectors, axis=1)
     ones = np.ones(len(points))
-    surface = Surface("", np.arange(len(points)), points, facets, normalised(vectors), sizes, ones, ones, sizes)
+    surface = Surface(
+        "", np.arange(len(points)), points, facets, normalised(vectors), sizes, ones, ones, sizes
+    )
     ends = np.isin(facets, nodes[numbers == 1]).astype(np.int64)
     powers = np.zeros((4, 0, 2)) if curve is None else curve
     return Facets(surface.corners, surface.outward, surface.corner_normals, ends, powers)
@@ -190,12 +232,13 @@ class _Drawn(Rigid):
 class Profile(_Drawn):
     """Contact with a rigid curve in the plane, in axisymmetry with a surface of revolution.
 
-    ``hhr.Profile("TOP", "0.1 * x**2", between=(-1, 1), place=(0, "1 - depth"))``. The body may be on either side.
+    ``hhr.Profile("TOP", "0.1 * x**2", between=(-1, 1), place=(0, "1 - depth"))``. The body may be
+    on either side.
 
     Attributes:
         surface: facet tag of the surface of the body.
-        curve: points in their order, (n, 2), a closed curve if the first is the last; or a formula: y of x, z of r, or
-            x of y, r of z.
+        curve: points in their order, (n, 2), a closed curve if the first is the last; or a formula:
+            y of x, z of r, or x of y, r of z.
         between: ends of the variable of a formula.
         smooth: True for a cubic spline through the points, False for straight lines between them.
         place: shift of the curve, numbers or formulas of the parameters.
@@ -212,11 +255,18 @@ class Profile(_Drawn):
     dimension: ClassVar[int] = 2
 
     def _drawn(self) -> Facets:
-        points, knots = self._sampled() if isinstance(self.curve, str) else (_array(self.curve), None)
-        steps = np.linalg.norm(np.diff(points, axis=0), axis=1) if points.shape[1:] == (2,) else np.zeros(0)
+        points, knots = (
+            self._sampled() if isinstance(self.curve, str) else (_array(self.curve), None)
+        )
+        steps = (
+            np.linalg.norm(np.diff(points, axis=0), axis=1)
+            if points.shape[1:] == (2,)
+            else np.zeros(0)
+        )
         if not steps.size or not np.isfinite(points).all() or not steps.all():
             raise SceneError(
-                f"the curve of a Profile needs two or more distinct points, (n, 2), not {self.curve!r:.80}"
+                "the curve of a Profile needs two or more distinct points, (n, 2), not "
+                f"{self.curve!r:.80}"
             )
         closed = np.array_equal(points[0], points[-1])
         powers = None
@@ -225,10 +275,16 @@ class Profile(_Drawn):
             knots = np.append(0.0, np.cumsum(steps)) if knots is None else knots
             spline = CubicSpline(knots, points, bc_type="periodic" if closed else "not-a-knot")
             powers = spline.c * (np.diff(knots) ** np.arange(3, -1, -1)[:, None])[:, :, None]
-            points = spline(np.interp(np.arange(parts * len(steps) + 1) / parts, np.arange(len(knots)), knots))
+            points = spline(
+                np.interp(np.arange(parts * len(steps) + 1) / parts, np.arange(len(knots)), knots)
+            )
         count = len(points) - 1
         following = np.arange(1, count + 1) % (count if closed else count + 1)
-        return facets_of(points[: count if closed else None], np.column_stack([np.arange(count), following]), powers)
+        return facets_of(
+            points[: count if closed else None],
+            np.column_stack([np.arange(count), following]),
+            powers,
+        )
 
     def _sampled(self) -> tuple[np.ndarray, np.ndarray]:
         """Points of a formula, (n, 2), and values of its variable."""
@@ -238,25 +294,31 @@ class Profile(_Drawn):
         increases = between.shape == (2,) and -np.inf < between[0] < between[1] < np.inf
         if len(formula.variables) > 1 or name not in "xyrz" or not increases:
             raise SceneError(
-                f"the curve {self.curve!r} of a Profile must be a formula of one of x, y, r and z, and its ends "
-                "increase, between=(-1, 1)"
+                f"the curve {self.curve!r} of a Profile must be a formula of one of x, y, r and "
+                "z, and its ends increase, between=(-1, 1)"
             )
         places = np.linspace(between[0], between[1], SAMPLES)
         with np.errstate(all="ignore"):
             values = np.broadcast_to(formula({name: places}), SAMPLES)
         if not np.isfinite(values).all():
             bad = places[~np.isfinite(values)][0]
-            raise SceneError(f"the curve {self.curve!r} of a Profile is not finite at {name} = {bad:g}: move its ends")
+            raise SceneError(
+                f"the curve {self.curve!r} of a Profile is not finite at {name} = {bad:g}: move "
+                "its ends"
+            )
         return np.column_stack([places, values] if name in "xr" else [values, places]), places
 
 
 @dataclass(frozen=True)
 class RigidMesh(_Drawn):
-    """Contact with a rigid surface of triangles, on either side of it; normals are smooth up to edges of 40 degrees.
+    """Contact with a rigid surface of triangles, on either side of it.
+
+    Normals are smooth up to edges of 40 degrees.
 
     Attributes:
         surface: facet tag of the surface of the body.
-        mesh: a file that meshio reads, such as STL; or points, (n, 3), and nodes of triangles or quadrilaterals.
+        mesh: a file that meshio reads, such as STL; or points, (n, 3), and nodes of triangles or
+            quadrilaterals.
         place: shift of the mesh, numbers or formulas of the parameters.
         scale: factor of its points before the shift, a number or a formula.
         friction, law: as of :class:`~hhr_dolfinx.pairings.obstacle.Obstacle`.
@@ -268,27 +330,41 @@ class RigidMesh(_Drawn):
 
     def _drawn(self) -> Facets:
         listed = isinstance(self.mesh, tuple | list)
-        given = _read(Path(self.mesh)) if isinstance(self.mesh, str | Path) else tuple(self.mesh if listed else ())
+        given = (
+            _read(Path(self.mesh))
+            if isinstance(self.mesh, str | Path)
+            else tuple(self.mesh if listed else ())
+        )
         points, *parts = (_array(part) for part in given or ((),))
         # a polygon of more corners would lose the others
-        parts = [part.astype(np.int64) for part in parts if part.ndim == 2 and part.shape[1] in (3, 4)]
+        parts = [
+            part.astype(np.int64) for part in parts if part.ndim == 2 and part.shape[1] in (3, 4)
+        ]
         three = [
-            part[:, corners] for part in parts for corners in ([0, 1, 2], [0, 2, 3]) if part.shape[1] > max(corners)
+            part[:, corners]
+            for part in parts
+            for corners in ([0, 1, 2], [0, 2, 3])
+            if part.shape[1] > max(corners)
         ]
         facets = np.concatenate([np.zeros((0, 3), dtype=np.int64), *three])
         wrong = points.shape[1:] != (3,) or not np.isfinite(points).all() or not facets.size
         if wrong or facets.min() < 0 or facets.max() >= len(points):
             raise SceneError(
-                f"the mesh {self.mesh!r:.80} of a RigidMesh must be a file or (points, facets) with triangles"
+                f"the mesh {self.mesh!r:.80} of a RigidMesh must be a file or (points, facets) "
+                "with triangles"
             )
         # files of triangles repeat their nodes
         extent = np.ptp(points, axis=0).max() or 1.0
-        _, first, names = np.unique(np.round(points / extent, 10), axis=0, return_index=True, return_inverse=True)
+        _, first, names = np.unique(
+            np.round(points / extent, 10), axis=0, return_index=True, return_inverse=True
+        )
         points = points[first]
         facets = names.ravel()[facets]
         facets = facets[np.linalg.norm(area_vectors(points[facets]), axis=1) > 1e-14 * extent**2]
         if not facets.size:
-            raise SceneError(f"the mesh {self.mesh!r:.80} of a RigidMesh has no triangle with an area")
+            raise SceneError(
+                f"the mesh {self.mesh!r:.80} of a RigidMesh has no triangle with an area"
+            )
         used, numbers = np.unique(facets, return_inverse=True)
         return facets_of(points[used], numbers.reshape(-1, 3))
 
@@ -309,4 +385,7 @@ def _read(path: Path) -> tuple[np.ndarray, ...]:
         mesh = opened(path)
     except Exception as error:  # readers of meshio raise anything
         raise SceneError(f"the mesh file {path} of a RigidMesh cannot be read: {error}") from error
-    return (mesh.points, *(block.data for block in mesh.cells if block.type in ("triangle", "quad")))
+    return (
+        mesh.points,
+        *(block.data for block in mesh.cells if block.type in ("triangle", "quad")),
+    )

@@ -1,8 +1,9 @@
-"""Contact of nodes with a rigid obstacle: the conditions, and their gaps as functions of parameters.
+"""Contact of nodes with a rigid obstacle: the conditions, and their gaps as functions of
+parameters.
 
-A node x touches the obstacle along the unit normal n at the closest point, ``u·n <= g``, where x + g n is on the
-obstacle. If place and size of the obstacle depend on parameters, n is that in the middle of the box, and g(mu) is the
-distance along it, by the exact intersection.
+A node x touches the obstacle along the unit normal n at the closest point, ``u·n <= g``, where x +
+g n is on the obstacle. If place and size of the obstacle depend on parameters, n is that in the
+middle of the box, and g(mu) is the distance along it, by the exact intersection.
 """
 
 from __future__ import annotations
@@ -39,27 +40,40 @@ if TYPE_CHECKING:
 Size = float | str
 """A number, or a formula of the parameters."""
 TURN = 10.0
-"""Degrees by which the normal at a node near the obstacle may turn over the box without a warning."""
+"""Degrees by which the normal at a node near the obstacle may turn over the box without a
+warning.
+"""
 TRIED = 32
 """Random points of the box, in addition to its corners, at which normals are compared."""
 FAR = 10.0
-"""Gap of a node whose normal misses the obstacle, over the extent of the surface: it never closes."""
+"""Gap of a node whose normal misses the obstacle, over the extent of the surface: it never
+closes.
+"""
 
 
 class RigidShape(Protocol):
-    """Geometry of an obstacle of given sizes, (k,): its place, then what else depends on parameters."""
+    """Geometry of an obstacle of given sizes, (k,): its place, then what else depends on
+    parameters.
+    """
 
     def normals(self, sizes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Unit normals from points, (m, dim), into the obstacle, and points beyond its end, (m,) bool."""
+        """Unit normals from points, (m, dim), into the obstacle, and points beyond its end, (m,)
+        bool.
+        """
 
     def along(self, sizes: np.ndarray, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """Distances along unit normals, (m,), NaN where these miss it; complex sizes carry a derivative."""
+        """Distances along unit normals, (m,), NaN where these miss it.
+
+        Complex sizes carry a derivative.
+        """
 
     def sides(self) -> Sequence[RigidShape]:
         """The shape, or both of its orientations if none is given."""
 
 
-def distances(shape: RigidShape, sizes: np.ndarray, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+def distances(
+    shape: RigidShape, sizes: np.ndarray, points: np.ndarray, normals: np.ndarray
+) -> np.ndarray:
     """Distances along unit normals, (m,), large ones where these miss the obstacle."""
     found = shape.along(sizes, points, normals)
     return np.where(np.isnan(np.real(found)), FAR * np.ptp(points, axis=0).max(initial=0.0), found)
@@ -67,7 +81,9 @@ def distances(shape: RigidShape, sizes: np.ndarray, points: np.ndarray, normals:
 
 @dataclass(frozen=True)
 class Distances(Rebuilt):
-    """Gaps of m conditions less those in the middle of the box, as a non-affine amplitude of m columns."""
+    """Gaps of m conditions less those in the middle of the box, as a non-affine amplitude of m
+    columns.
+    """
 
     shape: Any  # a RigidShape
     sizes: tuple[str, ...]  # formulas of the parameters
@@ -95,13 +111,19 @@ class Distances(Rebuilt):
         return list(range(self.count)), found.tolist()
 
     def scalars(self) -> tuple[Scalar, ...] | None:
-        """Formulas of the columns, for programs that evaluate formulas alone; None without a closed form."""
+        """Formulas of the columns, for programs that evaluate formulas alone.
+
+        None without a closed form.
+        """
         written = getattr(self.shape, "written", None)
         if written is None:
             return None
         far = FAR * np.ptp(self.points, axis=0).max(initial=0.0)
         rows = zip(self.points, self.normals, self.still, strict=True)
-        texts = [f"{written(self.sizes, point, normal, far)}-({float(gap)!r})" for point, normal, gap in rows]
+        texts = [
+            f"{written(self.sizes, point, normal, far)}-({float(gap)!r})"
+            for point, normal, gap in rows
+        ]
         too_long = max(map(len, texts), default=0) > LONGEST
         return None if too_long else tuple(Scalar(text, self.names) for text in texts)
 
@@ -116,7 +138,8 @@ class Distances(Rebuilt):
 class Rigid(KnownArguments):
     """Base of the pairings with a rigid obstacle.
 
-    ``friction`` and ``law`` are those of :class:`~hhr_dolfinx.pairings.obstacle.Obstacle`; the scene sets ``box``.
+    ``friction`` and ``law`` are those of :class:`~hhr_dolfinx.pairings.obstacle.Obstacle`; the
+    scene sets ``box``.
     """
 
     surface: Tag
@@ -129,7 +152,8 @@ class Rigid(KnownArguments):
 
     def __post_init__(self) -> None:
         check_tag(f"surface of {type(self).__name__}", self.surface)
-        self._shape, self._formulas  # noqa: B018 (faults are reported where the obstacle is written)
+        # faults are reported where the obstacle is written
+        self._shape, self._formulas  # noqa: B018
 
     @property
     def _shape(self) -> RigidShape:
@@ -167,22 +191,29 @@ class Rigid(KnownArguments):
         return any(formula.variables for formula in self._formulas)
 
     def within(self, parameters: ParameterSpace) -> Rigid:
-        """The obstacle for a box; SceneError for unknown parameters, and for sizes out of their limits in the box."""
+        """The obstacle for a box; SceneError for unknown parameters, and for sizes out of their
+        limits in the box.
+        """
         for formula in self._formulas[:-1]:
             check_formula(formula.text, parameters, f"a size of {self!r}", remedy=FINITE)
         low, high = self.limits
         remedy = f"it must be in ({low:g}, {high:g}). Change it, or narrow the box"
-        check_formula(self._formulas[-1].text, parameters, f"the size of {self!r}", self.limits, remedy)
+        check_formula(
+            self._formulas[-1].text, parameters, f"the size of {self!r}", self.limits, remedy
+        )
         return replace(self, box=parameters)
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """One row u·n <= g for each node with a side that looks at the obstacle, with g in the middle of the box."""
+        """One row u·n <= g for each node with a side that looks at the obstacle, with g in the
+        middle of the box.
+        """
         (surface,) = surfaces
         shape, rows, normals, lost = self._conditions(surface, dofs)
         if lost.any():
             warn(
-                f"{int(lost.sum())} of {lost.size} nodes of surface {surface.tag} lie beyond the end of the "
-                f"{type(self).__name__} and get no contact condition, e.g. at {surface.points[lost][0].tolist()}"
+                f"{int(lost.sum())} of {lost.size} nodes of surface {surface.tag} lie beyond the "
+                f"end of the {type(self).__name__} and get no contact condition, e.g. at "
+                f"{surface.points[lost][0].tolist()}"
             )
             self._warn_of_ends(shape, surface.points[lost])
         warn_of_overlap(surface, rows)
@@ -201,23 +232,37 @@ class Rigid(KnownArguments):
         if self._rate and not any(formula.variables for formula in self._formulas[:-1]):
             text = self._formulas[-1].text
             middle = Scalar(text, self.box.names).value(self.box.middle)
-            return [Term(Formula(f"({text}) - {middle!r}"), csc_matrix(self._rate * means.sum(axis=1)))]
+            return [
+                Term(Formula(f"({text}) - {middle!r}"), csc_matrix(self._rate * means.sum(axis=1)))
+            ]
         sizes = tuple(formula.text for formula in self._formulas)
-        return [Term(Distances(shape, sizes, self.box.names, nodal.points, normals, nodal.gap), means)]
+        return [
+            Term(Distances(shape, sizes, self.box.names, nodal.points, normals, nodal.gap), means)
+        ]
 
     def _at(self, point: np.ndarray | None) -> np.ndarray:
         """Sizes at a point, (P,); None for those of an obstacle without parameters."""
-        values = {} if point is None or self.box is None else dict(zip(self.box.names, point.tolist(), strict=True))
+        values = (
+            {}
+            if point is None or self.box is None
+            else dict(zip(self.box.names, point.tolist(), strict=True))
+        )
         if self._varies and not values:
             raise SceneError(f"{self!r} names parameters: list it in the contacts of a scene")
         return np.array([float(formula(values)) for formula in self._formulas])
 
-    def _conditions(self, surface: Surface, dofs: int) -> tuple[RigidShape, ContactRows, np.ndarray, np.ndarray]:
-        """Oriented shape, rows of nodes and their normals, (m, dim); nodes that look beyond its end, a mask (n,)."""
+    def _conditions(
+        self, surface: Surface, dofs: int
+    ) -> tuple[RigidShape, ContactRows, np.ndarray, np.ndarray]:
+        """Oriented shape, rows of nodes and their normals, (m, dim).
+
+        Nodes that look beyond its end, a mask (n,).
+        """
         dim = surface.points.shape[1]
         if dim != self.dimension:
             raise SceneError(
-                f"a {type(self).__name__} is an obstacle in {self.dimension} dimensions, the mesh has {dim}"
+                f"a {type(self).__name__} is an obstacle in {self.dimension} dimensions, the mesh "
+                f"has {dim}"
             )
         sizes = self._at(None if self.box is None else self.box.middle)
         found = []
@@ -232,8 +277,9 @@ class Rigid(KnownArguments):
         _, shape, nodes, normals, gaps, areas, lost = min(found, key=lambda one: one[0])
         if not nodes.size:
             raise SceneError(
-                f"surface {surface.tag} around {surface.points.mean(axis=0).tolist()} does not look at the obstacle "
-                f"{self!r:.200}, or lies beyond its end: correct its place, or inside=True for a body inside of it"
+                f"surface {surface.tag} around {surface.points.mean(axis=0).tolist()} does not "
+                f"look at the obstacle {self!r:.200}, or lies beyond its end: correct its place, "
+                "or inside=True for a body inside of it"
             )
         nodes = nodes[tangential_order(surface.points[nodes], np.zeros(dim))]
         numbers = surface.nodes[nodes]
@@ -242,17 +288,22 @@ class Rigid(KnownArguments):
         return shape, rows, normals[nodes], lost
 
     def _warn_of_ends(self, shape: RigidShape, lost: np.ndarray) -> None:
-        """Warn of nodes beyond the end, (n, dim), that the obstacle moves to elsewhere in the box."""
+        """Warn of nodes beyond the end, (n, dim), that the obstacle moves to elsewhere in the
+        box.
+        """
         met = np.zeros(len(lost), dtype=bool)
         for point in box_samples(self.box, TRIED) if self._varies and self.box is not None else ():
             met |= ~shape.normals(self._at(point), lost)[1]
         if met.any():
             warn(
-                f"{int(met.sum())} of these nodes lie before {self!r} elsewhere in the box, e.g. at "
-                f"{lost[met][0].tolist()}: they have no condition there either, and penetrate it. Narrow the box"
+                f"{int(met.sum())} of these nodes lie before {self!r} elsewhere in the box, e.g. "
+                f"at {lost[met][0].tolist()}: they have no condition there either, and penetrate "
+                "it. Narrow the box"
             )
 
-    def _warn_of_turns(self, shape: RigidShape, surface: Surface, rows: ContactRows, normals: np.ndarray) -> None:
+    def _warn_of_turns(
+        self, shape: RigidShape, surface: Surface, rows: ContactRows, normals: np.ndarray
+    ) -> None:
         """Warn if the normal of a node closer than a cell turns over the box."""
         sizes = surface.cell_sizes()[np.searchsorted(surface.nodes, rows.slaves)]
         worst = np.ones(len(sizes))  # smallest cosine of each node
@@ -264,6 +315,7 @@ class Rigid(KnownArguments):
         angle = np.rad2deg(np.arccos(np.clip(worst.min(), -1.0, 1.0)))
         if angle > TURN:
             warn(
-                f"the normal of {self!r} at {rows.points[worst.argmin()].tolist()} turns by up to {angle:.0f} degrees "
-                "over the box: gaps and forces are along that of its middle. Narrow the box"
+                f"the normal of {self!r} at {rows.points[worst.argmin()].tolist()} turns by up to "
+                f"{angle:.0f} degrees over the box: gaps and forces are along that of its middle. "
+                "Narrow the box"
             )

@@ -18,7 +18,8 @@ TIP = 1e-7
 
 @dataclass(frozen=True)
 class Quadric:
-    """Sphere or circle of sizes (centre, radius), cylinder (point, axis, radius) or cone (tip, axis, degrees).
+    """Sphere or circle of sizes (centre, radius), cylinder (point, axis, radius) or cone (tip,
+    axis, degrees).
 
     Methods are those of :class:`~hhr_dolfinx.plugins.obstacles.rigid.RigidShape`.
     """
@@ -42,14 +43,17 @@ class Quadric:
             cosine = np.cos(np.deg2rad(sizes[-1]))
             # distance from the tip along the nearest line of the cone
             along = height * cosine + np.einsum("md,md->m", offsets, outward) * sine
-            outward = np.where((along > 0)[:, None], outward * cosine - axis * sine, normalised(offsets))
+            outward = np.where(
+                (along > 0)[:, None], outward * cosine - axis * sine, normalised(offsets)
+            )
         return outward if self.inside else -outward, np.zeros(len(points), dtype=bool)
 
     def along(self, sizes: np.ndarray, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """Distances along normals, (m,).
 
-        With offsets d from the place, a g^2 + 2 b g + c = 0. The value is negative inside, and falls along a normal
-        from outside, which decides between both roots: g = c / (-b + root), from inside g = c / (-b - root).
+        With offsets d from the place, a g^2 + 2 b g + c = 0. The value is negative inside, and
+        falls along a normal from outside, which decides between both roots: g = c / (-b + root),
+        from inside g = c / (-b - root).
         """
         dim = points.shape[1]
         offsets = points - sizes[:dim]
@@ -74,8 +78,12 @@ class Quadric:
                 found = np.where(at_place & (np.real(height) < 0), straight, found)
         return found
 
-    def written(self, sizes: Sequence[str], point: np.ndarray, normal: np.ndarray, far: float) -> str:
-        """The same as a formula, of formulas of the sizes, for one point and its normal, (dim,) each."""
+    def written(
+        self, sizes: Sequence[str], point: np.ndarray, normal: np.ndarray, far: float
+    ) -> str:
+        """The same as a formula, of formulas of the sizes, for one point and its normal, (dim,)
+        each.
+        """
         return written_gap(self.kind, self.inside, sizes, point, normal, far, TIP)
 
 
@@ -122,7 +130,9 @@ class Sphere(_Round):
 
 @dataclass(frozen=True)
 class Circle(Sphere):
-    """Contact with a rigid circle in the plane, the section of a cylinder; in axisymmetry of a sphere or a torus.
+    """Contact with a rigid circle in the plane, the section of a cylinder.
+
+    In axisymmetry of a sphere or a torus.
 
     Attributes are those of :class:`Sphere`, with two coordinates of the centre.
     """

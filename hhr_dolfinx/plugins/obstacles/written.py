@@ -1,7 +1,8 @@
-"""Gaps to spheres, circles, cylinders and cones as formulas of the parameters: pages and C evaluate these alone.
+"""Gaps to spheres, circles, cylinders and cones as formulas of the parameters: pages and C evaluate
+these alone.
 
-They are the closed forms of :meth:`~hhr_dolfinx.plugins.obstacles.rounds.Quadric.along`. A condition is
-a factor of 0 or 1, made of ``min`` and ``max``.
+They are the closed forms of :meth:`~hhr_dolfinx.plugins.obstacles.rounds.Quadric.along`. A
+condition is a factor of 0 or 1, made of ``min`` and ``max``.
 """
 
 from __future__ import annotations
@@ -13,18 +14,27 @@ import numpy as np
 from hhr_dolfinx.formulas import Formula
 
 SURE = 1e300
-"""Factor by which a number is 0 or more than 1: a positive one of the size of a gap squared is no smaller."""
+"""Factor by which a number is 0 or more than 1: a positive one of the size of a gap squared is no
+smaller.
+"""
 
 
 def written_gap(
-    kind: str, inside: bool, sizes: Sequence[str], point: np.ndarray, normal: np.ndarray, far: float, tip: float
+    kind: str,
+    inside: bool,
+    sizes: Sequence[str],
+    point: np.ndarray,
+    normal: np.ndarray,
+    far: float,
+    tip: float,
 ) -> str:
     """Distance from a point along its normal, (dim,) each, to an obstacle.
 
     Args:
         kind: ``sphere``, also of a circle, ``cylinder``, or ``cone``.
         inside: True if the point is in the obstacle, a hole.
-        sizes: formulas: the place, the axis but for a sphere, then the radius, or the angle in degrees.
+        sizes: formulas: the place, the axis but for a sphere, then the radius, or the angle in
+            degrees.
         point: place of a node.
         normal: unit normal into the obstacle.
         far: distance where the normal misses the obstacle.
@@ -52,7 +62,9 @@ def written_gap(
     if not cone:
         return text
     # the other half of the double cone is no obstacle
-    text = _chosen(root, _chosen(f"{height}+({gap})*({rise})", gap, _number(far), least=True), _number(far))
+    text = _chosen(
+        root, _chosen(f"{height}+({gap})*({rise})", gap, _number(far), least=True), _number(far)
+    )
     at_tip = f"{_number(tip**2)}*({c})-(({c})-({b})**2)"
     return _chosen(at_tip, _chosen(f"-({height})", f"-({b})", text), text, least=True)
 
@@ -70,14 +82,19 @@ def _unit(axis: Sequence[str]) -> list[str]:
 
 
 def _root(c: str, b: str, root: str, inside: bool) -> str:
-    """The root c / (-b + root), or from inside c / (-b - root), of the right sign; 1 stands for a divisor of zero."""
+    """The root c / (-b + root), or from inside c / (-b - root), of the right sign.
+
+    1 stands for a divisor of zero.
+    """
     sign = "-" if inside else "+"
     divisor = f"-({b}){sign}sqrt(max({root},0))"
     return f"({c})/({divisor}+{_if(root)[1]})"
 
 
 def _if(number: str, least: bool = False) -> tuple[str, str]:
-    """Factors that are 1 and 0 where a number is positive, or with ``least`` zero too, and 0 and 1 elsewhere."""
+    """Factors that are 1 and 0 where a number is positive, or with ``least`` zero too, and 0 and 1
+    elsewhere.
+    """
     if least:
         negative = f"min(1,max(0,-({number}))*{SURE:g})"
         return f"(1-{negative})", negative

@@ -17,10 +17,12 @@ ARRAYS = ("hhr_dolfinx arrays", 1)
 
 
 class ArrayStore:
-    """Arrays of long computations by name, one file per key; FileError if the folder cannot be made.
+    """Arrays of long computations by name, one file per key.
 
-    ``problem`` is the digest of the problem that they belong to, as :attr:`SnapshotStore.problem_digest`: files of
-    other problems are not read.
+    FileError if the folder cannot be made.
+
+    ``problem`` is the digest of the problem that they belong to, as
+    :attr:`SnapshotStore.problem_digest`: files of other problems are not read.
     """
 
     def __init__(self, folder: str | Path, problem: str):
@@ -29,7 +31,9 @@ class ArrayStore:
         self._problem = problem
 
     def load(self, key: str) -> dict[str, np.ndarray] | None:
-        """Load the arrays of a key; None, with a warning for a damaged file, if they are not there."""
+        """Load the arrays of a key; None, with a warning for a damaged file, if they are not
+        there.
+        """
         try:
             header, arrays = read_arrays(self._path(key), *ARRAYS)
         except FileNotFoundError:
@@ -48,4 +52,7 @@ class ArrayStore:
         return {"format": kind, "version": version, "problem": self._problem, "key": key}
 
     def _path(self, key: str) -> Path:
-        return self._folder / f"{hashlib.sha256(f'{self._problem} {key}'.encode()).hexdigest()[:40]}.npz"
+        return (
+            self._folder
+            / f"{hashlib.sha256(f'{self._problem} {key}'.encode()).hexdigest()[:40]}.npz"
+        )

@@ -31,23 +31,40 @@ class Share(click.ParamType):
 
 @click.command(
     epilog=examples(
-        "hhr reduce my_scene.py --error 1% --of pressure", "hhr reduce my_scene.py --of forces --seconds 600"
+        "hhr reduce my_scene.py --error 1% --of pressure",
+        "hhr reduce my_scene.py --of forces --seconds 600",
     )
 )
 @SCENE
-@click.option("--error", type=Share(), default="1%", show_default=True, help="largest relative error of an answer")
-@click.option("--of", multiple=True, help="of pressure, forces, displacement or an output; once for each [pressure]")
+@click.option(
+    "--error",
+    type=Share(),
+    default="1%",
+    show_default=True,
+    help="largest relative error of an answer",
+)
+@click.option(
+    "--of",
+    multiple=True,
+    help="of pressure, forces, displacement or an output; once for each [pressure]",
+)
 @click.option("--seconds", type=float, help="most that it may take")
 @click.option("--answers", type=click.IntRange(1), help="most answers of the full model")
 @click.option("--megabytes", type=float, help="largest model in a file")
-@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="of random points")
+@click.option(
+    "--seed", type=click.IntRange(0), default=1, show_default=True, help="of random points"
+)
 @OUT
 @resumable
-def reduce(scene: str, out: Path | None, error: float, of: tuple[str, ...], seed: int, **limits: Any) -> None:
-    """Build the cheapest model with the requested accuracy, and save it: condensed, hyper-reduced, or local ones.
+def reduce(
+    scene: str, out: Path | None, error: float, of: tuple[str, ...], seed: int, **limits: Any
+) -> None:
+    """Build the cheapest model with the requested accuracy, and save it: condensed, hyper-reduced,
+    or local ones.
 
-    Each kind is tried as far as it takes, checked and timed; a table says so, and reduction.json. Where bodies flow the
-    file of the scene holds PATHS, a hhr.PathFamily. Full answers are kept: a command that was interrupted goes on.
+    Each kind is tried as far as it takes, checked and timed; a table says so, and reduction.json.
+    Where bodies flow the file of the scene holds PATHS, a hhr.PathFamily. Full answers are kept: a
+    command that was interrupted goes on.
     """
     from hhr_dolfinx.command.loading import beside, scene_of
     from hhr_dolfinx.errors import StudyError
@@ -62,7 +79,12 @@ def reduce(scene: str, out: Path | None, error: float, of: tuple[str, ...], seed
     folder = out or Path("out") / made.name
     size = limits["megabytes"]
     budget = Budget(limits["seconds"], limits["answers"], None if size is None else 1e6 * size)
-    request: Any = {"error": error, "of": of or "pressure", "budget": budget, "paths": beside(scene, "PATHS")}
+    request: Any = {
+        "error": error,
+        "of": of or "pressure",
+        "budget": budget,
+        "paths": beside(scene, "PATHS"),
+    }
     try:
         model = reduced(made, **request, folder=folder, seed=seed, progress=progress)
     except StudyError as error:

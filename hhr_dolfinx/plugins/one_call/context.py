@@ -1,4 +1,6 @@
-"""Context that all attempts of a search share: the full model, its answers, each solved once, and the cost so far."""
+"""Context that all attempts of a search share: the full model, its answers, each solved once, and
+the cost so far.
+"""
 
 from __future__ import annotations
 
@@ -46,11 +48,18 @@ CORNERS = 6
 SURE = 4
 """Full answers that a model is compared with if its bound meets the target already."""
 FRESH = 40
-"""Full answers that others are compared with; half of them where the model expects its largest errors."""
+"""Full answers that others are compared with.
+
+Half of them where the model expects its largest errors.
+"""
 HOPELESS = 16
-"""Queries after which a search ends if none has an answer: more of them would not help a training, which needs half."""
+"""Queries after which a search ends if none has an answer: more of them would not help a training,
+which needs half.
+"""
 DOUBTED = 1.5
-"""Factor by which the expected time of a stage must exceed the budget to stop it: its first step takes longer."""
+"""Factor by which the expected time of a stage must exceed the budget to stop it: its first step
+takes longer.
+"""
 
 
 class BudgetSpentError(HHRError):
@@ -62,7 +71,9 @@ class BudgetSpentError(HHRError):
 
 
 class FewAnswersError(ConvergenceError):
-    """Too few queries of the box have an answer: no model can be built or checked, however many more are solved for."""
+    """Too few queries of the box have an answer: no model can be built or checked, however many
+    more are solved for.
+    """
 
 
 @dataclass
@@ -76,19 +87,27 @@ class SearchContext:
     family: PathFamily | None  # paths, if answers depend on them; None if queries are points
     seed: int  # of random draws
     progress: Announce  # receives each stage, and the share of it that is done
-    store: ArrayStore | None = None  # keeps solutions of connected components; None keeps them in memory alone
+    store: ArrayStore | None = (
+        None  # keeps solutions of connected components; None keeps them in memory alone
+    )
     errors: Errors = field(init=False)  # of models, in the norms of the target
     clock: Stopwatch = field(default_factory=Stopwatch)  # since the search began
     solved: int = 0  # number of answers of the full model, those found in the store among them
     checks: int = 0  # number of them
-    held_out: list[Exact] = field(default_factory=list)  # answers of checks, with which later models are compared
-    # whether contact forces of the last checked model were less accurate than the target; True if nothing is known of
-    # them
+    held_out: list[Exact] = field(
+        default_factory=list
+    )  # answers of checks, with which later models are compared
+    # whether contact forces of the last checked model were less accurate than the target; True if
+    # nothing is known of them
     forces_off: bool = True
-    looked: bool = False  # whether answers of the full model were checked for large strains and missing contact
-    checking: bool = False  # whether a model is being checked: before that, time is reserved for the answers of a check
+    # whether answers of the full model were checked for large strains and missing contact
+    looked: bool = False
+    # whether a model is being checked: before that, time is reserved for the answers of a check
+    checking: bool = False
     short: str = ""  # reason why the last check has fewer answers than planned; empty if it has all
-    batches: list[float] = field(default_factory=list)  # seconds of full answers, as many at once as there are ranks
+    batches: list[float] = field(
+        default_factory=list
+    )  # seconds of full answers, as many at once as there are ranks
     _first_failure: str = ""  # the first query without an answer, and the reason
     _began: dict[str, float] = field(default_factory=dict)
     _last: dict[str, float] = field(default_factory=dict)
@@ -110,7 +129,9 @@ class SearchContext:
             raise BudgetSpentError(f"the {seconds:g} s of the budget are over")
 
     def announce(self, stage: str, share: float) -> None:
-        """Report a stage; BudgetSpentError if no time is left, or not enough by the time of the share that is done."""
+        """Report a stage; BudgetSpentError if no time is left, or not enough by the time of the
+        share that is done.
+        """
         self.progress(stage, share)
         self._check_seconds()
         now = self.clock.seconds
@@ -122,13 +143,20 @@ class SearchContext:
         step = now - self._last.get(stage, now)
         self._last[stage] = now
         # stored results took no time: the next step may take as long as this one
-        rest = max((now - self._began.get(stage, now)) * (1 / share - 1), step if share < 1 else 0.0)
+        rest = max(
+            (now - self._began.get(stage, now)) * (1 / share - 1), step if share < 1 else 0.0
+        )
         if now + rest / DOUBTED > self.deadline:
-            raise BudgetSpentError(f"stage '{stage}' would take about {_about(rest)} s more, and {self._left()}", stage)
+            raise BudgetSpentError(
+                f"stage '{stage}' would take about {_about(rest)} s more, and {self._left()}", stage
+            )
 
     @property
     def deadline(self) -> float:
-        """Seconds on the clock by which the present work must end; a check may use the time reserved for it."""
+        """Seconds on the clock by which the present work must end.
+
+        a check may use the time reserved for it.
+        """
         seconds = self.budget.seconds
         if seconds is None:
             return math.inf
@@ -141,27 +169,44 @@ class SearchContext:
             list(self._answers(points, "full answer to plan by", Lost()))
 
     def _duration(self, count: int) -> float:
-        """Expected seconds of so many full answers, from those solved so far; zero before the first."""
-        return float(np.median(self.batches)) * math.ceil(count / self.workers.size) if self.batches else 0.0
+        """Expected seconds of so many full answers, from those solved so far.
+
+        Zero before the first.
+        """
+        return (
+            float(np.median(self.batches)) * math.ceil(count / self.workers.size)
+            if self.batches
+            else 0.0
+        )
 
     def _left(self) -> str:
         seconds = self.budget.seconds
         assert seconds is not None
         left = max(0.0, self.deadline - self.clock.seconds)
-        kept = "" if self.checking else f", beside {_about(seconds - self.deadline)} s that are kept back for a check"
+        kept = (
+            ""
+            if self.checking
+            else f", beside {_about(seconds - self.deadline)} s that are kept back for a check"
+        )
         return f"{_about(left)} of the {seconds:g} s of the budget are left{kept}"
 
-    def check_affordable(self, questions: np.ndarray | Sequence[AnswerPath], what: str, besides: int = 0) -> None:
-        """Raise BudgetSpentError if answers that are not yet solved, and ``besides`` more, exceed the budget."""
+    def check_affordable(
+        self, questions: np.ndarray | Sequence[AnswerPath], what: str, besides: int = 0
+    ) -> None:
+        """Raise BudgetSpentError if answers that are not yet solved, and ``besides`` more, exceed
+        the budget.
+        """
         count = self._unsolved(questions)
         answers = self.budget.full_answers
         if answers is not None and count and self.solved + count + besides > answers:
             raise BudgetSpentError(
-                f"{what} takes {count} full answers and its check {besides} at least, and {answers - self.solved} of "
-                f"the {answers} full answers of the budget are left"
+                f"{what} takes {count} full answers and its check {besides} at least, and "
+                f"{answers - self.solved} of the {answers} full answers of the budget are left"
             )
         if self.clock.seconds + self._duration(count) > self.deadline:
-            raise BudgetSpentError(f"{what} would take about {_about(self._duration(count))} s, and {self._left()}")
+            raise BudgetSpentError(
+                f"{what} would take about {_about(self._duration(count))} s, and {self._left()}"
+            )
 
     def _unsolved(self, questions: np.ndarray | Sequence[AnswerPath]) -> int:
         """Number of queries that are not solved yet."""
@@ -185,8 +230,8 @@ class SearchContext:
         if len(answers) < least:
             asked = sum(_key(question) in self._known for question in questions)
             raise self._few(
-                f"{len(answers)} of the first {asked} of {len(questions)} training queries have an answer, and a model "
-                "needs half of them"
+                f"{len(answers)} of the first {asked} of {len(questions)} training queries have "
+                "an answer, and a model needs half of them"
             )
         self._look(answers)
         snapshots = _set_of(answers)
@@ -206,7 +251,9 @@ class SearchContext:
         return self.target.needs_fields or outputs
 
     def check_claim(self, method: str, model: AnsweringModel, exact: Iterable[Exact]) -> None:
-        """Raise ClaimError if a model that calls itself exact is off at exact answers, whatever the target is."""
+        """Raise ClaimError if a model that calls itself exact is off at exact answers, whatever the
+        target is.
+        """
         known = list(exact)
         histories = self.family is not None
         for some in ([item] for item in known) if histories else (known,):
@@ -218,9 +265,11 @@ class SearchContext:
         return _set_of(self.held_out) if self.held_out else None
 
     def fresh(self, count: int, suspects: np.ndarray | None = None) -> list[Exact]:
-        """Exact answers to queries that no model was built from: random ones, and given points, (n, P).
+        """Exact answers to queries that no model was built from: random ones, and given points, (n,
+        P).
 
-        If the budget ends there are fewer, and ``short`` has the reason; BudgetSpentError if it allows none.
+        If the budget ends there are fewer, and ``short`` has the reason; BudgetSpentError if it
+        allows none.
         """
         self.checks += 1
         seed = self.seed + FRESH_SEED + self.checks
@@ -252,10 +301,14 @@ class SearchContext:
 
     def _few(self, what: str) -> FewAnswersError:
         """Error of too few answers, with the first reason."""
-        return FewAnswersError(f"{what}; the first, {self._first_failure}. Lower the loads, or narrow the box")
+        return FewAnswersError(
+            f"{what}; the first, {self._first_failure}. Lower the loads, or narrow the box"
+        )
 
     def _look(self, found: Sequence[Exact]) -> None:
-        """Warn once of faults that no check of a model detects: strains that are not small, bodies that never touch."""
+        """Warn once of faults that no check of a model detects: strains that are not small, bodies
+        that never touch.
+        """
         if self.looked or not found:
             return
         self.looked = True
@@ -265,13 +318,16 @@ class SearchContext:
             warn(str(error), SmallStrainWarning)
         if not any(answer.forces().any() for item in found for answer in steps_of(item)):
             warn(
-                f"nothing touches in any of {len(found)} answers of the full model: look at gaps and at the signs of "
-                "loads and displacements, hhr check",
+                f"nothing touches in any of {len(found)} answers of the full model: look at gaps "
+                "and at the signs of loads and displacements, hhr check",
                 SceneWarning,
             )
 
     def errors_of(self, model: AnsweringModel, exact: Iterable[Exact]) -> np.ndarray:
-        """Errors of a model at exact answers, (n, norms of the target); infinite if it has no answer."""
+        """Errors of a model at exact answers, (n, norms of the target).
+
+        Infinite if it has no answer.
+        """
         rows = []
         with ignored(OutsideTrainingWarning):
             for item in exact:
@@ -280,18 +336,25 @@ class SearchContext:
                     if isinstance(item, History):
                         answers = retraced(model, item).answers
                     else:
-                        answers = [model.solve(item.parameter, outside="ignore", raise_on_failure=False)]
+                        answers = [
+                            model.solve(item.parameter, outside="ignore", raise_on_failure=False)
+                        ]
                 rows.append(self.errors.of(answers, item))
         return np.array(rows)
 
     def _answers(
         self, questions: np.ndarray | Sequence[AnswerPath], label: str, lost: Lost, least: int = 0
     ) -> Iterator[Answer | History]:
-        """Exact answers; queries without one are reported to ``lost``. End when fewer than ``least`` can be left."""
+        """Exact answers; queries without one are reported to ``lost``.
+
+        End when fewer than ``least`` can be left.
+        """
         missing = 0
         count = self._unsolved(questions)
         seconds = self._duration(count)
-        self.announce(f"{count} {label}" + (f", about {_about(seconds)} s" if seconds > 1 else ""), 0.0)
+        self.announce(
+            f"{count} {label}" + (f", about {_about(seconds)} s" if seconds > 1 else ""), 0.0
+        )
         for place, question in enumerate(questions):
             key = _key(question)
             if key not in self._known:
@@ -309,9 +372,13 @@ class SearchContext:
         """Solve the first of some queries, and as many after it as there are ranks."""
         self.check_budget()
         if self.clock.seconds + self._duration(1) > self.deadline:
-            raise BudgetSpentError(f"a full answer takes {_about(self._duration(1))} s, and {self._left()}")
+            raise BudgetSpentError(
+                f"a full answer takes {_about(self._duration(1))} s, and {self._left()}"
+            )
         answers = self.budget.full_answers
-        room = self.workers.size if answers is None else min(self.workers.size, answers - self.solved)
+        room = (
+            self.workers.size if answers is None else min(self.workers.size, answers - self.solved)
+        )
         some: dict[bytes, Any] = {}
         for question in questions:
             if len(some) == room:
@@ -326,7 +393,9 @@ class SearchContext:
         for (key, question), found in zip(some.items(), solved, strict=True):
             with lost.recorded(self._called(question)):
                 if isinstance(found, HHRError):
-                    self._first_failure = self._first_failure or f"{self._called(question)}: {found}"
+                    self._first_failure = (
+                        self._first_failure or f"{self._called(question)}: {found}"
+                    )
                     raise found
                 self._known[key] = found
 
@@ -343,12 +412,20 @@ def _about(seconds: float) -> str:
 def _set_of(found: Iterable[Answer | History]) -> SnapshotSet:
     listed: list[Any] = list(found)
     if not listed:
-        raise ConvergenceError("no training query has an answer: lower the loads, or narrow the box")
-    return SnapshotSet.of_histories(listed) if isinstance(listed[0], History) else SnapshotSet.of_answers(listed)
+        raise ConvergenceError(
+            "no training query has an answer: lower the loads, or narrow the box"
+        )
+    return (
+        SnapshotSet.of_histories(listed)
+        if isinstance(listed[0], History)
+        else SnapshotSet.of_answers(listed)
+    )
 
 
 def _key(question: np.ndarray | AnswerPath) -> bytes:
     """Key that identifies a point or a path."""
     if isinstance(question, np.ndarray):
         return question.tobytes()
-    return b"".join(np.float64(time).tobytes() + np.asarray(point).tobytes() for time, point in question)
+    return b"".join(
+        np.float64(time).tobytes() + np.asarray(point).tobytes() for time, point in question
+    )

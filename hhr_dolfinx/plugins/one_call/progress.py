@@ -25,9 +25,11 @@ class Stopwatch:
 
 
 class ShareLines:
-    """Progress as lines: one for each stage of a long run, then the fraction of the stage that is done.
+    """Progress as lines: one for each stage of a long run, then the fraction of the stage that is
+    done.
 
-    There is none in the first ``quiet`` seconds, nor sooner than ``every`` seconds after the last one of a stage.
+    There is none in the first ``quiet`` seconds, nor sooner than ``every`` seconds after the last
+    one of a stage.
     """
 
     def __init__(self, write: Callable[[str], None], quiet: float = 2.0, every: float = 5.0):
@@ -48,5 +50,7 @@ class ShareLines:
 
 
 def shares_on(console: Console) -> ShareLines:
-    """Print each stage of a run that takes longer than half a second, and the share of it that is done."""
+    """Print each stage of a run that takes longer than half a second, and the share of it that is
+    done.
+    """
     return ShareLines(lambda line: console.print(line, highlight=False), quiet=0.5)

@@ -15,7 +15,10 @@ if TYPE_CHECKING:
 
 POINTS = (32, 64, 128, 256, 512)
 PATHS = (8, 16, 32)
-"""Training points and paths of the models that a search tries; each training has twice as many as the one before."""
+"""Training points and paths of the models that a search tries.
+
+Each training has twice as many as the one before.
+"""
 
 
 @dataclass(frozen=True)
@@ -25,7 +28,9 @@ class Proposal:
     method: str
     setting: str
     make: Callable[[], Any]
-    spared: Callable[[], Any] | None = None  # makes one without bound, if the budget ends at fields or bound
+    spared: Callable[[], Any] | None = (
+        None  # makes one without bound, if the budget ends at fields or bound
+    )
 
 
 def proposals_of(reductor: Reductor, search: SearchContext) -> Iterator[Proposal]:
@@ -45,7 +50,9 @@ def of_more_answers(reductor: Reductor, search: SearchContext) -> Iterator[Propo
     """Models trained on more and more points, or paths."""
     kind, counts = ("points", POINTS) if search.family is None else ("paths", PATHS)
     for count in counts:
-        yield Proposal(reductor.method, f"{count} training {kind}", partial(search.reduced, reductor, count))
+        yield Proposal(
+            reductor.method, f"{count} training {kind}", partial(search.reduced, reductor, count)
+        )
 
 
 def _exact(search: SearchContext) -> Any:

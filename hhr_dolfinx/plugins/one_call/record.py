@@ -10,10 +10,14 @@ from typing import Any
 from hhr_dolfinx.plugins.one_call.target import Target
 
 CONFIDENCE = 0.9
-"""Confidence that no larger share of the box exceeds the target than fresh answers allow, see :func:`share_beyond`."""
+"""Confidence that no larger share of the box exceeds the target than fresh answers allow, see
+:func:`share_beyond`.
+"""
 MET = "met"
 LONG = 40
-"""Length of the outcome of a model above which it is printed below the table, once for all models that share it."""
+"""Length of the outcome of a model above which it is printed below the table, once for all models
+that share it.
+"""
 
 
 @dataclass(frozen=True)
@@ -31,8 +35,9 @@ class Tried:
     known: str = ""  # source of the errors
     bytes: int = 0  # size in a file; 0 without a limit in the budget
     outcome: str = ""  # ``met``, or the reason why not
-    # largest share of the box that may exceed the target, with a confidence of 90 %, if none of the random fresh
-    # answers does; NaN if each answer has a bound or is exact, and if the target is not met
+    # largest share of the box that may exceed the target, with a confidence of 90 %, if none of the
+    # random fresh answers does; NaN if each answer has a bound or is exact, and if the target is
+    # not met
     beyond: float = math.nan
 
     @property
@@ -51,7 +56,8 @@ class Reduction:
         chosen: number of the returned model; None if there is no model.
         full_answers, seconds: of the whole search.
         reason: why the target is not met, or empty.
-        answered: part of the box in which the model answers; it refuses the rest, where strains mean nothing.
+        answered: part of the box in which the model answers; it refuses the rest, where strains
+            mean nothing.
     """
 
     scene: str
@@ -70,7 +76,9 @@ class Reduction:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Reasons why models were refused or stopped, each once, in the order of their occurrence."""
+        """Reasons why models were refused or stopped, each once, in the order of their
+        occurrence.
+        """
         return tuple(dict.fromkeys(item.outcome for item in self.tried if len(item.outcome) > LONG))
 
     @property
@@ -81,10 +89,23 @@ class Reduction:
     @property
     def table(self) -> str:
         """A row for each model of the search, with the numbers of long reasons."""
-        heads = ("", "method", "setting", "full answers", "build", "an answer", *self.wish.of, "known by", "outcome")
+        heads = (
+            "",
+            "method",
+            "setting",
+            "full answers",
+            "build",
+            "an answer",
+            *self.wish.of,
+            "known by",
+            "outcome",
+        )
         rows = [heads, *(self._row(number, item) for number, item in enumerate(self.tried))]
         widths = [max(len(row[k]) for row in rows) for k in range(len(heads))]
-        lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+        lines = [
+            "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+            for row in rows
+        ]
         return "\n".join(lines)
 
     def __str__(self) -> str:
@@ -100,9 +121,22 @@ class Reduction:
         if not self.met:
             return f"{target} is not met: {self.reason}. The best model is returned; {spent}"
         item = self.tried[self.chosen]
-        sure = f"at {100 * CONFIDENCE:g} % confidence at most {100 * item.beyond:.2g} % of the box exceeds it"
-        where = "" if self.answered == 1.0 else f" in {self.answered:.2%} of the box, and the model refuses the rest"
-        return "; ".join([f"{target} is met{where}, {item.known}", *([] if math.isnan(item.beyond) else [sure]), spent])
+        sure = (
+            f"at {100 * CONFIDENCE:g} % confidence at most {100 * item.beyond:.2g} % of the box "
+            "exceeds it"
+        )
+        where = (
+            ""
+            if self.answered == 1.0
+            else f" in {self.answered:.2%} of the box, and the model refuses the rest"
+        )
+        return "; ".join(
+            [
+                f"{target} is met{where}, {item.known}",
+                *([] if math.isnan(item.beyond) else [sure]),
+                spent,
+            ]
+        )
 
     def _row(self, number: int, item: Tried) -> tuple[str, ...]:
         outcome = item.outcome
@@ -126,8 +160,10 @@ class Reduction:
 
 
 def share_beyond(count: int) -> float:
-    """Largest share of the box that may exceed a limit, if none of so many random points does, with confidence.
+    """Largest share of the box that may exceed a limit, if none of so many random points does, with
+    confidence.
 
-    With a larger share p, the probability (1 - p)^count of none in ``count`` points would be below 1 - CONFIDENCE.
+    With a larger share p, the probability (1 - p)^count of none in ``count`` points would be below
+    1 - CONFIDENCE.
     """
     return 1.0 - (1.0 - CONFIDENCE) ** (1.0 / count)

@@ -1,10 +1,11 @@
 """Search from a scene and a target accuracy to a model, in the shortest way that meets the target.
 
-Condensation comes first, which needs no full answers, then hyper-reduction from more and more of them. Each model is
-checked. If its answers have a bound or an estimate, it is evaluated at hundreds of random points. Without one, or if it
-exceeds the target, the model is compared with full answers that it was not built from, half of them where it expects
-its largest errors. Then queries are timed. Of all models that meet the target, the search returns the most accurate one
-within a factor of three of the fastest.
+Condensation comes first, which needs no full answers, then hyper-reduction from more and more of
+them. Each model is checked. If its answers have a bound or an estimate, it is evaluated at hundreds
+of random points. Without one, or if it exceeds the target, the model is compared with full answers
+that it was not built from, half of them where it expects its largest errors. Then queries are
+timed. Of all models that meet the target, the search returns the most accurate one within a factor
+of three of the fastest.
 """
 
 from __future__ import annotations
@@ -54,7 +55,13 @@ from hhr_dolfinx.online.model_file import save_model
 from hhr_dolfinx.parameters import check_counts
 from hhr_dolfinx.plain import finite
 from hhr_dolfinx.plugins.one_call.array_store import ArrayStore
-from hhr_dolfinx.plugins.one_call.context import FRESH, SURE, BudgetSpentError, FewAnswersError, SearchContext
+from hhr_dolfinx.plugins.one_call.context import (
+    FRESH,
+    SURE,
+    BudgetSpentError,
+    FewAnswersError,
+    SearchContext,
+)
 from hhr_dolfinx.plugins.one_call.progress import ShareLines, Stopwatch
 from hhr_dolfinx.plugins.one_call.proposals import Proposal, proposals_of
 from hhr_dolfinx.plugins.one_call.record import MET, Reduction, Tried, share_beyond
@@ -71,8 +78,9 @@ from hhr_dolfinx.warn import ignored, repeat, warn
 _log = logging.getLogger(__name__)
 
 MANY = 1000
-"""Number of contact conditions above which a hyper-reduced model is tried after a condensed one of sufficient accuracy;
-a heuristic, since the faster one is found by timing."""
+"""Number of contact conditions above which a hyper-reduced model is tried after a condensed one of
+sufficient accuracy; a heuristic, since the faster one is found by timing.
+"""
 LOOKED_AT = 500
 """Random points at which a model estimates its errors."""
 FRESH_PATHS = 6
@@ -80,25 +88,31 @@ FRESH_PATHS = 6
 ROOM = 2.0
 """Factor on observed errors: the worst of 200 points exceeds that of 40."""
 UNRESOLVED = 3.0
-"""Error of forces over that of S, for an interpolation that has not converged: kinks lie between its nodes, and few of
-them lie near a point of a check. For a modulus with kinks both were 0.0024, measured once."""
+"""Error of forces over that of S, for an interpolation that has not converged: kinks lie between
+its nodes, and few of them lie near a point of a check. For a modulus with kinks both were 0.0024,
+measured once.
+"""
 CLOSE = 3.0
 """Factor of the time of an answer within which the more accurate model is chosen."""
 TIMED = 25
 TIMING = 0.02
-"""Timed queries of each model, after a warm-up, while all take less than so many seconds; of histories those that are
-compared."""
+"""Timed queries of each model, after a warm-up, while all take less than so many seconds; of
+histories those that are compared.
+"""
 WARM_UP = 5
 FEWEST = 3
 """Queries before the measurement, and smallest number of long queries for a median."""
 NO_BUDGET = Budget()
 TINY = 1e-300
 OF_FIELDS = ("fields", "bound")
-"""Stages that a model can skip if the target includes no displacements; it is compared with more full answers then."""
+"""Stages that a model can skip if the target includes no displacements.
+
+It is compared with more full answers then.
+"""
 KEPT = "reduction.json"
 NOTHING_SMALL = (
-    "strains are above 1 in nearly all of the box, where a theory of small strains means nothing. Lower the loads, "
-    "check units and moduli, or narrow the box"
+    "strains are above 1 in nearly all of the box, where a theory of small strains means nothing. "
+    "Lower the loads, check units and moduli, or narrow the box"
 )
 """Reason for which there is no model if each of :data:`LOOKED_AT` points has such strains."""
 
@@ -121,25 +135,30 @@ def reduce(
     Args:
         scene: any scene, or its full model, one on each rank.
         error: largest relative error, 0.01 for one per cent.
-        of: quantity of the error: ``pressure``, ``forces``, ``displacement``, an output by its name, or several; see
-            :mod:`hhr_dolfinx.plugins.one_call.target`.
+        of: quantity of the error: ``pressure``, ``forces``, ``displacement``, an output by its
+            name, or several; see :mod:`hhr_dolfinx.plugins.one_call.target`.
         budget: limits of the search; at a limit it returns the best model so far, with a warning.
-        paths: paths of the queries for inelastic bodies. With friction and without paths, points are reached from rest.
-        fallback: keep the full model as a fallback of the small one, for one norm, and for a model with a bound: it
-            answers if the bound exceeds the target, see ``hhr.FallbackModel``.
-        folder: keeps full answers as they are found, so that the same call continues from there, with the model,
-            ``model.npz``, and the record, ``reduction.json``; None keeps nothing.
+        paths: paths of the queries for inelastic bodies. With friction and without paths, points
+            are reached from rest.
+        fallback: keep the full model as a fallback of the small one, for one norm, and for a model
+            with a bound: it answers if the bound exceeds the target, see ``hhr.FallbackModel``.
+        folder: keeps full answers as they are found, so that the same call continues from there,
+            with the model, ``model.npz``, and the record, ``reduction.json``; None keeps nothing.
         seed: of random draws.
-        progress: receives each stage and the share of it that is done. None prints a line on the error stream now and
-            then if the search takes longer than two seconds; :func:`hhr_dolfinx.timing.unannounced` prints nothing.
-        comm: ranks, of which the first one searches; all solve for full answers, each with a full model.
+        progress: receives each stage and the share of it that is done. None prints a line on the
+            error stream now and then if the search takes longer than two seconds;
+            :func:`hhr_dolfinx.timing.unannounced` prints nothing.
+        comm: ranks, of which the first one searches; all solve for full answers, each with a full
+            model.
 
     Returns:
-        The model, a copy of it on other ranks than the first. Its ``reduction``, a :class:`Reduction`, is the record.
+        The model, a copy of it on other ranks than the first. Its ``reduction``, a
+        :class:`Reduction`, is the record.
 
     Raises:
         ParameterError: for an invalid target or budget.
-        StudyError: for invalid input, and if there is no model: its ``reduction`` then holds the record.
+        StudyError: for invalid input, and if there is no model: its ``reduction`` then holds the
+            record.
         NotOfferedError: for inelastic bodies without paths.
 
     Warns:
@@ -147,16 +166,22 @@ def reduce(
     """
     check_counts(seed=(seed, 0))
     if not isinstance(budget, Budget):
-        raise StudyError(f"budget = {budget!r}: give hhr.Budget(seconds=600), of full_answers or of bytes")
+        raise StudyError(
+            f"budget = {budget!r}: give hhr.Budget(seconds=600), of full_answers or of bytes"
+        )
     with group_of(comm).each("preparing a search"):
         full = _full_model(scene)
         _check_paths(full, paths)
         target = Target.checked(error, of, full)
         _check_fallback(fallback, target)
         kept, store, arrays = _opened(folder, full)
-    group_of(comm).agreed("a search", lambda: [full.scene.name, repr((full.scene, error, of, budget, fallback, seed))])
+    group_of(comm).agreed(
+        "a search", lambda: [full.scene.name, repr((full.scene, error, of, budget, fallback, seed))]
+    )
     shown = progress or ShareLines(partial(print, file=sys.stderr, flush=True))
-    context = SearchContext(full, Workers(comm, full, store), target, budget, paths, seed, shown, arrays)
+    context = SearchContext(
+        full, Workers(comm, full, store), target, budget, paths, seed, shown, arrays
+    )
     model, reduction = _found(context, kept)
     if not reduction.met and not comm.rank:
         warn(reduction.verdict, StabilityWarning)
@@ -166,7 +191,9 @@ def reduce(
 
 
 def _found(context: SearchContext, kept: Path | None) -> tuple[Any, Reduction]:
-    """Result of the first rank, kept in a folder, on all ranks; the others solve for it meanwhile."""
+    """Result of the first rank, kept in a folder, on all ranks; the others solve for it
+    meanwhile.
+    """
     comm = context.workers.comm
     found: Any = None
     with group_of(comm).each("a search"):
@@ -175,7 +202,9 @@ def _found(context: SearchContext, kept: Path | None) -> tuple[Any, Reduction]:
         else:
             try:
                 model, reduction = _searched(context, kept)
-                context.progress("strains in corners of the box", 0.0)  # of histories, as long as training answers
+                context.progress(
+                    "strains in corners of the box", 0.0
+                )  # of histories, as long as training answers
                 limited = context.full.strains.corners(context.full, model)
                 reduction = replace(reduction, seconds=context.clock.seconds)
                 if limited is not model:
@@ -193,7 +222,10 @@ def _found(context: SearchContext, kept: Path | None) -> tuple[Any, Reduction]:
 
 
 def _with_fallback(model: KeptModel, full: FullOrderModel, target: Target) -> Any:
-    """Add the full model as a fallback; returns the small one alone, with a warning, if nothing bounds the error."""
+    """Add the full model as a fallback.
+
+    Returns the small one alone, with a warning, if nothing bounds the error.
+    """
     place = registry.named("public").get("FallbackModel")
     try:
         if place is None:
@@ -214,7 +246,9 @@ def _keep_record(folder: Path | None, reduction: Reduction) -> None:
 def _opened(
     folder: str | Path | None, full: FullOrderModel
 ) -> tuple[Path | None, SnapshotStore | None, ArrayStore | None]:
-    """Folder of the results, and in it stores of full answers and of solutions of connected components."""
+    """Folder of the results, and in it stores of full answers and of solutions of connected
+    components.
+    """
     if folder is None:
         return None, None, None
     if not str(folder):
@@ -225,7 +259,9 @@ def _opened(
     with suppress(OSError, ValueError, AttributeError):
         other = json.loads((kept / KEPT).read_text(encoding="utf-8")).get("scene")
     if other not in (None, scene):
-        raise StudyError(f"the folder {kept} holds a model of scene '{other}': choose another one for '{scene}'")
+        raise StudyError(
+            f"the folder {kept} holds a model of scene '{other}': choose another one for '{scene}'"
+        )
     store = SnapshotStore(kept / "snapshots", full)
     return kept, store, ArrayStore(kept / "compliances", store.problem_digest)
 
@@ -240,17 +276,23 @@ def _full_model(scene: object) -> FullOrderModel:
 
 def _check_fallback(fallback: bool, target: Target) -> None:
     if fallback and len(norms := target.of) > 1:
-        raise NotOfferedError(f"a model falls back by one error, and not by {', '.join(norms)}: give one as of=")
+        raise NotOfferedError(
+            f"a model falls back by one error, and not by {', '.join(norms)}: give one as of="
+        )
 
 
 def _check_paths(full: FullOrderModel, paths: object) -> None:
     name = full.scene.name
     if not isinstance(paths, PathFamily | None):
-        raise StudyError(f"paths = {paths!r} must be a PathFamily, from which paths to train and to check on are drawn")
+        raise StudyError(
+            f"paths = {paths!r} must be a PathFamily, from which paths to train and to check on "
+            "are drawn"
+        )
     if full.equilibrium is not None and paths is None:
         raise NotOfferedError(
-            f"bodies of scene '{name}' flow, so that answers depend on the path that leads to them: give "
-            "paths=hhr.PathFamily(...), of those that are to be answered; on the command line as PATHS beside the scene"
+            f"bodies of scene '{name}' flow, so that answers depend on the path that leads to "
+            "them: give paths=hhr.PathFamily(...), of those that are to be answered; on the "
+            "command line as PATHS beside the scene"
         )
     if paths is not None and full.equilibrium is None and not full.law.remembers:
         raise StudyError(f"answers of scene '{name}' do not depend on paths: leave them out")
@@ -296,7 +338,9 @@ def attempts(context: SearchContext) -> Iterator[Proposal]:
 
 
 class _Found:
-    """Models of a search so far, None for one that was not built, a row for each, and the last error of one."""
+    """Models of a search so far, None for one that was not built, a row for each, and the last
+    error of one.
+    """
 
     def __init__(self, context: SearchContext):
         self._context = context
@@ -315,17 +359,31 @@ class _Found:
         chosen = _chosen(self.tried, self.models, context.target)
         tried = tuple(self.tried)
         return Reduction(
-            context.full.scene.name, context.target, tried, chosen, context.solved, context.clock.seconds, self._reason
+            context.full.scene.name,
+            context.target,
+            tried,
+            chosen,
+            context.solved,
+            context.clock.seconds,
+            self._reason,
         )
 
     def search(self) -> None:
         try:
             for outcome in outcomes(self._wanted(), partial(_try, self._context), (HHRError,)):
-                # those of a refused model too: reductors and the check give warnings of the scene only
+                # those of a refused model too: reductors and the check give warnings of the scene
+                # only
                 repeat(outcome.warnings)
                 self._judge(outcome)
                 row = self.tried[-1]
-                _log.info("%s, %s: %s %s (%s)", row.method, row.setting, row.outcome, dict(row.errors), row.known)
+                _log.info(
+                    "%s, %s: %s %s (%s)",
+                    row.method,
+                    row.setting,
+                    row.outcome,
+                    dict(row.errors),
+                    row.known,
+                )
         except BaseException:
             if self._trying is not None:
                 self._keep(self._row("interrupted"), None)
@@ -335,8 +393,11 @@ class _Found:
         """Models that are worth trying, as long as the budget allows one."""
         context = self._context
         for number, attempt in enumerate(attempts(context)):
-            # with many contact conditions another kind of model may be faster than one that meets the target
-            other = context.full.conditions >= MANY and all(item.method != attempt.method for item in self.tried)
+            # with many contact conditions another kind of model may be faster than one that meets
+            # the target
+            other = context.full.conditions >= MANY and all(
+                item.method != attempt.method for item in self.tried
+            )
             if self._over or (any(item.met for item in self.tried) and not other):
                 return
             if attempt.method in self._ended:
@@ -353,7 +414,9 @@ class _Found:
             yield attempt
 
     def _judge(self, outcome: Outcome) -> None:
-        """Keep a model or the reason of its refusal, and decide whether similar ones are worth trying."""
+        """Keep a model or the reason of its refusal, and decide whether similar ones are worth
+        trying.
+        """
         method = outcome.candidate.method
         error = outcome.error
         if error is None:
@@ -382,7 +445,13 @@ class _Found:
     def _row(self, outcome: str) -> Tried:
         attempt = self._trying
         assert attempt is not None
-        return Tried(attempt.method, attempt.setting, self._context.solved, self._clock.seconds, outcome=outcome)
+        return Tried(
+            attempt.method,
+            attempt.setting,
+            self._context.solved,
+            self._clock.seconds,
+            outcome=outcome,
+        )
 
     def _keep(self, row: Tried, model: KeptModel | None) -> None:
         self._trying = None
@@ -402,23 +471,38 @@ def _try(context: SearchContext, attempt: Proposal) -> tuple[Any, Tried]:
     size = 0 if limit is None else _size(model)
     made = Tried(attempt.method, attempt.setting, context.solved, seconds, bytes=size)
     if limit is not None and size > limit:
-        return None, replace(made, outcome=f"refused: {size / 1e6:.3g} MB in a file, and {limit / 1e6:.3g} are allowed")
+        return None, replace(
+            made,
+            outcome=f"refused: {size / 1e6:.3g} MB in a file, and {limit / 1e6:.3g} are allowed",
+        )
     context.short = ""
     try:
         errors, known, beyond = _judged(context, model, attempt.method)
     except BudgetSpentError as error:
-        return model, replace(made, outcome=f"not checked: {error}", known="nothing", full_answers=context.solved)
+        return model, replace(
+            made, outcome=f"not checked: {error}", known="nothing", full_answers=context.solved
+        )
     context.forces_off = context.errors.forces_off(errors)
     worst = dict(zip(context.target.of, errors.tolist(), strict=True))
     met = bool((errors <= context.target.error).all())
     query = _query_time(context, model)
-    outcome = "not exact enough" if not met else f"not checked enough: {context.short}" if context.short else MET
-    made = replace(made, full_answers=context.solved, query=query, errors=worst, known=known, outcome=outcome)
+    outcome = (
+        "not exact enough"
+        if not met
+        else f"not checked enough: {context.short}"
+        if context.short
+        else MET
+    )
+    made = replace(
+        made, full_answers=context.solved, query=query, errors=worst, known=known, outcome=outcome
+    )
     return model, replace(made, beyond=beyond) if made.met else made
 
 
 def _made(attempt: Proposal) -> Any:
-    """The model of a proposal; without fields if these are not affordable and the target does without."""
+    """The model of a proposal; without fields if these are not affordable and the target does
+    without.
+    """
     try:
         return attempt.make()
     except BudgetSpentError as error:
@@ -427,8 +511,12 @@ def _made(attempt: Proposal) -> Any:
     return attempt.spared()
 
 
-def _judged(context: SearchContext, model: KeptModel, method: str = "") -> tuple[np.ndarray, str, float]:
-    """Largest known errors of a model, by the norms of the target, their source, and the share that may exceed it."""
+def _judged(
+    context: SearchContext, model: KeptModel, method: str = ""
+) -> tuple[np.ndarray, str, float]:
+    """Largest known errors of a model, by the norms of the target, their source, and the share that
+    may exceed it.
+    """
     if context.family is not None:
         exact = context.fresh(FRESH_PATHS)
         known = f"{len(exact)} fresh histories, times {ROOM:g}"
@@ -445,7 +533,8 @@ def _judged(context: SearchContext, model: KeptModel, method: str = "") -> tuple
         exact = context.fresh(SURE)
         seen = _compared(context, model, exact)
         known = (
-            f"{model.fields.estimated} at {LOOKED_AT} points (each answer tells its own), {len(exact)} fresh answers"
+            f"{model.fields.estimated} at {LOOKED_AT} points (each answer tells its own), "
+            f"{len(exact)} fresh answers"
         )
         return np.maximum(worst, seen), known, math.nan
     if not said:
@@ -455,15 +544,20 @@ def _judged(context: SearchContext, model: KeptModel, method: str = "") -> tuple
     return _seen(context, model, points[worst_first[: FRESH // 2]])
 
 
-def _seen(context: SearchContext, model: KeptModel, suspects: np.ndarray | None) -> tuple[np.ndarray, str, float]:
-    """Errors at fresh answers, including those at suspected points, and at answers of earlier checks."""
+def _seen(
+    context: SearchContext, model: KeptModel, suspects: np.ndarray | None
+) -> tuple[np.ndarray, str, float]:
+    """Errors at fresh answers, including those at suspected points, and at answers of earlier
+    checks.
+    """
     before = list(context.held_out)
     random = FRESH if suspects is None else FRESH - len(suspects)
     exact = context.fresh(random, suspects)
     suspected = "" if suspects is None else ", half where it may be worst"
     known = f"{len(exact)} fresh answers{suspected}, times {ROOM:g}"
     errors = _compared(context, model, exact, ROOM)
-    if before:  # with many attempts one passes by chance; models are not built from forces of earlier checks
+    # with many attempts one passes by chance; models are not built from forces of earlier checks
+    if before:
         others = [k for k, name in enumerate(context.target.of) if name != DISPLACEMENT]
         errors[others] = np.maximum(errors, context.errors_of(model, before).max(axis=0))[others]
         known += f", {len(before)} of before"
@@ -476,14 +570,18 @@ def _seen(context: SearchContext, model: KeptModel, suspects: np.ndarray | None)
 
 
 def _silent(context: SearchContext, model: KeptModel, points: np.ndarray) -> np.ndarray | None:
-    """Some of the points at which an exact model has no answer, or no finite error of an output of the target."""
+    """Some of the points at which an exact model has no answer, or no finite error of an output of
+    the target.
+    """
     wanted = set(context.target.outputs)
     found = []
     for number, point in enumerate(points if wanted else points[:0]):
         context.announce("estimates", number / len(points))
         answer = model.solve(point, outside="ignore", raise_on_failure=False)
         estimate = answer.estimate()
-        if estimate is None or not all(estimate.outputs.get(name, math.inf) < math.inf for name in wanted):
+        if estimate is None or not all(
+            estimate.outputs.get(name, math.inf) < math.inf for name in wanted
+        ):
             found.append(point)
         if len(found) == FRESH // 2:
             break
@@ -491,16 +589,20 @@ def _silent(context: SearchContext, model: KeptModel, points: np.ndarray) -> np.
 
 
 def _unresolved(model: KeptModel) -> float:
-    """Expected error of an interpolation that spent its budget before it converged; zero for any other model,
-    and for one that answers by the interpolation of its bound."""
+    """Expected error of an interpolation that spent its budget before it converged; zero for any
+    other model, and for one that answers by the interpolation of its bound.
+    """
     facts = None if model.offline is None else model.offline.facts
     return UNRESOLVED * float(getattr(facts, "doubt", 0.0))
 
 
 def _said(model: KeptModel, points: np.ndarray, target: Target) -> dict[str, np.ndarray]:
-    """Errors that a model estimates at some points, by the names of a target; empty without a bound.
+    """Errors that a model estimates at some points, by the names of a target.
 
-    Indicators do not count: they follow errors without a scale. A point without an answer has an infinite error.
+    Empty without a bound.
+
+    Indicators do not count: they follow errors without a scale. A point without an answer has an
+    infinite error.
     """
     if model.fields.bound is None:
         return {}
@@ -518,8 +620,13 @@ def _said(model: KeptModel, points: np.ndarray, target: Target) -> dict[str, np.
     return found
 
 
-def _compared(context: SearchContext, model: KeptModel, exact: Sequence[Exact], room: float = 1.0) -> np.ndarray:
-    """Largest errors against exact answers, times a factor for unseen points; the answers are held out from now on."""
+def _compared(
+    context: SearchContext, model: KeptModel, exact: Sequence[Exact], room: float = 1.0
+) -> np.ndarray:
+    """Largest errors against exact answers, times a factor for unseen points.
+
+    The answers are held out from now on.
+    """
     context.held_out += exact
     return room * context.errors_of(model, exact).max(axis=0)
 
@@ -534,11 +641,14 @@ def _query_time(context: SearchContext, model: KeptModel) -> float:
         paths = [item.path for item in context.held_out[-FRESH_PATHS:] if isinstance(item, History)]
         return float(np.median([timed(partial(march, path))[1] for path in paths]))
     points = context.full.parameters.random(TIMED + WARM_UP, context.seed)
-    return median_time(context.target.ask(model), points, TIMING)  # accurate enough: models differ by a factor of three
+    return median_time(
+        context.target.ask(model), points, TIMING
+    )  # accurate enough: models differ by a factor of three
 
 
 def median_time(query: Callable[[np.ndarray], Any], points: np.ndarray, most: float) -> float:
-    """Median of the seconds of queries on one thread after a warm-up, for as many points as take ``most`` seconds.
+    """Median of the seconds of queries on one thread after a warm-up, for as many points as take
+    ``most`` seconds.
 
     The warm-up of long queries is shorter. A query without an answer counts with its time.
     """
@@ -569,7 +679,8 @@ def _size(model: KeptModel) -> int:
 
 
 def _chosen(tried: Sequence[Tried], models: Sequence[Any], target: Target) -> int | None:
-    """Number of the most accurate of the models that meet the target within a factor of the fastest; else of all.
+    """Number of the most accurate of the models that meet the target within a factor of the
+    fastest; else of all.
 
     None without any model.
     """

@@ -1,4 +1,6 @@
-"""Target accuracy of a model, its norms, and the budget of the search; errors of answers in these norms.
+"""Target accuracy of a model, its norms, and the budget of the search.
+
+Errors of answers in these norms.
 
 The errors of an answer, or of the steps k of a history, relative to the exact ones, are
 
@@ -7,9 +9,10 @@ The errors of an answer, or of the steps k of a history, relative to the exact o
     pressure        max_k max_i |σ_ki - σ~_ki| / max_k max_i σ_ki,  σ = λ / area
     an output       max_k |s_k - s~_k| / max_k |s_k|
 
-If the exact size is less than a thousandth of the largest one known, as for forces when contact is nearly lost, that
-thousandth replaces it, as in :mod:`hhr_dolfinx.models.estimates`. For an output that is a sum, such as a moment, the
-size is at least a thousandth of the sum of the absolute values of its terms.
+If the exact size is less than a thousandth of the largest one known, as for forces when contact is
+nearly lost, that thousandth replaces it, as in :mod:`hhr_dolfinx.models.estimates`. For an output
+that is a sum, such as a moment, the size is at least a thousandth of the sum of the absolute values
+of its terms.
 """
 
 from __future__ import annotations
@@ -35,9 +38,14 @@ if TYPE_CHECKING:
 
 
 LEAST_ERROR = 1e-12
-"""Smallest target. Exact condensation solves the equations of the full model in another order, and differs by 8e-13."""
+"""Smallest target.
+
+Exact condensation solves the equations of the full model in another order, and differs by 8e-13.
+"""
 ROUND_OFF = 1e-10
-"""Part of the largest displacement or force by which exact answers may differ: a hundred times the observed value."""
+"""Part of the largest displacement or force by which exact answers may differ: a hundred times the
+observed value.
+"""
 DISPLACEMENT = "displacement"
 PRESSURE = "pressure"
 
@@ -63,40 +71,53 @@ class Budget:
         for name in ("seconds", "bytes"):
             value = getattr(self, name)
             if value is not None and not (is_number(value) and value > 0):
-                raise ParameterError(f"{name} = {value!r} of a budget must be a positive number, or None for no limit")
+                raise ParameterError(
+                    f"{name} = {value!r} of a budget must be a positive number, or None for no "
+                    "limit"
+                )
         if self.full_answers is not None and not is_whole(self.full_answers, 1):
             raise ParameterError(
-                f"full_answers = {self.full_answers!r} of a budget must be a positive integer, or None"
+                f"full_answers = {self.full_answers!r} of a budget must be a positive integer, or "
+                "None"
             )
 
 
 @dataclass(frozen=True)
 class Target:
-    """Largest relative error of quantities: ``pressure``, ``forces``, ``displacement``, or outputs by name."""
+    """Largest relative error of quantities: ``pressure``, ``forces``, ``displacement``, or outputs
+    by name.
+    """
 
     error: float
     of: tuple[str, ...]
 
     @classmethod
     def checked(cls, error: Any, of: Any, full: FullOrderModel) -> Target:
-        """Target for the answers of a full model; ParameterError for an error outside (0, 1) or an unknown quantity."""
+        """Target for the answers of a full model.
+
+        ParameterError for an error outside (0, 1) or an unknown quantity.
+        """
         if not is_number(error) or not 0 < error < 1:
             raise ParameterError(f"error = {error!r} must lie in (0, 1): 0.01 is one per cent")
         if error < LEAST_ERROR:
             raise ParameterError(
-                f"error = {error!r} of a wish is below {LEAST_ERROR:g}, to which answers of the full model are known "
-                "themselves: ask for a larger one"
+                f"error = {error!r} of a wish is below {LEAST_ERROR:g}, to which answers of the "
+                "full model are known themselves: ask for a larger one"
             )
         words = (of,) if isinstance(of, str) else tuple(of) if isinstance(of, Sequence) else ()
-        outputs = () if full.functionals is None else tuple(item.name for item in full.functionals.items)
+        outputs = (
+            () if full.functionals is None else tuple(item.name for item in full.functionals.items)
+        )
         unknown = [word for word in words if word not in (*ASKED, *outputs)]
         if unknown or not words:
             known = ", ".join(repr(word) for word in (*ASKED, *outputs))
-            raise ParameterError(f"of = {of!r} is no error that is known here: give one or several of {known}")
+            raise ParameterError(
+                f"of = {of!r} is no error that is known here: give one or several of {known}"
+            )
         if PRESSURE in words and not _pressed(full.problem).any():
             raise ParameterError(
-                f"no contact condition of scene '{full.scene.name}' has an area, so that nothing is known of "
-                "pressures: ask for of='forces'"
+                f"no contact condition of scene '{full.scene.name}' has an area, so that nothing "
+                "is known of pressures: ask for of='forces'"
             )
         return cls(float(error), tuple(dict.fromkeys(words)))
 
@@ -151,20 +172,27 @@ class Errors:
         self._sums = {item.name: item for item in items if isinstance(item, Linear)}
 
     def know(self, exact: Sequence[Exact]) -> None:
-        """Update least sizes from exact answers: denominators of errors are at least a thousandth of the largest."""
+        """Update least sizes from exact answers: denominators of errors are at least a thousandth
+        of the largest.
+        """
         for name in self.target.of:
             sizes = [self._largest(name, answer) for item in exact for answer in steps_of(item)]
             self._floors[name] = max(self._floors[name], FORCE_FLOOR * max(sizes, default=0.0))
 
     def of(self, found: Sequence[Answer], exact: Exact) -> np.ndarray:
-        """Errors of the answers of a model to one query, in the order of the target; infinite if one is missing."""
+        """Errors of the answers of a model to one query, in the order of the target.
+
+        Infinite if one is missing.
+        """
         steps = steps_of(exact)
         if len(found) != len(steps) or not all(answer.converged for answer in found):
             return np.full(len(self.target.of), math.inf)
         return np.array([self._relative(name, found, steps) for name in self.target.of])
 
     def forces_off(self, worst: np.ndarray) -> bool:
-        """True if contact forces may miss the target, by the largest errors in the order of the target."""
+        """True if contact forces may miss the target, by the largest errors in the order of the
+        target.
+        """
         known = dict(zip(self.target.of, worst.tolist(), strict=True))
         seen = [known[name] for name in ("forces", PRESSURE) if name in known]
         return not seen or max(seen) > self.target.error
@@ -185,7 +213,9 @@ class Errors:
         return 0.0 if error <= max(self._round_off(name, there) for there in exact) else relative
 
     def _round_off(self, name: str, answer: Answer) -> float:
-        """Change of an output of an exact answer if displacements and forces change by round-off of their largest."""
+        """Change of an output of an exact answer if displacements and forces change by round-off of
+        their largest.
+        """
         dice = np.random.default_rng(0)
         value = answer.outputs()[name]
 
@@ -195,7 +225,9 @@ class Errors:
 
         changes = []
         for _ in range(3):
-            other = answer._replace(unknown=disturbed(answer.unknown), multipliers=disturbed(answer.multipliers))
+            other = answer._replace(
+                unknown=disturbed(answer.unknown), multipliers=disturbed(answer.multipliers)
+            )
             changes.append(abs(other.outputs()[name] - value))
         return max(changes)
 
@@ -216,7 +248,11 @@ class Errors:
         if name == DISPLACEMENT:
             stiffness = self._at(answer.parameter).stiffness
             return math.sqrt(max(values @ (stiffness @ values), 0.0))
-        return float(np.linalg.norm(values)) if name == "forces" else float(np.abs(values).max(initial=0.0))
+        return (
+            float(np.linalg.norm(values))
+            if name == "forces"
+            else float(np.abs(values).max(initial=0.0))
+        )
 
     def _at(self, point: np.ndarray) -> ContactProblem:
         """The problem at a point; the last one is kept for further queries there."""
@@ -227,13 +263,18 @@ class Errors:
         return self._last[1]
 
     def _largest(self, name: str, answer: Answer) -> float:
-        """Size of an exact answer; for an output that is a sum, with absolute values of its terms."""
+        """Size of an exact answer; for an output that is a sum, with absolute values of its
+        terms.
+        """
         size = self._size(name, answer, self._read(name, answer))
         item = self._sums.get(name)
         if item is None:
             return size
         sizes = abs(item.matrix(self._problem.free.size)) @ np.abs(answer.displacement())
-        return max(size, float(np.abs(item.weights) @ np.abs(answer.forces()[item.conditions]) + sizes.sum()))
+        return max(
+            size,
+            float(np.abs(item.weights) @ np.abs(answer.forces()[item.conditions]) + sizes.sum()),
+        )
 
 
 def _pressed(problem: Any) -> np.ndarray:

@@ -1,7 +1,8 @@
-"""Parallel search: ranks solve for the first one, which alone decides, since decisions depend on its clock.
+"""Parallel search: ranks solve for the first one, which alone decides, since decisions depend on
+its clock.
 
-Each rank has a full model. All ranks solve the queries of the first one in parallel, a part each, and wait for its
-next queries until it releases them.
+Each rank has a full model. All ranks solve the queries of the first one in parallel, a part each,
+and wait for its next queries until it releases them.
 """
 
 from __future__ import annotations
@@ -27,7 +28,10 @@ Found = Answer | History | errors.HHRError
 
 @dataclass(frozen=True)
 class Workers:
-    """The ranks of a search, the full model of this one, and what keeps answers; None keeps them in memory alone."""
+    """The ranks of a search, the full model of this one, and what keeps answers.
+
+    None keeps them in memory alone.
+    """
 
     comm: Comm
     full: FullOrderModel
@@ -39,7 +43,10 @@ class Workers:
         return int(self.comm.size)
 
     def solved(self, questions: Sequence[np.ndarray | AnswerPath]) -> list[Found]:
-        """Exact answers, or errors for queries without one; called by the first rank, for which the others wait."""
+        """Exact answers, or errors for queries without one.
+
+        Called by the first rank, for which the others wait.
+        """
         if self.comm.size > 1:
             self.comm.bcast(list(questions))
         return self._shared(questions)
@@ -65,7 +72,9 @@ class Workers:
             own = [_sent(self._tried(question)) for question in questions[comm.rank :: comm.size]]
         except BaseException as error:  # the other ranks wait for this part
             failure = error
-            own = [("", f"{type(error).__name__}: {error}")] * len(questions[comm.rank :: comm.size])
+            own = [("", f"{type(error).__name__}: {error}")] * len(
+                questions[comm.rank :: comm.size]
+            )
         parts = comm.gather(own)
         if failure is not None and parts is not None:
             raise failure
@@ -93,7 +102,9 @@ class Workers:
             return error
 
     def _taken(self, item: Any) -> Found:
-        """Result of another rank; RuntimeError for a failure outside this package, which no other attempt can cure."""
+        """Result of another rank; RuntimeError for a failure outside this package, which no other
+        attempt can cure.
+        """
         if isinstance(item, Answer):
             return item._replace(fields=self.full)
         if isinstance(item, History):

@@ -2,10 +2,12 @@
 
 A page solves
 
-    S(μ) = sum_c s_c(μ) sum_k h_k(μ) S_ck,  g(μ) = D(μ) θ(μ) - free motions,  λ >= 0,  g + S λ >= 0,  λ·(g + S λ) = 0
+    S(μ) = sum_c s_c(μ) sum_k h_k(μ) S_ck,  g(μ) = D(μ) θ(μ) - free motions,  λ >= 0,  g + S λ >= 0,
+    λ·(g + S λ) = 0
 
-with one term for constant stiffness, see :mod:`hhr_dolfinx.plugins.moduli.interpolated`. For inelastic bodies it
-has the arrays of an increment instead, see :mod:`hhr_dolfinx.plugins.pages.flowing`.
+with one term for constant stiffness, see :mod:`hhr_dolfinx.plugins.moduli.interpolated`. For
+inelastic bodies it has the arrays of an increment instead, see
+:mod:`hhr_dolfinx.plugins.pages.flowing`.
 """
 
 from __future__ import annotations
@@ -49,17 +51,19 @@ def check_model(model: object, what: str = "a page") -> None:
         check_law(model.law, what, flows=True)  # type: ignore[attr-defined]
         return
     if not isinstance(model, CondensedModel) or not (
-        isinstance(model.eliminated, ConstantElimination) or model.eliminated.keeps_kernel or interpolates(model)
+        isinstance(model.eliminated, ConstantElimination)
+        or model.eliminated.keeps_kernel
+        or interpolates(model)
     ):
         raise NotOfferedError(
-            f"cannot write {what} of a {type(model).__name__}: only condensed models, which keep all contact "
-            "conditions, are supported. "
-            "Call hhr.condense(scene) or hhr train SCENE --model condensed"
+            f"cannot write {what} of a {type(model).__name__}: only condensed models, which keep "
+            "all contact conditions, are supported. Call hhr.condense(scene) or hhr train SCENE "
+            "--model condensed"
         )
     if model.eliminated.keeps_kernel and not hasattr(model.eliminated, "responses"):
         raise NotOfferedError(
-            f"{what} solves for the motions of bodies that contact alone holds on one S, and here S depends on "
-            "parameters: ask in Python, or hold them by a displacement"
+            f"{what} solves for the motions of bodies that contact alone holds on one S, and here "
+            "S depends on parameters: ask in Python, or hold them by a displacement"
         )
     check_law(model.law, what, flows=False)
     eliminated: Any = model.eliminated
@@ -81,7 +85,9 @@ def flows(model: object) -> bool:
     return isinstance(model, KeptModel) and model.equilibrium is not None
 
 
-def packed(model: Any, scenery: Scenery, room: int) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+def packed(
+    model: Any, scenery: Scenery, room: int
+) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
     """Tree and arrays of a model that passed :func:`check_model`, with its pictures.
 
     Optional parts use at most ``room`` bytes, those of the other arrays included.
@@ -99,7 +105,9 @@ def packed(model: Any, scenery: Scenery, room: int) -> tuple[dict[str, Any], dic
 
 def _kernel(model: Any, tree: dict[str, Any], arrays: Packed) -> dict[str, Any]:
     """The compiled kernel that a model needs, and its data."""
-    code = np.frombuffer(kernel_of(kernel_parts(tree), laws_of(model.law, "a page")), dtype=np.uint8)
+    code = np.frombuffer(
+        kernel_of(kernel_parts(tree), laws_of(model.law, "a page")), dtype=np.uint8
+    )
     own = encoded(kernel_data(tree, arrays.arrays, (tree["lower"], tree["upper"])))
     return own | {"code": arrays.put("kernel", code, "<u1")}
 
@@ -109,7 +117,9 @@ def _drawn(tree: dict[str, Any]) -> dict[str, Any]:
     found = {key: value for key, value in tree.items() if key not in _OF_KERNEL}
     found["outputs"] = [{key: item[key] for key in ("name", "unit")} for item in tree["outputs"]]
     own = ("terms", "forced", "factor", "weights")  # of the bound
-    found["parts"] = [{key: part[key] for key in own} for part in tree["parts"]] if tree["bound"] else []
+    found["parts"] = (
+        [{key: part[key] for key in own} for part in tree["parts"]] if tree["bound"] else []
+    )
     if tree["ranges"]:
         found["ranges"] = {"remembers": tree["ranges"]["remembers"]}
     if tree["friction"]:
@@ -123,7 +133,9 @@ def _drawn(tree: dict[str, Any]) -> dict[str, Any]:
 
 
 def contact_tree(model: Any, arrays: Packed) -> dict[str, Any]:
-    """Plain values, with names of arrays, to solve for contact forces and outputs without Python."""
+    """Plain values, with names of arrays, to solve for contact forces and outputs without
+    Python.
+    """
     space = model.parameters
     inelastic = flows(model)
     amplitudes = _amplitudes_of(model)
@@ -165,15 +177,26 @@ def _amplitudes_of(model: Any) -> Amplitudes:
 def _limit(limit: Limits) -> dict[str, Any]:
     """Elastic constant and its limits; None for an infinite one, which JSON cannot represent."""
     low, high = limit.ends
-    return {"steps": steps_of(limit.scalar), "low": low, "high": high if math.isfinite(high) else None}
+    return {
+        "steps": steps_of(limit.scalar),
+        "low": low,
+        "high": high if math.isfinite(high) else None,
+    }
 
 
 def _amplitudes(amplitudes: Amplitudes, arrays: Packed) -> dict[str, Any]:
     others = []
     for number, item in enumerate(amplitudes.nonaffine):
         if isinstance(item, Coverage):
-            own = {"positions": arrays.put(f"positions{number}", item.positions), "extent": item.extent}
-            own |= {"constant": item.constant, "slopes": item.slopes.tolist(), "degree": item.degree}
+            own = {
+                "positions": arrays.put(f"positions{number}", item.positions),
+                "extent": item.extent,
+            }
+            own |= {
+                "constant": item.constant,
+                "slopes": item.slopes.tolist(),
+                "degree": item.degree,
+            }
             others.append({"kind": "coverage", **own})
         elif isinstance(item, Scalar):
             others.append({"kind": "formula", "steps": steps_of(item)})
@@ -181,7 +204,8 @@ def _amplitudes(amplitudes: Amplitudes, arrays: Packed) -> dict[str, Any]:
             others += [{"kind": "formula", "steps": steps_of(scalar)} for scalar in scalars]
         else:
             raise NotOfferedError(
-                f"a page knows no amplitude of kind {type(item).__name__}, which is no formula: give the model file"
+                f"a page knows no amplitude of kind {type(item).__name__}, which is no formula: "
+                "give the model file"
             )
     return {
         "constant": arrays.put("constant", amplitudes.constant),
@@ -197,7 +221,8 @@ def _eliminated(eliminated: Any, arrays: Packed) -> dict[str, Any]:
         floating = None
         if eliminated.keeps_kernel:  # contact rows of the motions, B R, and loads along them
             floating = {
-                name: arrays.put(f"floating_{name}", getattr(eliminated, name)) for name in ("taken", "driving")
+                name: arrays.put(f"floating_{name}", getattr(eliminated, name))
+                for name in ("taken", "driving")
             }
         return {
             "floating": floating,
@@ -220,33 +245,55 @@ def _outputs(model: Any, arrays: Packed) -> tuple[list[dict[str, Any]], list[str
         known = not item.count or isinstance(fields, ExactFields) or flows(model)
         if _is_quadratic(model, item):
             half_of_it = arrays.put(f"output{number}_half", half(_second_derivatives(model, item)))
-            found.append({"name": item.name, "unit": item.unit, "kind": "quadratic", "half": half_of_it})
+            found.append(
+                {"name": item.name, "unit": item.unit, "kind": "quadratic", "half": half_of_it}
+            )
             continue
-        if np.size(fields.functionals.axes) or not isinstance(item, Linear | Largest | Loaded) or not known:
+        if (
+            np.size(fields.functionals.axes)
+            or not isinstance(item, Linear | Largest | Loaded)
+            or not known
+        ):
             missing.append(item.name)
             continue
-        own = _linear(model, item, number, arrays) if isinstance(item, Linear) else _of_forces(item, number, arrays)
+        own = (
+            _linear(model, item, number, arrays)
+            if isinstance(item, Linear)
+            else _of_forces(item, number, arrays)
+        )
         found.append({"name": item.name, "unit": item.unit} | own)
     return found, missing
 
 
 def _is_quadratic(model: Any, item: Functional) -> bool:
-    """True for a quadratic form of forces and θ: of a constant shape, with known maps, and without motions."""
+    """True for a quadratic form of forces and θ: of a constant shape, with known maps, and without
+    motions.
+    """
     fields = model.fields
-    known = isinstance(fields, ExactFields) and not flows(model) and not model.eliminated.keeps_kernel
-    return known and not np.size(fields.functionals.axes) and bool(getattr(item, "quadratic", False))
+    known = (
+        isinstance(fields, ExactFields) and not flows(model) and not model.eliminated.keeps_kernel
+    )
+    return (
+        known and not np.size(fields.functionals.axes) and bool(getattr(item, "quadratic", False))
+    )
 
 
 def _second_derivatives(model: Any, item: Functional) -> np.ndarray:
-    """Those of a quadratic form along forces and θ, (m + 1 + T, m + 1 + T), by its slopes for units of both."""
+    """Those of a quadratic form along forces and θ, (m + 1 + T, m + 1 + T), by its slopes for units
+    of both.
+    """
     fields = model.fields
     m = model.conditions
     rows = item.matrix(fields.functionals.size)
-    read = np.hstack([-(rows @ fields.per_force), rows @ fields.per_term + dense(rows @ fields.lifts)])
+    read = np.hstack(
+        [-(rows @ fields.per_force), rows @ fields.per_term + dense(rows @ fields.lifts)]
+    )
     found = np.zeros((read.shape[1],) * 2)
     for row, unit in zip(found, np.eye(len(found)), strict=True):
         nothing = np.zeros((0, 1))
-        part = item.slopes(State(unit[:m], read @ unit, model.parameters.middle, unit[m:], nothing.copy))
+        part = item.slopes(
+            State(unit[:m], read @ unit, model.parameters.middle, unit[m:], nothing.copy)
+        )
         row += part.measured @ read
         row[m:] += part.theta
         np.add.at(row, part.conditions, part.forces)
@@ -308,7 +355,9 @@ def drawn(scenery: Scenery) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
 
 
 def _flat(scenery: Scenery) -> np.ndarray:
-    """Contact points projected on two axes if nearly flat, else on the two widest directions, (m, 2)."""
+    """Contact points projected on two axes if nearly flat, else on the two widest directions, (m,
+    2).
+    """
     found = np.zeros((len(scenery.areas), 2))
     for pair in np.unique(scenery.pairs):
         own = scenery.pairs == pair

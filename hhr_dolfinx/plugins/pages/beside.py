@@ -1,4 +1,6 @@
-"""Mesh of a model in a file, from the scenery beside it: for pressures, figures and files of fields."""
+"""Mesh of a model in a file, from the scenery beside it: for pressures, figures and files of
+fields.
+"""
 
 from __future__ import annotations
 
@@ -22,28 +24,35 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class MeshBeside:
-    """Scenery beside a model file, read when it is used; see :class:`~hhr_dolfinx.models.answer.Meshed`."""
+    """Scenery beside a model file, read when it is used.
+
+    See :class:`~hhr_dolfinx.models.answer.Meshed`.
+    """
 
     model: Path
     loaded: Callable[[], KeptModel]  # the model of this file, to compare
 
     @cached_property
     def _scenery(self) -> Scenery:
-        """The scenery; NotOfferedError if there is none, it is of another scene, or the shape of its mesh varies."""
+        """The scenery; NotOfferedError if there is none, it is of another scene, or the shape of
+        its mesh varies.
+        """
         from hhr_dolfinx.plugins.pages.scenery import NAME, Scenery
 
         try:
             scenery = Scenery.read(self.model.with_name(NAME))
         except FileNotFoundError:
             raise NotOfferedError(
-                f"there is no {NAME} beside {self.model}, and a model in a file has no mesh: {self._remedy}"
+                f"there is no {NAME} beside {self.model}, and a model in a file has no mesh: "
+                f"{self._remedy}"
             ) from None
         if scenery.moves:
             raise NotOfferedError(
-                f"shapes of bodies are parameters, and the {NAME} beside {self.model} has those in the middle of the "
-                f"box alone: {FULL}"
+                f"shapes of bodies are parameters, and the {NAME} beside {self.model} has those "
+                f"in the middle of the box alone: {FULL}"
             )
-        # the answers of others do not have S of the whole surface: the numbers of their forces and dofs are compared
+        # the answers of others do not have S of the whole surface: the numbers of their forces and
+        # dofs are compared
         if isinstance(model := self.loaded(), CondensedModel):
             from hhr_dolfinx.plugins.pages.page import check_alike
 
@@ -52,7 +61,10 @@ class MeshBeside:
 
     @property
     def _remedy(self) -> str:
-        return f"{FULL}; hhr.scenery_of(full).write({str(self.model.with_name('scenery.npz'))!r}) makes the file"
+        return (
+            f"{FULL}; hhr.scenery_of(full).write({str(self.model.with_name('scenery.npz'))!r}) "
+            "makes the file"
+        )
 
     def areas(self, mu: PointLike) -> np.ndarray:
         """Tributary areas of the contact conditions, (N_lambda,)."""
@@ -62,12 +74,15 @@ class MeshBeside:
         """Mesh and contact surface.
 
         Raises:
-            NotOfferedError: without a scenery, or with one of an earlier release, which has drawn triangles alone.
+            NotOfferedError: without a scenery, or with one of an earlier release, which has drawn
+                triangles alone.
         """
         scenery = self._scenery
         mesh = scenery.mesh
         if mesh is None:
-            raise NotOfferedError(f"the scenery beside {self.model} is of an earlier release: {self._remedy}")
+            raise NotOfferedError(
+                f"the scenery beside {self.model} is of an earlier release: {self._remedy}"
+            )
         strains = scenery.strains
         whole = strains is not None and len(strains.bodies) == len(mesh.all_cells)
         return AnswerMesh(
@@ -83,11 +98,16 @@ class MeshBeside:
             parameters=mesh.parameters,
             length=scenery.words.get("length", ""),
             stress=scenery.words.get("stress", ""),
-            von_mises=partial(_von_mises, strains, mesh.parameters) if strains is not None and whole else None,
+            von_mises=partial(_von_mises, strains, mesh.parameters)
+            if strains is not None and whole
+            else None,
         )
 
 
-FULL = "name the scene, --scene FILE.py, or in Python give the full model, full=hhr.FullOrderModel(scene)"
+FULL = (
+    "name the scene, --scene FILE.py, or in Python give the full model, "
+    "full=hhr.FullOrderModel(scene)"
+)
 """End of refusals."""
 
 
@@ -109,7 +129,9 @@ def contacts_of(scenery: Scenery) -> tuple[np.ndarray, ...]:
     )
 
 
-def _von_mises(strains: Strains, names: tuple[str, ...], displacement: np.ndarray, point: np.ndarray) -> np.ndarray:
+def _von_mises(
+    strains: Strains, names: tuple[str, ...], displacement: np.ndarray, point: np.ndarray
+) -> np.ndarray:
     """Von Mises' stress of each cell of strains, (c,)."""
     from hhr_dolfinx.plugins.pages.stress import Stress
 

@@ -18,17 +18,21 @@ with extra("study", "the command hhr"):
 PAGES = (".html",)
 
 
-@click.command(epilog=examples("hhr page out/my_scene/condensed.npz", "hhr page model.npz --scene my_scene.py"))
+@click.command(
+    epilog=examples("hhr page out/my_scene/condensed.npz", "hhr page model.npz --scene my_scene.py")
+)
 @click.argument("model", type=click.Path(path_type=Path))
 @click.option("--scene", help="what the model was made of, where no scenery.npz lies beside it")
 @click.option("--out", type=click.Path(path_type=Path), help="the page [<model>.html]")
 @KNOWN
 @guarded
 def page(model: Path, scene: str | None, out: Path | None, known: tuple[str, ...]) -> None:
-    """Write one HTML page that answers as a condensed model does, in any browser, without Python and without a network.
+    """Write one HTML page that answers as a condensed model does, in any browser, without Python
+    and without a network.
 
-    Contact pressures and their error, outputs and their derivatives, displacement of the mesh: sliders for all
-    parameters. What it draws comes from scenery.npz, which train and reduce leave beside the model.
+    Contact pressures and their error, outputs and their derivatives, displacement of the mesh:
+    sliders for all parameters. What it draws comes from scenery.npz, which train and reduce leave
+    beside the model.
     """
     from hhr_dolfinx.command.loading import checked_target, model_of
     from hhr_dolfinx.plugins.pages.page import check_for_page, write_model_page
@@ -58,7 +62,8 @@ def _scenery_of(model: Path, scene: str | None) -> Any:
         return Scenery.read(model.with_name(NAME))
     except FileNotFoundError:
         raise FileError(
-            f"there is no {NAME} beside {model}, and a model in a file knows no mesh: name its scene, --scene FILE.py"
+            f"there is no {NAME} beside {model}, and a model in a file knows no mesh: name its "
+            "scene, --scene FILE.py"
         ) from None
 
 

@@ -1,11 +1,12 @@
 """Von Mises' stress of inelastic bodies on a page: means of cells, in few modes.
 
-With the arrays of :class:`hhr_dolfinx.plugins.inelastic.condensed_fields.PlasticFields` the deviator of a cell is
+With the arrays of :class:`hhr_dolfinx.plugins.inelastic.condensed_fields.PlasticFields` the
+deviator of a cell is
 
     dev σ = D (K^-1 F θ - K^-1 B^T λ) + (D (u_L θ + u_p s) - M (ε_0 θ + ε_p s)) / c,
 
-D and M are means over the points of a cell, s coefficients of the modes of the plastic strain, and c the compliance of
-its body over that at the middle of the box.
+D and M are means over the points of a cell, s coefficients of the modes of the plastic strain, and
+c the compliance of its body over that at the middle of the box.
 """
 
 from __future__ import annotations
@@ -28,26 +29,34 @@ MOST_CELLS = 20_000
 
 
 def cells_of(model: CondensedFlowModel, scenery: Scenery) -> np.ndarray:
-    """Cell of each drawn triangle, (t,), that has all of its nodes; NotOfferedError for a scenery of another mesh."""
+    """Cell of each drawn triangle, (t,), that has all of its nodes.
+
+    NotOfferedError for a scenery of another mesh.
+    """
     cells = model.fields.flow.strain.dofs[:, :: model.dimension] // model.dimension
     count = len(model.fields.basis) // model.dimension
     corners = scenery.nodes[scenery.triangles]
     of_triangles, of_cells = (
         csr_matrix(
-            (np.ones(nodes.size), nodes.ravel(), np.arange(len(nodes) + 1) * nodes.shape[1]), (len(nodes), count)
+            (np.ones(nodes.size), nodes.ravel(), np.arange(len(nodes) + 1) * nodes.shape[1]),
+            (len(nodes), count),
         )
         for nodes in (corners, cells)
     )
     shared = (of_triangles @ of_cells.T).tocsr()
     if (shared.max(axis=1).toarray() < corners.shape[1]).any():
-        raise NotOfferedError("the scenery is of another mesh than the model: its triangles are none of its cells'")
+        raise NotOfferedError(
+            "the scenery is of another mesh than the model: its triangles are none of its cells'"
+        )
     return np.asarray(shared.argmax(axis=1)).ravel()
 
 
 class CellMeans:
-    """Stresses of cells, (c,), as sparse matrices: (c k, N) of displacements, (c k, points) of strains.
+    """Stresses of cells, (c,), as sparse matrices: (c k, N) of displacements, (c k, points) of
+    strains.
 
-    They are deviators, except in plane stress. The third component is left out: it follows from the others, or is 0.
+    They are deviators, except in plane stress. The third component is left out: it follows from the
+    others, or is 0.
     """
 
     def __init__(self, model: CondensedFlowModel, cells: np.ndarray):
@@ -58,7 +67,9 @@ class CellMeans:
         self._shares = shares
         self._points = points
         part = np.eye(operator.components)
-        self.plane_stress = any(group.law is not None and group.law.plane_stress for group in model.flow.groups)
+        self.plane_stress = any(
+            group.law is not None and group.law.plane_stress for group in model.flow.groups
+        )
         if not self.plane_stress:
             part[:3, :3] -= 1 / 3
         self._part = np.delete(part, 2, axis=0)
@@ -68,33 +79,47 @@ class CellMeans:
         self.of_displacements = _sparse(gradients, operator.dofs[cells], operator.size)
         strains = scaled.swapaxes(1, 2).reshape(len(cells), len(self._part), -1)
         places = points[:, :, None] * operator.components + np.arange(operator.components)
-        self.of_strains = _sparse(strains, places.reshape(len(cells), -1), flow.places * operator.components)
+        self.of_strains = _sparse(
+            strains, places.reshape(len(cells), -1), flow.places * operator.components
+        )
 
     def stressed(self, stress: np.ndarray) -> np.ndarray:
         """The same for a stress at all Gauss points, (Gauss points, components): (c k,)."""
-        return np.einsum("cp,kj,cpj->ck", self._shares, self._part, stress[self._points], optimize=True).ravel()
+        return np.einsum(
+            "cp,kj,cpj->ck", self._shares, self._part, stress[self._points], optimize=True
+        ).ravel()
 
 
 def _sparse(blocks: np.ndarray, columns: np.ndarray, size: int) -> csc_matrix:
     """Matrix with consecutive rows of cells, from blocks (c, k, d) on columns (c, d)."""
     count = blocks.shape[0] * blocks.shape[1]
-    places = np.repeat(np.arange(count), blocks.shape[2]), np.broadcast_to(columns[:, None], blocks.shape).ravel()
+    places = (
+        np.repeat(np.arange(count), blocks.shape[2]),
+        np.broadcast_to(columns[:, None], blocks.shape).ravel(),
+    )
     return csc_matrix(coo_matrix((blocks.ravel(), places), (count, size)))
 
 
 def flow_stress(
-    model: CondensedFlowModel, scenery: Scenery, histories: Sequence[Sequence[Answer]], arrays: Packed, room: int
+    model: CondensedFlowModel,
+    scenery: Scenery,
+    histories: Sequence[Sequence[Answer]],
+    arrays: Packed,
+    room: int,
 ) -> dict[str, Any] | None:
     """Stress of drawn cells in modes of some histories, and its error along others.
 
-    None if there are too many cells, if the error of the largest stress is too large, or if there is no room.
+    None if there are too many cells, if the error of the largest stress is too large, or if there
+    is no room.
     """
     assert scenery.owners is not None
     cells, places = np.unique(scenery.owners, return_inverse=True)
     if not 0 < len(cells) <= MOST_CELLS or len(histories) < APART:
         return None
     means = CellMeans(model, cells)
-    seen = np.array([means.stressed(model.fields.stress(answer)) for along in histories for answer in along]).T
+    seen = np.array(
+        [means.stressed(model.fields.stress(answer)) for along in histories for answer in along]
+    ).T
     number = np.repeat(np.arange(len(histories)), [len(along) for along in histories])
     apart = np.flatnonzero(number % APART == APART - 1)
     ways = modes_of(np.delete(seen, apart, axis=1), STRESS, int((room - arrays.size) / BASE64))
@@ -105,7 +130,12 @@ def flow_stress(
     tree |= _maps(model, means, cells, ways, tried)
     found = kept_levels(tree, tried).T @ (ways.T @ seen[:, apart])
     exact, drawn = (
-        np.array([mises_of(one.reshape(len(cells), -1), plane_stress=means.plane_stress) for one in own.T])
+        np.array(
+            [
+                mises_of(one.reshape(len(cells), -1), plane_stress=means.plane_stress)
+                for one in own.T
+            ]
+        )
         for own in (seen[:, apart], found)
     )
     # after unloading the residual stress is small compared with the stress of its history
@@ -130,7 +160,9 @@ def flow_stress(
 def _maps(
     model: CondensedFlowModel, means: CellMeans, cells: np.ndarray, ways: np.ndarray, arrays: Packed
 ) -> dict[str, Any]:
-    """Maps to coefficients of modes: from forces and loads, and by part from imposed and plastic strains."""
+    """Maps to coefficients of modes: from forces and loads, and by part from imposed and plastic
+    strains.
+    """
     fields = model.fields
     flow = fields.flow
     components = flow.strain.components

@@ -1,8 +1,9 @@
-"""Data of a condensed inelastic model on a page: arrays of an increment, laws as programs, and pictures of an answer.
+"""Data of a condensed inelastic model on a page: arrays of an increment, laws as programs, and
+pictures of an answer.
 
-The kernel solves histories like :mod:`hhr_dolfinx.plugins.inelastic.condensed_flow`: the same residual, the same
-contact problem for each correction, and Newton's method on both. Where contacts rub, that is an increment of friction,
-see :mod:`hhr_dolfinx.plugins.friction.rubbing_flow`.
+The kernel solves histories like :mod:`hhr_dolfinx.plugins.inelastic.condensed_flow`: the same
+residual, the same contact problem for each correction, and Newton's method on both. Where contacts
+rub, that is an increment of friction, see :mod:`hhr_dolfinx.plugins.friction.rubbing_flow`.
 """
 
 from __future__ import annotations
@@ -31,22 +32,25 @@ from hhr_dolfinx.warn import ignored
 
 WALKS = 16
 WALK = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 0.6, 0.3, 0.0)
-"""Number of histories from which modes of pictures are computed, and their load factors: proportional loading to a
-random point and back."""
+"""Number of histories from which modes of pictures are computed, and their load factors:
+proportional loading to a random point and back.
+"""
 
 GRADING = "grading_of_its_elasticity"
 """Name of the grading of a body in the formula of its modulus; no parameter has it."""
 EXACT = 100_000
-"""Most strains of contact forces that are stored with all digits: single precision changed forces by 8e-9, measured
-once."""
+"""Most strains of contact forces that are stored with all digits: single precision changed forces
+by 8e-9, measured once.
+"""
 
 
 def check_flow(model: object, what: str = "a page") -> None:
     """Raise NotOfferedError for models that are not condensed."""
     if not isinstance(model, CondensedFlowModel):
         raise NotOfferedError(
-            f"{what} marches with condensed flow, and a {type(model).__name__} is not of that kind: "
-            "hhr.train(scene, paths).condense(), or hhr reduce SCENE with PATHS beside the scene"
+            f"{what} marches with condensed flow, and a {type(model).__name__} is not of that "
+            "kind: hhr.train(scene, paths).condense(), or hhr reduce SCENE with PATHS beside the "
+            "scene"
         )
 
 
@@ -60,17 +64,21 @@ def flow_tree(model: CondensedFlowModel, arrays: Packed) -> dict[str, Any]:
     kind = "<f8" if flow.per_force.size <= EXACT else "<f4"
     tree["per_force"] = arrays.put("flow_per_force", flow.per_force, kind)
     tree["weights"] = arrays.put("flow_weights", _weights(flow, material.elastic))
-    tree |= {name: arrays.put(f"flow_{name}", getattr(flow, name), "<i4") for name in ("parts", "mode_parts")}
+    tree |= {
+        name: arrays.put(f"flow_{name}", getattr(flow, name), "<i4")
+        for name in ("parts", "mode_parts")
+    }
     tree["schur"] = arrays.put("flow_schur", np.array([half(part) for part in flow.schur]))
     tree["moduli"] = [steps_of(modulus.factor_scalar) for modulus in flow.factors.moduli]
     tree["middle"] = flow.factors.middle.tolist()
     elasticity = [group.elasticity(flow.components) for group in material.groups]
     tree["groups"] = [
-        _group(k, *pair, names, arrays) for k, pair in enumerate(zip(flow.groups, elasticity, strict=True))
+        _group(k, *pair, names, arrays)
+        for k, pair in enumerate(zip(flow.groups, elasticity, strict=True))
     ]
     tree["fixed"] = fixed(model)
-    # for PlasticFields.unforeseen of the answer shown, to a few digits: the residual of the fit to all points is
-    # orthogonal to the modes, so their orthonormal directions suffice
+    # for PlasticFields.unforeseen of the answer shown, to a few digits: the residual of the fit to
+    # all points is orthogonal to the modes, so their orthonormal directions suffice
     plastic = model.fields.flow
     tree["unforeseen"] = packed_levels("flow_shown", np.linalg.qr(plastic.shown)[0].T, arrays)
     tree["unforeseen"]["without"] = arrays.put("flow_without", plastic.without, "<f4")
@@ -78,17 +86,26 @@ def flow_tree(model: CondensedFlowModel, arrays: Packed) -> dict[str, Any]:
 
 
 def _weights(flow: CondensedFlow, elastic: np.ndarray) -> np.ndarray:
-    """Weight of each point, (n,): the factor from the stress of ``per_mode`` by C, (n, c, c), to ``tested``."""
+    """Weight of each point, (n,): the factor from the stress of ``per_mode`` by C, (n, c, c), to
+    ``tested``.
+    """
     shape = len(flow.per_mode), flow.components, -1
     stress: np.ndarray = np.einsum("nij,ljn->lin", elastic, flow.per_mode.reshape(shape))
     squares = (stress**2).sum(axis=(0, 1))
-    return np.asarray((stress * flow.tested.reshape(shape)).sum(axis=(0, 1)) / np.where(squares > 0, squares, 1.0))
+    return np.asarray(
+        (stress * flow.tested.reshape(shape)).sum(axis=(0, 1)) / np.where(squares > 0, squares, 1.0)
+    )
 
 
 def _group(
-    number: int, group: Group, elasticity: tuple[np.ndarray, np.ndarray], names: tuple[str, ...], arrays: Packed
+    number: int,
+    group: Group,
+    elasticity: tuple[np.ndarray, np.ndarray],
+    names: tuple[str, ...],
+    arrays: Packed,
 ) -> dict[str, Any]:
-    """Points of a body: C and C^-1 in the middle of the box, formulas of E, ν and law constants, and its program.
+    """Points of a body: C and C^-1 in the middle of the box, formulas of E, ν and law constants,
+    and its program.
 
     C and C^-1 are those for the grading 1, by which E is multiplied in its formula.
     """
@@ -106,7 +123,10 @@ def _group(
         "points": len(group.indices),
         "elastic": arrays.put(f"elastic{number}", elasticity[0]),
         "compliance": arrays.put(f"compliance{number}", elasticity[1]),
-        "constants": [steps_of(Scalar(value, every)) if isinstance(value, str) else [float(value)] for value in values],
+        "constants": [
+            steps_of(Scalar(value, every)) if isinstance(value, str) else [float(value)]
+            for value in values
+        ],
         "places": arrays.put(f"law{number}_places", places) if places.shape[1] else None,
         "grading": arrays.put(f"grading{number}", group.grading) if group.grading.size else None,
         "rated": law is not None and law.rated,
@@ -117,23 +137,38 @@ def _group(
 def _program(name: str, law: LawProgram, arrays: Packed) -> dict[str, Any]:
     """Arrays and sizes of the program of a law."""
     program = law.program
-    whole = {key: getattr(program, key) for key in ("rows", "ends", "outputs", "output_ends")} | {"kinds": law.kinds}
-    tree: dict[str, Any] = {key: arrays.put(f"{name}_{key}", values, "<i4") for key, values in whole.items()}
+    whole = {key: getattr(program, key) for key in ("rows", "ends", "outputs", "output_ends")} | {
+        "kinds": law.kinds
+    }
+    tree: dict[str, Any] = {
+        key: arrays.put(f"{name}_{key}", values, "<i4") for key, values in whole.items()
+    }
     numbers = {"numbers": program.numbers, "low": law.low, "high": law.high}
     tree |= {key: arrays.put(f"{name}_{key}", values) for key, values in numbers.items()}
     sizes = zip(("strains", "unknowns", "memory", "constants"), law.coded[1], strict=False)
-    return tree | {"sizes": dict(sizes), "registers": program.registers, "limited": bool(law.reason)}
+    return tree | {
+        "sizes": dict(sizes),
+        "registers": program.registers,
+        "limited": bool(law.reason),
+    }
 
 
 def fixed(model: CondensedFlowModel) -> list[int]:
-    """Indices of parameters that are constant in a history: of moduli, of law constants that no load depends on, and of
-    laws of contacts."""
+    """Indices of parameters that are constant in a history: of moduli, of law constants that no
+    load depends on, and of laws of contacts.
+    """
     names = model.parameters.names
-    moduli = {name for modulus in model.flow.factors.moduli for name in formula_of(modulus.factor, "young").variables}
+    moduli = {
+        name
+        for modulus in model.flow.factors.moduli
+        for name in formula_of(modulus.factor, "young").variables
+    }
     constants = {name for group in model.flow.groups for name in parameters_of(group.law)}
     loads = {names[place] for place in _axes(model.fields.amplitudes, names)}
     rubs = {names[place] for place in model.law.fixed.tolist()} if model.law.plugin else set()
-    return [place for place, name in enumerate(names) if name in moduli | (constants - loads) | rubs]
+    return [
+        place for place, name in enumerate(names) if name in moduli | (constants - loads) | rubs
+    ]
 
 
 def _axes(amplitudes: Amplitudes, names: tuple[str, ...]) -> Iterator[int]:
@@ -146,23 +181,39 @@ def _axes(amplitudes: Amplitudes, names: tuple[str, ...]) -> Iterator[int]:
             yield from range(len(names))
 
 
-def linear_of_flow(fields: CondensedFlowFields, item: Linear, number: int, arrays: Packed) -> dict[str, Any]:
-    """Weights of an output that reads displacements: of corrections, loads, and by part of forces and loads."""
+def linear_of_flow(
+    fields: CondensedFlowFields, item: Linear, number: int, arrays: Packed
+) -> dict[str, Any]:
+    """Weights of an output that reads displacements: of corrections, loads, and by part of forces
+    and loads.
+    """
     rows = csr_matrix(item.along @ item.matrix(len(fields.basis)))
-    inside = [csr_matrix(rows.multiply(fields.parts == part)) for part in range(fields.factors.middle.size)]
+    inside = [
+        csr_matrix(rows.multiply(fields.parts == part))
+        for part in range(fields.factors.middle.size)
+    ]
     found = {
         "modes": rows @ fields.basis,
         "given": rows @ fields.given,
         "pushed": np.vstack([part @ fields.per_force for part in inside]),
         "forced": np.vstack([part @ fields.forced for part in inside]),
     }
-    return {name: arrays.put(f"output{number}_{name}", np.ravel(values)) for name, values in found.items()}
+    return {
+        name: arrays.put(f"output{number}_{name}", np.ravel(values))
+        for name, values in found.items()
+    }
 
 
 def flow_field(
-    model: CondensedFlowModel, histories: Sequence[Sequence[Answer]], scenery: Scenery, rows: np.ndarray, arrays: Packed
+    model: CondensedFlowModel,
+    histories: Sequence[Sequence[Answer]],
+    scenery: Scenery,
+    rows: np.ndarray,
+    arrays: Packed,
 ) -> dict[str, Any] | None:
-    """Displacement of the drawn dofs in modes of some histories, and data of the drawn plastic strain."""
+    """Displacement of the drawn dofs in modes of some histories, and data of the drawn plastic
+    strain.
+    """
     fields = model.fields
     seen = np.array([answer.displacement()[rows] for along in histories for answer in along]).T
     ways = modes_of(seen)
@@ -179,7 +230,9 @@ def flow_field(
 
 
 def walked(model: CondensedFlowModel) -> Iterator[list[Answer]]:
-    """Answers of histories with proportional loading to random points of the training range, without warnings."""
+    """Answers of histories with proportional loading to random points of the training range,
+    without warnings.
+    """
     space = model.parameters
     rest = np.clip(0.0, space.lower, space.upper)
     still = fixed(model)
@@ -196,14 +249,20 @@ def walked(model: CondensedFlowModel) -> Iterator[list[Answer]]:
 
 
 def _plastic(fields: CondensedFlowFields, scenery: Scenery, arrays: Packed) -> dict[str, Any]:
-    """Cumulated plastic strain of drawn nodes, as the mean over the Gauss points around each, in its modes."""
+    """Cumulated plastic strain of drawn nodes, as the mean over the Gauss points around each, in
+    its modes.
+    """
     flow = fields.flow
     cells = flow.strain.dofs // fields.dimension
     points = np.arange(flow.places).reshape(len(cells), -1)
     nodes = np.repeat(cells[:, :: fields.dimension], points.shape[1], axis=1)
     around = np.tile(points, (1, cells.shape[1] // fields.dimension))
     count = len(fields.basis) // fields.dimension
-    mean = csr_matrix(coo_matrix((np.ones(nodes.size), (nodes.ravel(), around.ravel())), (count, flow.places)))
-    mean = csr_matrix(mean.multiply(1 / np.maximum(mean.sum(axis=1), 1)))[scenery.nodes][:, flow.flowed]
+    mean = csr_matrix(
+        coo_matrix((np.ones(nodes.size), (nodes.ravel(), around.ravel())), (count, flow.places))
+    )
+    mean = csr_matrix(mean.multiply(1 / np.maximum(mean.sum(axis=1), 1)))[scenery.nodes][
+        :, flow.flowed
+    ]
     strained = packed_levels("field_strained", (mean @ flow.cumulated.modes).T, arrays)
     return {"strained": strained | {"fit": arrays.put("field_fit", flow.cumulated.fit, "<f4")}}

@@ -1,8 +1,9 @@
 """Data of interpolated S on a page, and of the error bound at the point shown.
 
-Forces of a page solve the contact problem with the S of its bound, so the interpolation is the only error: the part
-``inexact`` of energies, see :mod:`hhr_dolfinx.plugins.moduli.varying_bound`. Energies of fields need the modes of
-P^T K^-1 P. The largest forces of a given energy follow from S at the point.
+Forces of a page solve the contact problem with the S of its bound, so the interpolation is the only
+error: the part ``inexact`` of energies, see :mod:`hhr_dolfinx.plugins.moduli.varying_bound`.
+Energies of fields need the modes of P^T K^-1 P. The largest forces of a given energy follow from S
+at the point.
 """
 
 from __future__ import annotations
@@ -28,7 +29,9 @@ def compliances_tree(eliminated: Compliances, arrays: Packed) -> dict[str, Any]:
         "free_slack": None,
         "parts": [_part(part, number, arrays) for number, part in enumerate(eliminated.parts)],
         "gaps": arrays.put("gaps", eliminated.gaps),
-        "reshaped": None if eliminated.reshaped is None else _interpolant(eliminated.reshaped, "gaps", arrays),
+        "reshaped": None
+        if eliminated.reshaped is None
+        else _interpolant(eliminated.reshaped, "gaps", arrays),
     }
 
 
@@ -44,7 +47,9 @@ def _part(part: Compliance, number: int, arrays: Packed) -> dict[str, Any]:
     }
 
 
-def _interpolant(found: Interpolant, name: str, arrays: Packed, modes: np.ndarray | None = None) -> dict[str, Any]:
+def _interpolant(
+    found: Interpolant, name: str, arrays: Packed, modes: np.ndarray | None = None
+) -> dict[str, Any]:
     """Polynomial on a sparse grid, with concatenated modes."""
     top = int(found.levels.max(initial=0))
     return {
@@ -59,13 +64,21 @@ def _interpolant(found: Interpolant, name: str, arrays: Packed, modes: np.ndarra
 
 
 def alike(one: Compliances, other: Compliances) -> bool:
-    """True if two compliances of one scene have the same interpolation; in a file both are one object."""
+    """True if two compliances of one scene have the same interpolation.
+
+    In a file both are one object.
+    """
     pairs = [(a.interpolant, b.interpolant) for a, b in zip(one.parts, other.parts, strict=True)]
-    return all(np.array_equal(a.weights, b.weights) and np.array_equal(a.modes, b.modes) for a, b in pairs)
+    return all(
+        np.array_equal(a.weights, b.weights) and np.array_equal(a.modes, b.modes) for a, b in pairs
+    )
 
 
 def bound_tree(model: Any, arrays: Packed) -> dict[str, Any] | None:
-    """Bound of an elastic model as plain values; None without a bound, or if its data are too large."""
+    """Bound of an elastic model as plain values.
+
+    None without a bound, or if its data are too large.
+    """
     bound = getattr(model.fields, "bound", None)
     if not isinstance(bound, VaryingBound) or not alike(bound.compliances, model.eliminated):
         return None
@@ -75,6 +88,8 @@ def bound_tree(model: Any, arrays: Packed) -> dict[str, Any] | None:
     return {
         "inexact": max(bound.inexact, ROUND_OFF),
         "least": bound.least.tolist(),
-        "areas": None if bound.reshaped_areas is not None else arrays.put("bound_areas", bound.areas),
+        "areas": None
+        if bound.reshaped_areas is not None
+        else arrays.put("bound_areas", bound.areas),
         "work": [arrays.put(f"bound_work{number}", modes) for number, modes in enumerate(halves)],
     }

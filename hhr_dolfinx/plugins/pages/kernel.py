@@ -1,7 +1,8 @@
-"""The kernel that solves contact problems without Python: its C sources, and what is compiled of them for pages.
+"""The kernel that solves contact problems without Python: its C sources, and what is compiled of
+them for pages.
 
-Headers and pages have one kernel. In a header its sizes are constants; on a page they are variables, so that a few
-kernels in WebAssembly, compiled once, answer for all models.
+Headers and pages have one kernel. In a header its sizes are constants; on a page they are
+variables, so that a few kernels in WebAssembly, compiled once, answer for all models.
 """
 
 from __future__ import annotations
@@ -57,7 +58,12 @@ def _laws(laws: Laws) -> str:
     own = "const model_own *own"
     calls = {
         "shift": ("double", own, "own", "0"),
-        "projection": ("double", f"{own}, double y, double c, double *slope", "own, y, c, slope", "(*slope = NAN)"),
+        "projection": (
+            "double",
+            f"{own}, double y, double c, double *slope",
+            "own, y, c, slope",
+            "(*slope = NAN)",
+        ),
         "after": (
             "void",
             f"{own}, double force, double slack, int active, double *memory",
@@ -108,7 +114,9 @@ MARK = b"sources"
 def page_sources(parts: list[str], laws: Laws) -> dict[str, str]:
     """Sources of a kernel for pages by their names, of which ``page.c`` is compiled."""
     found = {f"freestanding/{name}": kernel_file(f"freestanding/{name}") for name in FREESTANDING}
-    flags = "".join(f"#define MODEL_{name} {int(part in parts)}\n" for part, name in FLAGS_OF_PARTS.items())
+    flags = "".join(
+        f"#define MODEL_{name} {int(part in parts)}\n" for part, name in FLAGS_OF_PARTS.items()
+    )
     found["kernel.h"] = kernel_text(parts, laws).replace("/*DATA*/", kernel_file("sizes.h"))
     found["page.c"] = flags + kernel_file("page.c")
     return found
@@ -121,14 +129,17 @@ def digest_of(sources: dict[str, str]) -> bytes:
 
 
 def compiled(sources: dict[str, str]) -> bytes:
-    """A kernel for pages, compiled by clang of the package ``ziglang``, and marked by the digest of its sources.
+    """A kernel for pages, compiled by clang of the package ``ziglang``, and marked by the digest of
+    its sources.
 
     Raises:
         MissingPackageError: if that package is not installed.
         NotOfferedError: if the sources are not those of a kernel.
     """
     if importlib.util.find_spec("ziglang") is None:
-        raise MissingPackageError("a kernel for pages is compiled by the package ziglang: pip install ziglang")
+        raise MissingPackageError(
+            "a kernel for pages is compiled by the package ziglang: pip install ziglang"
+        )
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "freestanding").mkdir()
@@ -153,12 +164,17 @@ def compiled(sources: dict[str, str]) -> bytes:
 
 
 def _section(name: bytes, content: bytes) -> bytes:
-    """Custom section of WebAssembly, which browsers skip; name and content together have less than 127 bytes."""
+    """Custom section of WebAssembly, which browsers skip.
+
+    Name and content together have less than 127 bytes.
+    """
     return bytes([0, 1 + len(name) + len(content), len(name)]) + name + content
 
 
 def kernel_path(parts: list[str], laws: Laws) -> Path:
-    """File of the compiled kernel with some parts: of this plug-in, or beside the header of a law."""
+    """File of the compiled kernel with some parts: of this plug-in, or beside the header of a
+    law.
+    """
     folder = Path(__file__).with_name("c") if laws.part is None else laws.part.header.parent
     first = "contact" if laws.part is None else laws.part.key
     return folder / ("_".join([first, *(part for part in parts if part != first)]) + ".wasm")
@@ -166,7 +182,11 @@ def kernel_path(parts: list[str], laws: Laws) -> Path:
 
 def kernel_of(parts: list[str], laws: Laws) -> bytes:
     """The compiled kernel with some parts, which is compiled here for laws of users."""
-    return _compiled(tuple(parts), laws) if "ranges" in parts else kernel_path(parts, laws).read_bytes()
+    return (
+        _compiled(tuple(parts), laws)
+        if "ranges" in parts
+        else kernel_path(parts, laws).read_bytes()
+    )
 
 
 @lru_cache(maxsize=8)

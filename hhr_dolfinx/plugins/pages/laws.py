@@ -1,4 +1,6 @@
-"""Laws of interfaces in the kernel: friction, and laws of other plug-ins that bring C functions for their rows."""
+"""Laws of interfaces in the kernel: friction, and laws of other plug-ins that bring C functions for
+their rows.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ if TYPE_CHECKING:
 
 
 class LawOnPage(Protocol):
-    """Facet ``page`` of a law whose solver is a part of the kernel, which solves alone or next to other laws."""
+    """Facet ``page`` of a law whose solver is a part of the kernel, which solves alone or next to
+    other laws.
+    """
 
     key: str  # name of its data in the tree of a page, and of its part of the kernel
     header: Path  # file in C that solves by the law, beside the kernels that are compiled of it
@@ -32,7 +36,9 @@ class LawOnPage(Protocol):
 class LawInC(Protocol):
     """Facet ``kernel`` of a law of independent rows, see ``docs/plug_ins.md``."""
 
-    name: str  # its functions are model_NAME_projection, and with a memory model_NAME_shift and model_NAME_after
+    # its functions are model_NAME_projection, and with a memory model_NAME_shift and
+    # model_NAME_after
+    name: str
     text: str  # C of these functions
     memory: int  # numbers that it remembers of each row
 
@@ -71,12 +77,14 @@ def laws_of(law: ContactLaw, what: str) -> Laws:
 
 
 def check_law(law: ContactLaw, what: str, *, flows: bool) -> None:
-    """Raise NotOfferedError for a law that the kernel does not solve, or not with inelastic bodies."""
+    """Raise NotOfferedError for a law that the kernel does not solve, or not with inelastic
+    bodies.
+    """
     laws_of(law, what)
     if flows and law.plugin and not _alone(law):
         raise NotOfferedError(
-            f"{what} solves inelastic bodies with one contact problem for each correction, by an active set or by "
-            f"friction, and not with {law.name}: ask in Python"
+            f"{what} solves inelastic bodies with one contact problem for each correction, by an "
+            f"active set or by friction, and not with {law.name}: ask in Python"
         )
 
 
@@ -88,12 +96,18 @@ def law_tree(law: ContactLaw, count: int, arrays: Packed) -> dict[str, Any]:
         own: LawOnPage = _facet(law, "page", "a page")
         return {own.key: own.tree(law, arrays)}
     interface = _interface(law, count)
-    numbers = {item.name: number for number, item in enumerate(laws_of(law, "a page").ranges, start=1)}
+    numbers = {
+        item.name: number for number, item in enumerate(laws_of(law, "a page").ranges, start=1)
+    }
     tree: dict[str, Any] = {}
     items = []
     for number, part in enumerate(interface.ranges):
         name = f"range{number}"
-        item: dict[str, Any] = {"rows": arrays.put(f"{name}_rows", part.rows, "<i4"), "law": 0, "formulas": []}
+        item: dict[str, Any] = {
+            "rows": arrays.put(f"{name}_rows", part.rows, "<i4"),
+            "law": 0,
+            "formulas": [],
+        }
         item |= {"memory": 0, "remembers": 0}
         values = np.zeros((part.rows.size, 0))
         if part.law.plugin and _alone(part.law):
@@ -103,7 +117,10 @@ def law_tree(law: ContactLaw, count: int, arrays: Packed) -> dict[str, Any]:
         elif part.law.plugin:
             law_in_c: LawInC = _facet(part.law, "kernel", "a page")
             values = np.asarray(law_in_c.numbers(part.law), dtype=float)
-            item |= {"law": numbers[law_in_c.name], "formulas": [*map(steps_of, law_in_c.formulas(part.law))]}
+            item |= {
+                "law": numbers[law_in_c.name],
+                "formulas": [*map(steps_of, law_in_c.formulas(part.law))],
+            }
             if part.law.remembers:
                 item |= {"memory": law_in_c.memory, "remembers": 1}
         item["numbers"] = arrays.put(f"{name}_numbers", values)

@@ -1,4 +1,6 @@
-"""Data of a kernel as plain values, by which a page lays out records in memory as the C sources declare them."""
+"""Data of a kernel as plain values, by which a page lays out records in memory as the C sources
+declare them.
+"""
 
 from __future__ import annotations
 
@@ -21,10 +23,12 @@ _POINTERS = {"double": "D", "int": "I", "model_function": "I"}
 def layouts() -> dict[str, dict[str, str]]:
     """Codes of the fields of each record, in their order in C.
 
-    ``d`` is a double, ``i`` an int or the number of a formula, ``D`` and ``I`` point to several of them, ``R KIND`` to
-    records, and ``r KIND`` is a record inside.
+    ``d`` is a double, ``i`` an int or the number of a formula, ``D`` and ``I`` point to several of
+    them, ``R KIND`` to records, and ``r KIND`` is a record inside.
     """
-    text = re.sub(r"/\*.*?\*/", "", kernel_file("kernel.h") + kernel_file("sizes.h"), flags=re.DOTALL)
+    text = re.sub(
+        r"/\*.*?\*/", "", kernel_file("kernel.h") + kernel_file("sizes.h"), flags=re.DOTALL
+    )
     found = {kind: dict(_fields(body)) for body, kind in _TYPEDEF.findall(text)}
     wanted = ["sizes", "data"]
     for kind in wanted:  # which grows
@@ -61,7 +65,10 @@ class _Writer:
 
     def record(self, record: Struct) -> list[Any]:
         """Values of the fields in their order."""
-        return [self.value(record.fields.get(name), code) for name, code in layouts()[record.kind].items()]
+        return [
+            self.value(record.fields.get(name), code)
+            for name, code in layouts()[record.kind].items()
+        ]
 
     def value(self, value: Any, code: str) -> Any:
         if isinstance(value, Formula):
@@ -76,7 +83,10 @@ class _Writer:
         if code.startswith("r"):
             return self.record(Struct(code[2:], {}))
         if isinstance(value, list):
-            return [self.record(item) if isinstance(item, Struct) else self.value(item, "i") for item in value]
+            return [
+                self.record(item) if isinstance(item, Struct) else self.value(item, "i")
+                for item in value
+            ]
         if isinstance(value, np.ndarray):
             return value.tolist()
         return "Infinity" if value == np.inf else value

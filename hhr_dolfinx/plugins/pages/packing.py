@@ -1,6 +1,7 @@
 """Arrays, formulas and modes in the format of a page: plain numbers by name.
 
-Formulas of parameters are lists of operations, which a page evaluates: it executes no code from a model.
+Formulas of parameters are lists of operations, which a page evaluates: it executes no code from a
+model.
 """
 
 from __future__ import annotations
@@ -15,7 +16,10 @@ from hhr_dolfinx.formulas import FUNCTIONS, Scalar
 
 FIELD = 3e-3
 ROOM = 1_330_000
-"""Relative error of displacements by truncation of the drawn modes, below what a picture shows; most bytes of modes."""
+"""Relative error of displacements by truncation of the drawn modes, below what a picture shows.
+
+Most bytes of modes.
+"""
 POOR = 0.03
 """Largest acceptable truncation error of drawn modes."""
 NOTHING = 1e-9
@@ -60,7 +64,9 @@ class Packed:
 
 
 def steps_of(scalar: Scalar | None) -> list[Any] | None:
-    """Formula as operations on a stack: numbers, ``["p", k]`` for parameter k, names of operators and functions."""
+    """Formula as operations on a stack: numbers, ``["p", k]`` for parameter k, names of operators
+    and functions.
+    """
     if scalar is None:
         return None
     found: list[Any] = []
@@ -92,11 +98,14 @@ def half(matrix: np.ndarray) -> np.ndarray:
     return ((matrix + matrix.T) / 2)[np.tril_indices(len(matrix))]
 
 
-def modes_of(seen: np.ndarray, left: float = FIELD, numbers: int = int(ROOM / (2 * BASE64))) -> np.ndarray | None:
-    """Modes of drawn answers, (n, S), as columns (n, k), with a relative truncation error up to ``left``.
+def modes_of(
+    seen: np.ndarray, left: float = FIELD, numbers: int = int(ROOM / (2 * BASE64))
+) -> np.ndarray | None:
+    """Modes of drawn answers, (n, S), as columns (n, k), with a relative truncation error up to
+    ``left``.
 
-    Answers are normalised one by one, as colour scales are. None if all are zero, or if the modes that fit into
-    ``numbers`` have a truncation error above :data:`POOR`.
+    Answers are normalised one by one, as colour scales are. None if all are zero, or if the modes
+    that fit into ``numbers`` have a truncation error above :data:`POOR`.
     """
     lengths = np.linalg.norm(seen, axis=0)
     moves = lengths > NOTHING * lengths.max(initial=0.0)
@@ -109,8 +118,12 @@ def modes_of(seen: np.ndarray, left: float = FIELD, numbers: int = int(ROOM / (2
     return None if poor else ways[:, :count]
 
 
-def packed_levels(name: str, modes: np.ndarray, arrays: Packed, levels: int = LEVELS) -> dict[str, Any]:
-    """Rows, (k, n), quantised to integers with a scale for each: accurate enough for a picture, and smaller."""
+def packed_levels(
+    name: str, modes: np.ndarray, arrays: Packed, levels: int = LEVELS
+) -> dict[str, Any]:
+    """Rows, (k, n), quantised to integers with a scale for each: accurate enough for a picture, and
+    smaller.
+    """
     largest = np.abs(modes).max(axis=1, initial=0.0)
     numbers = np.round(modes / np.where(largest > 0, largest, 1.0)[:, None] * levels)
     kind = "<i1" if levels < 128 else "<i2"

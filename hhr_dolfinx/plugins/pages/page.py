@@ -1,4 +1,6 @@
-"""One HTML file that solves like a model: by double click, from mail, without Python and without a network."""
+"""One HTML file that solves like a model: by double click, from mail, without Python and without a
+network.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,9 @@ from hhr_dolfinx.version import __version__
 MOST_BYTES = 3_000_000
 """Largest size of a page: the limit of many mail servers."""
 ALIKE = 0.01
-"""Relative difference of S up to which a model and a scenery are of one scene: S may be interpolated."""
+"""Relative difference of S up to which a model and a scenery are of one scene: S may be
+interpolated.
+"""
 DRAWN = 12_000
 """Most nodes of the drawn mesh."""
 SCRIPTS = 150_000
@@ -41,14 +45,16 @@ def write_model_page(path: str | Path, model: Any, scenery: Scenery) -> Path:
 
     Args:
         path: of the page, ``.html``.
-        model: of ``hhr.condense``, ``hhr.train`` or a file: elastic, frictional, or condensed inelastic.
+        model: of ``hhr.condense``, ``hhr.train`` or a file: elastic, frictional, or condensed
+            inelastic.
         scenery: mesh to draw, see :func:`hhr_dolfinx.plugins.pages.scenery_of.scenery_of`.
 
     Returns:
         The path.
 
     Raises:
-        NotOfferedError: for any other model, one of another scene, or one that is too large for a page.
+        NotOfferedError: for any other model, one of another scene, or one that is too large for a
+            page.
         FileError: if the file cannot be written.
     """
     check_for_page(model)
@@ -64,21 +70,29 @@ def check_alike(model: Any, scenery: Scenery) -> None:
     """Refuse a scenery of another scene or mesh than a model that keeps all contact conditions."""
     if len(scenery.areas) != model.conditions:
         raise NotOfferedError(
-            f"the scenery is of {len(scenery.areas)} contact conditions and the model of {model.conditions}: they are "
-            "of two scenes or meshes"
+            f"the scenery is of {len(scenery.areas)} contact conditions and the model of "
+            f"{model.conditions}: they are of two scenes or meshes"
         )
     dofs = len(model.fields.basis) if flows(model) else model.fields.lifts.shape[0]
-    if scenery.nodes.max(initial=0) * model.dimension >= dofs or (scenery.strains and scenery.strains.dofs != dofs):
-        raise NotOfferedError(f"the scenery is of another mesh than the model, which has {dofs} dofs")
+    if scenery.nodes.max(initial=0) * model.dimension >= dofs or (
+        scenery.strains and scenery.strains.dofs != dofs
+    ):
+        raise NotOfferedError(
+            f"the scenery is of another mesh than the model, which has {dofs} dofs"
+        )
     middle = model.parameters.middle
     there = model.equilibrium.at(middle) if flows(model) else model.contacts()(middle)
     own = there.schur.sum(axis=1)
     if not np.linalg.norm(own - scenery.compliance) <= ALIKE * np.linalg.norm(own):
-        raise NotOfferedError("the scenery is not of the scene of this model: its contact is stiffer or softer")
+        raise NotOfferedError(
+            "the scenery is not of the scene of this model: its contact is stiffer or softer"
+        )
 
 
 def check_for_page(model: object) -> None:
-    """Refuse a model that does not fit on a page, before its scenery, bounds and pictures are computed."""
+    """Refuse a model that does not fit on a page, before its scenery, bounds and pictures are
+    computed.
+    """
     check_model(model)
     arrays = Packed()
     contact_tree(model, arrays)
@@ -90,12 +104,17 @@ def _check_size(count: int, model: Any) -> None:
         size = f"{model.conditions} contact conditions"
         if flows(model):
             size += (
-                f", {len(model.flow.per_mode)} modes and {model.flow.points.size} points at which laws are evaluated"
+                f", {len(model.flow.per_mode)} modes and {model.flow.points.size} points at which "
+                "laws are evaluated"
             )
         raise NotOfferedError(
-            f"a page of {count / 1e6:.1f} MB or more exceeds the {MOST_BYTES / 1e6:g} MB that go by mail: "
-            f"{size} are too many. Take a coarser mesh for the page"
-            + (", or a model with fewer modes: a larger error, or fewer paths" if flows(model) else "")
+            f"a page of {count / 1e6:.1f} MB or more exceeds the {MOST_BYTES / 1e6:g} MB that go "
+            f"by mail: {size} are too many. Take a coarser mesh for the page"
+            + (
+                ", or a model with fewer modes: a larger error, or fewer paths"
+                if flows(model)
+                else ""
+            )
         )
 
 
@@ -110,22 +129,30 @@ def page_text(model: Any, scenery: Scenery) -> str:
         strained = int(np.unique(scenery.owners).size)
     scenery = thinned(scenery, DRAWN)
     of_scenery, placed = drawn(scenery)
-    tree, arrays = packed(model, scenery, MOST_BYTES - SCRIPTS - sum(len(item["data"]) for item in placed.values()))
+    tree, arrays = packed(
+        model, scenery, MOST_BYTES - SCRIPTS - sum(len(item["data"]) for item in placed.values())
+    )
     tree |= {"scenery": of_scenery, "strained": strained}
     arrays |= placed
     tree["error"] = error_of(model)
     tree["made"] = f"{today()}, hhr_dolfinx {__version__}"
-    data = json.dumps({"tree": tree, "arrays": arrays}, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+    data = json.dumps(
+        {"tree": tree, "arrays": arrays}, separators=(",", ":"), allow_nan=False
+    ).replace("<", "\\u003c")
     needed = {"flow.js": flows(model), "steps.js": tree["path"] is not None}
     needed |= {"bound.js": tree["bound"] is not None}
     marked = {f"/*{part}*/": _file(part) if needed.get(part, True) else "" for part in PARTS}
     marked |= {"/*DATA*/": data, "TITLE": escape(scenery.words["scene"].replace("_", " "))}
     # in one pass: a name of the user may look like a marker
-    return re.sub("|".join(map(re.escape, marked)), lambda found: marked[found.group()], _file("page.html"))
+    return re.sub(
+        "|".join(map(re.escape, marked)), lambda found: marked[found.group()], _file("page.html")
+    )
 
 
 def error_of(model: Any) -> dict[str, Any]:
-    """Errors shown on a page: their kind, and the largest relative ones at random points of the box."""
+    """Errors shown on a page: their kind, and the largest relative ones at random points of the
+    box.
+    """
     if flows(model):  # each answer has a separate estimate
         return {"kind": "history", "pressure": None, "forces": None, "points": 0}
     if model.fields.exact:
@@ -136,7 +163,9 @@ def error_of(model: Any) -> dict[str, Any]:
     found: dict[str, Any] = {"kind": model.fields.bound.kind, "points": LOOKED_AT}
     for name in ("pressure", "forces"):
         errors = relative_errors(many, name)
-        found[name] = None if errors is None or not (errors < float("inf")).all() else float(errors.max())
+        found[name] = (
+            None if errors is None or not (errors < float("inf")).all() else float(errors.max())
+        )
     return found
 
 

@@ -1,4 +1,6 @@
-"""Pictures of bodies on a page: few modes of answers over the box, and maps from parameters and forces to them."""
+"""Pictures of bodies on a page: few modes of answers over the box, and maps from parameters and
+forces to them.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.sparse import csr_matrix, vstack
 
-from hhr_dolfinx.errors import ConvergenceError, FarSlidingWarning, NotSolvableError, UndeterminedWarning
+from hhr_dolfinx.errors import (
+    ConvergenceError,
+    FarSlidingWarning,
+    NotSolvableError,
+    UndeterminedWarning,
+)
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.displacement import dense
 from hhr_dolfinx.models.exact import ExactFields
@@ -36,23 +43,28 @@ from hhr_dolfinx.warn import ignored
 SEEN = 200
 FEW = 40
 CORNERS = 64
-"""Answers from which these modes are computed; their number with proportional loading, if a path does not converge; and
-most corners of the box among them."""
+"""Answers from which these modes are computed; their number with proportional loading, if a path
+does not converge; and most corners of the box among them.
+"""
 FITTED = 512
 FORCE_MODES = 20
 DEGREE = 6
 TRIES = 20
 OFF = 0.03
-"""Points to which the picture of a model with varying stiffness is fitted, modes of forces, highest degree, and largest
-median error at half of the points of a fit to the other half; most paths of bodies that friction holds."""
+"""Points to which the picture of a model with varying stiffness is fitted, modes of forces, highest
+degree, and largest median error at half of the points of a fit to the other half; most paths of
+bodies that friction holds.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """Drawn quantity, linear in the displacement: name of its arrays, and its sparse matrix, (k, N).
+    """Drawn quantity, linear in the displacement: name of its arrays, and its sparse matrix, (k,
+    N).
 
-    Its modes have a relative truncation error up to ``left``, quantisation levels on each side of zero, and at most
-    ``room`` bytes; all arrays of a page have at most ``most``, None if they are limited elsewhere.
+    Its modes have a relative truncation error up to ``left``, quantisation levels on each side of
+    zero, and at most ``room`` bytes; all arrays of a page have at most ``most``, None if they are
+    limited elsewhere.
     """
 
     name: str
@@ -64,11 +76,15 @@ class Drawn:
 
     def modes(self, seen: np.ndarray) -> np.ndarray | None:
         """Modes of answers, (k, S); None if they fit badly, see :func:`modes_of`."""
-        return modes_of(seen, self.left, int(self.room / (BASE64 * (1 if self.levels < 128 else 2))))
+        return modes_of(
+            seen, self.left, int(self.room / (BASE64 * (1 if self.levels < 128 else 2)))
+        )
 
 
 class Picture(NamedTuple):
-    """Data of a drawn quantity for a page, drawn values of the held-out answers, (k, S), and their indices, (S,)."""
+    """Data of a drawn quantity for a page, drawn values of the held-out answers, (k, S), and their
+    indices, (S,).
+    """
 
     tree: dict[str, Any]
     values: np.ndarray
@@ -95,9 +111,12 @@ class Split:
 
 
 def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict[str, Any]:
-    """Displacement of the drawn nodes, and stress of the cells, in few modes; their arrays are added.
+    """Displacement of the drawn nodes, and stress of the cells, in few modes.
 
-    Neither for a model without a map from forces to displacements; no stress if the ``room`` for all arrays is used up.
+    Their arrays are added.
+
+    Neither for a model without a map from forces to displacements; no stress if the ``room`` for
+    all arrays is used up.
     """
     if model.equilibrium is not None:
         from hhr_dolfinx.plugins.pages.flow_stress import flow_stress
@@ -115,33 +134,54 @@ def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict
     entries = np.ones(rows.size), (np.arange(rows.size), rows)
     chosen = csr_matrix(entries, shape=(rows.size, model.fields.lifts.shape[0]))
     strains = scenery.strains
-    stress = None if strains is None else Stress(strains, model.parameters.names, model.parameters.middle)
+    stress = (
+        None
+        if strains is None
+        else Stress(strains, model.parameters.names, model.parameters.middle)
+    )
     every = chosen if stress is None else csr_matrix(vstack([chosen, stress.rows]))
-    seen = np.array([every @ answer.displacement() for answer in known.answers]).T  # computes each displacement once
+    seen = np.array(
+        [every @ answer.displacement() for answer in known.answers]
+    ).T  # computes each displacement once
     field = maps(Drawn("field", chosen, most=room), known, seen[: rows.size], arrays)
     if field is None:
         return found
     found["field"] = field.tree
     if stress is not None:
-        drawn = Drawn("stress", stress.rows, STRESS, COARSE, min(ROOM, room - arrays.size - stress.size))
-        found["stress"] = _stress(partial(maps, drawn, known), stress, known, seen[rows.size :], arrays)
+        drawn = Drawn(
+            "stress", stress.rows, STRESS, COARSE, min(ROOM, room - arrays.size - stress.size)
+        )
+        found["stress"] = _stress(
+            partial(maps, drawn, known), stress, known, seen[rows.size :], arrays
+        )
     return found
 
 
-def _answers(model: Any) -> tuple[Split, Callable[[Drawn, Split, np.ndarray, Packed], Picture | None]]:
-    """Answers for pictures, and the function that computes a picture; no answers for a model without maps of forces."""
+def _answers(
+    model: Any,
+) -> tuple[Split, Callable[[Drawn, Split, np.ndarray, Packed], Picture | None]]:
+    """Answers for pictures, and the function that computes a picture.
+
+    No answers for a model without maps of forces.
+    """
     fields = model.fields
     if isinstance(fields, ExactFields) and model.law.remembers:
         return Split(_walked(model), 0), partial(_exact, model)
     count = len(model.parameters.names)
-    ends = np.random.default_rng(0).integers(0, 2, (CORNERS, count))  # a random choice if there are many corners
+    ends = np.random.default_rng(0).integers(
+        0, 2, (CORNERS, count)
+    )  # a random choice if there are many corners
     if 2**count <= CORNERS:
         ends = np.arange(2**count)[:, None] >> np.arange(count) & 1
     corners = np.where(ends, model.parameters.upper, model.parameters.lower)
     if isinstance(fields, ExactFields):
         points = np.vstack([model.parameters.random(SEEN, 0), corners])
-        return Split(model.solve_many(points, raise_on_failure=False), len(corners)), partial(_exact, model)
-    if getattr(fields, "galerkin", None) is not None:  # S is interpolated, by a plug-in that may be missing
+        return Split(model.solve_many(points, raise_on_failure=False), len(corners)), partial(
+            _exact, model
+        )
+    if (
+        getattr(fields, "galerkin", None) is not None
+    ):  # S is interpolated, by a plug-in that may be missing
         # with friction each point is the end of a path, and maps are fitted elsewhere
         points = Sobol(FEW if model.law.remembers else FITTED).points(model.parameters)
         corners = corners[:0] if model.law.remembers else corners
@@ -152,9 +192,16 @@ def _answers(model: Any) -> tuple[Split, Callable[[Drawn, Split, np.ndarray, Pac
 
 
 def _stress(
-    maps: Callable[[np.ndarray, Packed], Picture | None], stress: Stress, known: Split, seen: np.ndarray, arrays: Packed
+    maps: Callable[[np.ndarray, Packed], Picture | None],
+    stress: Stress,
+    known: Split,
+    seen: np.ndarray,
+    arrays: Packed,
 ) -> dict[str, Any] | None:
-    """Stress of the cells and its error; None if the error of the largest value is too large, or without room."""
+    """Stress of the cells and its error.
+
+    None if the error of the largest value is too large, or without room.
+    """
     tried = Packed()
     picture = maps(seen, tried)
     if picture is None:
@@ -174,8 +221,12 @@ def rows_of(model: Any, scenery: Scenery) -> np.ndarray:
     return (scenery.nodes[:, None] * dim + np.arange(dim)).ravel()
 
 
-def _exact(model: Any, drawn: Drawn, known: Split, seen: np.ndarray, arrays: Packed) -> Picture | None:
-    """Picture for constant stiffness: c = W^T (C θ - K^-1 B^T λ + R q) with modes W of answers over the box."""
+def _exact(
+    model: Any, drawn: Drawn, known: Split, seen: np.ndarray, arrays: Packed
+) -> Picture | None:
+    """Picture for constant stiffness: c = W^T (C θ - K^-1 B^T λ + R q) with modes W of answers over
+    the box.
+    """
     fields = model.fields
     inner, apart = known.held(APART)
     ways = drawn.modes(seen[:, inner])
@@ -184,9 +235,13 @@ def _exact(model: Any, drawn: Drawn, known: Split, seen: np.ndarray, arrays: Pac
     of_terms = ways.T @ (drawn.rows @ fields.per_term + dense(drawn.rows @ fields.lifts))
     tree = {"kind": "linear"} | packed_levels(f"{drawn.name}_modes", ways.T, arrays, drawn.levels)
     tree["terms"] = arrays.put(f"{drawn.name}_terms", of_terms, "<f4")
-    tree["forces"] = arrays.put(f"{drawn.name}_forces", -(ways.T @ (drawn.rows @ fields.per_force)), "<f4")
+    tree["forces"] = arrays.put(
+        f"{drawn.name}_forces", -(ways.T @ (drawn.rows @ fields.per_force)), "<f4"
+    )
     if fields.floats:
-        tree["motions"] = arrays.put(f"{drawn.name}_motions", ways.T @ (drawn.rows @ model.eliminated.modes), "<f4")
+        tree["motions"] = arrays.put(
+            f"{drawn.name}_motions", ways.T @ (drawn.rows @ model.eliminated.modes), "<f4"
+        )
     return Picture(tree, kept_levels(tree, arrays).T @ (ways.T @ seen[:, apart]), apart)
 
 
@@ -196,12 +251,18 @@ def _walked(model: Any) -> Iterable[Answer]:
     points[:, model.law.fixed] = model.parameters.middle[model.law.fixed]
     # warnings of this path do not concern the user
     with ignored(FarSlidingWarning), ignored(UndeterminedWarning), suppress(ConvergenceError):
-        return _borne(model, points) if model.fields.floats else model.march(list(enumerate(points))).answers
+        return (
+            _borne(model, points)
+            if model.fields.floats
+            else model.march(list(enumerate(points))).answers
+        )
     return model.solve_many(points[:FEW], raise_on_failure=False)
 
 
 def _borne(model: Any, points: np.ndarray) -> list[Answer]:
-    """Answers of bodies that contact alone holds, along paths that begin anew after loads that it does not bear."""
+    """Answers of bodies that contact alone holds, along paths that begin anew after loads that it
+    does not bear.
+    """
     found: list[Answer] = []
     for _ in range(TRIES):
         try:
@@ -215,10 +276,14 @@ def _borne(model: Any, points: np.ndarray) -> list[Answer]:
     return found
 
 
-def _fitted(model: Any, drawn: Drawn, known: Split, seen: np.ndarray, arrays: Packed) -> Picture | None:
-    """Picture for varying stiffness: c = p(μ) + P(μ) Q^T λ, with modes Q of forces and fitted polynomials p, P.
+def _fitted(
+    model: Any, drawn: Drawn, known: Split, seen: np.ndarray, arrays: Packed
+) -> Picture | None:
+    """Picture for varying stiffness: c = p(μ) + P(μ) Q^T λ, with modes Q of forces and fitted
+    polynomials p, P.
 
-    None if the error of the fit at held-out points is too large, as for a load that ends within the box.
+    None if the error of the fit at held-out points is too large, as for a load that ends within the
+    box.
     """
     answers = known.answers
     alone = not model.law.remembers
@@ -234,7 +299,8 @@ def _fitted(model: Any, drawn: Drawn, known: Split, seen: np.ndarray, arrays: Pa
     monomials = Monomials(model, points)
     features = monomials.at(points)
     flat = values.reshape(len(points), -1)
-    # elastic: fit to one half, error at the other; with friction: fit to all points, error at the answers
+    # elastic: fit to one half, error at the other; with friction: fit to all points, error at the
+    # answers
     inner, apart = known.held(2) if alone else (np.arange(len(points)), np.arange(len(answers)))
     fitted = monomials.at(here) @ np.linalg.lstsq(features[inner], flat[inner], rcond=None)[0]
     along = fitted.reshape(len(answers), *values.shape[1:])
@@ -256,7 +322,9 @@ def _fitted(model: Any, drawn: Drawn, known: Split, seen: np.ndarray, arrays: Pa
     return Picture(tree, found, apart)
 
 
-def _maps_at(model: Any, drawn: Drawn, ways: np.ndarray, pushes: np.ndarray, points: np.ndarray) -> np.ndarray:
+def _maps_at(
+    model: Any, drawn: Drawn, ways: np.ndarray, pushes: np.ndarray, points: np.ndarray
+) -> np.ndarray:
     """p(μ) and P(μ) at some points, (S, P): (S, k, 1 + R)."""
     fields = model.fields
     basis = ways.T @ (drawn.rows @ fields.basis)
@@ -264,23 +332,35 @@ def _maps_at(model: Any, drawn: Drawn, ways: np.ndarray, pushes: np.ndarray, poi
     values = []
     for point in points:
         contact = fields.galerkin(point)
-        free = basis @ contact.unknown(np.zeros(model.conditions)) + lifts @ fields.amplitudes(point)
+        free = basis @ contact.unknown(np.zeros(model.conditions)) + lifts @ fields.amplitudes(
+            point
+        )
         values.append(np.column_stack([free, -basis @ contact.pushed(pushes)]))
     return np.array(values)
 
 
 class Monomials:
-    """Monomials of parameters scaled to [-1, 1] at some points, (S, P); at most a third as many as points.
+    """Monomials of parameters scaled to [-1, 1] at some points, (S, P).
+
+    At most a third as many as points.
 
     A modulus of one parameter replaces it by the compliance, in which answers are nearly linear.
     """
 
     def __init__(self, model: Any, points: np.ndarray):
         factors = [part.factor for part in model.eliminated.parts if part.factor is not None]
-        alone = {factor.formula.variables[0]: factor for factor in factors if len(factor.formula.variables) == 1}
+        alone = {
+            factor.formula.variables[0]: factor
+            for factor in factors
+            if len(factor.formula.variables) == 1
+        }
         self._factors = [alone.get(name) for name in model.parameters.names]
-        still = np.ptp(self._columns(points), axis=0) == 0  # a modulus that names a parameter but is constant
-        self._factors = [None if one else factor for one, factor in zip(still, self._factors, strict=True)]
+        still = (
+            np.ptp(self._columns(points), axis=0) == 0
+        )  # a modulus that names a parameter but is constant
+        self._factors = [
+            None if one else factor for one, factor in zip(still, self._factors, strict=True)
+        ]
         columns = self._columns(points)
         self._low = columns.min(axis=0)
         self._high = columns.max(axis=0)
@@ -288,7 +368,9 @@ class Monomials:
 
     def _columns(self, points: np.ndarray) -> np.ndarray:
         pairs = zip(points.T, self._factors, strict=True)
-        return np.column_stack([own if factor is None else 1 / factor.values(points) for own, factor in pairs])
+        return np.column_stack(
+            [own if factor is None else 1 / factor.values(points) for own, factor in pairs]
+        )
 
     def at(self, points: np.ndarray) -> np.ndarray:
         """Monomials at other points, (S, P): (S, F)."""
@@ -299,7 +381,9 @@ class Monomials:
     def tree(self) -> dict[str, Any]:
         """Data to evaluate the monomials on a page."""
         ends = zip(self._factors, self._low.tolist(), self._high.tolist(), strict=True)
-        axes = [{"modulus": steps_of(factor), "low": low, "high": high} for factor, low, high in ends]
+        axes = [
+            {"modulus": steps_of(factor), "low": low, "high": high} for factor, low, high in ends
+        ]
         return {"axes": axes, "powers": self._powers.tolist()}
 
 

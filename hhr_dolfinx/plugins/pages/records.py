@@ -1,4 +1,6 @@
-"""Data of the C kernel for one model, in a header or on a page: sizes, arrays and records of ``c/kernel.h``."""
+"""Data of the C kernel for one model, in a header or on a page: sizes, arrays and records of
+``c/kernel.h``.
+"""
 
 from __future__ import annotations
 
@@ -35,7 +37,9 @@ class KernelData:
     data: dict[str, Any]
 
 
-def kernel_data(tree: dict[str, Any], arrays: dict[str, np.ndarray], ends: tuple[Any, Any]) -> KernelData:
+def kernel_data(
+    tree: dict[str, Any], arrays: dict[str, np.ndarray], ends: tuple[Any, Any]
+) -> KernelData:
     """Data of a model from its tree and arrays, see :mod:`hhr_dolfinx.plugins.pages.arrays`.
 
     Args:
@@ -67,9 +71,16 @@ class _Reader:
             "limits": [self._limit(item) for item in tree["limits"]],
             "parts": [self._component(item) for item in tree["parts"]],
             "outputs": [self._output(item) for item in tree["outputs"]],
-            "reshaped": self._interpolant(tree["reshaped"]) if tree.get("reshaped") else Struct("interpolant", {}),
+            "reshaped": self._interpolant(tree["reshaped"])
+            if tree.get("reshaped")
+            else Struct("interpolant", {}),
         }
-        own = {"path": self._path, "flow": self._flow, "friction": self._friction, "floating": self._floating}
+        own = {
+            "path": self._path,
+            "flow": self._flow,
+            "friction": self._friction,
+            "floating": self._floating,
+        }
         for key, read in (own | {"ranges": self._ranges}).items():
             data |= read(tree[key]) if tree[key] else {}
         return KernelData(self._sizes(places), data)
@@ -94,8 +105,16 @@ class _Reader:
             rows = self.arrays[part["rows"]]
             width = self.arrays[part["numbers"]].shape[1]
             fields = {key: part[key] for key in ("rows", "numbers", "law", "memory", "remembers")}
-            fields |= {"formulas": [Formula(steps) for steps in part["formulas"]] or None, "first_formula": formulas}
-            fields |= {"count": rows.size, "width": width, "formulas_count": len(part["formulas"]), "first": first}
+            fields |= {
+                "formulas": [Formula(steps) for steps in part["formulas"]] or None,
+                "first_formula": formulas,
+            }
+            fields |= {
+                "count": rows.size,
+                "width": width,
+                "formulas_count": len(part["formulas"]),
+                "first": first,
+            }
             found.append(Struct("range", fields))
             formulas += len(part["formulas"])
             first += rows.size * part["memory"]
@@ -103,7 +122,11 @@ class _Reader:
 
     def _flow(self, item: dict[str, Any]) -> dict[str, Any]:
         same = "per_mode per_force forced given moved modal coupled pressed weights".split()
-        names = {name: name for name in same} | {"flow_schur": "schur", "share_of": "parts", "mode_share": "mode_parts"}
+        names = {name: name for name in same} | {
+            "flow_schur": "schur",
+            "share_of": "parts",
+            "mode_share": "mode_parts",
+        }
         return {name: item[key] for name, key in names.items()} | {
             "middle": np.array(item["middle"], dtype=float),
             "bodies": [self._body(group) for group in item["groups"]],
@@ -111,7 +134,9 @@ class _Reader:
         }
 
     def _body(self, group: dict[str, Any]) -> Struct:
-        fields: dict[str, Any] = {key: group[key] for key in ("elastic", "compliance", "points", "grading")}
+        fields: dict[str, Any] = {
+            key: group[key] for key in ("elastic", "compliance", "points", "grading")
+        }
         fields |= {"constants": [Formula(steps) for steps in group["constants"]]}
         fields |= {"constants_count": len(group["constants"])}
         fields["law"] = None if group["law"] is None else self._program(group["law"])
@@ -123,14 +148,27 @@ class _Reader:
         arrays = ("rows", "ends", "outputs", "output_ends", "kinds", "numbers", "low", "high")
         fields: dict[str, Any] = {key: law[key] for key in arrays}
         fields |= {key: law["sizes"][key] for key in ("unknowns", "memory", "constants")}
-        fields |= {"numbers_count": self.arrays[law["numbers"]].size, "limited": int(law["limited"])}
+        fields |= {
+            "numbers_count": self.arrays[law["numbers"]].size,
+            "limited": int(law["limited"]),
+        }
         return Struct("program", fields)
 
     def _friction(self, item: dict[str, Any]) -> dict[str, Any]:
         # index of the first tangential row of each contact, and the end of the last
-        along = np.searchsorted(self.arrays[item["owner"]], np.arange(self.arrays[item["normal"]].size + 1))
-        rows = {"normal": "normal", "tangential": "tangential", "owner": "owner", "law_of": "law", "twice": "twice"}
-        laws = [{"coefficient": Formula(one), "limit": Formula(other)} for one, other in item["laws"]]
+        along = np.searchsorted(
+            self.arrays[item["owner"]], np.arange(self.arrays[item["normal"]].size + 1)
+        )
+        rows = {
+            "normal": "normal",
+            "tangential": "tangential",
+            "owner": "owner",
+            "law_of": "law",
+            "twice": "twice",
+        }
+        laws = [
+            {"coefficient": Formula(one), "limit": Formula(other)} for one, other in item["laws"]
+        ]
         return {name: item[key] for name, key in rows.items()} | {
             "along": along,
             "area": item["area"],
@@ -138,17 +176,23 @@ class _Reader:
         }
 
     def _floating(self, item: dict[str, Any]) -> dict[str, Any]:
-        """Contact rows of rigid motions, loads along them, their units, and stiffnesses of springs."""
+        """Contact rows of rigid motions, loads along them, their units, and stiffnesses of
+        springs.
+        """
         taken = self.arrays[item["taken"]]
         scales = {"units": np.abs(taken).max(axis=0), "pushes": (taken**2).mean(axis=0)}
-        values = {name: self._softness / np.where(scale > 0, scale, 1.0) for name, scale in scales.items()}
+        values = {
+            name: self._softness / np.where(scale > 0, scale, 1.0) for name, scale in scales.items()
+        }
         return {"taken": item["taken"], "driving": item["driving"]} | values
 
     @property
     def _softness(self) -> float:
         """Mean of the diagonal of S, which is stored by halves."""
         places = np.arange(self.tree["m"])
-        return float(np.abs(self.arrays[self.tree["schur"]][places * (places + 3) // 2]).mean() or 1.0)
+        return float(
+            np.abs(self.arrays[self.tree["schur"]][places * (places + 3) // 2]).mean() or 1.0
+        )
 
     def _sizes(self, places: np.ndarray) -> dict[str, int | float]:
         tree = self.tree
@@ -212,14 +256,26 @@ class _Reader:
         if item["kind"] == "formula":
             return Struct("amplitude", {"value": Formula(item["steps"])})
         fields = {key: item[key] for key in ("positions", "constant", "degree", "extent")}
-        fields |= {"slopes": np.array(item["slopes"], dtype=float), "count": self.arrays[item["positions"]].size}
+        fields |= {
+            "slopes": np.array(item["slopes"], dtype=float),
+            "count": self.arrays[item["positions"]].size,
+        }
         return Struct("amplitude", fields)
 
     def _interpolant(self, item: dict[str, Any]) -> Struct:
         rank, grid = self.arrays[item["weights"]].shape
-        own: dict[str, Any] = {key: np.array(item[key], dtype=float) for key in ("lower", "upper", "nodes")}
-        own |= {"axes": np.array(item["axes"], dtype=int)} | {key: item[key] for key in ("levels", "weights", "modes")}
-        own |= {"axes_count": len(item["axes"]), "nodes_count": len(item["nodes"]), "grid": grid, "rank": rank}
+        own: dict[str, Any] = {
+            key: np.array(item[key], dtype=float) for key in ("lower", "upper", "nodes")
+        }
+        own |= {"axes": np.array(item["axes"], dtype=int)} | {
+            key: item[key] for key in ("levels", "weights", "modes")
+        }
+        own |= {
+            "axes_count": len(item["axes"]),
+            "nodes_count": len(item["nodes"]),
+            "grid": grid,
+            "rank": rank,
+        }
         return Struct("interpolant", own)
 
     def _component(self, item: dict[str, Any]) -> Struct:
@@ -238,4 +294,6 @@ class _Reader:
         own |= {"count": self.arrays[item["conditions"]].size}
         if item["kind"] == "largest":
             return Struct("output", own | {"largest": 1})
-        return Struct("output", own | {key: item[key] for key in ("counted", "offset", "factor", "least")})
+        return Struct(
+            "output", own | {key: item[key] for key in ("counted", "offset", "factor", "least")}
+        )

@@ -1,6 +1,7 @@
 """Scenery of a page: the mesh to draw, points of contact, and names.
 
-A model in a file has no mesh. Its scenery is a separate file next to it, ``scenery.npz``: plain data like the model.
+A model in a file has no mesh. Its scenery is a separate file next to it, ``scenery.npz``: plain
+data like the model.
 """
 
 from __future__ import annotations
@@ -22,7 +23,16 @@ NAME = "scenery.npz"
 _ROWS = ("data", "indices", "indptr")
 _MESH = ("all_points", "all_cells", "cell_bodies", "slaves", "pressing")
 _NAMES_OF_MESH = ("kind", "parameters")
-_ARRAYS = ("points", "nodes", "triangles", "lines", "contact_points", "areas", "pairs", "compliance")
+_ARRAYS = (
+    "points",
+    "nodes",
+    "triangles",
+    "lines",
+    "contact_points",
+    "areas",
+    "pairs",
+    "compliance",
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,8 +41,8 @@ class Strains:
 
     cells: np.ndarray  # index of the cell of each drawn triangle, (t,)
     bodies: np.ndarray  # body of each cell, (c,)
-    # strain at the middles of the cells times the grading of their moduli, Kelvin's notation, cell by cell, (4 c, N),
-    # in space (6 c, N); the out-of-plane strain is zero in plane stress
+    # strain at the middles of the cells times the grading of their moduli, Kelvin's notation, cell
+    # by cell, (4 c, N), in space (6 c, N); the out-of-plane strain is zero in plane stress
     rows: csr_matrix
     moduli: tuple[tuple[str, str], ...]  # λ' and μ' of each body as formulas of the parameters
     plane_stress: bool  # True if the out-of-plane stress is zero
@@ -46,7 +56,9 @@ class Strains:
         """Strains of some triangles."""
         kept, cells = np.unique(self.cells[triangles], return_inverse=True)
         rows = (kept[:, None] * self.components + np.arange(self.components)).ravel()
-        return replace(self, cells=cells, bodies=self.bodies[kept], rows=csr_matrix(self.rows[rows]))
+        return replace(
+            self, cells=cells, bodies=self.bodies[kept], rows=csr_matrix(self.rows[rows])
+        )
 
     @property
     def dofs(self) -> int:
@@ -59,16 +71,25 @@ class Strains:
         kinds = self.cells.dtype.kind + self.bodies.dtype.kind
         if set(kinds) - set("iu") or self.bodies.ndim != 1 or not count:
             return "cells and bodies of strains are no whole numbers"
-        whole = self.cells.shape == (triangles,) and self.rows.shape[0] == count * self.components > 0
+        whole = (
+            self.cells.shape == (triangles,) and self.rows.shape[0] == count * self.components > 0
+        )
         inside = whole and 0 <= self.cells.min() <= self.cells.max() < count
-        if not inside or self.components not in (4, 6) or not 0 <= self.bodies.min() <= self.bodies.max() < bodies:
+        if (
+            not inside
+            or self.components not in (4, 6)
+            or not 0 <= self.bodies.min() <= self.bodies.max() < bodies
+        ):
             return "strains do not fit the triangles"
         return "" if np.isfinite(self.rows.data).all() else "strains are not finite"
 
 
 @dataclass(frozen=True, eq=False)
 class WholeMesh:
-    """All nodes and cells of a mesh, for figures and files of fields; its other names and points are the scenery's."""
+    """All nodes and cells of a mesh, for figures and files of fields.
+
+    Its other names and points are the scenery's.
+    """
 
     all_points: np.ndarray  # coordinates of all nodes, (n, dim)
     all_cells: np.ndarray  # their nodes in the order of VTK, (c, k)
@@ -83,8 +104,16 @@ class WholeMesh:
         wholes = [self.all_cells, self.cell_bodies, self.slaves]
         if any(array.dtype.kind not in "iu" for array in wholes) or self.pressing.dtype.kind != "b":
             return "numbers of nodes, bodies or conditions are no whole numbers"
-        shapes = self.all_points.shape[1:], self.slaves.shape, self.pressing.shape, self.cell_bodies.shape
-        fits = shapes == ((dim,), (conditions,), (conditions,), (len(self.all_cells),)) and self.all_cells.ndim == 2
+        shapes = (
+            self.all_points.shape[1:],
+            self.slaves.shape,
+            self.pressing.shape,
+            self.cell_bodies.shape,
+        )
+        fits = (
+            shapes == ((dim,), (conditions,), (conditions,), (len(self.all_cells),))
+            and self.all_cells.ndim == 2
+        )
         numbers = np.concatenate([self.all_cells.ravel(), self.slaves])
         fits = fits and 0 <= numbers.min(initial=0) <= numbers.max(initial=0) < len(self.all_points)
         return "" if fits else "cells or conditions of the whole mesh name nodes that are not there"
@@ -103,13 +132,15 @@ class Scenery:
         areas: of the conditions, (m,).
         pairs: contact of each condition, the first of several, (m,).
         shares: condition, contact and its share, of conditions that several contacts state, (k, 3).
-        compliance: S times ones at the middle of the box, (m,), to check that model and scenery are of one scene.
+        compliance: S times ones at the middle of the box, (m,), to check that model and scenery are
+            of one scene.
         moves: True if shapes are parameters: areas are then those at the middle of the box.
         strains: of the drawn cells; None if their stress does not follow from displacements alone.
         owners: cell of each triangle in an inelastic model, (t,), set by the model; else None.
         mesh: all nodes and cells; None in files of earlier releases.
-        words: ``scene``, ``contacts`` (a name for each), ``bodies`` (a line for each), ``hypothesis``, ``length``,
-            ``stress``, ``force`` and ``work`` (units, or nothing), ``units`` of parameters by name.
+        words: ``scene``, ``contacts`` (a name for each), ``bodies`` (a line for each),
+            ``hypothesis``, ``length``, ``stress``, ``force`` and ``work`` (units, or nothing),
+            ``units`` of parameters by name.
     """
 
     points: np.ndarray
@@ -133,7 +164,11 @@ class Scenery:
         header = {"format": FORMAT, "version": VERSION, "words": self.words, "moves": self.moves}
         if self.strains is not None:
             own = self.strains
-            header |= {"moduli": own.moduli, "plane_stress": own.plane_stress, "dofs": own.rows.shape[1]}
+            header |= {
+                "moduli": own.moduli,
+                "plane_stress": own.plane_stress,
+                "dofs": own.rows.shape[1],
+            }
             arrays |= {"cells": own.cells, "bodies": own.bodies}
             arrays |= {name: getattr(own.rows, name) for name in _ROWS}
         if self.mesh is not None:
@@ -152,13 +187,23 @@ class Scenery:
         header, arrays = read_arrays(path, FORMAT, VERSION)
         if missing := set(_ARRAYS) - set(arrays):
             raise FileContentError(f"{path} is damaged: {', '.join(sorted(missing))} are missing")
-        own = {name: arrays[name] for name in _ARRAYS} | {"shares": arrays.get("shares", np.zeros((0, 3)))}
+        own = {name: arrays[name] for name in _ARRAYS} | {
+            "shares": arrays.get("shares", np.zeros((0, 3)))
+        }
         try:
             strains = _strains(header, arrays) if "moduli" in header else None
             mesh = _mesh(header["mesh"], arrays) if "mesh" in header else None
         except (KeyError, TypeError, ValueError) as error:
-            raise FileContentError(f"{path} is damaged: its strains or its mesh are not whole ({error})") from error
-        found = cls(**own, moves=bool(header.get("moves")), words=header.get("words", {}), strains=strains, mesh=mesh)
+            raise FileContentError(
+                f"{path} is damaged: its strains or its mesh are not whole ({error})"
+            ) from error
+        found = cls(
+            **own,
+            moves=bool(header.get("moves")),
+            words=header.get("words", {}),
+            strains=strains,
+            mesh=mesh,
+        )
         if fault := found._fault():
             raise FileContentError(f"{path} is damaged: {fault}")
         return found
@@ -167,9 +212,15 @@ class Scenery:
         """Description of an inconsistency, or an empty text."""
         count = len(self.points)
         wholes = [self.nodes, self.triangles, self.lines, self.pairs]
-        if any(array.dtype.kind not in "iu" for array in wholes) or (count and self.nodes.min(initial=0) < 0):
+        if any(array.dtype.kind not in "iu" for array in wholes) or (
+            count and self.nodes.min(initial=0) < 0
+        ):
             return "numbers of nodes or contacts are no whole numbers"
-        if self.points.ndim != 2 or self.points.shape[1] not in (2, 3) or self.nodes.shape != (count,):
+        if (
+            self.points.ndim != 2
+            or self.points.shape[1] not in (2, 3)
+            or self.nodes.shape != (count,)
+        ):
             return "points and nodes do not fit"
         for name, width in (("triangles", 3), ("lines", 2)):
             array = getattr(self, name)
@@ -177,7 +228,12 @@ class Scenery:
             if array.ndim != 2 or array.shape[1] != width or not inside:
                 return f"{name} name nodes that are not there"
         m = len(self.areas)
-        shapes = self.contact_points.shape, self.pairs.shape, self.compliance.shape, self.shares.shape[1:]
+        shapes = (
+            self.contact_points.shape,
+            self.pairs.shape,
+            self.compliance.shape,
+            self.shares.shape[1:],
+        )
         if shapes != ((m, self.points.shape[1]), (m,), (m,), (3,)):
             return "places of contact do not fit"
         if not np.isin(self.shares[:, 0], np.arange(m)).all():
@@ -213,7 +269,8 @@ def _strains(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Strains:
 def thinned(scenery: Scenery, most: int) -> Scenery:
     """Scenery with at most ``most`` nodes, for meshes that are finer than a screen shows.
 
-    Nodes of one body in the same square (cube) are merged into one of them, on the outline if possible.
+    Nodes of one body in the same square (cube) are merged into one of them, on the outline if
+    possible.
     """
     if len(scenery.points) <= most:
         return scenery

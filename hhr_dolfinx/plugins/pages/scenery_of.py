@@ -36,7 +36,8 @@ def write_scenery(full: FullOrderModel, folder: Path) -> None:
 def scenery_of(full: FullOrderModel) -> Scenery:
     """Scenery of the scene of a full model, on each of its ranks. Collective.
 
-    In the plane all cells, in space faces of cells that no other cell shares; for cells of second order the corners.
+    In the plane all cells, in space faces of cells that no other cell shares; for cells of second
+    order the corners.
     """
     discretisation = full.discretisation
     problem = full.problem
@@ -87,18 +88,25 @@ def _shares(problem: ContactProblem) -> np.ndarray:
     """Condition, contact and its share, of conditions that several contacts state, (k, 3)."""
     if problem.shares is None:
         return np.zeros((0, 3))
-    return np.column_stack([problem.shares.conditions, problem.shares.pairs, problem.shares.shares]).astype(float)
+    return np.column_stack(
+        [problem.shares.conditions, problem.shares.pairs, problem.shares.shares]
+    ).astype(float)
 
 
 def strains_of(full: FullOrderModel, cells: np.ndarray) -> Strains | None:
     """Strains of the cells of triangles, (t,).
 
-    None if a stress is more than moduli times strain: for bodies that are inelastic or change their shape, for
-    anisotropic strains without stress, or with too many cells.
+    None if a stress is more than moduli times strain: for bodies that are inelastic or change their
+    shape, for anisotropic strains without stress, or with too many cells.
     """
     scene = full.scene
     drawn, places = np.unique(cells, return_inverse=True)
-    if full.equilibrium is not None or scene.shapes or len(drawn) > STRAINED or _stressed_at_rest(full):
+    if (
+        full.equilibrium is not None
+        or scene.shapes
+        or len(drawn) > STRAINED
+        or _stressed_at_rest(full)
+    ):
         return None
     discretisation = full.discretisation
     bodies = discretisation.group.joined(discretisation.cell_bodies())[drawn]
@@ -109,17 +117,30 @@ def strains_of(full: FullOrderModel, cells: np.ndarray) -> Strains | None:
         strain, dofs, grading, _ = strains_of_cells(discretisation, drawn[here], int(place))
         if scene.hypothesis == "plane_stress":
             strain[:, 2] = 0.0
-        numbers = np.broadcast_to((here[:, None] * components + np.arange(components))[:, :, None], strain.shape)
+        numbers = np.broadcast_to(
+            (here[:, None] * components + np.arange(components))[:, :, None], strain.shape
+        )
         columns = np.broadcast_to(dofs[:, None], strain.shape)
         values = (strain * grading[:, None, None]).ravel()
-        rows = rows + coo_matrix((values, (numbers.ravel(), columns.ravel())), shape=rows.shape).tocsr()
+        rows = (
+            rows
+            + coo_matrix((values, (numbers.ravel(), columns.ravel())), shape=rows.shape).tocsr()
+        )
     rows.eliminate_zeros()
     moduli = tuple(moduli_of(body, scene) for body in scene.bodies)
-    return Strains(places.astype(np.int64), bodies.astype(np.int64), rows, moduli, scene.hypothesis == "plane_stress")
+    return Strains(
+        places.astype(np.int64),
+        bodies.astype(np.int64),
+        rows,
+        moduli,
+        scene.hypothesis == "plane_stress",
+    )
 
 
 def _stressed_at_rest(full: FullOrderModel) -> bool:
-    """True if undeformed bodies have a von Mises' stress, from strains without stress that have a deviator."""
+    """True if undeformed bodies have a von Mises' stress, from strains without stress that have a
+    deviator.
+    """
     if not any(hasattr(load, "eigenstrain_of") for load in full.scene.loads):
         return False
     rest = np.zeros(full.problem.free.size)

@@ -15,8 +15,9 @@ from hhr_dolfinx.plugins.pages.scenery import Strains
 STRESS = 3e-3
 COARSE = 127
 FALSE = 0.05
-"""Relative truncation error of the stress, quantisation levels of its modes (in a colour scale finer ones look the
-same), and allowed relative error of the largest stress."""
+"""Relative truncation error of the stress, quantisation levels of its modes (in a colour scale
+finer ones look the same), and allowed relative error of the largest stress.
+"""
 APART = 4
 """One of so many answers is held out of the modes, to measure their error."""
 
@@ -25,9 +26,9 @@ class Stress:
     """Von Mises' stress from strains of the drawn cells, as a page computes it.
 
     Attributes:
-        rows: map from displacements to strains times μ' at the middle of the box, (n c, N): modes are then as accurate
-            for stiff bodies as for soft ones. The third component is left out: it is zero in plane stress, else
-            strains are deviators, which have no trace.
+        rows: map from displacements to strains times μ' at the middle of the box, (n c, N): modes
+            are then as accurate for stiff bodies as for soft ones. The third component is left out:
+            it is zero in plane stress, else strains are deviators, which have no trace.
     """
 
     def __init__(self, strains: Strains, names: tuple[str, ...], middle: np.ndarray):
@@ -71,7 +72,8 @@ class Stress:
     def off(self, points: np.ndarray, exact: np.ndarray, found: np.ndarray) -> dict[str, float]:
         """Errors of drawn values, (n c, S), at some points, (S, P), see :func:`far_off`."""
         right, here = (
-            np.array([self.mises(*pair) for pair in zip(own.T, points, strict=True)]) for own in (exact, found)
+            np.array([self.mises(*pair) for pair in zip(own.T, points, strict=True)])
+            for own in (exact, found)
         )
         return far_off(right, here)
 
@@ -85,11 +87,14 @@ def mises_of(stress: np.ndarray, *, plane_stress: bool = False) -> np.ndarray:
     return von_mises(np.insert(stress, 2, third, axis=1))
 
 
-def far_off(exact: np.ndarray, found: np.ndarray, scales: np.ndarray | None = None) -> dict[str, float]:
-    """Largest errors of the drawn von Mises' stress, against that of answers, (S, c) each: ``cells`` and ``largest``.
+def far_off(
+    exact: np.ndarray, found: np.ndarray, scales: np.ndarray | None = None
+) -> dict[str, float]:
+    """Largest errors of the drawn von Mises' stress, against that of answers, (S, c) each:
+    ``cells`` and ``largest``.
 
-    They are the error in any cell, and of the largest value. Errors are relative to some scales, (S,), by default to
-    the largest stress of each answer. Answers that are round-off do not count.
+    They are the error in any cell, and of the largest value. Errors are relative to some scales,
+    (S,), by default to the largest stress of each answer. Answers that are round-off do not count.
     """
     largest = exact.max(axis=1, initial=0.0)
     scales = largest if scales is None else scales

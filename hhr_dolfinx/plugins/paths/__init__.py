@@ -1,4 +1,6 @@
-"""Load paths: families of them, and training, comparison and commands of answers that depend on their path."""
+"""Load paths: families of them, and training, comparison and commands of answers that depend on
+their path.
+"""
 
 from __future__ import annotations
 

@@ -21,19 +21,33 @@ with extra("study", "the command hhr"):
 WIDTH = 12
 
 
-@click.command(epilog=examples("hhr march my_scene.py", "hhr march my_scene.py --at load=450 --out out/steps.csv"))
+@click.command(
+    epilog=examples(
+        "hhr march my_scene.py", "hhr march my_scene.py --at load=450 --out out/steps.csv"
+    )
+)
 @click.argument("scene")
 @AT
-@click.option("--model", type=click.Path(path_type=Path), help="answer by this reduced model (.npz), not in full")
-@click.option("--out", type=click.Path(path_type=Path), help="a table (.csv), or fields for ParaView (.vtkhdf or .vtu)")
+@click.option(
+    "--model",
+    type=click.Path(path_type=Path),
+    help="answer by this reduced model (.npz), not in full",
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path),
+    help="a table (.csv), or fields for ParaView (.vtkhdf or .vtu)",
+)
 @KNOWN
 @guarded
-def march(scene: str, words: tuple[str, ...], model: Path | None, out: Path | None, known: tuple[str, ...]) -> None:
+def march(
+    scene: str, words: tuple[str, ...], model: Path | None, out: Path | None, known: tuple[str, ...]
+) -> None:
     """Follow load steps, PATHS in the file of a SCENE, and show the answer at each of them.
 
-    Answers of bodies with laws and of contacts with friction depend on the path. PATHS is a hhr.PathFamily, whose box
-    has a path for each of its points: without --at it is the middle of that box. hhr start writes PATHS of the steps of
-    a deck.
+    Answers of bodies with laws and of contacts with friction depend on the path. PATHS is a
+    hhr.PathFamily, whose box has a path for each of its points: without --at it is the middle of
+    that box. hhr start writes PATHS of the steps of a deck.
     """
     from hhr_dolfinx.command.loading import checked_target, model_of, point_of, scene_of
     from hhr_dolfinx.files import replacing
@@ -43,7 +57,9 @@ def march(scene: str, words: tuple[str, ...], model: Path | None, out: Path | No
     checked_target(out, (".csv", *FIELDS))
     in_fields = out is not None and out.suffix in FIELDS
     if in_fields and model is not None:
-        raise click.UsageError("fields need a mesh, which a model in a file has not: leave out --model")
+        raise click.UsageError(
+            "fields need a mesh, which a model in a file has not: leave out --model"
+        )
     write_fields = tool("fields", "--out, files of fields,") if in_fields else None
     family = family_of(scene)
     path = family.path(point_of(words, family.own, others=family.own.middle))
@@ -55,10 +71,14 @@ def march(scene: str, words: tuple[str, ...], model: Path | None, out: Path | No
         if first_rank():
             if len(rows) == 1:
                 click.echo(f"{path.name}\n{'  '.join(name.rjust(WIDTH) for name in rows[0])}")
-            click.echo("  ".join(f"{value:{max(len(name), WIDTH)}.6g}" for name, value in rows[-1].items()))
+            click.echo(
+                "  ".join(f"{value:{max(len(name), WIDTH)}.6g}" for name, value in rows[-1].items())
+            )
 
     if model is None:
-        history = answering.march(path, keep=show)  # full answers may take long: each is shown when it is there
+        history = answering.march(
+            path, keep=show
+        )  # full answers may take long: each is shown when it is there
     else:
         history = answering.march(path)
         for answer in history.answers:
@@ -80,13 +100,20 @@ def family_of(scene: str) -> PathFamily:
 
     found = value_of(beside(scene, "PATHS"), scene, "PATHS", PathFamily)
     if found is None:
-        raise SceneError(f"{scene} has no PATHS: put PATHS = hhr.PathFamily(...) in its file, or call hhr solve")
+        raise SceneError(
+            f"{scene} has no PATHS: put PATHS = hhr.PathFamily(...) in its file, or call hhr solve"
+        )
     return found
 
 
 def row_of(model: Any, answer: Answer) -> dict[str, float]:
-    """Time, parameters, what ``hhr solve`` shows of an answer, and the outputs of the scene at a step."""
-    row = {"time [s]": answer.time, **dict(zip(model.parameters.names, answer.parameter.tolist(), strict=True))}
+    """Time, parameters, what ``hhr solve`` shows of an answer, and the outputs of the scene at a
+    step.
+    """
+    row = {
+        "time [s]": answer.time,
+        **dict(zip(model.parameters.names, answer.parameter.tolist(), strict=True)),
+    }
     scene = getattr(model, "scene", None)  # a model in a file has none
     problem = None if scene is None else model.problem
     row |= largest_values(answer, model.dimension, scene, problem, model.pressures(answer))

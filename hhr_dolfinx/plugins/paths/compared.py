@@ -48,8 +48,8 @@ NO_ERRORS = _NoErrors()
 def retraced(model: Model, exact: History) -> History:
     """A known load path solved by a model, with answers at the same times.
 
-    The model uses the same increments, so that errors of time steps do not count as errors of the model. Warnings of
-    the full order are not repeated.
+    The model uses the same increments, so that errors of time steps do not count as errors of the
+    model. Warnings of the full order are not repeated.
     """
     with told_once(), ignored(SmallStrainWarning, FarSlidingWarning):
         found = model.march(exact.solved_path, MarchSettings(outside="ignore"))
@@ -57,13 +57,18 @@ def retraced(model: Model, exact: History) -> History:
 
 
 def compare_histories(
-    full: FullModel, model: Model, histories: dict[str, History], floor: float, errors_of_laws: ErrorsOfLaws
+    full: FullModel,
+    model: Model,
+    histories: dict[str, History],
+    floor: float,
+    errors_of_laws: ErrorsOfLaws,
 ) -> tuple[Comparison, dict[str, list[Any]]]:
-    """Errors of known load paths, by label, solved by a model, and the signs of its steps by the same labels.
+    """Errors of known load paths, by label, solved by a model, and the signs of its steps by the
+    same labels.
 
-    The error of a path is the largest of its steps over the largest displacement or force of the path: otherwise the
-    first contact, with forces of a twentieth of the last ones, would decide. The same holds for errors of laws.
-    A path that fails has infinite errors and no signs.
+    The error of a path is the largest of its steps over the largest displacement or force of the
+    path: otherwise the first contact, with forces of a twentieth of the last ones, would decide.
+    The same holds for errors of laws. A path that fails has infinite errors and no signs.
     """
     rows: list[Row] = []
     signs = {}
@@ -79,8 +84,12 @@ def compare_histories(
     return Comparison.of(rows, errors_of_laws.names), signs
 
 
-def largest_errors(full: FullModel, found: History, exact: History, floor: float) -> tuple[float, float]:
-    """Largest errors of the displacement (L2) and of the forces everywhere over their largest norm in the load path."""
+def largest_errors(
+    full: FullModel, found: History, exact: History, floor: float
+) -> tuple[float, float]:
+    """Largest errors of the displacement (L2) and of the forces everywhere over their largest norm
+    in the load path.
+    """
     mass = full.problem.mass
     pairs = list(zip(found.answers, exact.answers, strict=True))
     fields = [there.displacement() for _, there in pairs]

@@ -28,11 +28,16 @@ class KeptSteps:
         self._store = store
         path = checked_path(store.parameters, path)
         self._path = path
-        how = [getattr(settings, name) for name in settings.__dataclass_fields__ if name not in ("outside", "gradient")]
+        how = [
+            getattr(settings, name)
+            for name in settings.__dataclass_fields__
+            if name not in ("outside", "gradient")
+        ]
         query = [item if item is None or isinstance(item, str) else float(item) for item in how]
         self._queries: list[list] = []
         for time, point in path:
-            # each query has the digest of the one before: with the whole path in each, files would grow along it
+            # each query has the digest of the one before: with the whole path in each, files would
+            # grow along it
             query = [store.digest(query), time, *store.query_at(point)]
             self._queries.append(query)
         self._count = 0
@@ -52,13 +57,18 @@ class KeptSteps:
         return answers
 
     def on_disk(self, history: History) -> History:
-        """The history, all of whose steps are stored; large ones are mapped from disk, which frees their memory."""
+        """The history, all of whose steps are stored.
+
+        Large ones are mapped from disk, which frees their memory.
+        """
         if not history.answers or not self._store.laws.is_large(history.answers[-1]):
             return history
         found = self._store.found
         answers = self.load()
         self._store.found = found
-        return replace(history, answers=answers) if len(answers) == len(history.answers) else history
+        return (
+            replace(history, answers=answers) if len(answers) == len(history.answers) else history
+        )
 
     def save(self, answer: Answer) -> None:
         """Store the next step; FileError if its file cannot be written."""
@@ -67,7 +77,9 @@ class KeptSteps:
 
 
 def with_fields(history: History, fields: Any) -> History:
-    """History whose answers refer to other fields: those of an answer cannot be sent to another rank."""
+    """History whose answers refer to other fields: those of an answer cannot be sent to another
+    rank.
+    """
     return replace(history, answers=[answer._replace(fields=fields) for answer in history.answers])
 
 
@@ -97,7 +109,11 @@ class Paths:
         with group.together("solving for snapshots"):
             with told_once("histories"), first_alone():
                 histories = list(self._histories(solver))
-            return None if solver.lost is not None and not histories else SnapshotSet.of_histories(histories)
+            return (
+                None
+                if solver.lost is not None and not histories
+                else SnapshotSet.of_histories(histories)
+            )
 
     def _histories(self, solver: Solver) -> Iterator[History]:
         parameters = solver.full.parameters
@@ -113,12 +129,19 @@ class Paths:
     def gathered(self, own: SnapshotSet | None, full: FullModel, group: Group) -> SnapshotSet:
         """See :class:`~hhr_dolfinx.snapshots.records.Queries`."""
         # an answer refers to its model, which cannot be sent to another rank
-        sent: Any = () if own is None else [with_fields(history, NOWHERE) for history in own.histories]
-        return SnapshotSet.of_histories(with_fields(item, full) for part in group.gathered(sent) for item in part)
+        sent: Any = (
+            () if own is None else [with_fields(history, NOWHERE) for history in own.histories]
+        )
+        return SnapshotSet.of_histories(
+            with_fields(item, full) for part in group.gathered(sent) for item in part
+        )
 
 
 def _history(solver: Solver, path: Path) -> History:
-    """History continued after its stored steps; if several ranks solve it, one of them reads and writes these."""
+    """History continued after its stored steps.
+
+    If several ranks solve it, one of them reads and writes these.
+    """
     full: Any = solver.full
     if solver.store is None:
         return full.march(path, solver.settings)
@@ -126,6 +149,10 @@ def _history(solver: Solver, path: Path) -> History:
     if full.group.size == 1:
         return kept.on_disk(full.march(path, solver.settings, known=kept.load(), keep=kept.save))
     first = full.group.number == 0
-    known = full.group.from_first([answer._replace(fields=NOWHERE) for answer in kept.load()] if first else [])
+    known = full.group.from_first(
+        [answer._replace(fields=NOWHERE) for answer in kept.load()] if first else []
+    )
     keep = kept.save if first else lambda answer: None
-    return full.march(path, solver.settings, known=[answer._replace(fields=full) for answer in known], keep=keep)
+    return full.march(
+        path, solver.settings, known=[answer._replace(fields=full) for answer in known], keep=keep
+    )

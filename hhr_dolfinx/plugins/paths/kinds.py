@@ -1,4 +1,6 @@
-"""Kind of answers that depend on their path: what training, reduction and comparison do with histories."""
+"""Kind of answers that depend on their path: what training, reduction and comparison do with
+histories.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,8 @@ class OfHistories(OfPoints):
         known = super().check(name, solutions)
         if not known.histories:
             raise ReductionError(
-                f"{name} of a scene with {self.full.law.name} must be histories: SnapshotSet.of_histories"
+                f"{name} of a scene with {self.full.law.name} must be histories: "
+                "SnapshotSet.of_histories"
             )
         return known
 

@@ -1,7 +1,8 @@
 """Families of load paths with a name and family parameters, drawn from a sampling like points.
 
-A family defines the start of its paths and their legs by formulas of the family parameters, such as a load level, a
-hold time or a rate. Formulas are texts that are parsed and never executed, see :mod:`hhr_dolfinx.formulas`.
+A family defines the start of its paths and their legs by formulas of the family parameters, such as
+a load level, a hold time or a rate. Formulas are texts that are parsed and never executed, see
+:mod:`hhr_dolfinx.formulas`.
 """
 
 from __future__ import annotations
@@ -24,7 +25,9 @@ Targets = Mapping[str, float | str] | tuple[tuple[str, float | str], ...]
 """Numbers or formulas of the family parameters, by the names of parameters of the scene."""
 
 NOTHING = 1e-12
-"""Fraction of the longest leg, and of a parameter's range, below which the value of a formula counts as zero."""
+"""Fraction of the longest leg, and of a parameter's range, below which the value of a formula
+counts as zero.
+"""
 MOST_STEPS = 100_000
 LEAST_PART = 0.1
 """Smallest fraction of a load in training paths."""
@@ -39,14 +42,17 @@ class Sampling(Protocol):
 
 
 class NamedPath(list[tuple[float, np.ndarray]]):
-    """A load path, a list of times in s and parameters, (P,), with a name and its family parameters.
+    """A load path, a list of times in s and parameters, (P,), with a name and its family
+    parameters.
 
     Attributes:
         name: name of the family, with the values; it labels the path in reports.
         values: family parameters by name.
     """
 
-    def __init__(self, pairs: Iterable[tuple[float, np.ndarray]], name: str, values: Mapping[str, float]):
+    def __init__(
+        self, pairs: Iterable[tuple[float, np.ndarray]], name: str, values: Mapping[str, float]
+    ):
         super().__init__(pairs)
         self.name = name
         self.values = dict(values)
@@ -74,13 +80,14 @@ class Leg:
     """A part of a path along which parameters of the scene change linearly in time.
 
     Attributes:
-        to: values at its end, by the names of parameters of the scene: numbers or formulas of the family parameters.
-            Other parameters do not change.
+        to: values at its end, by the names of parameters of the scene: numbers or formulas of the
+            family parameters. Other parameters do not change.
         seconds: duration in s, a number or a formula. A leg of no duration is left out.
         steps: number of equal steps; the value of a formula is rounded, and at least one.
 
     Raises:
-        SceneError: for values that are neither numbers nor formulas, negative seconds, and invalid steps.
+        SceneError: for values that are neither numbers nor formulas, negative seconds, and invalid
+            steps.
     """
 
     to: Targets
@@ -91,11 +98,15 @@ class Leg:
         object.__setattr__(self, "to", _targets("a leg", self.to))
         object.__setattr__(self, "seconds", _kept("the seconds of a leg", self.seconds))
         if not isinstance(self.seconds, str) and self.seconds < 0:
-            raise SceneError(f"a leg takes {self.seconds:g} s: give it a duration that is not negative")
+            raise SceneError(
+                f"a leg takes {self.seconds:g} s: give it a duration that is not negative"
+            )
         if isinstance(self.steps, str):
             formula_of(self.steps, "the steps of a leg")
         elif not is_whole(self.steps, 1):
-            raise SceneError(f"steps = {self.steps!r} of a leg must be a positive integer, or a formula as text")
+            raise SceneError(
+                f"steps = {self.steps!r} of a leg must be a positive integer, or a formula as text"
+            )
         else:
             object.__setattr__(self, "steps", int(self.steps))
 
@@ -106,21 +117,23 @@ class PathFamily:
 
     Attributes:
         name: name of the family.
-        space: parameters of the scene, ``scene.parameters``, which define the order of a path's points.
+        space: parameters of the scene, ``scene.parameters``, which define the order of a path's
+            points.
         own: family parameters; formulas may name these and no others.
         start: values of all parameters of the scene at time 0, numbers or formulas.
         legs: legs of the paths in their order.
 
     Raises:
-        SceneError: for an unknown name, a parameter of the scene without a start, a formula of unknown names, and an
-            invalid path anywhere in the box of the family parameters: a point outside the box of the scene, a negative
-            duration, a value that is not finite.
+        SceneError: for an unknown name, a parameter of the scene without a start, a formula of
+            unknown names, and an invalid path anywhere in the box of the family parameters: a point
+            outside the box of the scene, a negative duration, a value that is not finite.
 
     Example:
         >>> space = ParameterSpace(("load", "gap"), (0.0, 0.0), (450.0, 0.02))
         >>> own = ParameterSpace(("gap", "hold"), (5.0, 0.0), (15.0, 10.0))
         >>> start = {"load": 0.0, "gap": "1e-3 * gap"}
-        >>> family = PathFamily("held", space, own, start, (Leg({"load": 450.0}, 1.0, 40), Leg({}, "hold", 10)))
+        >>> legs = Leg({"load": 450.0}, 1.0, 40), Leg({}, "hold", 10)
+        >>> family = PathFamily("held", space, own, start, legs)
         >>> family.path({"gap": 10.0, "hold": 2.0})
         <path 'held (gap = 10, hold = 2)': 51 times to 3 s>
     """
@@ -133,35 +146,46 @@ class PathFamily:
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.strip():
-            raise SceneError(f"the name {self.name!r} of a family of paths must be a text that is not empty")
+            raise SceneError(
+                f"the name {self.name!r} of a family of paths must be a text that is not empty"
+            )
         for part in ("space", "own"):
             if not isinstance(getattr(self, part), ParameterSpace):
                 raise SceneError(
-                    f"{part} = {getattr(self, part)!r} of the family '{self.name}' must be a ParameterSpace: give "
-                    "space=scene.parameters, and a box of the family's own parameters"
+                    f"{part} = {getattr(self, part)!r} of the family '{self.name}' must be a "
+                    "ParameterSpace: give space=scene.parameters, and a box of the family's own "
+                    "parameters"
                 )
         legs = tuple(self.legs) if isinstance(self.legs, list | tuple) else ()
         if not legs or not all(isinstance(leg, Leg) for leg in legs):
-            raise SceneError(f"legs = {self.legs!r} of the family '{self.name}' must be a tuple of one Leg or more")
+            raise SceneError(
+                f"legs = {self.legs!r} of the family '{self.name}' must be a tuple of one Leg or "
+                "more"
+            )
         object.__setattr__(self, "legs", legs)
         with _naming(self._title):
             object.__setattr__(self, "start", _targets("the start", self.start))
             missing = [name for name in self.space.names if name not in dict(self.start)]
             if missing:
-                raise SceneError(f"the start says nothing of {', '.join(missing)}: give a value of each parameter")
+                raise SceneError(
+                    f"the start says nothing of {', '.join(missing)}: give a value of each "
+                    "parameter"
+                )
             self._formulas  # noqa: B018 (unknown names are reported where they are written)
         for point in box_samples(self.own):
             try:
                 self._corners(point)
             except ParameterError as error:
-                raise SceneError(f"{error}; or narrow the box of the family's own parameters") from None
+                raise SceneError(
+                    f"{error}; or narrow the box of the family's own parameters"
+                ) from None
 
     def path(self, point: Any) -> NamedPath:
         """Path of a point of the family parameters, a sequence, (P_own,), or a mapping by name.
 
         Raises:
-            ParameterError: for a point outside the box of the family, or a path that leaves the box of the scene or
-                whose times do not increase.
+            ParameterError: for a point outside the box of the family, or a path that leaves the box
+                of the scene or whose times do not increase.
         """
         with _naming(self._title):
             values = self.own.point(point)
@@ -174,18 +198,22 @@ class PathFamily:
             times = time + end.seconds * shares
             if not (np.diff(times, prepend=time) > 0).all():
                 raise ParameterError(
-                    f"path '{self._called(values)}': times must increase, and {end.steps} steps in {end.seconds:g} s "
-                    f"are lost behind {time:g} s. Make the legs more alike"
+                    f"path '{self._called(values)}': times must increase, and {end.steps} steps "
+                    f"in {end.seconds:g} s are lost behind {time:g} s. Make the legs more alike"
                 )
-            # constant values stay the same to the last bit, and each leg ends exactly at the start of the next one
+            # constant values stay the same to the last bit, and each leg ends exactly at the start
+            # of the next one
             targets = [here + (end.target - here) * share for share in shares[:-1]] + [end.target]
             pairs += zip(times.tolist(), targets, strict=True)
             time = float(times[-1])
             here = end.target
-        return NamedPath(pairs, self._called(values), dict(zip(self.own.names, values.tolist(), strict=True)))
+        return NamedPath(
+            pairs, self._called(values), dict(zip(self.own.names, values.tolist(), strict=True))
+        )
 
     def paths(self, drawn: Sampling | np.ndarray) -> list[NamedPath]:
-        """Paths of a sampling, such as ``Sobol(12)``, or of points of the family parameters, (n, P_own).
+        """Paths of a sampling, such as ``Sobol(12)``, or of points of the family parameters, (n,
+        P_own).
 
         Raises:
             ParameterError: as :meth:`path`, and for other objects.
@@ -200,33 +228,44 @@ class PathFamily:
     def training(
         self, count: int, seed: int = 1, *, least_part: float = LEAST_PART, cycles: int = 1
     ) -> list[NamedPath]:
-        """Training paths: corners of the family parameters, then points inside, every other one at a part load.
+        """Training paths: corners of the family parameters, then points inside, every other one at
+        a part load.
 
-        The largest plastic strains occur at corners, which points inside never reach: on two rollers 5 % of all paths,
-        with errors of forces of 31 to 46 %, were near one corner. Residual states after a part load are not fractions
-        of those after the full load: a model trained on full loads alone has errors of 50 %. Up to half of the paths
-        are corners: all of them, or as many as fit, with each parameter about equally often at either end. Part loads
-        are fractions of the way from the start, from 0.1 on, uniform in their logarithm, at the rates of full loads.
+        The largest plastic strains occur at corners, which points inside never reach: on two
+        rollers 5 % of all paths, with errors of forces of 31 to 46 %, were near one corner.
+        Residual states after a part load are not fractions of those after the full load: a model
+        trained on full loads alone has errors of 50 %. Up to half of the paths are corners: all of
+        them, or as many as fit, with each parameter about equally often at either end. Part loads
+        are fractions of the way from the start, from 0.1 on, uniform in their logarithm, at the
+        rates of full loads.
 
         For tests, draw from a sampling: ``family.paths(Sobol(20, seed=2))``.
 
         Args:
             count: number of paths; powers of 2 are best.
             seed: seed of the sampling.
-            least_part: smallest part load, in (0, 1]. 1 leaves them out, for families with a load level of their own.
-            cycles: number of times that each path is followed; between two times it is followed back to its start.
+            least_part: smallest part load, in (0, 1]. 1 leaves them out, for families with a load
+                level of their own.
+            cycles: number of times that each path is followed; between two times it is followed
+                back to its start.
 
         Raises:
-            ParameterError: for an invalid count, seed, part or number of cycles, and as :meth:`path`.
+            ParameterError: for an invalid count, seed, part or number of cycles, and as
+                :meth:`path`.
         """
         if not (is_number(least_part) and 0 < least_part <= 1 and is_whole(cycles, 1)):
             raise ParameterError(
-                f"least_part = {least_part!r} must be a fraction in (0, 1], cycles = {cycles!r} a whole number from 1"
+                f"least_part = {least_part!r} must be a fraction in (0, 1], cycles = {cycles!r} a "
+                "whole number from 1"
             )
         size = len(self.own.names)
         axes = tuple(map(str, range(size + 1)))  # the last one is the part of the load
-        drawn = Sobol(count, seed).points(ParameterSpace(axes, (0.0,) * len(axes), (1.0,) * len(axes)))
-        corners = np.indices((2,) * size).reshape(size, -1).T if 2 ** min(size, 31) <= count / 2 else None
+        drawn = Sobol(count, seed).points(
+            ParameterSpace(axes, (0.0,) * len(axes), (1.0,) * len(axes))
+        )
+        corners = (
+            np.indices((2,) * size).reshape(size, -1).T if 2 ** min(size, 31) <= count / 2 else None
+        )
         if corners is None:
             # half of the first 2^m points lie in the upper half of each parameter
             room = 2 ** int(np.log2(count / 2)) if count > 1 else 0
@@ -235,7 +274,9 @@ class PathFamily:
         paths = [self.path(np.where(corner, upper, lower)) for corner in corners]
         for number, unit in enumerate(drawn[: count - len(paths)]):
             path = self.path(lower + unit[:size] * (upper - lower))
-            paths.append(_part_of(path, least_part ** unit[size]) if number % 2 and least_part < 1 else path)
+            paths.append(
+                _part_of(path, least_part ** unit[size]) if number % 2 and least_part < 1 else path
+            )
         return [_cycled(path, cycles) for path in paths]
 
     @cached_property
@@ -249,18 +290,27 @@ class PathFamily:
         def formulas(what: str, to: Targets, seconds: float | str, steps: int | str) -> _Formulas:
             unknown = sorted(set(dict(to)) - set(self.space.names))
             if unknown:
-                raise SceneError(f"{what} names {unknown}, the parameters of the scene are {self.space.names}")
+                raise SceneError(
+                    f"{what} names {unknown}, the parameters of the scene are {self.space.names}"
+                )
             targets = {name: scalar(f"{name} at {what}", value) for name, value in dict(to).items()}
-            return _Formulas(targets, scalar(f"seconds of {what}", seconds), scalar(f"steps of {what}", steps))
+            return _Formulas(
+                targets, scalar(f"seconds of {what}", seconds), scalar(f"steps of {what}", steps)
+            )
 
-        legs = (formulas(f"leg {k}", leg.to, leg.seconds, leg.steps) for k, leg in enumerate(self.legs, 1))
+        legs = (
+            formulas(f"leg {k}", leg.to, leg.seconds, leg.steps)
+            for k, leg in enumerate(self.legs, 1)
+        )
         return formulas("the start", self.start, 0.0, 1), *legs
 
     def _corners(self, values: np.ndarray) -> list[_Corner]:
         """The start, and the ends of legs with a duration, for family parameters, (P_own,)."""
         with _naming(f"path '{self._called(values)}'"):
             start, *legs = self._formulas
-            seconds = [_value(f"seconds of leg {k}", leg.seconds, values) for k, leg in enumerate(legs, 1)]
+            seconds = [
+                _value(f"seconds of leg {k}", leg.seconds, values) for k, leg in enumerate(legs, 1)
+            ]
             nothing = NOTHING * max(map(abs, seconds))
             if not nothing:
                 raise ParameterError("no leg takes any time: give one of them a duration")
@@ -271,7 +321,8 @@ class PathFamily:
                 target = self._target(f"the end of leg {k}", leg, values, before)
                 if duration < -nothing:
                     raise ParameterError(
-                        f"leg {k} takes {duration:g} s, which must not be negative: correct the formula"
+                        f"leg {k} takes {duration:g} s, which must not be negative: correct the "
+                        "formula"
                     )
                 if duration > nothing:
                     steps = max(round(_value(f"steps of leg {k}", leg.steps, values)), 1)
@@ -280,15 +331,26 @@ class PathFamily:
                     found.append(_Corner(target, duration, steps))
                     here = target
                     continue
-                jumps = np.abs(target - here) > NOTHING * np.subtract(self.space.upper, self.space.lower)
+                jumps = np.abs(target - here) > NOTHING * np.subtract(
+                    self.space.upper, self.space.lower
+                )
                 if jumps.any():
                     changed = self.space.names[int(np.argmax(jumps))]
-                    raise ParameterError(f"leg {k} takes no time and changes {changed}: give it a duration")
+                    raise ParameterError(
+                        f"leg {k} takes no time and changes {changed}: give it a duration"
+                    )
             return found
 
-    def _target(self, where: str, leg: _Formulas, values: np.ndarray, before: Mapping[str, float]) -> np.ndarray:
-        """Point of the scene at the end of a leg, (P,); parameters that it does not name are as before."""
-        found = {name: _value(f"{name} at {where}", scalar, values) for name, scalar in leg.to.items()}
+    def _target(
+        self, where: str, leg: _Formulas, values: np.ndarray, before: Mapping[str, float]
+    ) -> np.ndarray:
+        """Point of the scene at the end of a leg, (P,).
+
+        Parameters that it does not name are as before.
+        """
+        found = {
+            name: _value(f"{name} at {where}", scalar, values) for name, scalar in leg.to.items()
+        }
         with _naming(f"{where} is outside the box of the scene"):
             return self.space.point({**before, **found})
 
@@ -303,12 +365,16 @@ class PathFamily:
 def _part_of(path: NamedPath, share: float) -> NamedPath:
     """Path over a fraction of the way from the start, at the same rates."""
     time, start = path[0]
-    pairs = [(time + share * (there - time), start + share * (point - start)) for there, point in path]
+    pairs = [
+        (time + share * (there - time), start + share * (point - start)) for there, point in path
+    ]
     return NamedPath(pairs, f"{share:.2g} of {path.name}", {**path.values, "part": share})
 
 
 def _cycled(path: NamedPath, cycles: int) -> NamedPath:
-    """Path that is followed ``cycles`` times, and backwards between two times, at the same rates."""
+    """Path that is followed ``cycles`` times, and backwards between two times, at the same
+    rates.
+    """
     pairs = list(path)
     for _ in range(cycles - 1):
         for way in (path[::-1], path):
@@ -361,10 +427,20 @@ def _kept(what: str, value: Any) -> float | str:
 def _targets(what: str, given: Any) -> tuple[tuple[str, float | str], ...]:
     """Pairs of names and values, from a mapping or from such pairs."""
     try:
-        pairs = tuple((name, value) for name, value in (given.items() if isinstance(given, Mapping) else given))
+        pairs = tuple(
+            (name, value)
+            for name, value in (given.items() if isinstance(given, Mapping) else given)
+        )
     except (TypeError, ValueError):
-        raise SceneError(f"{what} must map names of the scene's parameters to values, and is {given!r}") from None
+        raise SceneError(
+            f"{what} must map names of the scene's parameters to values, and is {given!r}"
+        ) from None
     names = [name for name, _ in pairs]
     if not all(isinstance(name, str) for name in names) or len(set(names)) < len(names):
-        raise SceneError(f"{what} must name parameters of the scene once each by texts, and names {names}")
-    return tuple((name, _kept(f"{name} in {what}", value)) for name, value in sorted(pairs, key=lambda pair: pair[0]))
+        raise SceneError(
+            f"{what} must name parameters of the scene once each by texts, and names {names}"
+        )
+    return tuple(
+        (name, _kept(f"{name} in {what}", value))
+        for name, value in sorted(pairs, key=lambda pair: pair[0])
+    )

@@ -14,7 +14,8 @@ from hhr_dolfinx.study.training.train import chooses_itself
 
 
 def training_queries(scene: Scene, training: Any, held_out: Any) -> tuple[Any, list]:
-    """Tool ``queries``: checked paths to train on, or a training that chooses them, and paths that are held out.
+    """Tool ``queries``: checked paths to train on, or a training that chooses them, and paths that
+    are held out.
 
     Raises:
         StudyError: for an invalid list of paths.
@@ -23,8 +24,9 @@ def training_queries(scene: Scene, training: Any, held_out: Any) -> tuple[Any, l
     chooses = chooses_itself(training)
     if chooses and scene.remembers:
         raise NotOfferedError(
-            f"contacts of scene '{scene.name}' remember their path, and a training that chooses such histories itself "
-            "is not built in: train on a list of paths, or condense it without a training, hhr.condense(scene)"
+            f"contacts of scene '{scene.name}' remember their path, and a training that chooses "
+            "such histories itself is not built in: train on a list of paths, or condense it "
+            "without a training, hhr.condense(scene)"
         )
     if chooses:
         training.space(scene)
@@ -34,10 +36,14 @@ def training_queries(scene: Scene, training: Any, held_out: Any) -> tuple[Any, l
 
 
 def training_paths(scene: Scene, paths: object) -> list:
-    """Checked paths of a scene whose answers depend on their path; StudyError for an invalid list of paths."""
+    """Checked paths of a scene whose answers depend on their path.
+
+    StudyError for an invalid list of paths.
+    """
     advice = (
-        f"answers of scene '{scene.name}' depend on the path that leads to them: train on a list of paths, such as "
-        "family.paths(Sobol(12)), or by hhr reduce with PATHS, a hhr.PathFamily, beside the scene"
+        f"answers of scene '{scene.name}' depend on the path that leads to them: train on a list "
+        "of paths, such as family.paths(Sobol(12)), or by hhr reduce with PATHS, a "
+        "hhr.PathFamily, beside the scene"
     )
     if not isinstance(paths, Iterable):
         raise StudyError(f"{advice}; {paths!r} is none")
@@ -46,7 +52,12 @@ def training_paths(scene: Scene, paths: object) -> list:
     except (ParameterError, TypeError) as error:
         raise StudyError(f"{advice} ({error})") from None
     # paths of a family keep their names
-    checked = [path if isinstance(getattr(path, "name", None), str) else known for path, known in pairs]
+    checked = [
+        path if isinstance(getattr(path, "name", None), str) else known for path, known in pairs
+    ]
     if not checked or min(len(path) for path in checked) < 2:
-        raise StudyError(f"training of scene '{scene.name}' needs at least one path, each with a start and a step")
+        raise StudyError(
+            f"training of scene '{scene.name}' needs at least one path, each with a start and a "
+            "step"
+        )
     return checked

@@ -1,4 +1,6 @@
-"""Formulas in UFL as straight-line programs: numbers in a file, evaluated without UFL and DOLFINx."""
+"""Formulas in UFL as straight-line programs: numbers in a file, evaluated without UFL and
+DOLFINx.
+"""
 
 from hhr_dolfinx.registry import Plugin
 

@@ -1,8 +1,10 @@
-"""Exact derivatives of programs along directions: each row of a program is differentiated as it is executed.
+"""Exact derivatives of programs along directions: each row of a program is differentiated as it is
+executed.
 
-A value x of a register has K derivatives x'. Comparisons, maxima, minima and absolute values have a kink where their
-operands a and b are the same: along a direction they come to it after (b - a) / (a' - b'), as far as the first
-derivative says. Derivatives are those of the side that the values are on.
+A value x of a register has K derivatives x'. Comparisons, maxima, minima and absolute values have a
+kink where their operands a and b are the same: along a direction they come to it after (b - a) /
+(a' - b'), as far as the first derivative says. Derivatives are those of the side that the values
+are on.
 """
 
 from __future__ import annotations
@@ -15,7 +17,9 @@ from hhr_dolfinx.plugins.programs.graph import OPERATIONS
 from hhr_dolfinx.plugins.programs.program import Program
 
 SIGNIFICANT = 1e-6
-"""Part of the sizes of its terms below which the derivative of a distance to a kink is round-off."""
+"""Part of the sizes of its terms below which the derivative of a distance to a kink is
+round-off.
+"""
 _NAMES = tuple(OPERATIONS)
 _KINKS = {"lt", "le", "max", "min", "abs"}
 
@@ -25,14 +29,36 @@ def _truth(test: np.ndarray) -> np.ndarray:
 
 
 _VALUES: dict[str, Callable[..., np.ndarray]] = {
-    "add": np.add, "sub": np.subtract, "mul": np.multiply, "div": np.divide, "neg": np.negative, "sqrt": np.sqrt,
-    "exp": np.exp, "log": np.log, "pow": np.power, "abs": np.abs, "sin": np.sin, "cos": np.cos, "tan": np.tan,
-    "asin": np.arcsin, "acos": np.arccos, "atan": np.arctan, "sinh": np.sinh, "cosh": np.cosh, "tanh": np.tanh,
-    "atan2": np.arctan2, "max": np.maximum, "min": np.minimum, "lt": lambda a, b: _truth(a < b),
-    "le": lambda a, b: _truth(a <= b), "eq": lambda a, b: _truth(a == b), "not": lambda a: _truth(a == 0),
-    "and": lambda a, b: _truth((a != 0) & (b != 0)), "or": lambda a, b: _truth((a != 0) | (b != 0)),
+    "add": np.add,
+    "sub": np.subtract,
+    "mul": np.multiply,
+    "div": np.divide,
+    "neg": np.negative,
+    "sqrt": np.sqrt,
+    "exp": np.exp,
+    "log": np.log,
+    "pow": np.power,
+    "abs": np.abs,
+    "sin": np.sin,
+    "cos": np.cos,
+    "tan": np.tan,
+    "asin": np.arcsin,
+    "acos": np.arccos,
+    "atan": np.arctan,
+    "sinh": np.sinh,
+    "cosh": np.cosh,
+    "tanh": np.tanh,
+    "atan2": np.arctan2,
+    "max": np.maximum,
+    "min": np.minimum,
+    "lt": lambda a, b: _truth(a < b),
+    "le": lambda a, b: _truth(a <= b),
+    "eq": lambda a, b: _truth(a == b),
+    "not": lambda a: _truth(a == 0),
+    "and": lambda a, b: _truth((a != 0) & (b != 0)),
+    "or": lambda a, b: _truth((a != 0) | (b != 0)),
     "select": lambda a, b, c: np.where(a != 0, b, c),
-}  # fmt: skip
+}
 _SLOPES: dict[str, Callable[..., tuple[np.ndarray | float, ...]]] = {
     "add": lambda x, a, b: (1.0, 1.0),
     "sub": lambda x, a, b: (1.0, -1.0),
@@ -93,7 +119,9 @@ class Forward:
             self._sizes[register] = np.abs(change) if change.any() else None
 
     def run(self, part: int, *, watch: bool = True) -> None:
-        """Execute a part; ``watch`` its kinks, for which all derivatives of the inputs must be set."""
+        """Execute a part; ``watch`` its kinks, for which all derivatives of the inputs must be
+        set.
+        """
         program = self._program
         start = program.ends[part - 1] if part else 0
         with np.errstate(all="ignore"):
@@ -139,7 +167,9 @@ class Forward:
         np.fmin(self.reach, found, out=self.reach)
 
     def watch_sign(self, part: int) -> None:
-        """Take in the distance to the points at which the single output of a part changes its sign."""
+        """Take in the distance to the points at which the single output of a part changes its
+        sign.
+        """
         program = self._program
         place = int(program.outputs[program.output_ends[part] - 1])
         self._watch([place], [self._values[place]])
@@ -147,16 +177,23 @@ class Forward:
     def outputs(self, part: int) -> tuple[np.ndarray, np.ndarray]:
         """Values, (k, n), and derivatives, (k, n, K), of the outputs of a part that was run."""
         program = self._program
-        places = program.outputs[program.output_ends[part - 1] if part else 0 : program.output_ends[part]].tolist()
+        places = program.outputs[
+            program.output_ends[part - 1] if part else 0 : program.output_ends[part]
+        ].tolist()
         zero = np.zeros_like(self.reach)
-        changes = [zero if self._changes[place] is None else self._changes[place] for place in places]
+        changes = [
+            zero if self._changes[place] is None else self._changes[place] for place in places
+        ]
         points, ways = self.reach.shape
         values = np.array([self._values[place] for place in places]).reshape(len(places), points)
         return values, np.array(changes).reshape(len(places), points, ways)
 
 
 def _added(total: np.ndarray | None, slope: np.ndarray | float, change: np.ndarray) -> np.ndarray:
-    """A sum and a slope, (n,) or a number, times a change, (n, K); no change stays none under an infinite slope."""
+    """A sum and a slope, (n,) or a number, times a change, (n, K).
+
+    No change stays none under an infinite slope.
+    """
     if not isinstance(slope, np.ndarray):
         part = change if slope == 1.0 else slope * change
     else:

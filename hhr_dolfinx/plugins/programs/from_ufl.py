@@ -1,4 +1,6 @@
-"""Expressions of UFL in a :class:`~hhr_dolfinx.plugins.programs.graph.Graph`, component by component."""
+"""Expressions of UFL in a :class:`~hhr_dolfinx.plugins.programs.graph.Graph`, component by
+component.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +14,10 @@ from hhr_dolfinx.plugins.programs.graph import Graph
 
 
 def symbols(**shapes: tuple[int, ...]) -> dict[str, Any]:
-    """Constants of UFL by name, with these shapes; math.sqrt of one raises SceneError. It needs basix, not DOLFINx."""
+    """Constants of UFL by name, with these shapes; math.sqrt of one raises SceneError.
+
+    It needs basix, not DOLFINx.
+    """
     import basix.ufl
     import ufl
 
@@ -21,18 +26,22 @@ def symbols(**shapes: tuple[int, ...]) -> dict[str, Any]:
 
         def evaluate(self, *_: object) -> float:
             """Refuse functions of numbers."""
-            raise SceneError("a function of numbers meets a symbol: take that of ufl, ufl.sqrt for math.sqrt")
+            raise SceneError(
+                "a function of numbers meets a symbol: take that of ufl, ufl.sqrt for math.sqrt"
+            )
 
     mesh = ufl.Mesh(basix.ufl.element("Lagrange", "tetrahedron", 1, shape=(3,)))
     return {name: Symbol(mesh, shape=shape) for name, shape in shapes.items()}
 
 
 def nodes_of(graph: Graph, expression: Any, inputs: Mapping[Any, list[int]]) -> list[int]:
-    """Nodes of all components of an expression of any shape, row by row; ``inputs`` maps symbols to theirs.
+    """Nodes of all components of an expression of any shape, row by row.
+
+    ``inputs`` maps symbols to theirs.
 
     Raises:
-        SceneError: for operations that programs do not have, such as Bessel functions or derivatives in space, and for
-            lists and arrays.
+        SceneError: for operations that programs do not have, such as Bessel functions or
+            derivatives in space, and for lists and arrays.
     """
     from ufl import as_ufl
     from ufl.algorithms.apply_algebra_lowering import apply_algebra_lowering
@@ -40,24 +49,48 @@ def nodes_of(graph: Graph, expression: Any, inputs: Mapping[Any, list[int]]) -> 
 
     if isinstance(expression, list | tuple | np.ndarray):
         kind = type(expression).__name__
-        raise SceneError(f"a {kind} is no expression of UFL: ufl.as_vector and ufl.as_matrix make one of it")
+        raise SceneError(
+            f"a {kind} is no expression of UFL: ufl.as_vector and ufl.as_matrix make one of it"
+        )
     lowered = apply_derivatives(apply_algebra_lowering(as_ufl(expression)))
     walk = _Walk(graph, inputs)
     return [walk.value(lowered, place, {}) for place in np.ndindex(*lowered.ufl_shape)]
 
 
 _SCALAR = {
-    "Sqrt": "sqrt", "Exp": "exp", "Ln": "log", "Sin": "sin", "Cos": "cos", "Tan": "tan", "Asin": "asin",
-    "Acos": "acos", "Atan": "atan", "Sinh": "sinh", "Cosh": "cosh", "Tanh": "tanh", "Atan2": "atan2", "Power": "pow",
-    "Abs": "abs", "MaxValue": "max", "MinValue": "min", "LT": "lt", "LE": "le", "EQ": "eq", "AndCondition": "and",
-    "OrCondition": "or", "NotCondition": "not", "Product": "mul",
-}  # fmt: skip
+    "Sqrt": "sqrt",
+    "Exp": "exp",
+    "Ln": "log",
+    "Sin": "sin",
+    "Cos": "cos",
+    "Tan": "tan",
+    "Asin": "asin",
+    "Acos": "acos",
+    "Atan": "atan",
+    "Sinh": "sinh",
+    "Cosh": "cosh",
+    "Tanh": "tanh",
+    "Atan2": "atan2",
+    "Power": "pow",
+    "Abs": "abs",
+    "MaxValue": "max",
+    "MinValue": "min",
+    "LT": "lt",
+    "LE": "le",
+    "EQ": "eq",
+    "AndCondition": "and",
+    "OrCondition": "or",
+    "NotCondition": "not",
+    "Product": "mul",
+}
 _TURNED = {"GT": "lt", "GE": "le"}
 _SAME = {"Variable", "Conj", "Real"}
 
 
 class _Walk:
-    """One walk through an expression; each part is translated once for each component and each free index."""
+    """One walk through an expression; each part is translated once for each component and each free
+    index.
+    """
 
     def __init__(self, graph: Graph, inputs: Mapping[Any, list[int]]):
         self._graph = graph
@@ -73,7 +106,9 @@ class _Walk:
 
     def _leaf(self, part: Any, place: tuple[int, ...], free: dict[int, int]) -> int:
         if part in self._inputs:
-            return self._inputs[part][int(np.ravel_multi_index(place, part.ufl_shape)) if place else 0]
+            return self._inputs[part][
+                int(np.ravel_multi_index(place, part.ufl_shape)) if place else 0
+            ]
         kind = type(part).__name__
         if kind == "Zero":
             return self._graph.const(0)
@@ -92,7 +127,9 @@ class _Walk:
             numbers = tuple(int(index) if known else free[index.count()] for index, known in fixed)
             return self.value(operands[0], numbers, free)
         if kind == "ComponentTensor":
-            bound = {index.count(): number for index, number in zip(operands[1], place, strict=True)}
+            bound = {
+                index.count(): number for index, number in zip(operands[1], place, strict=True)
+            }
             return self.value(operands[0], (), free | bound)
         if kind == "ListTensor":
             return self.value(operands[place[0]], place[1:], free)
@@ -100,21 +137,32 @@ class _Walk:
             (index,) = operands[1]
             total = self._graph.const(0)
             for number in range(part.dimension()):
-                total = self._graph.apply("add", total, self.value(operands[0], place, free | {index.count(): number}))
+                total = self._graph.apply(
+                    "add", total, self.value(operands[0], place, free | {index.count(): number})
+                )
             return total
         if kind == "Sum":
-            return self._graph.apply("add", *(self.value(operand, place, free) for operand in operands))
+            return self._graph.apply(
+                "add", *(self.value(operand, place, free) for operand in operands)
+            )
         if kind == "Division":
-            return self._graph.apply("div", self.value(operands[0], place, free), self.value(operands[1], (), free))
+            return self._graph.apply(
+                "div", self.value(operands[0], place, free), self.value(operands[1], (), free)
+            )
         if kind == "Conditional":
             chosen = (self.value(operand, place, free) for operand in operands[1:])
             return self._graph.apply("select", self.value(operands[0], (), free), *chosen)
-        scalars = [self.value(operand, (), free) for operand in operands if kind in _SCALAR or kind in _TURNED]
+        scalars = [
+            self.value(operand, (), free)
+            for operand in operands
+            if kind in _SCALAR or kind in _TURNED
+        ]
         if kind in _TURNED:
             return self._graph.apply(_TURNED[kind], *scalars[::-1])
         if kind in _SCALAR:
             return self._graph.apply(_SCALAR[kind], *scalars)
         raise SceneError(
-            f"{kind} is no operation of a program, in {str(part)[:80]}: state it by sums, products, powers, roots, "
-            "exponentials, angles, conditionals, and the symbols that were given"
+            f"{kind} is no operation of a program, in {str(part)[:80]}: state it by sums, "
+            "products, powers, roots, exponentials, angles, conditionals, and the symbols that "
+            "were given"
         )

@@ -1,6 +1,7 @@
 """Graph of scalar operations: each node once, constants folded, derivatives in the graph itself.
 
-Derivatives are made in the graph, which is quicker than in UFL and shares operations with the value.
+Derivatives are made in the graph, which is quicker than in UFL and shares operations with the
+value.
 """
 
 from __future__ import annotations
@@ -11,20 +12,61 @@ from collections.abc import Callable, Sequence
 from itertools import compress
 
 OPERATIONS = {
-    "add": 2, "sub": 2, "mul": 2, "div": 2, "neg": 1, "sqrt": 1, "exp": 1, "log": 1, "pow": 2, "abs": 1, "sin": 1,
-    "cos": 1, "tan": 1, "asin": 1, "acos": 1, "atan": 1, "sinh": 1, "cosh": 1, "tanh": 1, "atan2": 2, "max": 2,
-    "min": 2, "lt": 2, "le": 2, "eq": 2, "and": 2, "or": 2, "not": 1, "select": 3,
-}  # fmt: skip
-"""Operations with their numbers of operands. Comparisons are 1.0 or 0.0; ``select`` is its second operand if the first
-one is not 0, and else its third."""
+    "add": 2,
+    "sub": 2,
+    "mul": 2,
+    "div": 2,
+    "neg": 1,
+    "sqrt": 1,
+    "exp": 1,
+    "log": 1,
+    "pow": 2,
+    "abs": 1,
+    "sin": 1,
+    "cos": 1,
+    "tan": 1,
+    "asin": 1,
+    "acos": 1,
+    "atan": 1,
+    "sinh": 1,
+    "cosh": 1,
+    "tanh": 1,
+    "atan2": 2,
+    "max": 2,
+    "min": 2,
+    "lt": 2,
+    "le": 2,
+    "eq": 2,
+    "and": 2,
+    "or": 2,
+    "not": 1,
+    "select": 3,
+}
+"""Operations with their numbers of operands.
+
+Comparisons are 1.0 or 0.0; ``select`` is its second operand if the first one is not 0, and else its
+third.
+"""
 
 _SYMMETRIC = {"add", "mul", "max", "min", "eq", "and", "or"}
 _STEPS = {"lt", "le", "eq", "and", "or", "not"}
 _FOLDED: dict[str, Callable[..., float]] = {
-    "add": operator.add, "sub": operator.sub, "mul": operator.mul, "div": operator.truediv, "neg": operator.neg,
-    "pow": operator.pow, "abs": abs, "sqrt": math.sqrt, "exp": math.exp, "log": math.log, "sin": math.sin,
-    "cos": math.cos, "tan": math.tan, "max": max, "min": min,
-}  # fmt: skip
+    "add": operator.add,
+    "sub": operator.sub,
+    "mul": operator.mul,
+    "div": operator.truediv,
+    "neg": operator.neg,
+    "pow": operator.pow,
+    "abs": abs,
+    "sqrt": math.sqrt,
+    "exp": math.exp,
+    "log": math.log,
+    "sin": math.sin,
+    "cos": math.cos,
+    "tan": math.tan,
+    "max": max,
+    "min": min,
+}
 LARGEST_POWER = 32
 """Largest whole exponent that becomes products."""
 
@@ -32,7 +74,9 @@ Node = tuple
 
 
 class Graph:
-    """Nodes, each an operation with the numbers of its operands, ``("const", value)`` or ``("input", name, place)``."""
+    """Nodes, each an operation with the numbers of its operands, ``("const", value)`` or
+    ``("input", name, place)``.
+    """
 
     def __init__(self) -> None:
         self.nodes: list[Node] = []
@@ -59,7 +103,10 @@ class Graph:
         return self._known[key]
 
     def apply(self, operation: str, *args: int) -> int:
-        """Node of one of :data:`OPERATIONS` on nodes, simplified; constants are folded if the result is finite."""
+        """Node of one of :data:`OPERATIONS` on nodes, simplified.
+
+        Constants are folded if the result is finite.
+        """
         numbers = [self.number(arg) for arg in args]
         folded = self._folded(operation, numbers)
         if folded is not None:
@@ -143,13 +190,18 @@ class Graph:
         square = self.apply("mul", half, half)
         return self.apply("mul", a, square) if y % 2 else square
 
-    def _select(self, test: int, yes: int, no: int, x: float | None, *_: float | None) -> int | None:
+    def _select(
+        self, test: int, yes: int, no: int, x: float | None, *_: float | None
+    ) -> int | None:
         if yes == no or x is not None:
             return yes if yes == no or x else no
         return None
 
     def substituted(self, nodes: Sequence[int], table: dict[int, int]) -> list[int]:
-        """Nodes with those in ``table`` replaced by its values, simplified again; as many as ``nodes``."""
+        """Nodes with those in ``table`` replaced by its values, simplified again.
+
+        As many as ``nodes``.
+        """
         memo = dict(table)
         for place in self.needed(nodes):
             if place not in memo:
@@ -171,7 +223,9 @@ class Graph:
         return list(compress(range(len(needed)), needed))
 
     def derivative(self, node: int, by: int) -> int:
-        """Node of a derivative by an input: forwards, so that NaN of branches not chosen does not spread."""
+        """Node of a derivative by an input: forwards, so that NaN of branches not chosen does not
+        spread.
+        """
         memo = self._derivatives.setdefault(by, {})
         for place in self.needed([node]):
             if place not in memo:
@@ -198,7 +252,9 @@ class Graph:
             less = self.apply("lt", *args)
             return self.apply("select", less, *(changes[::-1] if kind == "max" else changes))
         parts = [
-            zero if change == zero else self.apply("mul", self._slope(kind, number, place, args), change)
+            zero
+            if change == zero
+            else self.apply("mul", self._slope(kind, number, place, args), change)
             for number, change in enumerate(changes)
         ]
         return parts[0] if len(parts) == 1 else self.apply("add", *parts)
@@ -224,12 +280,16 @@ class Graph:
             ("cos", 0): lambda: do("neg", do("sin", a)),
             ("tan", 0): lambda: do("add", one, do("mul", place, place)),
             ("asin", 0): lambda: do("div", one, do("sqrt", do("sub", one, do("mul", a, a)))),
-            ("acos", 0): lambda: do("div", self.const(-1), do("sqrt", do("sub", one, do("mul", a, a)))),
+            ("acos", 0): lambda: do(
+                "div", self.const(-1), do("sqrt", do("sub", one, do("mul", a, a)))
+            ),
             ("atan", 0): lambda: do("div", one, do("add", one, do("mul", a, a))),
             ("sinh", 0): lambda: do("cosh", a),
             ("cosh", 0): lambda: do("sinh", a),
             ("tanh", 0): lambda: do("sub", one, do("mul", place, place)),
             ("atan2", 0): lambda: do("div", b, do("add", do("mul", a, a), do("mul", b, b))),
-            ("atan2", 1): lambda: do("neg", do("div", a, do("add", do("mul", a, a), do("mul", b, b)))),
+            ("atan2", 1): lambda: do(
+                "neg", do("div", a, do("add", do("mul", a, a), do("mul", b, b)))
+            ),
         }
         return rules[kind, number]()

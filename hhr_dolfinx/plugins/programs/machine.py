@@ -13,14 +13,22 @@ BLOCK = 256
 BITS = LARGEST_POWER.bit_length()
 ADD, SUB, MUL, DIV, NEG = (CODES[name] for name in ("add", "sub", "mul", "div", "neg"))
 SQRT, EXP, LOG, POW, ABS = (CODES[name] for name in ("sqrt", "exp", "log", "pow", "abs"))
-SIN, COS, TAN, ASIN, ACOS, ATAN = (CODES[name] for name in ("sin", "cos", "tan", "asin", "acos", "atan"))
-SINH, COSH, TANH, ATAN2, MAX, MIN = (CODES[name] for name in ("sinh", "cosh", "tanh", "atan2", "max", "min"))
-LT, LE, EQ, AND, OR, NOT, SELECT = (CODES[name] for name in ("lt", "le", "eq", "and", "or", "not", "select"))
+SIN, COS, TAN, ASIN, ACOS, ATAN = (
+    CODES[name] for name in ("sin", "cos", "tan", "asin", "acos", "atan")
+)
+SINH, COSH, TANH, ATAN2, MAX, MIN = (
+    CODES[name] for name in ("sinh", "cosh", "tanh", "atan2", "max", "min")
+)
+LT, LE, EQ, AND, OR, NOT, SELECT = (
+    CODES[name] for name in ("lt", "le", "eq", "and", "or", "not", "select")
+)
 
 
 @compiled(inner=True, error_model="numpy")
 def _powers(bases: np.ndarray, exponents: np.ndarray, to: np.ndarray) -> None:
-    """Set ``to`` to powers: by products, which are quicker, if all exponents are the same small whole number."""
+    """Set ``to`` to powers: by products, which are quicker, if all exponents are the same small
+    whole number.
+    """
     shared = exponents[0]
     same = 0
     for exponent in exponents:
@@ -33,7 +41,9 @@ def _powers(bases: np.ndarray, exponents: np.ndarray, to: np.ndarray) -> None:
         rest = int(shared)
         square = bases[k]
         result = 1.0
-        for _ in range(BITS):  # unrolled, and without branches, so that the loop over points vectorises
+        for _ in range(
+            BITS
+        ):  # unrolled, and without branches, so that the loop over points vectorises
             result = result * square if rest & 1 else result
             square *= square
             rest >>= 1
@@ -42,7 +52,9 @@ def _powers(bases: np.ndarray, exponents: np.ndarray, to: np.ndarray) -> None:
 
 @compiled(inner=True, error_model="numpy")
 def _rare(code: int, x: float, y: float) -> float:
-    """Operations that call a function of the C library, in which most of their time is spent, and rare ones."""
+    """Operations that call a function of the C library, in which most of their time is spent, and
+    rare ones.
+    """
     if code == EXP:
         return np.exp(x)
     if code == LOG:
@@ -86,7 +98,9 @@ def _rare(code: int, x: float, y: float) -> float:
 
 @compiled(inner=True, error_model="numpy")
 def run(rows: np.ndarray, start: int, end: int, work: np.ndarray) -> None:
-    """Execute rows, (rows, 5), from start to end - 1 on registers, (registers, points), with inputs and numbers set."""
+    """Execute rows, (rows, 5), from start to end - 1 on registers, (registers, points), with inputs
+    and numbers set.
+    """
     count = work.shape[1]
     for row in range(start, end):
         code = rows[row, 0]
@@ -129,7 +143,9 @@ def run(rows: np.ndarray, start: int, end: int, work: np.ndarray) -> None:
 
 @compiled(inner=True)
 def set_numbers(numbers: np.ndarray, inputs: int, work: np.ndarray) -> None:
-    """Copy constants, (numbers,), into the registers after the ``inputs`` first ones of (registers, points)."""
+    """Copy constants, (numbers,), into the registers after the ``inputs`` first ones of (registers,
+    points).
+    """
     for number in range(numbers.size):
         for k in range(work.shape[1]):
             work[inputs + number, k] = numbers[number]
@@ -153,9 +169,14 @@ def _evaluated(rows, spans, numbers, outputs, registers, given, found):
 
 
 def evaluated(program: Program, given: np.ndarray, *others: int) -> np.ndarray:
-    """Outputs, (outputs, n), of the last of some parts run in turn for inputs, (inputs, n); of part 0 without any."""
+    """Outputs, (outputs, n), of the last of some parts run in turn for inputs, (inputs, n).
+
+    Of part 0 without any.
+    """
     parts = others or (0,)
-    spans = np.array([[program.ends[part - 1] if part else 0, program.ends[part]] for part in parts])
+    spans = np.array(
+        [[program.ends[part - 1] if part else 0, program.ends[part]] for part in parts]
+    )
     first = program.output_ends[parts[-1] - 1] if parts[-1] else 0
     outputs = program.outputs[first : program.output_ends[parts[-1]]]
     found = np.empty((outputs.size, given.shape[1]))

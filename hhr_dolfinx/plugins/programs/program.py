@@ -1,6 +1,8 @@
-"""Straight-line programs: integers and numbers, which a file keeps and any language evaluates in forty lines.
+"""Straight-line programs: integers and numbers, which a file keeps and any language evaluates in
+forty lines.
 
-Nothing in a program can loop, call or allocate. The worst that a changed one can do is compute other numbers.
+Nothing in a program can loop, call or allocate. The worst that a changed one can do is compute
+other numbers.
 """
 
 from __future__ import annotations
@@ -25,13 +27,16 @@ MOST_REGISTERS = 100_000
 
 @dataclass(frozen=True, eq=False)
 class Program(Rebuilt):
-    """Parts of straight-line code on common registers: the inputs, then the numbers, then results of operations.
+    """Parts of straight-line code on common registers: the inputs, then the numbers, then results
+    of operations.
 
     Raises:
-        SceneError: for unknown operations, and registers that do not exist or are not computed before.
+        SceneError: for unknown operations, and registers that do not exist or are not computed
+            before.
     """
 
-    # operation, register of its result, and registers of its operands, of which those not needed are 0
+    # operation, register of its result, and registers of its operands, of which those not needed
+    # are 0
     rows: Annotated[Integers, "rows", 5]
     numbers: Annotated[Floats, "numbers"]  # constants, in the registers after the inputs
     ends: Annotated[Integers, "parts"]  # end of each part in ``rows``
@@ -52,7 +57,10 @@ class Program(Rebuilt):
             yield f"its rows are {rows.shape}, its registers {self.registers}"
             return
         ends = ((self.ends, len(rows)), (self.output_ends, len(self.outputs)))
-        if any(len(all_) == 0 or (np.diff(all_, prepend=0) < 0).any() or all_[-1] != last for all_, last in ends):
+        if any(
+            len(all_) == 0 or (np.diff(all_, prepend=0) < 0).any() or all_[-1] != last
+            for all_, last in ends
+        ):
             yield "its parts do not end with it"
             return
         if not ((rows[:, 0] >= 0) & (rows[:, 0] < len(CODES))).all():
@@ -81,7 +89,9 @@ class Program(Rebuilt):
             yield f"an output of part {part} is not computed"
 
     def depends(self, line: Sequence[int], inputs: int, first: int = 0) -> bool:
-        """True if outputs of the last of some parts, executed in turn, depend on so many inputs, from the ``first``."""
+        """True if outputs of the last of some parts, executed in turn, depend on so many inputs,
+        from the ``first``.
+        """
         found = np.zeros(self.registers, dtype=bool)
         found[:inputs] = True
         starts, firsts = (np.append(0, ends) for ends in (self.ends, self.output_ends))
@@ -92,16 +102,30 @@ class Program(Rebuilt):
 
     @classmethod
     def of(
-        cls, graph: Graph, inputs: Mapping[str, Size], parts: Sequence[Sequence[int]], order: Order | None = None
+        cls,
+        graph: Graph,
+        inputs: Mapping[str, Size],
+        parts: Sequence[Sequence[int]],
+        order: Order | None = None,
     ) -> Program:
-        """Program of parts, each with the nodes of its outputs; ``inputs`` are names with sizes, in their order.
+        """Program of parts, each with the nodes of its outputs.
 
-        Raises SceneError for too many registers, KeyError for other inputs. By default parts share no values.
+        ``inputs`` are names with sizes, in their order.
+
+        Raises SceneError for too many registers, KeyError for other inputs. By default parts share
+        no values.
         """
         firsts = dict(zip(inputs, np.cumsum([0, *inputs.values()]).tolist(), strict=False))
         count = sum(inputs.values())
         needed = [graph.needed(part) for part in parts]
-        values = sorted({graph.nodes[node][1] for part in needed for node in part if graph.nodes[node][0] == "const"})
+        values = sorted(
+            {
+                graph.nodes[node][1]
+                for part in needed
+                for node in part
+                if graph.nodes[node][0] == "const"
+            }
+        )
         places = {value: count + number for number, value in enumerate(values)}
         fixed: dict[int, int] = {}
         for node in {node for part in needed for node in part}:
@@ -126,7 +150,9 @@ class Program(Rebuilt):
 
 @dataclass(frozen=True)
 class Order:
-    """Order in which parts are executed on the same registers: values of a part are there in those after it."""
+    """Order in which parts are executed on the same registers: values of a part are there in those
+    after it.
+    """
 
     parents: tuple[int | None, ...]  # part before each, as a tree; None for the first
     moving: str = ""  # name of an input that changes between parts; empty without one
@@ -142,7 +168,9 @@ class Order:
         return found
 
     def homes(self, graph: Graph, needed: Sequence[Sequence[int]]) -> list[list[int]]:
-        """Nodes that each part computes: a value that several parts need is computed once, before all of them."""
+        """Nodes that each part computes: a value that several parts need is computed once, before
+        all of them.
+        """
         users: dict[int, list[int]] = {}
         for part, nodes in enumerate(needed):
             for node in nodes:
@@ -157,10 +185,16 @@ class Order:
             moves[node] = any(moves[arg] for arg in args)
             groups: dict[int | None, list[int]] = {}
             for part in users[node]:
-                top = [one for one in self.line(part) if not (moves[node] and one in self.settled)][-1]
+                top = [one for one in self.line(part) if not (moves[node] and one in self.settled)][
+                    -1
+                ]
                 groups.setdefault(top, []).append(part)
             for group in groups.values():
-                home = next(one for one in self.line(group[0]) if all(one in self.line(part) for part in group))
+                home = next(
+                    one
+                    for one in self.line(group[0])
+                    if all(one in self.line(part) for part in group)
+                )
                 if home == self.repeated and not moves[node]:
                     home = self.parents[home] or 0
                 found[home].append(node)
@@ -168,7 +202,9 @@ class Order:
 
 
 class _Registers:
-    """Registers of values: one is used again after the last use of its value, if no later part needs it."""
+    """Registers of values: one is used again after the last use of its value, if no later part
+    needs it.
+    """
 
     def __init__(self, graph: Graph, fixed: dict[int, int], first: int, order: Order):
         self._graph = graph
@@ -193,7 +229,9 @@ class _Registers:
     def _place(self, part: int, node: int) -> int:
         if node in self._fixed:
             return self._fixed[node]
-        return next(self._places[one][node] for one in self._order.line(part) if node in self._places[one])
+        return next(
+            self._places[one][node] for one in self._order.line(part) if node in self._places[one]
+        )
 
     def _allocate(self, part: int, own: list[int], kept: set[int], free: list[int]) -> list[int]:
         """Allocate the operations of a part; returns the registers that are free after it."""
@@ -207,7 +245,9 @@ class _Registers:
             if not free:
                 free = [self.size]
                 self.size += 1
-            places[node] = free.pop()  # no operand, as loops over points that overwrite one do not vectorise
+            places[node] = (
+                free.pop()
+            )  # no operand, as loops over points that overwrite one do not vectorise
             ended = {arg for arg in args if last[arg] == when and arg in places and arg not in kept}
             free += sorted((places[arg] for arg in ended), reverse=True)
             rows.append([CODES[kind], places[node], *used, *[0] * (3 - len(used))])

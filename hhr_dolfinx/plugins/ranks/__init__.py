@@ -1,4 +1,6 @@
-"""Several ranks: full models that they have together, each with some rows, and trainings that they share."""
+"""Several ranks: full models that they have together, each with some rows, and trainings that they
+share.
+"""
 
 from __future__ import annotations
 

@@ -13,12 +13,15 @@ from hhr_dolfinx.models.full import KEPT_BYTES
 MEASURED_DOFS = 280_221
 WHOLE = ((2.6, 1.3), (89.0, 2.1), (0.035, 1.15))
 COMPRESSED = ((2.6, 1.57), (27.0, 1.47), (0.053, 1.2))
-"""Measured cost of a full model in space, on hexahedra, by MUMPS on one core: GB and seconds of the factors, and
-seconds of a column of K^-1 B^T, with the powers of the dofs by which they grow. First whole factors, then compressed
-ones: 19.3 GB with a million dofs and blocks of 1e-10, times with blocks of 1e-8. Tetrahedra take less, cells of second
-order more."""
+"""Measured cost of a full model in space, on hexahedra, by MUMPS on one core: GB and seconds of the
+factors, and seconds of a column of K^-1 B^T, with the powers of the dofs by which they grow. First
+whole factors, then compressed ones: 19.3 GB with a million dofs and blocks of 1e-10, times with
+blocks of 1e-8. Tetrahedra take less, cells of second order more.
+"""
 LAST = 1.35
-"""Time of factors that eliminate contact last, which then need no columns, relative to others: 1.3 to 1.5."""
+"""Time of factors that eliminate contact last, which then need no columns, relative to others: 1.3
+to 1.5.
+"""
 
 
 class Expected(NamedTuple):
@@ -34,7 +37,8 @@ def expected_in_space(contact: csr_matrix) -> Expected:
     conditions, dofs = contact.shape
     columns = 8e-9 * dofs * conditions
     factor, factor_s, column_s = (
-        value * (dofs / MEASURED_DOFS) ** power for value, power in (COMPRESSED if low_rank_of(3, dofs) else WHOLE)
+        value * (dofs / MEASURED_DOFS) ** power
+        for value, power in (COMPRESSED if low_rank_of(3, dofs) else WHOLE)
     )
     memory = factor + 16e-9 * conditions**2
     seconds = factor_s + conditions * column_s

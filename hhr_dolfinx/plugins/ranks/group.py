@@ -1,8 +1,9 @@
 """Several ranks: gathers and sums, and failures on which no rank waits for one that has failed.
 
-A rank that raises leaves the section in which the others wait for it. If each rank works independently, the failures
-are exchanged after the section, and all ranks raise. If the section is collective, the other ranks may already be
-blocked in MPI; then the reason is printed and the whole run is aborted.
+A rank that raises leaves the section in which the others wait for it. If each rank works
+independently, the failures are exchanged after the section, and all ranks raise. If the section is
+collective, the other ranks may already be blocked in MPI; then the reason is printed and the whole
+run is aborted.
 """
 
 from __future__ import annotations
@@ -30,12 +31,16 @@ if TYPE_CHECKING:
     from hhr_dolfinx.scene import Scene
 
 PATIENCE = 3.0
-"""Seconds for which a rank that failed in a collective section waits for the others to fail as well."""
+"""Seconds for which a rank that failed in a collective section waits for the others to fail as
+well.
+"""
 
 _POLL = 0.02
 _FORWARDED = 1.0
 SAME = 1e-12
-"""Relative difference of values up to which ranks are asked for the same: machines may differ in last digits."""
+"""Relative difference of values up to which ranks are asked for the same: machines may differ in
+last digits.
+"""
 _SHOWN = 60
 _END: Any = object()
 
@@ -73,8 +78,9 @@ class Ranks(Group):
     def each(self, task: str) -> Iterator[None]:
         """See :class:`~hhr_dolfinx.group.Group`.
 
-        The rank that failed raises its exception. The others raise one of the same class if it belongs to this package,
-        else :class:`~hhr_dolfinx.errors.RankError`. Exceptions are exchanged as text: not all of them can be pickled.
+        The rank that failed raises its exception. The others raise one of the same class if it
+        belongs to this package, else :class:`~hhr_dolfinx.errors.RankError`. Exceptions are
+        exchanged as text: not all of them can be pickled.
         """
         failure = None
         try:
@@ -91,7 +97,9 @@ class Ranks(Group):
             raise failure
         for rank, (words, _) in enumerate(every):
             if words is not None:
-                raise class_of(words[0])(f"{task} failed on rank {rank} of {self.size}, {words[0]}: {words[1]}")
+                raise class_of(words[0])(
+                    f"{task} failed on rank {rank} of {self.size}, {words[0]}: {words[1]}"
+                )
         return [value for _, value in every]
 
     def agreed(self, task: str, call: Callable[[], list[str | np.ndarray]]) -> None:
@@ -106,9 +114,11 @@ class Ranks(Group):
         other = next((rank for rank, known in enumerate(every) if not _same(known, every[0])), None)
         if other is not None:
             raise RankError(
-                f"{task}: ranks are asked for different things, rank 0 for {_shown(every[0], every[other])} and rank "
-                f"{other} for {_shown(every[other], every[0])}. Ask the same on all ranks that work on it together, or "
-                "let each have a full model of its own: FullOrderModel(scene, MPI.COMM_SELF)"
+                f"{task}: ranks are asked for different things, rank 0 for "
+                f"{_shown(every[0], every[other])} and rank {other} for "
+                f"{_shown(every[other], every[0])}. Ask the same on all ranks that work on it "
+                "together, or let each have a full model of its own: FullOrderModel(scene, "
+                "MPI.COMM_SELF)"
             )
 
     def in_step(self, items: Callable[[], Iterable[Any]], task: str) -> Iterator[Any]:
@@ -126,7 +136,9 @@ class Ranks(Group):
             if all(ended):
                 return
             if any(ended):
-                raise RankError(f"{task} ends on rank {ended.index(True)} of {self.size}, and goes on on others")
+                raise RankError(
+                    f"{task} ends on rank {ended.index(True)} of {self.size}, and goes on on others"
+                )
             yield item
 
     @contextmanager
@@ -139,8 +151,8 @@ class Ranks(Group):
         except BaseException as error:
             if not _arrives(votes.Ibarrier()):
                 reason = (
-                    f"{task} failed on rank {self.number} of {self.size}, and the others wait for it: the run is ended "
-                    f"on all ranks. {type(error).__name__}: {_text(error)}"
+                    f"{task} failed on rank {self.number} of {self.size}, and the others wait for "
+                    f"it: the run is ended on all ranks. {type(error).__name__}: {_text(error)}"
                 )
                 self._abort(f"{reason}\n{traceback.format_exc()}{reason}", 1)
             votes.Free()
@@ -157,7 +169,10 @@ class Ranks(Group):
             if not code:
                 arrival.Wait()
             elif not _arrives(arrival):
-                reason = f"{task} failed on rank {self.number} of {self.size}, and the others wait for it: it is ended"
+                reason = (
+                    f"{task} failed on rank {self.number} of {self.size}, and the others wait for "
+                    "it: it is ended"
+                )
                 self._abort(f"{words}\n{reason}", code)
             votes.Free()
             return bool(code and not codes[: self.number].any())
@@ -182,16 +197,26 @@ class Ranks(Group):
 
         return no_room_side_by_side(scene, self)
 
-    def shared_factors(self, factors: FreeCholesky, rows: slice, own: csr_matrix, whole: csr_matrix) -> SharedCholesky:
+    def shared_factors(
+        self, factors: FreeCholesky, rows: slice, own: csr_matrix, whole: csr_matrix
+    ) -> SharedCholesky:
         """See :class:`~hhr_dolfinx.group.Group`."""
         return SharedCholesky(factors, rows, own, whole, self.comm)
 
     def factors(
-        self, matrix: csr_matrix, free: np.ndarray, scene: str, *, low_rank: float | None, last: np.ndarray | None,
+        self,
+        matrix: csr_matrix,
+        free: np.ndarray,
+        scene: str,
+        *,
+        low_rank: float | None,
+        last: np.ndarray | None,
         rows: slice | None = None,
-    ) -> SharedCholesky:  # fmt: skip
+    ) -> SharedCholesky:
         """See :class:`~hhr_dolfinx.group.Group`."""
-        return SharedCholesky.of(matrix, free, scene, self.comm, low_rank=low_rank, last=last, rows=rows)
+        return SharedCholesky.of(
+            matrix, free, scene, self.comm, low_rank=low_rank, last=last, rows=rows
+        )
 
     def rows(self, own: slice, count: int) -> RowsOfRanks:
         """See :class:`~hhr_dolfinx.group.Group`."""
@@ -221,7 +246,9 @@ def _same(asked: list[str | np.ndarray], known: list[str | np.ndarray]) -> bool:
         if isinstance(here, str) or isinstance(there, str):
             if not (isinstance(here, str) and isinstance(there, str) and here == there):
                 return False
-        elif here.shape != there.shape or not np.allclose(here, there, rtol=SAME, atol=0.0, equal_nan=True):
+        elif here.shape != there.shape or not np.allclose(
+            here, there, rtol=SAME, atol=0.0, equal_nan=True
+        ):
             return False
     return True
 
@@ -235,11 +262,15 @@ def _shown(asked: list[str | np.ndarray], others: list[str | np.ndarray]) -> str
         if _same([here], [there]):
             continue
         if isinstance(here, str) and isinstance(there, str):
-            first = next((k for k, (a, b) in enumerate(zip(here, there, strict=False)) if a != b), 0)
+            first = next(
+                (k for k, (a, b) in enumerate(zip(here, there, strict=False)) if a != b), 0
+            )
             return f"{words} with '{here[max(first - _SHOWN, 0) : first + _SHOWN]}'"
         if isinstance(here, str) or isinstance(there, str) or here.shape != there.shape:
             return f"{words} with {np.shape(here)} values"
-        first = int(np.flatnonzero(~np.isclose(here, there, rtol=SAME, atol=0.0, equal_nan=True))[0])
+        first = int(
+            np.flatnonzero(~np.isclose(here, there, rtol=SAME, atol=0.0, equal_nan=True))[0]
+        )
         return f"{words} with {here.ravel()[first]:.15g} as value {first} of {here.size}"
     return words
 

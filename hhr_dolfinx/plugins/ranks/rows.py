@@ -1,7 +1,8 @@
-"""Operations on tables with a row for each dof, (N, k), of which each rank stores the rows of its dofs.
+"""Operations on tables with a row for each dof, (N, k), of which each rank stores the rows of its
+dofs.
 
-Ranks exchange only a few small arrays: products of tables, (k, k), rows at some dofs, and the rows of neighbours that a
-sparse matrix needs.
+Ranks exchange only a few small arrays: products of tables, (k, k), rows at some dofs, and the rows
+of neighbours that a sparse matrix needs.
 """
 
 from __future__ import annotations
@@ -98,8 +99,9 @@ class RowsOfRanks(Rows):
     def orthonormal(self, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See :class:`Rows`.
 
-        Each rank decomposes its rows, then all decompose the stacked triangles: exact to round-off, unlike a Gram
-        matrix (J. Demmel et al., Communication-optimal parallel and sequential QR and LU factorizations, 2012).
+        Each rank decomposes its rows, then all decompose the stacked triangles: exact to round-off,
+        unlike a Gram matrix (J. Demmel et al., Communication-optimal parallel and sequential QR and
+        LU factorizations, 2012).
         """
         self.check(table)
         own, triangle = super().orthonormal(table)
@@ -122,32 +124,41 @@ class RowsOfRanks(Rows):
         return ModesOfRows(problem, basis, sets)
 
     def check(self, table: np.ndarray) -> None:
-        """Raise RankError for a table, (n, ...), that does not have the local rows. Not collective."""
+        """Raise RankError for a table, (n, ...), that does not have the local rows. Not
+        collective.
+        """
         count = self.own.stop - self.own.start
         if len(table) != count:
             raise RankError(
-                f"rank {self.comm.rank} passes a table of {len(table)} rows, and has {count} of {self.count} rows: "
-                "pass the local rows, problem.spread.of(table)"
+                f"rank {self.comm.rank} passes a table of {len(table)} rows, and has {count} of "
+                f"{self.count} rows: pass the local rows, problem.spread.of(table)"
             )
 
     def _ends(self, table: np.ndarray) -> np.ndarray:
-        """Ends of the rows of each rank, (ranks + 1,); all ranks raise if a table, (n, k), is wrong on one."""
+        """Ends of the rows of each rank, (ranks + 1,).
+
+        All ranks raise if a table, (n, k), is wrong on one.
+        """
         shapes = self.comm.allgather((*table.shape, self.own.stop - self.own.start))
         wrong = [
-            f"rank {rank} passes {rows} rows and {columns} columns and has {own} of {self.count} rows"
+            f"rank {rank} passes {rows} rows and {columns} columns and has {own} of {self.count} "
+            "rows"
             for rank, (rows, columns, own) in enumerate(shapes)
             if rows != own or columns != shapes[0][1]
         ]
         if wrong:
             raise RankError(
-                f"a table cannot be gathered: {', '.join(wrong)}. Pass the local rows, problem.spread.of(table), with "
-                "the same columns on each rank"
+                f"a table cannot be gathered: {', '.join(wrong)}. Pass the local rows, "
+                "problem.spread.of(table), with the same columns on each rank"
             )
         return np.cumsum([0, *(rows for rows, *_ in shapes)])
 
 
 class MatrixOfRows:
-    """Local rows of a sparse matrix, (own, N), for products with distributed tables, (own, k). Collective."""
+    """Local rows of a sparse matrix, (own, N), for products with distributed tables, (own, k).
+
+    Collective.
+    """
 
     def __init__(self, matrix: csr_matrix, rows: RowsOfRanks) -> None:
         self._comm = rows.comm
@@ -162,7 +173,9 @@ class MatrixOfRows:
         # sorted by number, so that columns remain sorted
         near = np.insert(needed, self._before, np.arange(first, rows.own.stop))
         places = np.searchsorted(near, matrix.indices).astype(matrix.indices.dtype)
-        self._matrix = csr_matrix((matrix.data, places, matrix.indptr), shape=(matrix.shape[0], near.size))
+        self._matrix = csr_matrix(
+            (matrix.data, places, matrix.indptr), shape=(matrix.shape[0], near.size)
+        )
         starts = np.array(self._comm.allgather(first))
         owner = np.searchsorted(starts, needed, side="right") - 1
         wanted = [needed[owner == rank] for rank in range(self._comm.size)]
@@ -177,7 +190,10 @@ class MatrixOfRows:
         return self._with(csr_matrix((matrix.data, *places), shape=self._matrix.shape))
 
     def cut(self, places: np.ndarray) -> MatrixOfRows:
-        """Select local rows by their indices: products are then (n, k); neighbours send the same rows as before."""
+        """Select local rows by their indices: products are then (n, k).
+
+        Neighbours send the same rows as before.
+        """
         return self._with(csr_matrix(self._matrix[places]))
 
     def __abs__(self) -> MatrixOfRows:
@@ -207,7 +223,9 @@ class MatrixOfRows:
         beside = np.empty((self._received.sum(), width))
         given = np.ascontiguousarray(table[self._given], dtype=float)
         self._comm.Alltoallv((given, width * self._sent), (beside, width * self._received))
-        return self._matrix @ np.concatenate([beside[: self._before], table, beside[self._before :]])
+        return self._matrix @ np.concatenate(
+            [beside[: self._before], table, beside[self._before :]]
+        )
 
 
 class ModesOfRows:

@@ -1,4 +1,6 @@
-"""Factors that several ranks share of a matrix of which each has all rows: for bodies with laws, and for reduction."""
+"""Factors that several ranks share of a matrix of which each has all rows: for bodies with laws,
+and for reduction.
+"""
 
 from __future__ import annotations
 
@@ -17,13 +19,17 @@ if TYPE_CHECKING:
 
 
 class SharedCholesky:
-    """A :class:`FreeCholesky` with whole vectors on all ranks. Calls are collective, with the same values on each rank.
+    """A :class:`FreeCholesky` with whole vectors on all ranks.
 
-    The rows of each rank, ``rows``, are those of its factored ones, ``own``, (own dofs, N), of K, CSR, (N, N). Other
-    objects may use the factors too.
+    Calls are collective, with the same values on each rank.
+
+    The rows of each rank, ``rows``, are those of its factored ones, ``own``, (own dofs, N), of K,
+    CSR, (N, N). Other objects may use the factors too.
     """
 
-    def __init__(self, factors: FreeCholesky, rows: slice, own: csr_matrix, stiffness: csr_matrix, comm: Comm):
+    def __init__(
+        self, factors: FreeCholesky, rows: slice, own: csr_matrix, stiffness: csr_matrix, comm: Comm
+    ):
         self._factors = factors
         self.rows = rows
         self._own = own
@@ -34,10 +40,20 @@ class SharedCholesky:
 
     @classmethod
     def of(
-        cls, stiffness: csr_matrix, free: np.ndarray, scene: str, comm: Comm, *, low_rank: float | None = None,
-        last: np.ndarray | None = None, rows: slice | None = None,
-    ) -> SharedCholesky:  # fmt: skip
-        """Factor K, CSR, (N, N), see :class:`FreeCholesky`; by default ranks have equal shares of rows."""
+        cls,
+        stiffness: csr_matrix,
+        free: np.ndarray,
+        scene: str,
+        comm: Comm,
+        *,
+        low_rank: float | None = None,
+        last: np.ndarray | None = None,
+        rows: slice | None = None,
+    ) -> SharedCholesky:
+        """Factor K, CSR, (N, N), see :class:`FreeCholesky`.
+
+        By default ranks have equal shares of rows.
+        """
         if rows is None:
             own = share(len(free), comm.rank, comm.size)
             rows = slice(own.start, own.stop)
@@ -50,7 +66,10 @@ class SharedCholesky:
         self._factors.release()
 
     def holds(self, stiffness: csr_matrix) -> bool:
-        """True for the factored matrix, (N, N); False if other users have replaced the shared factors."""
+        """True for the factored matrix, (N, N).
+
+        False if other users have replaced the shared factors.
+        """
         return stiffness is self._factored and self._factors.holds(self._own)
 
     def refactor(self, stiffness: csr_matrix) -> None:
@@ -62,7 +81,9 @@ class SharedCholesky:
         self._factored = stiffness
 
     def between_last(self, rows: csr_matrix) -> np.ndarray | None:
-        """Product rows K^-1 rows^T, (m, m), of rows, (m, N); see :meth:`FreeCholesky.between_last`."""
+        """Product rows K^-1 rows^T, (m, m), of rows, (m, N); see
+        :meth:`FreeCholesky.between_last`.
+        """
         return self._factors.between_last(rows[:, self.rows])
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:

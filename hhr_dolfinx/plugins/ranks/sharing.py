@@ -1,4 +1,6 @@
-"""Choice between full models on each rank, which solve in parallel, and one distributed over ranks."""
+"""Choice between full models on each rank, which solve in parallel, and one distributed over
+ranks.
+"""
 
 from __future__ import annotations
 
@@ -16,10 +18,12 @@ ROOM = 0.8
 
 
 def no_room_side_by_side(scene: Scene, group: Group) -> str:
-    """Reason why full models, one for each rank, exceed the memory of a machine; empty if they fit. Collective.
+    """Reason why full models, one for each rank, exceed the memory of a machine; empty if they fit.
 
-    One rank of each machine generates the mesh, from which the memory in space is estimated. Problems with shape
-    parameters are never distributed, and models in the plane are small.
+    Collective.
+
+    One rank of each machine generates the mesh, from which the memory in space is estimated.
+    Problems with shape parameters are never distributed, and models in the plane are small.
     """
     if scene.hypothesis != "solid" or scene.shapes:
         return ""
@@ -31,7 +35,10 @@ def no_room_side_by_side(scene: Scene, group: Group) -> str:
             rows, _ = Discretisation(scene, MPI.COMM_SELF).contact_rows()
             needed = expected_in_space(rows.matrix).gigabytes
             if machine.size * needed > ROOM * room:
-                why = f"{machine.size} full models of about {needed:.2g} GB have no room in {room:.2g} GB of memory"
+                why = (
+                    f"{machine.size} full models of about {needed:.2g} GB have no room in "
+                    f"{room:.2g} GB of memory"
+                )
     machine.Free()
     return next((item for item in group.gathered(why) if item), "")
 

@@ -1,4 +1,7 @@
-"""Contact on cells of second order: facets with curved sides, multipliers on flat parts; folded cells are mended."""
+"""Contact on cells of second order: facets with curved sides, multipliers on flat parts.
+
+Folded cells are mended.
+"""
 
 from hhr_dolfinx.registry import Plugin
 

@@ -21,13 +21,18 @@ from hhr_dolfinx.geometries.raw_mesh import RawMesh
 WAYS = {2: ("HighOrder", "HighOrderElastic"), 3: ("HighOrderElastic", "HighOrder")}
 """Optimisers of gmsh in the order in which they are tried, by the dimension of cells.
 
-The first one moves nodes least, and in space may fail or take long: it did not end in minutes on 92,000 tetrahedra, of
-which the second one, an elastic body, mended all 1,440 folded ones in 5 s. ``HighOrderFastCurving`` mended few cells
-and folded others.
+The first one moves nodes least, and in space may fail or take long: it did not end in minutes on
+92,000 tetrahedra, of which the second one, an elastic body, mended all 1,440 folded ones in 5 s.
+``HighOrderFastCurving`` mended few cells and folded others.
 """
 ELEMENTS = {"line": 8, "triangle": 9, "quadrilateral": 16, "tetrahedron": 11, "hexahedron": 17}
 """Numbers in gmsh of elements of second order with nodes on their edges and no others."""
-FACETS = {"triangle": "line", "quadrilateral": "line", "tetrahedron": "triangle", "hexahedron": "quadrilateral"}
+FACETS = {
+    "triangle": "line",
+    "quadrilateral": "line",
+    "tetrahedron": "triangle",
+    "hexahedron": "quadrilateral",
+}
 FLAT = 1e-9
 """Deviation of a facet from its plane, and of unit normals, below which facets lie in one plane."""
 LAYERS = 5
@@ -38,12 +43,15 @@ OF_MPI = ("OMPI_", "PMIX_", "PMI_", "HYDI_", "MPI")
 """Beginnings of variables of the environment that make a child process a rank."""
 
 
-def optimised(raw: RawMesh, rows: np.ndarray, matched: np.ndarray, bad: Callable[[np.ndarray], int]) -> np.ndarray:
+def optimised(
+    raw: RawMesh, rows: np.ndarray, matched: np.ndarray, bad: Callable[[np.ndarray], int]
+) -> np.ndarray:
     """Coordinates of all nodes, (nodes, dim), with the fewest bad cells that gmsh reaches.
 
-    Nodes of :data:`LAYERS` layers of cells around the bad ones move. Those on curved surfaces and between bodies stay.
-    In space those on flat sides of bodies move in their plane first, unless other nodes are at the same place,
-    ``matched``: with folded facets on a surface no cell inside can be mended.
+    Nodes of :data:`LAYERS` layers of cells around the bad ones move. Those on curved surfaces and
+    between bodies stay. In space those on flat sides of bodies move in their plane first, unless
+    other nodes are at the same place, ``matched``: with folded facets on a surface no cell inside
+    can be mended.
 
     Args:
         raw: the mesh.
@@ -81,8 +89,12 @@ def _around(raw: RawMesh, rows: np.ndarray) -> np.ndarray:
     return rows
 
 
-def _starts(raw: RawMesh, near: np.ndarray, labels: np.ndarray, matched: np.ndarray) -> Iterator[np.ndarray]:
-    """Coordinates to begin with: those after moves in flat sides of bodies, and those of the file."""
+def _starts(
+    raw: RawMesh, near: np.ndarray, labels: np.ndarray, matched: np.ndarray
+) -> Iterator[np.ndarray]:
+    """Coordinates to begin with: those after moves in flat sides of bodies, and those of the
+    file.
+    """
     if raw.dim == 3:
         facets, sides, planes = _flat(raw, near, labels, matched)
         if len(facets):
@@ -101,7 +113,9 @@ def _labels(raw: RawMesh) -> np.ndarray:
 
 
 def _facets(kind: str, cells: np.ndarray, sides: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of all facets of all cells, (c * facets, k), and the nodes on their sides, (c * facets, m)."""
+    """Corners of all facets of all cells, (c * facets, k), and the nodes on their sides, (c *
+    facets, m).
+    """
     own = [frozenset(edge) for edge in EDGES[kind]]
     ends = [face if len(face) == 2 else (*face, face[0]) for face in FACES[kind]]
     edges = [[own.index(frozenset(pair)) for pair in pairwise(face)] for face in ends]
@@ -110,11 +124,17 @@ def _facets(kind: str, cells: np.ndarray, sides: np.ndarray) -> tuple[np.ndarray
     return corners.reshape(-1, corners.shape[2]), middles.reshape(-1, middles.shape[2])
 
 
-def borders(kind: str, cells: np.ndarray, sides: np.ndarray, labels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes of the facets that belong to one cell, or to cells with several labels, (f, k + m), and their cells."""
+def borders(
+    kind: str, cells: np.ndarray, sides: np.ndarray, labels: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes of the facets that belong to one cell, or to cells with several labels, (f, k + m), and
+    their cells.
+    """
     corners, middles = _facets(kind, cells, sides)
     owner = np.repeat(np.arange(len(cells)), len(FACES[kind]))
-    _, first, which = np.unique(np.sort(corners, axis=1), axis=0, return_index=True, return_inverse=True)
+    _, first, which = np.unique(
+        np.sort(corners, axis=1), axis=0, return_index=True, return_inverse=True
+    )
     which = which.ravel()
     low = np.full(len(first), labels.max(initial=0) + 1)
     high = np.full(len(first), -1)
@@ -127,7 +147,8 @@ def borders(kind: str, cells: np.ndarray, sides: np.ndarray, labels: np.ndarray)
 def _flat(
     raw: RawMesh, near: np.ndarray, labels: np.ndarray, matched: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Corners, nodes on sides, and labels of the outer facets of some cells that lie in a plane, without matched nodes.
+    """Corners, nodes on sides, and labels of the outer facets of some cells that lie in a plane,
+    without matched nodes.
 
     Facets in the same plane and of the same bodies have the same label.
     """
@@ -142,7 +163,9 @@ def _flat(
     # opposite normals of one plane are the same
     axis = np.abs(normals).argmax(axis=1)
     normals *= np.sign(np.take_along_axis(normals, axis[:, None], axis=1))
-    planes = np.column_stack([normals, np.einsum("fd,fd->f", places[:, 0], normals) / size, labels[owner[own]]])
+    planes = np.column_stack(
+        [normals, np.einsum("fd,fd->f", places[:, 0], normals) / size, labels[owner[own]]]
+    )
     kept = (off < FLAT * size) & ~matched[nodes].any(axis=1)
     same = np.unique((planes[kept] / (1e3 * FLAT)).round(), axis=0, return_inverse=True)[1].ravel()
     width = len(FACES[raw.kind][0])
@@ -157,7 +180,10 @@ def _optimised(
     labels: np.ndarray,
     way: str,
 ) -> np.ndarray | None:
-    """Coordinates after an optimiser of gmsh moves nodes inside of cells with one label; None if it failed."""
+    """Coordinates after an optimiser of gmsh moves nodes inside of cells with one label.
+
+    None if it failed.
+    """
     held = borders(kind, cells, sides, labels)[0]
     listed = [frozenset(edge) for edge in EDGES[kind]]
     order = [listed.index(frozenset(edge)) for edge in EDGE_ORDERS["gmsh"].get(kind, EDGES[kind])]
@@ -170,11 +196,22 @@ def _optimised(
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "mesh.npz"
         kinds = [ELEMENTS[kind], ELEMENTS[FACETS[kind]]]
-        np.savez(file, points=places, cells=which.reshape(whole.shape), held=numbers[held], kinds=kinds)
-        environment = {name: value for name, value in os.environ.items() if not name.startswith(OF_MPI)}
+        np.savez(
+            file, points=places, cells=which.reshape(whole.shape), held=numbers[held], kinds=kinds
+        )
+        environment = {
+            name: value for name, value in os.environ.items() if not name.startswith(OF_MPI)
+        }
         command = [sys.executable, "-P", high_order.__file__, str(file), way]
         try:
-            subprocess.run(command, cwd=folder, env=environment, capture_output=True, check=True, timeout=SECONDS)
+            subprocess.run(
+                command,
+                cwd=folder,
+                env=environment,
+                capture_output=True,
+                check=True,
+                timeout=SECONDS,
+            )
         except (subprocess.CalledProcessError, subprocess.TimeoutExpired):
             return None
         with np.load(file) as new:

@@ -1,16 +1,18 @@
-"""Contact surfaces of cells of second order: displacements of second order, multipliers piecewise linear.
+"""Contact surfaces of cells of second order: displacements of second order, multipliers piecewise
+linear.
 
-A facet of second order is cut into flat parts between its nodes. On these parts pairings find opposite surfaces as on
-facets of first order. The conditions that they make at all nodes are then averaged with the linear shape functions
-psi_i of these parts,
+A facet of second order is cut into flat parts between its nodes. On these parts pairings find
+opposite surfaces as on facets of first order. The conditions that they make at all nodes are then
+averaged with the linear shape functions psi_i of these parts,
 
     sum_j C_ij B_j u <= sum_j C_ij d_j,        C_ij = ∫ psi_i phi_j / ∫ psi_i,
 
-with the shape functions phi_j of second order. Pressures are then linear on each part, positive if those of its nodes
-are, and a constant pressure does the work of its consistent nodal forces. Conditions of single nodes would not: the
-corners of a six-node triangle bear no share of a constant pressure. There are as many functions psi as phi, and C is
-well-conditioned, so that the multipliers are as stable as those of first order (B. I. Wohlmuth, Acta Numerica 20, 2011,
-section 5; A. Popp, B. I. Wohlmuth, M. W. Gee and W. A. Wall, SIAM J. Sci. Comput. 34, 2012, on positive weights).
+with the shape functions phi_j of second order. Pressures are then linear on each part, positive if
+those of its nodes are, and a constant pressure does the work of its consistent nodal forces.
+Conditions of single nodes would not: the corners of a six-node triangle bear no share of a constant
+pressure. There are as many functions psi as phi, and C is well-conditioned, so that the multipliers
+are as stable as those of first order (B. I. Wohlmuth, Acta Numerica 20, 2011, section 5; A. Popp,
+B. I. Wohlmuth, M. W. Gee and W. A. Wall, SIAM J. Sci. Comput. 34, 2012, on positive weights).
 """
 
 from __future__ import annotations
@@ -35,30 +37,43 @@ PARTS = {
     6: ((0, 5, 4), (5, 1, 3), (4, 3, 2), (3, 4, 5)),
     9: ((0, 4, 5, 8), (4, 1, 8, 6), (5, 8, 2, 7), (8, 6, 7, 3)),
 }
-"""Nodes of the flat parts of a facet, quadrilaterals in tensor order. Nodes have the order of DOLFINx: corners, edges,
-middle. Edge i of a triangle is opposite to corner i; edges of a quadrilateral are (0, 1), (0, 2), (1, 3), (2, 3)."""
+"""Nodes of the flat parts of a facet, quadrilaterals in tensor order.
+
+Nodes have the order of DOLFINx: corners, edges, middle. Edge i of a triangle is opposite to corner
+i; edges of a quadrilateral are (0, 1), (0, 2), (1, 3), (2, 3).
+"""
 PLACES = {
     3: np.array([[0.0], [1.0], [0.5]]),
     6: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.5, 0.5], [0.0, 0.5], [0.5, 0.0]]),
-    9: np.array([[0, 0], [1, 0], [0, 1], [1, 1], [0.5, 0], [0, 0.5], [1, 0.5], [0.5, 1], [0.5, 0.5]], dtype=float),
+    9: np.array(
+        [[0, 0], [1, 0], [0, 1], [1, 1], [0.5, 0], [0, 0.5], [1, 0.5], [0.5, 1], [0.5, 0.5]],
+        dtype=float,
+    ),
 }
 """Reference coordinates of the nodes."""
 STRAIGHT = 1e-6
 """Angle between the flat parts of a facet of second order below which its sides are straight."""
 CURVED = 1e-4
-"""Mean sag of straight sides, in lengths of a flat part, below which a surface is flat: sides meet at 0.1 degrees."""
+"""Mean sag of straight sides, in lengths of a flat part, below which a surface is flat: sides meet
+at 0.1 degrees.
+"""
 ALIKE = 0.1
 """Sum of the sags of two surfaces over the larger one, below which they are curved alike."""
 POINTS = 5
-"""Gauss points along an axis: products of psi, phi, the Jacobian and a radius are polynomials of degree 7 at most if
-facets are flat."""
+"""Gauss points along an axis: products of psi, phi, the Jacobian and a radius are polynomials of
+degree 7 at most if facets are flat.
+"""
 
 
 @dataclass(frozen=True)
 class QuadraticFacets:
-    """Facets of second order of a surface whose ``facets`` are the flat parts of these (F facets, K nodes each)."""
+    """Facets of second order of a surface whose ``facets`` are the flat parts of these (F facets, K
+    nodes each).
+    """
 
-    nodes: Annotated[Integers, "whole facets", "facet nodes"]  # nodes of each facet, counted within the surface, (F, K)
+    nodes: Annotated[
+        Integers, "whole facets", "facet nodes"
+    ]  # nodes of each facet, counted within the surface, (F, K)
 
     @property
     def corners(self) -> np.ndarray:
@@ -67,20 +82,26 @@ class QuadraticFacets:
 
     @property
     def parts(self) -> int:
-        """Number of flat parts of a facet: part p of facet f is facet f parts + p of the surface."""
+        """Number of flat parts of a facet: part p of facet f is facet f parts + p of the
+        surface.
+        """
         return len(PARTS[self.nodes.shape[1]])
 
     def functions(self, flat: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Facets, (q,), and shape functions, (q, K), of points in flat parts, by the functions of these, (q, k)."""
+        """Facets, (q,), and shape functions, (q, K), of points in flat parts, by the functions of
+        these, (q, k).
+        """
         count = self.nodes.shape[1]
         facet, part = np.divmod(flat, self.parts)
         local = np.einsum("qk,qkd->qd", values, PLACES[count][np.array(PARTS[count])][part])
         return facet, quadratic(local, count)
 
     def integrals(self, points: np.ndarray, weights: np.ndarray, covered: np.ndarray) -> csr_matrix:
-        """Integrals ∫ psi_i phi_j over facets whose nodes all have conditions, ``covered``, (n,) bool: (n, n).
+        """Integrals ∫ psi_i phi_j over facets whose nodes all have conditions, ``covered``, (n,)
+        bool: (n, n).
 
-        Over such flat parts of other facets phi_j are linear, as psi_i. ``weights`` are those of the measure, (n,).
+        Over such flat parts of other facets phi_j are linear, as psi_i. ``weights`` are those of
+        the measure, (n,).
         """
         whole = covered[self.nodes].all(axis=1)
         found = csr_matrix((len(points), len(points)))
@@ -93,10 +114,12 @@ class QuadraticFacets:
         return csr_matrix(found)
 
     def sag_shares(self, outward: np.ndarray) -> np.ndarray:
-        """Deviation of flat parts from the smooth surface over that of flat facets with their normals, (f, dim): (f,).
+        """Deviation of flat parts from the smooth surface over that of flat facets with their
+        normals, (f, dim): (f,).
 
-        Flat parts of a facet of second order with straight sides deviate four times as much: each is half of it. Curved
-        sides are parabolas, which deviate from an arc by the square of the angle between the parts.
+        Flat parts of a facet of second order with straight sides deviate four times as much: each
+        is half of it. Curved sides are parabolas, which deviate from an arc by the square of the
+        angle between the parts.
         """
         parts = outward.reshape(-1, self.parts, outward.shape[1])
         cosines = np.einsum("fpd,fqd->fpq", parts, parts).min(axis=(1, 2))
@@ -106,8 +129,8 @@ class QuadraticFacets:
     def averaged(self, surface: Surface, rows: ContactRows) -> ContactRows:
         """Average conditions of single nodes of the slave surface of these facets.
 
-        Nodes beyond the edge of a master have no condition. A facet that lies there in part contributes the flat parts
-        with conditions at all nodes, as facets of first order.
+        Nodes beyond the edge of a master have no condition. A facet that lies there in part
+        contributes the flat parts with conditions at all nodes, as facets of first order.
         """
         place = np.full(len(surface.nodes), -1)
         place[np.searchsorted(surface.nodes, rows.slaves)] = np.arange(rows.gap.size)
@@ -115,30 +138,38 @@ class QuadraticFacets:
         nodes = np.flatnonzero(np.diff(integrals.indptr))
         if not nodes.size:
             raise SceneError(
-                f"no part of a facet of slave surface {surface.tag} lies in front of its master with all of its nodes: "
-                "mesh it finer"
+                f"no part of a facet of slave surface {surface.tag} lies in front of its master "
+                "with all of its nodes: mesh it finer"
             )
         nodes = nodes[np.argsort(place[nodes])]
         normals = np.zeros_like(surface.points)
         own = rows.matrix.tocoo()
         at_slave = own.col // surface.points.shape[1] == rows.slaves[own.row]
         slaves = np.searchsorted(surface.nodes, rows.slaves)
-        normals[slaves[own.row[at_slave]], own.col[at_slave] % surface.points.shape[1]] = own.data[at_slave]
+        normals[slaves[own.row[at_slave]], own.col[at_slave] % surface.points.shape[1]] = own.data[
+            at_slave
+        ]
         shared = self.shared(surface, normals, nodes)
         tested = csr_matrix(shared @ integrals)
         nodes = nodes[np.diff(csr_matrix(shared).indptr)[nodes] > 0]
         mixed = tested[nodes].tocoo()
         areas = np.bincount(mixed.row, mixed.data, nodes.size)
         shape = nodes.size, rows.gap.size
-        means = csr_matrix((mixed.data / areas[mixed.row], (mixed.row, place[mixed.col])), shape=shape)
+        means = csr_matrix(
+            (mixed.data / areas[mixed.row], (mixed.row, place[mixed.col])), shape=shape
+        )
         matrix = csr_matrix(means @ rows.matrix)
-        return ContactRows(matrix, means @ rows.gap, surface.nodes[nodes], surface.points[nodes], areas)
+        return ContactRows(
+            matrix, means @ rows.gap, surface.nodes[nodes], surface.points[nodes], areas
+        )
 
     def shared(self, surface: Surface, normals: np.ndarray, nodes: np.ndarray) -> csr_matrix:
-        """Matrix that shares the functions psi_j of nodes with imposed displacements among their neighbours, (n, n).
+        """Matrix that shares the functions psi_j of nodes with imposed displacements among their
+        neighbours, (n, n).
 
-        With one function for each node conditions would be dependent if some displacements are imposed, as at the end
-        of a mortar surface. The matrix is the identity if all ``nodes`` with conditions are free, or none is.
+        With one function for each node conditions would be dependent if some displacements are
+        imposed, as at the end of a mortar surface. The matrix is the identity if all ``nodes`` with
+        conditions are free, or none is.
         """
         count = len(surface.nodes)
         held = np.zeros(count, dtype=bool)
@@ -158,7 +189,10 @@ class QuadraticFacets:
 
     @staticmethod
     def warn_of_straight_sides(surfaces: Sequence[Surface]) -> None:
-        """Warn of a curved surface with straight sides; sags of surfaces curved alike cancel in the gap."""
+        """Warn of a curved surface with straight sides.
+
+        Sags of surfaces curved alike cancel in the gap.
+        """
         sags = [_straight_sag(surface) for surface in surfaces]
         place = int(np.abs(sags).argmax())
         worst = surfaces[place]
@@ -166,17 +200,26 @@ class QuadraticFacets:
         if largest < CURVED * worst.lengths().mean() or abs(sum(sags)) < ALIKE * largest:
             return
         warn(
-            f"displacements are of second order and the sides of surface {worst.tag} are straight, though it is "
-            f"curved: between corners its gap is that of chords, {largest:.2g} off on average, and pressures alternate "
-            "from node to node. Mesh it with cells of second order, whose sides are curved (gmsh: setOrder(2)), or "
-            "take displacements of first order, Scene(order=1)"
+            f"displacements are of second order and the sides of surface {worst.tag} are "
+            "straight, though it is curved: between corners its gap is that of chords, "
+            f"{largest:.2g} off on average, and pressures alternate from node to node. Mesh it "
+            "with cells of second order, whose sides are curved (gmsh: setOrder(2)), or take "
+            "displacements of first order, Scene(order=1)"
         )
 
 
 def _integrated(
-    points: np.ndarray, weights: np.ndarray, nodes: np.ndarray, part: tuple[int, ...], *, linearly: bool
+    points: np.ndarray,
+    weights: np.ndarray,
+    nodes: np.ndarray,
+    part: tuple[int, ...],
+    *,
+    linearly: bool,
 ) -> csr_matrix:
-    """Integrals ∫ psi_i phi_j over one flat part of facets with nodes (f, K), (n, n); ``linearly``: of linear phi_j."""
+    """Integrals ∫ psi_i phi_j over one flat part of facets with nodes (f, K), (n, n).
+
+    ``linearly``: of linear phi_j.
+    """
     values, functions, slopes, shares = _rule(nodes.shape[1], part)
     along = np.einsum("qjd,fjx->fqdx", slopes, points[nodes])
     if along.shape[2] == 1:
@@ -194,7 +237,10 @@ def _integrated(
 
 
 def _straight_sag(surface: Surface) -> float:
-    """Mean height of the curved surface above its flat parts if sides of second order are straight; else 0."""
+    """Mean height of the curved surface above its flat parts if sides of second order are straight.
+
+    Else 0.
+    """
     if surface.quadratic is None or (surface.sag_shares() != 4.0).any():
         return 0.0
     count, k = surface.facets.shape
@@ -202,8 +248,12 @@ def _straight_sag(surface: Surface) -> float:
     return float(bulges @ surface.sizes / surface.sizes.sum())
 
 
-def parted(facet_nodes: np.ndarray, inner_points: np.ndarray) -> tuple[np.ndarray, np.ndarray, QuadraticFacets]:
-    """Nodes of flat parts of facets with nodes (F, K), facet by facet, (parts F, k), points inside, and the facets."""
+def parted(
+    facet_nodes: np.ndarray, inner_points: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, QuadraticFacets]:
+    """Nodes of flat parts of facets with nodes (F, K), facet by facet, (parts F, k), points inside,
+    and the facets.
+    """
     count = facet_nodes.shape[1]
     flat = facet_nodes[:, np.array(PARTS[count])].reshape(-1, CORNERS[count])
     quadratic = QuadraticFacets(np.searchsorted(np.unique(facet_nodes), facet_nodes))
@@ -217,7 +267,9 @@ def quadratic(local: np.ndarray, count: int) -> np.ndarray:
     if count == 6:
         first, second, third = shape_functions(local, 3)[0].T
         corners = [one * (2 * one - 1) for one in (first, second, third)]
-        return np.column_stack([*corners, 4 * second * third, 4 * first * third, 4 * first * second])
+        return np.column_stack(
+            [*corners, 4 * second * third, 4 * first * third, 4 * first * second]
+        )
     x, y = map(_on_line, local[:, :2].T)
     return np.column_stack([x[:, i] * y[:, j] for i, j in _TENSOR])
 
@@ -232,8 +284,12 @@ def _on_line(x: np.ndarray) -> np.ndarray:
 
 
 @cache
-def _rule(count: int, part: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Quadrature on a flat part: its functions, (q, k), those of the facet, (q, K), slopes, (q, K, d), and weights."""
+def _rule(
+    count: int, part: tuple[int, ...]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Quadrature on a flat part: its functions, (q, k), those of the facet, (q, K), slopes, (q, K,
+    d), and weights.
+    """
     ends, sizes = np.polynomial.legendre.leggauss(POINTS)
     local = (ends[:, None] + 1) / 2
     weights = sizes / 2

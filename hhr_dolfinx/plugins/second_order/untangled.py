@@ -1,7 +1,7 @@
 """Mesh files whose folded cells of second order are straightened, or untangled by gmsh.
 
-Generators curve the sides of cells that lie on a curved surface and leave the others straight. If a cell is thinner
-than the arc is high, these sides cross.
+Generators curve the sides of cells that lie on a curved surface and leave the others straight. If a
+cell is thinner than the arc is high, these sides cross.
 """
 
 from __future__ import annotations
@@ -26,27 +26,37 @@ from hhr_dolfinx.warn import warn
 
 HOWS = ("straight", "gmsh")
 BAD = 0.1
-"""Smallest Jacobian of a curved cell over that of the cell with straight sides below which it is mended."""
+"""Smallest Jacobian of a curved cell over that of the cell with straight sides below which it is
+mended.
+"""
 PARTS = 10
 """Number of equal parts of the way to the middle of a side by which its node moves."""
 LATTICE = 4
-"""Degree of the cell at whose nodes Jacobians are evaluated; they include those of degree 2, which a scene checks."""
+"""Degree of the cell at whose nodes Jacobians are evaluated.
+
+They include those of degree 2, which a scene checks.
+"""
 AT_ONCE = 8192
 """Number of cells whose Jacobians are evaluated at once, for memory."""
 SAME = 1e-9
-"""Distance over the extent of the mesh below which nodes coincide, and nodes of sides lie in the middle."""
+"""Distance over the extent of the mesh below which nodes coincide, and nodes of sides lie in the
+middle.
+"""
 
 
 @dataclass(frozen=True)
 class Untangled(MeshFile):
-    """A mesh file of second order whose folded or nearly folded cells are mended, which a MeshWarning reports.
+    """A mesh file of second order whose folded or nearly folded cells are mended, which a
+    MeshWarning reports.
 
-    With ``how="straight"`` nodes on sides of such cells move towards the middles of these sides, by tenths of the way,
-    until no cell is folded; corners stay. A curved surface loses a part of its curvature there, and nowhere else. Nodes
-    at the same place move as one, so that surfaces with matching nodes still match.
+    With ``how="straight"`` nodes on sides of such cells move towards the middles of these sides, by
+    tenths of the way, until no cell is folded; corners stay. A curved surface loses a part of its
+    curvature there, and nowhere else. Nodes at the same place move as one, so that surfaces with
+    matching nodes still match.
 
-    With ``how="gmsh"`` the optimiser of gmsh moves nodes inside of bodies, corners too, and in flat sides; those on
-    curved surfaces and between bodies stay. The sides of cells that it leaves folded are straightened.
+    With ``how="gmsh"`` the optimiser of gmsh moves nodes inside of bodies, corners too, and in flat
+    sides; those on curved surfaces and between bodies stay. The sides of cells that it leaves
+    folded are straightened.
 
     Attributes:
         mesh: path of the file, or a mesh file such as ``CutMesh("part.msh", sections=("cut",))``.
@@ -63,13 +73,23 @@ class Untangled(MeshFile):
         for name, value in (("mesh", of), ("path", of.path), ("scale", of.scale)):
             object.__setattr__(self, name, value)
         if self.how not in HOWS:
-            raise SceneError(f"how={self.how!r} of Untangled({of.path}) must be {' or '.join(map(repr, HOWS))}")
+            raise SceneError(
+                f"how={self.how!r} of Untangled({of.path}) must be {' or '.join(map(repr, HOWS))}"
+            )
 
     def read(self) -> RawMesh:
-        """See :class:`MeshFile`; FileContentError for cells that are folded by their corners alone."""
+        """See :class:`MeshFile`; FileContentError for cells that are folded by their corners
+        alone.
+        """
         raw = self.mesh.read() if isinstance(self.mesh, MeshFile) else super().read()
         if raw.sides is None:
-            warn(f"Untangled has no effect on {self.path}, whose cells are of first order: take MeshFile", SceneWarning)
+            warn(
+                (
+                    f"Untangled has no effect on {self.path}, whose cells are of first order: take "
+                    "MeshFile"
+                ),
+                SceneWarning,
+            )
             return raw
         if raw.points.shape[1] != raw.dim:  # a surface in space, which a scene refuses
             return raw
@@ -80,22 +100,30 @@ class Untangled(MeshFile):
 
     def _report(self, raw: RawMesh, found: Mended) -> None:
         moves = np.linalg.norm(found.raw.points - raw.points, axis=1) * self.scale
-        outside = moves[borders(raw.kind, raw.cells, np.asarray(raw.sides), np.zeros(len(raw.cells)))[0]].max()
+        outside = moves[
+            borders(raw.kind, raw.cells, np.asarray(raw.sides), np.zeros(len(raw.cells)))[0]
+        ].max()
         place = raw.points[raw.cells[found.bad[0]]].mean(axis=0) * self.scale
         left = found.straightened.size
         count = np.count_nonzero(moves > SAME * moves.max())
-        rest = f"; sides of {left} that gmsh left folded are straightened" if self.how == "gmsh" and left else ""
+        rest = (
+            f"; sides of {left} that gmsh left folded are straightened"
+            if self.how == "gmsh" and left
+            else ""
+        )
         warn(
-            f"{len(found.bad)} of {len(raw.cells)} cells of {self.path} were folded or nearly so, e.g. around "
-            f"{rounded(place)}, and are mended ({self.how}{rest}): {count} nodes move, by {moves.max():.3g} at most, "
-            f"on the outside of bodies by {outside:.3g}. Cells that are thicker or shorter along curved surfaces need "
-            "no mending",
+            f"{len(found.bad)} of {len(raw.cells)} cells of {self.path} were folded or nearly so, "
+            f"e.g. around {rounded(place)}, and are mended ({self.how}{rest}): {count} nodes "
+            f"move, by {moves.max():.3g} at most, on the outside of bodies by {outside:.3g}. "
+            "Cells that are thicker or shorter along curved surfaces need no mending",
             MeshWarning,
         )
 
 
 class Mended(NamedTuple):
-    """A mesh without folded cells, the rows of cells that were folded or nearly so, and of those straightened."""
+    """A mesh without folded cells, the rows of cells that were folded or nearly so, and of those
+    straightened.
+    """
 
     raw: RawMesh
     bad: np.ndarray
@@ -142,21 +170,27 @@ def folded(raw: RawMesh) -> np.ndarray:
     sides = _Sides.of(raw, 2)
     # the sign of the mean is that of the order of the nodes, which differs between formats
     found = [
-        rows[(values * np.sign(values.mean(axis=1))[:, None]).min(axis=1) < -FOLDED * np.abs(values).max(axis=1)]
+        rows[
+            (values * np.sign(values.mean(axis=1))[:, None]).min(axis=1)
+            < -FOLDED * np.abs(values).max(axis=1)
+        ]
         for rows, values in sides.jacobians(sides.curved, raw.points)
     ]
     return np.concatenate([sides.curved[:0], *found])
 
 
 def folded_in_words(raw: RawMesh, name: str) -> str:
-    """Number and place of folded cells of a mesh file, and the geometry of a scene; empty if none is folded."""
+    """Number and place of folded cells of a mesh file, and the geometry of a scene.
+
+    Empty if none is folded.
+    """
     rows = folded(raw)
     if not rows.size:
         return ""
     place = rounded(raw.points[raw.cells[rows[0]]].mean(axis=0))
     return (
-        f"{rows.size} cells of second order are folded, e.g. around {place}, and a scene refuses them: "
-        f"take hhr.Untangled({name!r}) as its geometry, which straightens them"
+        f"{rows.size} cells of second order are folded, e.g. around {place}, and a scene refuses "
+        f"them: take hhr.Untangled({name!r}) as its geometry, which straightens them"
     )
 
 
@@ -200,9 +234,17 @@ class _Sides:
         off = np.linalg.norm(middles - raw.points, axis=1)[nodes]
         lengths = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
         curved = np.flatnonzero((off > SAME * lengths).any(axis=1))
-        return cls(raw, nodes, middles, curved, shape_functions(raw.kind, nodes_of_cell(raw.kind, lattice), 2)[1])
+        return cls(
+            raw,
+            nodes,
+            middles,
+            curved,
+            shape_functions(raw.kind, nodes_of_cell(raw.kind, lattice), 2)[1],
+        )
 
-    def jacobians(self, rows: np.ndarray, points: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    def jacobians(
+        self, rows: np.ndarray, points: np.ndarray
+    ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Rows of some cells, (r,), and their Jacobians, (r, q), with the nodes at ``points``."""
         for start in range(0, len(rows), AT_ONCE):
             own = rows[start : start + AT_ONCE]
@@ -211,10 +253,15 @@ class _Sides:
             yield own, np.linalg.det(np.einsum("qkd,ckx->cqdx", self.slopes, places[whole]))
 
     def bad(self, rows: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Rows of the cells among some that are folded or nearly so with the nodes at ``points``."""
-        # relative to the cell with straight sides, whose Jacobians have one sign, that of the order of its nodes
+        """Rows of the cells among some that are folded or nearly so with the nodes at
+        ``points``.
+        """
+        # relative to the cell with straight sides, whose Jacobians have one sign, that of the order
+        # of its nodes
         found = [
-            part[(values * np.sign(straight[:, :1])).min(axis=1) < BAD * np.abs(straight).min(axis=1)]
+            part[
+                (values * np.sign(straight[:, :1])).min(axis=1) < BAD * np.abs(straight).min(axis=1)
+            ]
             for (part, values), (_, straight) in zip(
                 self.jacobians(rows, points), self.jacobians(rows, self.middles), strict=True
             )
@@ -223,7 +270,10 @@ class _Sides:
 
 
 def _refuse_corners(raw: RawMesh, name: str, sides: _Sides) -> None:
-    """Raise FileContentError for cells that are folded with straight sides too; scenes refuse inverted simplices."""
+    """Raise FileContentError for cells that are folded with straight sides too.
+
+    Scenes refuse inverted simplices.
+    """
     values = corner_jacobians(raw.points[raw.ordered()])
     wrong = values.min(axis=1) * values.max(axis=1) <= 0
     for rows, inner in sides.jacobians(sides.curved, sides.middles):
@@ -231,16 +281,17 @@ def _refuse_corners(raw: RawMesh, name: str, sides: _Sides) -> None:
     if wrong.any():
         place = rounded(raw.points[raw.cells[wrong][0]].mean(axis=0))
         raise FileContentError(
-            f"{int(wrong.sum())} cells of {name} are folded by their corners alone, e.g. around {place}: straight "
-            "sides do not mend them. Move their corners, or mesh again"
+            f"{int(wrong.sum())} cells of {name} are folded by their corners alone, e.g. around "
+            f"{place}: straight sides do not mend them. Move their corners, or mesh again"
         )
 
 
 def _straightened(raw: RawMesh, sides: _Sides, bad: np.ndarray) -> np.ndarray:
-    """Coordinates with which no cell is bad: nodes of bad cells move by parts of the way to the middles of their sides.
+    """Coordinates with which no cell is bad: nodes of bad cells move by parts of the way to the
+    middles of their sides.
 
-    A node that moves may fold its other cells, whose nodes move then. The loop ends, as each round moves a node of each
-    bad cell, and with all of its nodes in the middles no cell is bad.
+    A node that moves may fold its other cells, whose nodes move then. The loop ends, as each round
+    moves a node of each bad cell, and with all of its nodes in the middles no cell is bad.
     """
     points = raw.points
     same = _coinciding(points, np.unique(sides.nodes))
@@ -256,5 +307,7 @@ def _straightened(raw: RawMesh, sides: _Sides, bad: np.ndarray) -> np.ndarray:
 
 def _coinciding(points: np.ndarray, nodes: np.ndarray) -> np.ndarray:
     """A label for each node, common to those among ``nodes`` that have the same place, (nodes,)."""
-    pairs = cKDTree(points[nodes]).query_pairs(SAME * np.ptp(points, axis=0).max(), output_type="ndarray")
+    pairs = cKDTree(points[nodes]).query_pairs(
+        SAME * np.ptp(points, axis=0).max(), output_type="ndarray"
+    )
     return components_of_nodes(len(points), nodes[pairs])

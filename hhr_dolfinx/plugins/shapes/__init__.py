@@ -26,7 +26,11 @@ PLUGIN = Plugin(
         f"{_HERE}.reduced": "ReshapedReconstruction",
         f"{_HERE}.shape": "Shape",
     },
-    stages=(Stage(f"{_HERE}.reduction:interpolate", "hhr_dolfinx.reduction.build:reconstruct", _reshaped),),
+    stages=(
+        Stage(
+            f"{_HERE}.reduction:interpolate", "hhr_dolfinx.reduction.build:reconstruct", _reshaped
+        ),
+    ),
     tools={"shapes": f"{_HERE}.reshaped:Reshaped"},
     switches={f"{_HERE}.switches": "shape"},
 )

@@ -1,7 +1,9 @@
-"""Cells whose nodes shapes move, in NumPy: their strain from their nodes and tabulated shape functions.
+"""Cells whose nodes shapes move, in NumPy: their strain from their nodes and tabulated shape
+functions.
 
-The displacement has the shape functions of the geometry. The strain at cell midpoints is computed again for each shape:
-interpolated, it would suffer from cancellation, as a small difference of large displacements.
+The displacement has the shape functions of the geometry. The strain at cell midpoints is computed
+again for each shape: interpolated, it would suffer from cancellation, as a small difference of
+large displacements.
 """
 
 from __future__ import annotations
@@ -29,26 +31,39 @@ class Middles:
         return points
 
     def among(self, nodes: np.ndarray) -> Middles:
-        """Middles among ``nodes``, which ascend, by their indices there; ``nodes`` must hold all of ``between`` too."""
+        """Middles among ``nodes``, which ascend, by their indices there.
+
+        ``nodes`` must hold all of ``between`` too.
+        """
         kept = np.isin(self.nodes, nodes)
-        return Middles(np.searchsorted(nodes, self.nodes[kept]), np.searchsorted(nodes, self.between[kept]))
+        return Middles(
+            np.searchsorted(nodes, self.nodes[kept]), np.searchsorted(nodes, self.between[kept])
+        )
 
 
 class CellStrain(NamedTuple):
-    """Strain of fields on cells with given nodes; multiplies values at their nodes like a matrix."""
+    """Strain of fields on cells with given nodes; multiplies values at their nodes like a
+    matrix.
+    """
 
     cells: np.ndarray  # nodes of each, (c, k)
     gradients: np.ndarray  # of the shape functions at the midpoints, (c, dim, k)
     hoop: np.ndarray | None  # shape functions over the radius, (c, k); None outside axisymmetry
-    dilatation: np.ndarray | None  # mean contribution of each dof to the trace, (c, k, dim); None for the midpoint's
+    dilatation: (
+        np.ndarray | None
+    )  # mean contribution of each dof to the trace, (c, k, dim); None for the midpoint's
 
     def __matmul__(self, field: np.ndarray) -> np.ndarray:
-        """Kelvin's notation, cell by cell, (c components, ...), of values node by node, (n dim, ...)."""
+        """Kelvin's notation, cell by cell, (c components, ...), of values node by node, (n dim,
+        ...).
+        """
         dim = self.gradients.shape[1]
         columns = field.shape[1:]
         at_corners = field.reshape(-1, dim * int(np.prod(columns)))[self.cells]
         slopes = np.matmul(self.gradients, at_corners)
-        slopes = slopes.reshape(len(self.cells), dim, dim, -1)  # derivative along, component of the field, column
+        slopes = slopes.reshape(
+            len(self.cells), dim, dim, -1
+        )  # derivative along, component of the field, column
         strain = np.zeros((len(self.cells), 6 if dim == 3 else 4, slopes.shape[3]))
         for axis in range(dim):
             strain[:, axis] = slopes[:, axis, axis]
@@ -66,21 +81,35 @@ class CellStrain(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MovingCells:
-    """Cells of a body whose nodes depend on shapes; maps a point to the strain of the cells there."""
+    """Cells of a body whose nodes depend on shapes; maps a point to the strain of the cells
+    there.
+    """
 
     shapes: tuple[Shape, ...]  # of the scene that move any of its nodes
     moved: tuple[Annotated[Booleans, "nodes"], ...]  # nodes that each shape moves, (n,)
     coordinates: tuple[str, ...]  # names of the coordinates in their formulas
     parameters: tuple[str, ...]  # names of the parameters
     middles: Middles  # nodes that stay at the midpoint of others, by their indices among these
-    points: Annotated[Floats, "nodes", "dim"]  # the nodes as the mesh of the scene has them, (n, dim)
+    points: Annotated[
+        Floats, "nodes", "dim"
+    ]  # the nodes as the mesh of the scene has them, (n, dim)
     nodes: Annotated[Integers, "nodes"]  # their numbers in the mesh, (n,)
-    cells: Annotated[Integers, "cells", "nodes of a cell", "< nodes"]  # indices of their nodes among these, (c, k)
-    values: Annotated[Floats, "nodes of a cell"]  # of the shape functions at the midpoint of the reference cell, (k,)
+    cells: Annotated[
+        Integers, "cells", "nodes of a cell", "< nodes"
+    ]  # indices of their nodes among these, (c, k)
+    values: Annotated[
+        Floats, "nodes of a cell"
+    ]  # of the shape functions at the midpoint of the reference cell, (k,)
     slopes: Annotated[Floats, "nodes of a cell", "dim"]  # their derivatives there, (k, dim)
-    weights: Annotated[Floats, "points"]  # of the points where the dilatation is evaluated, (q,); empty: the midpoint
-    gauss_values: Annotated[Floats, "points", "nodes of a cell"]  # of the shape functions there, (q, k), and the next
-    gauss_slopes: Annotated[Floats, "points", "nodes of a cell", "dim"]  # their derivatives there, (q, k, dim)
+    weights: Annotated[
+        Floats, "points"
+    ]  # of the points where the dilatation is evaluated, (q,); empty: the midpoint
+    gauss_values: Annotated[
+        Floats, "points", "nodes of a cell"
+    ]  # of the shape functions there, (q, k), and the next
+    gauss_slopes: Annotated[
+        Floats, "points", "nodes of a cell", "dim"
+    ]  # their derivatives there, (q, k, dim)
     axisymmetric: bool  # the first coordinate is a radius
 
     @property
@@ -97,14 +126,22 @@ class MovingCells:
             points[own] = shape.moved(self.points[own], self.coordinates, values)
         corners = self.middles.placed(points)[self.cells]
         gradients, _ = _mapped_gradients(corners, self.slopes)
-        hoop = self.values / (corners[:, :, 0] @ self.values)[:, None] if self.axisymmetric else None
-        return CellStrain(self.cells, gradients, hoop, self._dilatation(corners) if self.weights.size else None)
+        hoop = (
+            self.values / (corners[:, :, 0] @ self.values)[:, None] if self.axisymmetric else None
+        )
+        return CellStrain(
+            self.cells, gradients, hoop, self._dilatation(corners) if self.weights.size else None
+        )
 
     def _dilatation(self, corners: np.ndarray) -> np.ndarray:
-        """Mean contribution of each dof to the trace of the strain over the volume of each cell, (c, k, dim)."""
+        """Mean contribution of each dof to the trace of the strain over the volume of each cell,
+        (c, k, dim).
+        """
         total = np.zeros_like(corners)
         volume = np.zeros(len(corners))
-        for weight, values, slopes in zip(self.weights, self.gauss_values, self.gauss_slopes, strict=True):
+        for weight, values, slopes in zip(
+            self.weights, self.gauss_values, self.gauss_slopes, strict=True
+        ):
             gradients, size = _mapped_gradients(corners, slopes)
             if self.axisymmetric:
                 radius = corners[:, :, 0] @ values
@@ -116,16 +153,21 @@ class MovingCells:
 
 
 def _mapped_gradients(corners: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Gradients of the shape functions, (c, dim, k), and sizes of the map, (c,), from slopes on the reference cell."""
+    """Gradients of the shape functions, (c, dim, k), and sizes of the map, (c,), from slopes on the
+    reference cell.
+    """
     count = len(corners)
     dim = slopes.shape[1]
-    # one product for all cells and an explicit inverse: a quarter of the time of numpy's for thousands of matrices
+    # one product for all cells and an explicit inverse: a quarter of the time of numpy's for
+    # thousands of matrices
     jacobians = np.ascontiguousarray(corners.transpose(0, 2, 1)).reshape(-1, len(slopes)) @ slopes
     columns = np.ascontiguousarray(jacobians.reshape(count, dim, dim).transpose(2, 0, 1))
     if len(columns) == 2:
         first, second = columns[0].T
         third, fourth = columns[1].T
-        rows = np.stack([np.column_stack([fourth, -third]), np.column_stack([-second, first])], axis=1)
+        rows = np.stack(
+            [np.column_stack([fourth, -third]), np.column_stack([-second, first])], axis=1
+        )
     else:
         rows = np.stack([np.cross(columns[k - 2], columns[k - 1]) for k in range(3)], axis=1)
     sizes = np.einsum("ci,ci->c", columns[0], rows[:, 0])

@@ -1,8 +1,9 @@
 """Outputs of bodies whose shape depends on parameters, for models without a mesh.
 
-At each shape they are ordinary :class:`~hhr_dolfinx.models.functionals.functional.Functionals`. Their arrays, such as
-areas of conditions and arms of forces, are interpolated over the shape parameters. Their rows act on the coordinates of
-a reduced displacement. Rows of strain are too many to interpolate; they are computed from cells at their new nodes.
+At each shape they are ordinary :class:`~hhr_dolfinx.models.functionals.functional.Functionals`.
+Their arrays, such as areas of conditions and arms of forces, are interpolated over the shape
+parameters. Their rows act on the coordinates of a reduced displacement. Rows of strain are too many
+to interpolate; they are computed from cells at their new nodes.
 """
 
 from __future__ import annotations
@@ -38,8 +39,9 @@ class MovingMises(Mises):
 class OverShapes(AllOutputs):
     """How outputs are read on other shapes.
 
-    Fields of their answers have ``coordinates``, (s,), on which rows of the outputs act: the displacement, or its
-    components in a basis; and ``coordinate_changes``, derivatives of all contact forces and of these.
+    Fields of their answers have ``coordinates``, (s,), on which rows of the outputs act: the
+    displacement, or its components in a basis; and ``coordinate_changes``, derivatives of all
+    contact forces and of these.
     """
 
     parameters: ParameterSpace  # the box of the parameters
@@ -48,13 +50,17 @@ class OverShapes(AllOutputs):
         """Rows of the outputs ``here`` times the displacement of an answer, (K,)."""
         return here.measured(answer.fields.coordinates(answer, theta))
 
-    def read_changes(self, here: Functionals, answer: Any, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def read_changes(
+        self, here: Functionals, answer: Any, changes: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of all contact forces, (N_lambda, P), and of these products, (K, P)."""
         forces, coordinates = answer.fields.coordinate_changes(answer, changes)
         return forces, here.measured(coordinates)
 
     def along_shapes(self, here: Functionals, answer: Any, states: list[State]) -> np.ndarray:
-        """Derivatives of all outputs along the shape parameters at fixed states, by differences, (outputs, P)."""
+        """Derivatives of all outputs along the shape parameters at fixed states, by differences,
+        (outputs, P).
+        """
         found = np.zeros((len(states), answer.parameter.size))
         moves = here.places and here.places[-1].stop
         coordinates = answer.fields.coordinates(answer, states[0].theta) if moves else np.zeros(0)
@@ -62,12 +68,17 @@ class OverShapes(AllOutputs):
         def followed(shifted: np.ndarray) -> np.ndarray:
             there = self.at(shifted)
             measured = there.measured(coordinates) if coordinates.size else np.zeros(0)
-            after = [state._replace(measured=measured[part]) for state, part in zip(states, here.places, strict=True)]
+            after = [
+                state._replace(measured=measured[part])
+                for state, part in zip(states, here.places, strict=True)
+            ]
             every = zip(here.items, there.items, states, after, strict=True)
             return np.array([item.followed(state, other, new) for item, other, state, new in every])
 
         if self.axes.size:
-            found[:, self.axes] = self.parameters.differences(followed, answer.parameter, DIFFERENCE, self.axes)
+            found[:, self.axes] = self.parameters.differences(
+                followed, answer.parameter, DIFFERENCE, self.axes
+            )
         return found
 
 
@@ -76,15 +87,17 @@ class Zone:
     """Strain of moving cells as a function of the coordinates of a reduced displacement."""
 
     cells: MovingCells  # the cells
-    columns: Annotated[Floats, "rows", "columns"]  # displacement of their nodes for each coordinate, (n dim, s)
+    columns: Annotated[
+        Floats, "rows", "columns"
+    ]  # displacement of their nodes for each coordinate, (n dim, s)
 
 
 @dataclass(frozen=True, eq=False)
 class ShapedFunctionals(Functionals):
     """All outputs at one shape."""
 
-    # factors of the rows of each output that has any: the rows (k, s), or the strain of cells and (n dim, s),
-    # which acts on the coordinates first
+    # factors of the rows of each output that has any: the rows (k, s), or the strain of cells and
+    # (n dim, s), which acts on the coordinates first
     blocks: tuple[np.ndarray | tuple[CellStrain, np.ndarray], ...]
 
     def measured(self, coordinates: np.ndarray) -> np.ndarray:
@@ -99,13 +112,16 @@ class ShapedFunctionals(Functionals):
 
 @dataclass(frozen=True, eq=False)
 class ReshapedFunctionals(OverShapes):
-    """All outputs of a scene whose shape depends on parameters, for a displacement of s coordinates.
+    """All outputs of a scene whose shape depends on parameters, for a displacement of s
+    coordinates.
 
     The coordinates are the modes of a basis, followed by the amplitudes of imposed displacements.
     """
 
     items: tuple[Functional, ...]  # one for each output, in the middle of the box; without rows
-    arrays: tuple[tuple[int, str, tuple[int, ...]], ...]  # output, name and shape of each; that of a number is ()
+    arrays: tuple[
+        tuple[int, str, tuple[int, ...]], ...
+    ]  # output, name and shape of each; that of a number is ()
     interpolant: Interpolant  # of these arrays, concatenated
     zones: tuple[Zone | None, ...]  # of the outputs whose rows are strain; None for the others
     lifted: Annotated[Integers, "lifted", "< terms"]  # terms of θ that impose displacements, (l,)
@@ -118,22 +134,31 @@ class ReshapedFunctionals(OverShapes):
         return self.interpolant.axes
 
     def check(self, space: ParameterSpace, conditions: int, gauss_points: int) -> None:
-        """Raise SceneError for invalid outputs; arrays depend on the shape, and one answer tests them."""
+        """Raise SceneError for invalid outputs.
+
+        Arrays depend on the shape, and one answer tests them.
+        """
         if not all(isinstance(item, Functional) for item in self.items):
             raise SceneError("an output must be a Functional")
 
     def at(self, point: np.ndarray) -> ShapedFunctionals:
         """Outputs on the shape at a point, (P,)."""
         changed: list[dict[str, Any]] = [{} for _ in self.items]
-        blocks: list[Any] = [None if zone is None else (zone.cells(point), zone.columns) for zone in self.zones]
+        blocks: list[Any] = [
+            None if zone is None else (zone.cells(point), zone.columns) for zone in self.zones
+        ]
         parts = unstacked(self.interpolant.value(point), [shape for _, _, shape in self.arrays])
         for (place, name, shape), part in zip(self.arrays, parts, strict=True):
             if name == ROWS:
                 blocks[place] = part
             else:
                 changed[place][name] = part if shape else float(part)
-        items = tuple(_changed(item, change) for item, change in zip(self.items, changed, strict=True))
-        return ShapedFunctionals(items, 0, self.amplitudes, tuple(block for block in blocks if block is not None))
+        items = tuple(
+            _changed(item, change) for item, change in zip(self.items, changed, strict=True)
+        )
+        return ShapedFunctionals(
+            items, 0, self.amplitudes, tuple(block for block in blocks if block is not None)
+        )
 
 
 def _changed(item: Functional, change: dict[str, np.ndarray | float]) -> Functional:

@@ -1,4 +1,6 @@
-"""Outputs of bodies whose shape depends on parameters: computed on few shapes, and interpolated between them."""
+"""Outputs of bodies whose shape depends on parameters: computed on few shapes, and interpolated
+between them.
+"""
 
 from __future__ import annotations
 
@@ -18,18 +20,23 @@ if TYPE_CHECKING:
     from hhr_dolfinx.plugins.shapes.outputs import FullShapeFunctionals
 
 TOLERANCE = 3e-7
-"""Target error of the arrays of outputs, relative to their size: forces and displacements cancel in them, as in a gap.
-A grid this fine has a few shapes more than that of the model."""
+"""Target error of the arrays of outputs, relative to their size: forces and displacements cancel in
+them, as in a gap. A grid this fine has a few shapes more than that of the model.
+"""
 _OF_ROWS = {item.name for item in fields(Functional)}
 
 
 def reshaped_functionals(
-    prepared: FullShapeFunctionals, problem: ContactProblem, basis: np.ndarray, settings: GridSettings
+    prepared: FullShapeFunctionals,
+    problem: ContactProblem,
+    basis: np.ndarray,
+    settings: GridSettings,
 ) -> ReshapedFunctionals:
-    """Outputs of a full model for displacements that are a basis, (N, ell), times coordinates and the lift.
+    """Outputs of a full model for displacements that are a basis, (N, ell), times coordinates and
+    the lift.
 
-    Strain is not interpolated but computed from cells, see :mod:`hhr_dolfinx.plugins.shapes.cells`. SceneError for an
-    output with other conditions, or arrays of other lengths, on other shapes.
+    Strain is not interpolated but computed from cells, see :mod:`hhr_dolfinx.plugins.shapes.cells`.
+    SceneError for an output with other conditions, or arrays of other lengths, on other shapes.
     """
     lifted = np.flatnonzero(np.diff(problem.lifts.indptr)).astype(np.int64)
     columns = np.column_stack([basis, problem.lifts[:, lifted].toarray()])
@@ -40,7 +47,9 @@ def reshaped_functionals(
         for place, item in enumerate(prepared.at(point).items):
             _check_alike(base[place], item)
             smooth = {
-                name: np.asarray(value) for name, value in _own(item).items() if _smooth(value) and np.size(value)
+                name: np.asarray(value)
+                for name, value in _own(item).items()
+                if _smooth(value) and np.size(value)
             }
             found |= {f"{place} {name}": array for name, array in smooth.items()}
             if not isinstance(item, MovingMises) and item.count:
@@ -51,10 +60,15 @@ def reshaped_functionals(
     grid, modes = grown(solved, problem.parameters, prepared.axes, finer)
     names = [name.split(" ", 1) for name in modes]
     shapes = [part.shape[:-1] for part in modes.values()]
-    zones = [Zone(item.cells, columns[item.cells.dofs]) if isinstance(item, MovingMises) else None for item in base]
+    zones = [
+        Zone(item.cells, columns[item.cells.dofs]) if isinstance(item, MovingMises) else None
+        for item in base
+    ]
     return ReshapedFunctionals(
         items=tuple(_without_rows(item) for item in base),
-        arrays=tuple((int(place), own, shape) for (place, own), shape in zip(names, shapes, strict=True)),
+        arrays=tuple(
+            (int(place), own, shape) for (place, own), shape in zip(names, shapes, strict=True)
+        ),
         interpolant=grid.interpolant,
         zones=tuple(zones),
         lifted=lifted,
@@ -65,7 +79,11 @@ def reshaped_functionals(
 
 def _own(item: Functional) -> dict[str, Any]:
     """Fields of an output other than its rows."""
-    return {field.name: getattr(item, field.name) for field in fields(item) if field.name not in _OF_ROWS | {"cells"}}
+    return {
+        field.name: getattr(item, field.name)
+        for field in fields(item)
+        if field.name not in _OF_ROWS | {"cells"}
+    }
 
 
 def _smooth(value: object) -> bool:
@@ -77,11 +95,13 @@ def _check_alike(base: Functional, item: Functional) -> None:
     """Raise SceneError for outputs of two shapes that differ by more than numbers."""
     if type(base) is type(item) and base.count == item.count:
         pairs = [(value, getattr(item, name)) for name, value in _own(base).items()]
-        if all(np.shape(a) == np.shape(b) if _smooth(a) else np.array_equal(a, b) for a, b in pairs):
+        if all(
+            np.shape(a) == np.shape(b) if _smooth(a) else np.array_equal(a, b) for a, b in pairs
+        ):
             return
     raise SceneError(
-        f"output '{base.name}' is made of other conditions, terms or cells on another shape, and cannot be "
-        "interpolated between shapes: narrow the box, or leave it out"
+        f"output '{base.name}' is made of other conditions, terms or cells on another shape, and "
+        "cannot be interpolated between shapes: narrow the box, or leave it out"
     )
 
 

@@ -30,11 +30,18 @@ SHAPES = 8
 class FullShapeFunctionals(OverShapes):
     """Outputs of a full model with variable shape, prepared on the mesh at a point.
 
-    See :class:`~hhr_dolfinx.models.functionals.functional.AllOutputs`. ``moving`` as of :class:`MovingProbe`, the
-    problem that of the middle of the box. SceneError for an output that the model does not support.
+    See :class:`~hhr_dolfinx.models.functionals.functional.AllOutputs`. ``moving`` as of
+    :class:`MovingProbe`, the problem that of the middle of the box. SceneError for an output that
+    the model does not support.
     """
 
-    def __init__(self, discretisation: DiscreteSpace, reshaped: Reshaping, moving: MakeCells, problem: ContactProblem):
+    def __init__(
+        self,
+        discretisation: DiscreteSpace,
+        reshaped: Reshaping,
+        moving: MakeCells,
+        problem: ContactProblem,
+    ):
         self.axes = np.array(reshaped.axes, dtype=np.int64)
         self.parameters = problem.parameters
         self.amplitudes = problem.amplitudes
@@ -50,16 +57,23 @@ class FullShapeFunctionals(OverShapes):
         return self._prepared(np.ascontiguousarray(point[self.axes], dtype=float).tobytes())
 
     def _made(self, key: bytes) -> Functionals:
-        """Outputs for values of the parameters of the shape; the other parameters do not change their arrays."""
+        """Outputs for values of the parameters of the shape.
+
+        The other parameters do not change their arrays.
+        """
         point = self._base.middle
         point[self.axes] = np.frombuffer(key)
         there = self._reshaped(point)
         with self._reshaped.at(point):
             laws = self._discretisation.laws()
-            probes = [self._probe(output, there, laws) for output in self._discretisation.scene.outputs]
+            probes = [
+                self._probe(output, there, laws) for output in self._discretisation.scene.outputs
+            ]
             return prepared_outputs(probes)
 
-    def _probe(self, output: Output, problem: ContactProblem, laws: LawsAtPlaces | None) -> MovingProbe:
+    def _probe(
+        self, output: Output, problem: ContactProblem, laws: LawsAtPlaces | None
+    ) -> MovingProbe:
         probe = probe_of(output, self._discretisation, problem, laws, self._base)
         given: dict[str, Any] = {item.name: getattr(probe, item.name) for item in fields(probe)}
         return MovingProbe(**given, moving=self._moving)
@@ -67,7 +81,9 @@ class FullShapeFunctionals(OverShapes):
 
 @dataclass(frozen=True)
 class MovingProbe(ModelProbe):
-    """Interface for an output if shapes are parameters: other terms of θ may act on another shape, and cells move."""
+    """Interface for an output if shapes are parameters: other terms of θ may act on another shape,
+    and cells move.
+    """
 
     moving: Callable[
         [np.ndarray, bool], MovingCells
@@ -80,12 +96,14 @@ class MovingProbe(ModelProbe):
         body = discretisation.scene.bodies[place]
         if type(found) is not Mises or discretisation.scene.own_stress(body) is not None:
             raise SceneError(
-                f"output '{found.name}': body {body.tag} has an elasticity of its own, or a strain that causes no "
-                "stress, for whose von Mises' stress shapes are not built in: leave the output out"
+                f"output '{found.name}': body {body.tag} has an elasticity of its own, or a "
+                "strain that causes no stress, for whose von Mises' stress shapes are not built "
+                "in: leave the output out"
             )
         mean = discretisation.mean_dilatation[place]
         return MovingMises(
-            **{item.name: getattr(found, item.name) for item in fields(found)}, cells=self.moving(cells, mean)
+            **{item.name: getattr(found, item.name) for item in fields(found)},
+            cells=self.moving(cells, mean),
         )
 
     def terms(self, entries: np.ndarray) -> np.ndarray:

@@ -1,4 +1,6 @@
-"""Fields of hyper-reduced models whose shape depends on parameters: their surface is interpolated between shapes."""
+"""Fields of hyper-reduced models whose shape depends on parameters: their surface is interpolated
+between shapes.
+"""
 
 from __future__ import annotations
 
@@ -15,10 +17,14 @@ from hhr_dolfinx.plugins.shapes.functionals import ReshapedFunctionals
 
 @dataclass(frozen=True, kw_only=True)
 class ReshapedReconstruction(Reconstruction):
-    """Reconstruction with gaps and rows of contact of each shape; its own are those in the middle of the box."""
+    """Reconstruction with gaps and rows of contact of each shape.
+
+    Its own are those in the middle of the box.
+    """
 
     surface: Interpolant  # of ``gaps`` and ``contact_basis``, concatenated
-    functionals: ReshapedFunctionals | None = None  # type: ignore[assignment] # files name the kind on other shapes
+    # files name the kind on other shapes
+    functionals: ReshapedFunctionals | None = None  # type: ignore[assignment]
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """See :class:`Reconstruction`; also a surface of another size."""

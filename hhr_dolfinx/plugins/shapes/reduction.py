@@ -1,7 +1,8 @@
 """Shapes in the hyper-reduction: the projected problem at few shapes, and between them.
 
-V^T K(mu) V tested on the RID, loads, rows of contact and gaps are as smooth in the shape as the coordinates of the
-nodes are, so that a sparse grid of some tens of shapes gives them everywhere and a model needs no mesh.
+V^T K(mu) V tested on the RID, loads, rows of contact and gaps are as smooth in the shape as the
+coordinates of the nodes are, so that a sparse grid of some tens of shapes gives them everywhere and
+a model needs no mesh.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ def interpolate(draft: Draft) -> None:
     """Stage of the hyper-reduction: gamma eliminated, fields and outputs at any shape of the box.
 
     Warns:
-        StabilityWarning: if the projected problem is not as smooth in the shape as the tolerance asks for.
+        StabilityWarning: if the projected problem is not as smooth in the shape as the tolerance
+        asks for.
     """
     shared = draft.shared
     full = shared.full
@@ -42,26 +44,32 @@ def interpolate(draft: Draft) -> None:
         found, surplus = _between_shapes(problem, draft.basis, draft.sets)
         if surplus > SHAPE_GRID.tolerance:
             warn(
-                f"the projected problem of scene '{full.scene.name}' was made at {SHAPE_GRID.budget} shapes, and "
-                f"between them an error of about {surplus:.1e} is left: narrow the box of the shapes, or condense, "
-                "hhr.condense(scene)",
+                f"the projected problem of scene '{full.scene.name}' was made at "
+                f"{SHAPE_GRID.budget} shapes, and between them an error of about {surplus:.1e} is "
+                "left: narrow the box of the shapes, or condense, hhr.condense(scene)",
                 StabilityWarning,
             )
-        draft.parts["compliances"] = ReshapedElimination(found, problem.amplitudes, problem.parameters)
+        draft.parts["compliances"] = ReshapedElimination(
+            found, problem.amplitudes, problem.parameters
+        )
         draft.fields = _fields(draft)
 
 
-def _between_shapes(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> tuple[InterpolatedProblem, float]:
+def _between_shapes(
+    problem: ContactProblem, basis: np.ndarray, sets: IndexSets
+) -> tuple[InterpolatedProblem, float]:
     """The projected problem between shapes, and the error left in it.
 
-    Its error is relative to the size of its arrays. In modes that are orthonormal in energy soft ones are as exact as
-    stiff ones, such as functions of single nodes.
+    Its error is relative to the size of its arrays. In modes that are orthonormal in energy soft
+    ones are as exact as stiff ones, such as functions of single nodes.
     """
     stiffness = problem.own_stiffness
     energies, ways = np.linalg.eigh(basis.T @ (stiffness @ basis))
     energies = np.maximum(energies, SOFTEST * energies[-1]) ** 0.5
     there = basis @ (ways / energies)
-    found, surplus = interpolated_problem(problem, there, lambda item: _sets_at(item, sets), SHAPE_GRID)
+    found, surplus = interpolated_problem(
+        problem, there, lambda item: _sets_at(item, sets), SHAPE_GRID
+    )
     back = energies[:, None] * ways.T  # from coordinates in V to those in the other modes
     rank = found.interpolant.modes.shape[1]
     modes = unstacked(found.interpolant.modes, found.shapes)
@@ -87,8 +95,9 @@ def _sets_at(problem: ContactProblem, sets: IndexSets) -> IndexSets:
     """
     if open_conditions(problem, sets).size:
         raise ReductionError(
-            "surfaces slide along each other where the shape changes, and contact conditions outside the RID act on it "
-            "at some shapes: narrow the box of the shapes, add layers, or condense, hhr.condense(scene)"
+            "surfaces slide along each other where the shape changes, and contact conditions "
+            "outside the RID act on it at some shapes: narrow the box of the shapes, add layers, "
+            "or condense, hhr.condense(scene)"
         )
     touched = np.unique(problem.contact[sets.A_lambda].indices).astype(np.int64)
     return replace(sets, A_c=np.intersect1d(touched, sets.A), A_c_tilde=touched)

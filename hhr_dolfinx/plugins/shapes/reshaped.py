@@ -15,7 +15,13 @@ from scipy.sparse import csr_matrix
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.errors import NotOfferedError, PairingWarning, ParameterError, SceneError, ShapeError
+from hhr_dolfinx.errors import (
+    NotOfferedError,
+    PairingWarning,
+    ParameterError,
+    SceneError,
+    ShapeError,
+)
 from hhr_dolfinx.formulas import box_samples, coordinate_names
 from hhr_dolfinx.full_order.checks import FOLDED, jacobians_of
 from hhr_dolfinx.full_order.still import StillMesh
@@ -44,20 +50,25 @@ MOST_BYTES = 5e8
 TRIED = 32
 """Number of points, in addition to the corners of the box, at which maps are checked."""
 CORNERS = 33
-"""Most shapes at which it is looked which nodes face each other, the middle of the box and corners of it."""
+"""Most shapes at which it is looked which nodes face each other, the middle of the box and corners
+of it.
+"""
 
 
 DIFFERENCE = 1e-5
-"""Part of the box by which a mesh is displaced for finite differences: their error is its square, and for smaller ones
-round-off of the assembly dominates."""
+"""Part of the box by which a mesh is displaced for finite differences: their error is its square,
+and for smaller ones round-off of the assembly dominates.
+"""
 
 
 def stiffness_degree(cell: str, hypothesis: str, order: int = 1) -> int:
-    """Degree of the rule of the stiffness for shapes that depend on parameters, in the full and in reduced models.
+    """Degree of the rule of the stiffness for shapes that depend on parameters, in the full and in
+    reduced models.
 
-    On simplices the strain has a degree one below the displacement; in axisymmetry they use more points, for weights
-    1 / r. Other cells use one point more than their order along each axis, the usual full integration: exact on
-    parallelograms and parallelepipeds. All weights are positive: the rule of degree 3 on tetrahedra has a negative one.
+    On simplices the strain has a degree one below the displacement; in axisymmetry they use more
+    points, for weights 1 / r. Other cells use one point more than their order along each axis, the
+    usual full integration: exact on parallelograms and parallelepipeds. All weights are positive:
+    the rule of degree 3 on tetrahedra has a negative one.
     """
     if cell in SIMPLICES:
         return max(1, 2 * order - 2) if hypothesis != "axisymmetric" else 2 * order + 2
@@ -65,24 +76,39 @@ def stiffness_degree(cell: str, hypothesis: str, order: int = 1) -> int:
 
 
 class ReassembledSystem(System):
-    """Assembled on the mesh of each point, with other rows and gaps; ``problem.reshaped`` has its parts."""
+    """Assembled on the mesh of each point, with other rows and gaps.
+
+    ``problem.reshaped`` has its parts.
+    """
 
     def parts(self) -> Parts:
         """See :class:`System`."""
         return self.problem.moduli, self.problem.stiffness_terms
 
-    def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
+    def equations(
+        self, point: np.ndarray, theta: Theta
+    ) -> tuple[ContactProblem, Stiffness, np.ndarray]:
         """See :class:`System`."""
         problem = self.problem.at(point)
-        return problem, self.made(problem.own_stiffness, problem), problem.loads[problem.rows] @ theta
+        return (
+            problem,
+            self.made(problem.own_stiffness, problem),
+            problem.loads[problem.rows] @ theta,
+        )
 
-    def explicit(self, point: np.ndarray, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See :class:`System`; by central differences of the equations on slightly displaced meshes."""
+    def explicit(
+        self, point: np.ndarray, forces: np.ndarray, unknown: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """See :class:`System`; by central differences of the equations on slightly displaced
+        meshes.
+        """
 
         def residual_and_slack(displaced: np.ndarray) -> np.ndarray:
             problem = self.problem.at(displaced)
             theta = problem.amplitudes(displaced)
-            residual = problem.stiffness @ unknown + problem.contact.T @ forces - problem.loads @ theta
+            residual = (
+                problem.stiffness @ unknown + problem.contact.T @ forces - problem.loads @ theta
+            )
             return np.append(residual, problem.gaps @ theta - problem.contact @ unknown)
 
         found = self.problem.parameters.differences(residual_and_slack, point, DIFFERENCE)
@@ -92,9 +118,9 @@ class ReassembledSystem(System):
 class Reshaped(StillMesh):
     """Deforms the mesh of a scene and assembles its problem again; serial.
 
-    See :class:`~hhr_dolfinx.contact.problem.Reshaping`. The discretisation owns the mesh, which has the shape of the
-    middle of the box outside of evaluations. SceneError for maps that tear bodies apart or invert cells somewhere in
-    the parameter range.
+    See :class:`~hhr_dolfinx.contact.problem.Reshaping`. The discretisation owns the mesh, which has
+    the shape of the middle of the box outside of evaluations. SceneError for maps that tear bodies
+    apart or invert cells somewhere in the parameter range.
     """
 
     interpolated_outputs = staticmethod(reshaped_functionals)
@@ -102,20 +128,28 @@ class Reshaped(StillMesh):
     def __init__(self, discretisation: Any):
         scene = discretisation.scene
         if discretisation.group.size > 1:
-            raise SceneError(f"the shape of scene '{scene.name}' depends on parameters: build its model on one rank")
+            raise SceneError(
+                f"the shape of scene '{scene.name}' depends on parameters: build its model on one "
+                "rank"
+            )
         self._owner = discretisation
         self._lock = RLock()
         names = scene.parameters.names
         used = set().union(*(shape.variables for shape in scene.shapes))
         self.axes = tuple(place for place, name in enumerate(names) if name in used)
         self.described = "; ".join(
-            f"{shape.tag}: " + ", ".join(formula.text for formula in shape.coordinates) for shape in scene.shapes
+            f"{shape.tag}: " + ", ".join(formula.text for formula in shape.coordinates)
+            for shape in scene.shapes
         )
         mesh = discretisation.mesh
         self._cells = compat.geometry_dofmap(mesh)
-        self.reference = mesh.geometry.x.copy()  # of the nodes of the geometry in the mesh of the scene, (nodes, 3)
+        self.reference = (
+            mesh.geometry.x.copy()
+        )  # of the nodes of the geometry in the mesh of the scene, (nodes, 3)
         # numbers of the nodes that each shape moves
-        self.nodes = [np.unique(self._cells[discretisation.cells_of(shape.tag)]) for shape in scene.shapes]
+        self.nodes = [
+            np.unique(self._cells[discretisation.cells_of(shape.tag)]) for shape in scene.shapes
+        ]
         self._check_box()
         self._middle = scene.parameters.middle
         mesh.geometry.x[:] = self.coordinates(self._middle)
@@ -133,11 +167,14 @@ class Reshaped(StillMesh):
         seen = np.zeros(len(coordinates), dtype=bool)
         for shape, nodes in zip(scene.shapes, self.nodes, strict=True):
             there = shape.moved(self.reference[nodes, :dim], names, values)
-            both = seen[nodes] & (np.abs(coordinates[nodes, :dim] - there).max(axis=1) > CLOSE * size)
+            both = seen[nodes] & (
+                np.abs(coordinates[nodes, :dim] - there).max(axis=1) > CLOSE * size
+            )
             if both.any():
                 raise SceneError(
-                    f"the shape of body {shape.tag} tears it from its neighbour, at {self.reference[nodes][both][0]}: "
-                    "two bodies that share nodes must move them alike"
+                    f"the shape of body {shape.tag} tears it from its neighbour, at "
+                    f"{self.reference[nodes][both][0]}: two bodies that share nodes must move "
+                    "them alike"
                 )
             coordinates[nodes, :dim] = there
             seen[nodes] = True
@@ -153,10 +190,14 @@ class Reshaped(StillMesh):
         places = compat.nodes_of_cell(kind, self._owner.order)[count:]
         weights = compat.shape_functions(kind, places)[0]
         most = round(1 / weights[weights > CLOSE].min())
-        between = np.array([np.repeat(np.arange(count), np.round(row * most).astype(int)) for row in weights])
+        between = np.array(
+            [np.repeat(np.arange(count), np.round(row * most).astype(int)) for row in weights]
+        )
         nodes, first = np.unique(cells[:, count:], return_index=True)
         cell, place = np.divmod(first, len(places))
-        return Middles(nodes.astype(np.int64), cells[cell[:, None], between[place]].astype(np.int64))
+        return Middles(
+            nodes.astype(np.int64), cells[cell[:, None], between[place]].astype(np.int64)
+        )
 
     def moving_cells(self, cells: np.ndarray, mean_dilatation: bool) -> MovingCells:
         """Cells, by their numbers, as arrays."""
@@ -165,17 +206,23 @@ class Reshaped(StillMesh):
         scene = discretisation.scene
         kind = mesh.topology.cell_name()
         space = discretisation.space
-        middle = compat.interpolation_points(fem.functionspace(mesh, ("Discontinuous Lagrange", 0)).element)
+        middle = compat.interpolation_points(
+            fem.functionspace(mesh, ("Discontinuous Lagrange", 0)).element
+        )
         points, weights = compat.quadrature(kind, degree_of(discretisation))
         # displacement and geometry have the same shape functions, with the same middles
-        values, slopes = compat.shape_functions(kind, np.vstack([middle, points]), discretisation.order)
+        values, slopes = compat.shape_functions(
+            kind, np.vstack([middle, points]), discretisation.order
+        )
         nodes, cells_here = np.unique(space.dofmap.list[cells], return_inverse=True)
         cells_here = cells_here.reshape(len(cells), -1).astype(np.int64)
         geometry = compat.geometry_dofmap(mesh)[cells]
         of_geometry = np.full(nodes.size, -1)
         of_geometry[cells_here[:, : geometry.shape[1]]] = geometry
         moves = [np.isin(of_geometry, own) for own in self.nodes]
-        given = [(shape, mask) for shape, mask in zip(scene.shapes, moves, strict=True) if mask.any()]
+        given = [
+            (shape, mask) for shape, mask in zip(scene.shapes, moves, strict=True) if mask.any()
+        ]
         selected = slice(1, None) if mean_dilatation else slice(1, 1)
         return MovingCells(
             shapes=tuple(shape for shape, _ in given),
@@ -209,7 +256,8 @@ class Reshaped(StillMesh):
     def __call__(self, point: np.ndarray) -> ContactProblem:
         """The problem at a point, (P,), its conditions in the order of the base problem.
 
-        ShapeError if other nodes are in contact there, or the boundary of a partial pressure is displaced.
+        ShapeError if other nodes are in contact there, or the boundary of a partial pressure is
+        displaced.
         """
         return self._kept(point[list(self.axes)].tobytes())
 
@@ -225,16 +273,20 @@ class Reshaped(StillMesh):
     def attached(self, problem: ContactProblem) -> ContactProblem:
         """Attach the base problem, that of the middle of the box, whose order the others have.
 
-        SceneError if contact alone holds a body whose shape depends on parameters, for a law that reads areas on its
-        surface, and for constraints whose coefficients change with it.
+        SceneError if contact alone holds a body whose shape depends on parameters, for a law that
+        reads areas on its surface, and for constraints whose coefficients change with it.
         """
         self._check_held(problem)
         self._check_areas(problem)
         self._base = replace(problem, reshaped=self)
         springs = self._owner.springs
         self._springs = None if springs is None else springs != 0
-        terms = sum(term.data.nbytes for term in problem.stiffness_terms) + problem.node_mass.data.nbytes
-        # tables of forces, fields and outputs use the same shapes, which take seconds to assemble and to pair
+        terms = (
+            sum(term.data.nbytes for term in problem.stiffness_terms)
+            + problem.node_mass.data.nbytes
+        )
+        # tables of forces, fields and outputs use the same shapes, which take seconds to assemble
+        # and to pair
         self._kept = lru_cache(maxsize=max(1, int(MOST_BYTES / terms)))(self._assembled)
         self._check_constraints(problem)
         return self._base
@@ -247,12 +299,15 @@ class Reshaped(StillMesh):
         moved = np.repeat(self._moving_nodes(), problem.block_size)
         if (moved & (rigid > CLOSE * rigid.max())).any():
             raise SceneError(
-                f"contacts that alone hold a body of scene '{self._owner.scene.name}' act on one whose shape depends "
-                "on parameters: that is built in for bodies that keep their shape"
+                f"contacts that alone hold a body of scene '{self._owner.scene.name}' act on one "
+                "whose shape depends on parameters: that is built in for bodies that keep their "
+                "shape"
             )
 
     def _check_constraints(self, problem: ContactProblem) -> None:
-        """Raise SceneError for constraints whose coefficients depend on shapes, by the shape of a corner of the box."""
+        """Raise SceneError for constraints whose coefficients depend on shapes, by the shape of a
+        corner of the box.
+        """
         coupling = problem.prolongation.map
         moved = np.repeat(self._moving_nodes(), problem.block_size)
         if coupling is not None and (moved & _coupled(coupling)).any():
@@ -267,12 +322,15 @@ class Reshaped(StillMesh):
             return
         if not np.array_equal(springs != 0, self._springs):
             raise ShapeError(
-                f"at {problem.parameters.described(point)} springs are at other nodes than in the middle of the box: "
-                "their places move with the shape. Name them by a facet tag, or by places that stay"
+                f"at {problem.parameters.described(point)} springs are at other nodes than in the "
+                "middle of the box: their places move with the shape. Name them by a facet tag, "
+                "or by places that stay"
             )
 
     def _check_areas(self, problem: ContactProblem) -> None:
-        """A law that reads areas keeps those of one shape: slave surfaces with such a law must keep theirs."""
+        """A law that reads areas keeps those of one shape: slave surfaces with such a law must keep
+        theirs.
+        """
         law = problem.law
         if not law.plugin or law.reshapes:
             return
@@ -281,9 +339,9 @@ class Reshaped(StillMesh):
         slaves = problem.contact_slaves[np.isin(problem.contact_pairs, with_law)]
         if self._moving_nodes()[slaves].any():
             raise SceneError(
-                f"contacts of scene '{scene.name}' have {law.name}, which reads the areas of slave nodes, and these "
-                "are on a body whose shape depends on parameters: areas of one shape are kept. Make the surface of "
-                "the body that keeps its shape the slave"
+                f"contacts of scene '{scene.name}' have {law.name}, which reads the areas of "
+                "slave nodes, and these are on a body whose shape depends on parameters: areas of "
+                "one shape are kept. Make the surface of the body that keeps its shape the slave"
             )
 
     def touching(self) -> ContactProblem:
@@ -297,12 +355,18 @@ class Reshaped(StillMesh):
         return replace(self._base, contact=csr_matrix(total))
 
     def check_still(self, what: str, nodes: np.ndarray, terms: Sequence[Term]) -> None:
-        """Raise NotOfferedError for terms of gaps that know places of nodes, (n,), if a shape moves these."""
-        if any(hasattr(term.amplitude, "points") for term in terms) and self._moving_nodes()[nodes].any():
+        """Raise NotOfferedError for terms of gaps that know places of nodes, (n,), if a shape moves
+        these.
+        """
+        if (
+            any(hasattr(term.amplitude, "points") for term in terms)
+            and self._moving_nodes()[nodes].any()
+        ):
             raise NotOfferedError(
-                f"{what} of scene '{self._owner.scene.name}' is with a curved obstacle whose place or size depends on "
-                "parameters, and its surface moves with a shape, on which its gaps depend in another way: give the "
-                "obstacle numbers, or move it past a body that keeps its shape"
+                f"{what} of scene '{self._owner.scene.name}' is with a curved obstacle whose "
+                "place or size depends on parameters, and its surface moves with a shape, on "
+                "which its gaps depend in another way: give the obstacle numbers, or move it past "
+                "a body that keeps its shape"
             )
 
     def _moving_nodes(self) -> np.ndarray:
@@ -327,41 +391,61 @@ class Reshaped(StillMesh):
         fault = self._fault(self.coordinates(point), point)
         if fault:
             raise ShapeError(fault)
-        with self.at(point), ignored(PairingWarning):  # the warning was shown when the model was built
+        with (
+            self.at(point),
+            ignored(PairingWarning),
+        ):  # the warning was shown when the model was built
             problem = self._owner.contact_problem(*self._owner.stiffness_terms())
             self._check_springs(problem, point)
         assert self._base is not None
         return self._ordered(problem, self._base, point)
 
-    def _ordered(self, problem: ContactProblem, base: ContactProblem, point: np.ndarray) -> ContactProblem:
+    def _ordered(
+        self, problem: ContactProblem, base: ContactProblem, point: np.ndarray
+    ) -> ContactProblem:
         """Sort rows by their slave node: a pairing may order them differently for another shape."""
         keys = [np.lexsort((item.contact_slaves, item.contact_pairs)) for item in (base, problem)]
         pairs = zip(keys, (base, problem), strict=True)
-        same = [np.column_stack([item.contact_slaves, item.contact_pairs])[key] for key, item in pairs]
+        same = [
+            np.column_stack([item.contact_slaves, item.contact_pairs])[key] for key, item in pairs
+        ]
         if not np.array_equal(same[0], same[1]):
             raise ShapeError(
-                f"at {base.parameters.described(point)} other nodes are in contact than in the middle of the box: the "
-                "shape changes which surfaces face each other. Narrow the box, or tag surfaces that face in all of it"
+                f"at {base.parameters.described(point)} other nodes are in contact than in the "
+                "middle of the box: the shape changes which surfaces face each other. Narrow the "
+                "box, or tag surfaces that face in all of it"
             )
         if not _alike(base.prolongation.map, problem.prolongation.map):
             raise ShapeError(
-                f"at {base.parameters.described(point)} coefficients of constraints are others than in the middle of "
-                "the box: means over surfaces, and rigid motions, change with the shape of their bodies. That is built "
-                "in for bodies that keep their shape, and for equations between dofs"
+                f"at {base.parameters.described(point)} coefficients of constraints are others "
+                "than in the middle of the box: means over surfaces, and rigid motions, change "
+                "with the shape of their bodies. That is built in for bodies that keep their "
+                "shape, and for equations between dofs"
             )
-        for before, after in zip(base.amplitudes.nonaffine, problem.amplitudes.nonaffine, strict=True):
+        for before, after in zip(
+            base.amplitudes.nonaffine, problem.amplitudes.nonaffine, strict=True
+        ):
             line, other = (getattr(item, "positions", None) for item in (before, after))
             if line is not None and other is not None and not np.allclose(line, other, rtol=1e-12):
                 raise ShapeError(
-                    "the line of a partial pressure moves with the shape: press on a surface that does not, or on all"
+                    "the line of a partial pressure moves with the shape: press on a surface that "
+                    "does not, or on all"
                 )
         order = np.empty(len(problem.gaps), dtype=np.int64)
         order[keys[0]] = keys[1]
-        rows = "contact whole_contact gaps contact_slaves contact_pairs contact_points contact_areas"
+        rows = (
+            "contact whole_contact gaps contact_slaves contact_pairs contact_points contact_areas"
+        )
         ordered = {name: getattr(problem, name)[order] for name in rows.split()}
         shares = None if problem.shares is None else problem.shares.ordered(order)
-        found = replace(problem, **ordered | {"gaps": np.asfortranarray(ordered["gaps"])}, shares=shares)
-        return found if base.kernel is None else replace(found, kernel=base.kernel.at(found), law=base.law)
+        found = replace(
+            problem, **ordered | {"gaps": np.asfortranarray(ordered["gaps"])}, shares=shares
+        )
+        return (
+            found
+            if base.kernel is None
+            else replace(found, kernel=base.kernel.at(found), law=base.law)
+        )
 
     def _check_box(self) -> None:
         """Raise SceneError for maps that invert a cell in a corner of the box or between."""
@@ -371,15 +455,18 @@ class Reshaped(StillMesh):
                 coordinates = self.coordinates(point)
             except ParameterError as error:
                 raise SceneError(
-                    f"a shape of scene '{scene.name}' at {scene.parameters.described(point)}: {error}. Give the table "
-                    "further points, or narrow the box"
+                    f"a shape of scene '{scene.name}' at {scene.parameters.described(point)}: "
+                    f"{error}. Give the table further points, or narrow the box"
                 ) from None
             fault = self._fault(coordinates, point)
             if fault:
                 raise SceneError(fault)
 
     def _fault(self, coordinates: np.ndarray, point: np.ndarray) -> str:
-        """Message about invalid cells with nodes at some coordinates at a point; empty if all are valid."""
+        """Message about invalid cells with nodes at some coordinates at a point.
+
+        Empty if all are valid.
+        """
         scene = self._owner.scene
         dim = self._owner.mesh.geometry.dim
         corners = coordinates[self._cells][:, :, :dim]
@@ -387,15 +474,17 @@ class Reshaped(StillMesh):
         if not np.isfinite(corners).all():
             return f"a shape of scene '{scene.name}' is not finite at {where}: check its formulas"
         mesh = self._owner.mesh
-        sign = np.sign(jacobians_of(mesh, self.reference[self._cells][:, :, :dim]).mean(axis=1))[:, None]
+        sign = np.sign(jacobians_of(mesh, self.reference[self._cells][:, :, :dim]).mean(axis=1))[
+            :, None
+        ]
         jacobians = jacobians_of(mesh, corners) * sign
         bad = np.flatnonzero(jacobians.min(axis=1) <= FOLDED * np.abs(jacobians).max(axis=1))
         if not bad.size:
             return ""
         place = self.reference[self._cells[bad[0]]].mean(axis=0)[:dim].tolist()
         return (
-            f"a shape of scene '{scene.name}' turns {bad.size} cells inside out at {where}, e.g. around {place}: "
-            "narrow the box, or move the nodes around it too"
+            f"a shape of scene '{scene.name}' turns {bad.size} cells inside out at {where}, e.g. "
+            f"around {place}: narrow the box, or move the nodes around it too"
         )
 
 

@@ -1,7 +1,8 @@
-"""Bodies whose shape depends on parameters: a smooth map of a fixed mesh, as formulas of coordinates and parameters.
+"""Bodies whose shape depends on parameters: a smooth map of a fixed mesh, as formulas of
+coordinates and parameters.
 
-The mesh keeps its nodes, cells and tags; only coordinates change. A map is data, so that a reduced model can map its
-nodes without a mesh.
+The mesh keeps its nodes, cells and tags; only coordinates change. A map is data, so that a reduced
+model can map its nodes without a mesh.
 """
 
 from __future__ import annotations
@@ -22,8 +23,8 @@ class Shape:
 
     Attributes:
         tag: cell tag of the body.
-        coordinates: one formula for each coordinate, named x, y, z, in axisymmetry r, z: a body that is ``t`` times as
-            high is ``("x", "t * y")``.
+        coordinates: one formula for each coordinate, named x, y, z, in axisymmetry r, z: a body
+            that is ``t`` times as high is ``("x", "t * y")``.
 
     Example:
         >>> Shape(1, ("x", "y * (1 + c * x**2)")).coordinates[0].text
@@ -36,24 +37,32 @@ class Shape:
     def __post_init__(self) -> None:
         check_tag("shape", self.tag)
         given = as_tuple(f"coordinates of the shape of body {self.tag}", self.coordinates)
-        formulas = tuple(formula_of(item, f"a coordinate of the shape of body {self.tag}") for item in given)
+        formulas = tuple(
+            formula_of(item, f"a coordinate of the shape of body {self.tag}") for item in given
+        )
         object.__setattr__(self, "coordinates", formulas)
 
     def check(self, parameters: ParameterSpace, hypothesis: str) -> None:
-        """Raise SceneError for missing formulas, and for names that are neither parameters nor coordinates."""
+        """Raise SceneError for missing formulas, and for names that are neither parameters nor
+        coordinates.
+        """
         names = coordinate_names(hypothesis)
         if len(self.coordinates) != len(names):
             raise SceneError(
-                f"the shape of body {self.tag} has {len(self.coordinates)} formulas: one for each of {names} is needed"
+                f"the shape of body {self.tag} has {len(self.coordinates)} formulas: one for each "
+                f"of {names} is needed"
             )
         clash = set(names) & set(parameters.names)
         if clash:
-            raise SceneError(f"parameters {sorted(clash)} have the names of coordinates: rename them, shapes use both")
+            raise SceneError(
+                f"parameters {sorted(clash)} have the names of coordinates: rename them, shapes "
+                "use both"
+            )
         unknown = self.variables - set(names) - set(parameters.names)
         if unknown:
             raise SceneError(
-                f"the shape of body {self.tag} names {sorted(unknown)}: coordinates are {names}, parameters "
-                f"{parameters.names}"
+                f"the shape of body {self.tag} names {sorted(unknown)}: coordinates are {names}, "
+                f"parameters {parameters.names}"
             )
 
     @property
@@ -61,7 +70,9 @@ class Shape:
         """All names in the formulas."""
         return {name for formula in self.coordinates for name in formula.variables}
 
-    def moved(self, points: np.ndarray, names: Sequence[str], values: dict[str, float]) -> np.ndarray:
+    def moved(
+        self, points: np.ndarray, names: Sequence[str], values: dict[str, float]
+    ) -> np.ndarray:
         """New coordinates of points, (n, dim), for parameters by name."""
         given = {**values, **dict(zip(names, points.T, strict=True))}
         with np.errstate(all="ignore"):  # the check of the mesh refuses non-finite coordinates

@@ -14,7 +14,9 @@ if TYPE_CHECKING:
 
 
 def shape(draft: Draft, neutral: bool) -> Draft:
-    """A crown of the lower block; on distorted quadrilaterals the rules of shapes and of constant bodies differ."""
+    """A crown of the lower block; on distorted quadrilaterals the rules of shapes and of constant
+    bodies differ.
+    """
     draft = (draft.of_simplices() if neutral else draft).with_parameter(
         "crown", -0.007, 0.01, 0.0 if neutral else 0.006
     )

@@ -1,4 +1,6 @@
-"""Contacts that share nodes: a condition that several of them state is one, with the sum of their areas."""
+"""Contacts that share nodes: a condition that several of them state is one, with the sum of their
+areas.
+"""
 
 from hhr_dolfinx.registry import Plugin
 

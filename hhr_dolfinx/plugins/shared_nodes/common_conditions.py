@@ -1,12 +1,14 @@
 """Conditions that several contacts state together: one row with the sum of their areas.
 
-Two contacts whose surfaces share a node each state its condition, on the part of its area that is theirs. The contact
-force of the node is one unknown, so the condition is one too: a multiplier function is the sum of its parts on both
-surfaces, as if they had one tag (B. Wohlmuth, SIAM J. Numer. Anal. 38, 2000, for mortar contact). Conditions are one
+Two contacts whose surfaces share a node each state its condition, on the part of its area that is
+theirs. The contact force of the node is one unknown, so the condition is one too: a multiplier
+function is the sum of its parts on both surfaces, as if they had one tag (B. Wohlmuth, SIAM J.
+Numer. Anal. 38, 2000, for mortar contact). Conditions are one
 
-* if their rows of B T are the same, as of nodes that face each other in two contacts, or that a tie makes one;
-* if their slave nodes are one, their normals too, and they touch the same body, which a mortar row of each part
-  averages in another way.
+* if their rows of B T are the same, as of nodes that face each other in two contacts, or that a tie
+  makes one;
+* if their slave nodes are one, their normals too, and they touch the same body, which a mortar row
+  of each part averages in another way.
 
 Conditions on two bodies stay two, and so do those on planes with different normals.
 """
@@ -36,7 +38,9 @@ if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discretisation import Discretisation
 
 ALIKE = 1e-6
-"""Distance of gaps over the size of the mesh, and of rows of B T over theirs, up to which conditions are the same."""
+"""Distance of gaps over the size of the mesh, and of rows of B T over theirs, up to which
+conditions are the same.
+"""
 GROUND = -1
 """Number of the body behind obstacles."""
 TRIED = 8
@@ -62,8 +66,9 @@ def joined(
 ) -> tuple[ContactRows, np.ndarray, np.ndarray, Shares | None]:
     """The tool ``shared_nodes``: conditions of several contacts on the same nodes, (n,), are one.
 
-    ``stated`` are the rows, the contact of each, (m,), and the gaps that openings add, (m, 1 + T). Returned are those
-    of the joined conditions, and the shares of contacts, None if no condition is that of several.
+    ``stated`` are the rows, the contact of each, (m,), and the gaps that openings add, (m, 1 + T).
+    Returned are those of the joined conditions, and the shares of contacts, None if no condition is
+    that of several.
 
     Raises:
         SceneError: for contacts whose laws or openings differ on a common condition.
@@ -87,7 +92,9 @@ class CommonConditions:
     surface: Callable[[Tag], Surface]
 
     def joined(self) -> tuple[Conditions, Shares | None]:
-        """The conditions, with one of those that several contacts state; no shares if there are none.
+        """The conditions, with one of those that several contacts state.
+
+        No shares if there are none.
 
         Raises:
             SceneError: for contacts whose laws or openings differ on a common condition.
@@ -97,7 +104,9 @@ class CommonConditions:
             return self.given, None
         given = self.given
         m = given.pairs.size
-        count, label = connected_components(csr_matrix((np.ones(one.size), (one, other)), shape=(m, m)), directed=False)
+        count, label = connected_components(
+            csr_matrix((np.ones(one.size), (one, other)), shape=(m, m)), directed=False
+        )
         _, first, label = np.unique(label, return_index=True, return_inverse=True)
         areas = self._areas(label)
         sums = np.bincount(label, areas)
@@ -132,7 +141,9 @@ class CommonConditions:
         return normals_of(self.given.rows.matrix, self.given.rows.slaves, self._dim)
 
     def _aligned(self, first: np.ndarray) -> np.ndarray:
-        """Normals of all conditions; that of the ``first``, (m,), where slave and master change their roles."""
+        """Normals of all conditions; that of the ``first``, (m,), where slave and master change
+        their roles.
+        """
         own = self._normals
         turned = np.einsum("md,md->m", own, own[first]) < 0.0
         return np.where(turned[:, None], own[first], own)
@@ -142,7 +153,9 @@ class CommonConditions:
         pairs = self.given.pairs
         entries = self._acting.tocoo()
         shape = pairs.size, self._acting.shape[1] // self._dim
-        nodes = csr_matrix((np.ones(entries.nnz), (entries.row, entries.col // self._dim)), shape=shape)
+        nodes = csr_matrix(
+            (np.ones(entries.nnz), (entries.row, entries.col // self._dim)), shape=shape
+        )
         nodes.data[:] = 1.0
         nodes = csr_matrix(nodes[:, self.nodes])
         touched = np.flatnonzero(np.diff(nodes.indptr))
@@ -162,23 +175,33 @@ class CommonConditions:
         off = acting[one] - acting[other]
         same = np.asarray(off.multiply(off).sum(axis=1)).ravel() <= ALIKE**2 * size[one]
         alike = same | self._of_one_slave(one, other)
-        length = max(np.ptp(rows.points, axis=0).max(initial=0.0), np.abs(rows.gap).max(initial=0.0))
+        length = max(
+            np.ptp(rows.points, axis=0).max(initial=0.0), np.abs(rows.gap).max(initial=0.0)
+        )
         step = np.abs(rows.gap[one] - rows.gap[other]) > ALIKE * length
         for k in np.flatnonzero(alike).tolist():
             bodies = [self._touched(row) for row in (one[k], other[k])]
             # of one row with two gaps the smaller one holds, as on a step of the ground
-            alike[k] = not step[k] if same[k] or GROUND in bodies[0] else bool(bodies[0] & bodies[1])
+            alike[k] = (
+                not step[k] if same[k] or GROUND in bodies[0] else bool(bodies[0] & bodies[1])
+            )
             alike[k] &= self._agree(one[k], other[k], length)
         return one[alike], other[alike]
 
     def _of_one_slave(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
         """Pairs of conditions, (k,), whose slave nodes and normals are one, (k,) bool."""
         # nodes that constraints make one have the same rows of T
-        known = self.prolongation.prolong(np.random.default_rng(0).standard_normal(self._acting.shape[1]))
+        known = self.prolongation.prolong(
+            np.random.default_rng(0).standard_normal(self._acting.shape[1])
+        )
         at_slaves = known.reshape(-1, self._dim)[self.given.rows.slaves]
-        node = np.abs(at_slaves[one] - at_slaves[other]).max(axis=1) <= ALIKE * np.abs(at_slaves[one]).max(axis=1)
+        node = np.abs(at_slaves[one] - at_slaves[other]).max(axis=1) <= ALIKE * np.abs(
+            at_slaves[one]
+        ).max(axis=1)
         cosines = np.einsum("kd,kd->k", self._normals[one], self._normals[other])
-        averages = np.array([getattr(item, "normal", ()) is None for item in self.given.scene.contacts])
+        averages = np.array(
+            [getattr(item, "normal", ()) is None for item in self.given.scene.contacts]
+        )
         averages = averages[self.given.pairs]
         return node & (cosines >= np.where(averages[one] & averages[other], CREASE, 1.0 - ALIKE**2))
 
@@ -221,8 +244,9 @@ class CommonConditions:
         elif given.scene.laws[given.pairs[one]] == given.scene.laws[given.pairs[other]]:
             return True
         raise SceneError(
-            f"{self._named(one)} and {self._named(other)} share the node at {rounded(given.rows.points[one])}, whose "
-            f"condition is one, and their {differ} differ: give both the same, or let one surface end before that node"
+            f"{self._named(one)} and {self._named(other)} share the node at "
+            f"{rounded(given.rows.points[one])}, whose condition is one, and their {differ} "
+            "differ: give both the same, or let one surface end before that node"
         )
 
     def _named(self, condition: int) -> str:
@@ -230,12 +254,16 @@ class CommonConditions:
         return f"contact {number} of {', '.join(map(str, self.given.scene.contacts[number].tags))}"
 
     def _areas(self, label: np.ndarray) -> np.ndarray:
-        """Area of each condition, (m,); conditions of one slave surface have no more than its area together."""
+        """Area of each condition, (m,); conditions of one slave surface have no more than its area
+        together.
+        """
         given = self.given
         areas = given.rows.areas.copy()
         first_tags = [item.tags[0] for item in given.scene.contacts]
         tags = np.array([first_tags.index(tag) for tag in first_tags])[given.pairs]
-        _, group, sizes = np.unique(label * len(first_tags) + tags, return_inverse=True, return_counts=True)
+        _, group, sizes = np.unique(
+            label * len(first_tags) + tags, return_inverse=True, return_counts=True
+        )
         for tag in np.unique(tags[sizes[group] > 1]).tolist():
             surface = self.surface(first_tags[tag])
             for number in np.unique(group[(sizes[group] > 1) & (tags == tag)]).tolist():
@@ -248,7 +276,9 @@ class CommonConditions:
     def _shares_of_nodes(
         self, common: np.ndarray, label: np.ndarray, parts: np.ndarray, normals: np.ndarray
     ) -> csr_matrix:
-        """Share of common conditions, (s,), in the entries of the joined rows at each node, (s, nodes)."""
+        """Share of common conditions, (s,), in the entries of the joined rows at each node, (s,
+        nodes).
+        """
         entries = self.given.rows.matrix[common].tocoo()
         row = common[entries.row]
         weights = parts[row] * entries.data * normals[label[row], entries.col % self._dim]
@@ -274,5 +304,9 @@ def _along(matrix: csr_matrix, normals: np.ndarray, turned: np.ndarray) -> csr_m
     nodes = csr_matrix((weights, (entries.row, entries.col // dim)), shape=shape).tocoo()
     columns = nodes.col[:, None] * dim + np.arange(dim)
     values = nodes.data[:, None] * normals[nodes.row]
-    straight = csr_matrix((values.ravel(), (np.repeat(nodes.row, dim), columns.ravel())), shape=matrix.shape)
-    return csr_matrix(diags((~turned).astype(float)) @ matrix + diags(turned.astype(float)) @ straight)
+    straight = csr_matrix(
+        (values.ravel(), (np.repeat(nodes.row, dim), columns.ravel())), shape=matrix.shape
+    )
+    return csr_matrix(
+        diags((~turned).astype(float)) @ matrix + diags(turned.astype(float)) @ straight
+    )

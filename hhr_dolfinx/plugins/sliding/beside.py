@@ -1,4 +1,6 @@
-"""Curved tools beside surfaces that slide: their rows are those of the mesh, and hold as long as bodies stay there."""
+"""Curved tools beside surfaces that slide: their rows are those of the mesh, and hold as long as
+bodies stay there.
+"""
 
 from __future__ import annotations
 
@@ -34,10 +36,12 @@ class BesideTools:
             yield "facets beside tools have no width"
 
     def check(self, forces: np.ndarray, motion: np.ndarray, largest: float, place: str) -> bool:
-        """Warn, and return True, if a condition under load has moved along its tool by more than a facet.
+        """Warn, and return True, if a condition under load has moved along its tool by more than a
+        facet.
 
-        ``forces`` are those of the base, (m,), and ``motion`` is that along the tangents of each condition, (c, dim-1).
-        The ``largest`` norm of forces so far is their unit, and ``place`` is the parameter, in words.
+        ``forces`` are those of the base, (m,), and ``motion`` is that along the tangents of each
+        condition, (c, dim-1). The ``largest`` norm of forces so far is their unit, and ``place`` is
+        the parameter, in words.
 
         Warns:
             FarSlidingWarning: with the condition that has moved farthest.
@@ -49,9 +53,10 @@ class BesideTools:
         at = int(share.argmax())
         if is_first("far sliding along a tool"):
             warn(
-                f"at {place}: condition {self.conditions[at]} has moved by {way[at]:.3g} along a curved tool, "
-                f"{share[at]:.2g} facets, and its gap and normal are those of its place on the mesh. Make the tool a "
-                "body whose nodes are imposed, which hhr.slide pairs again",
+                f"at {place}: condition {self.conditions[at]} has moved by {way[at]:.3g} along a "
+                f"curved tool, {share[at]:.2g} facets, and its gap and normal are those of its "
+                "place on the mesh. Make the tool a body whose nodes are imposed, which hhr.slide "
+                "pairs again",
                 FarSlidingWarning,
             )
         return True

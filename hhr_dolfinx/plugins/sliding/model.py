@@ -1,4 +1,6 @@
-"""Model of bodies that slide past the mesh on which they were paired: its surfaces are paired again along a path."""
+"""Model of bodies that slide past the mesh on which they were paired: its surfaces are paired again
+along a path.
+"""
 
 from __future__ import annotations
 
@@ -23,23 +25,32 @@ if TYPE_CHECKING:
 
 ADVICE = {
     Status.SINGULAR: "rows are dependent where the surfaces have come to, or friction is too large",
-    Status.UNSETTLED: "friction is too large for one answer, or where surfaces touch changes with each pairing",
+    Status.UNSETTLED: (
+        "friction is too large for one answer, or where surfaces touch changes with each pairing"
+    ),
 }
 
 
 class SlidingModel(KeptModel):
     """Model for paths with sliding of any length; see :mod:`hhr_dolfinx.plugins.sliding.repairing`.
 
-    Forces of an answer, and its ``multipliers``, are those of the pairs that do not slide, if there are any, followed
-    by nodal ones on all dofs of the surfaces that slide. Its ``slip`` has pressures, slip, wear and sticking of the
-    slave nodes, pair by pair, followed by other contacts with friction. The ``base`` is full or condensed, with the
-    conditions of the pairs that do not slide, a row for each dof of the surfaces, and rows of the motion ``beside``
-    curved tools, without forces.
+    Forces of an answer, and its ``multipliers``, are those of the pairs that do not slide, if there
+    are any, followed by nodal ones on all dofs of the surfaces that slide. Its ``slip`` has
+    pressures, slip, wear and sticking of the slave nodes, pair by pair, followed by other contacts
+    with friction. The ``base`` is full or condensed, with the conditions of the pairs that do not
+    slide, a row for each dof of the surfaces, and rows of the motion ``beside`` curved tools,
+    without forces.
     """
 
     kept = ("base", "pairs", "law", "beside")
 
-    def __init__(self, base: CondensedModel, pairs: tuple[SlidingPair, ...], law: Friction, beside: BesideTools):
+    def __init__(
+        self,
+        base: CondensedModel,
+        pairs: tuple[SlidingPair, ...],
+        law: Friction,
+        beside: BesideTools,
+    ):
         self.base = base
         self.parameters = base.parameters
         self.fields = base.fields
@@ -51,12 +62,18 @@ class SlidingModel(KeptModel):
     def for_file(self) -> SlidingModel:
         """The model of plain data; NotOfferedError for a base of full order."""
         if not isinstance(self.base, KeptModel):
-            raise NotOfferedError(f"a {type(self).__name__} of the full order cannot be kept in a file: {self.instead}")
+            raise NotOfferedError(
+                f"a {type(self).__name__} of the full order cannot be kept in a file: "
+                f"{self.instead}"
+            )
         base = self.base.for_file()
         return self if base is self.base else self.changed(base=base)
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """Faults: contacts that are no slave nodes, and pairs that do not fit the base; the base reports its faults."""
+        """Faults: contacts that are no slave nodes, and pairs that do not fit the base.
+
+        The base reports its faults.
+        """
         contacts = sum(pair.slave.nodes.size for pair in self.pairs)
         along = contacts * (self.dimension - 1)
         first = kept = self.pairs[0].first
@@ -83,7 +100,9 @@ class SlidingModel(KeptModel):
         return self.base.sizes
 
     def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
-        """Compliance and free motion of all dofs of the surfaces, as rows that are no conditions yet."""
+        """Compliance and free motion of all dofs of the surfaces, as rows that are no conditions
+        yet.
+        """
         return self.base.contacts()
 
     def check_range(self, point: np.ndarray, outside: str) -> None:
@@ -91,7 +110,8 @@ class SlidingModel(KeptModel):
         self.base.check_range(point, outside)
 
     def pressures(self, answer: Answer) -> np.ndarray:
-        """Pressure forces of the slave nodes, (C,), followed by those of the pairs that do not slide.
+        """Pressure forces of the slave nodes, (C,), followed by those of the pairs that do not
+        slide.
 
         Forces of an answer have all directions, on both surfaces.
         """
@@ -105,8 +125,8 @@ class SlidingModel(KeptModel):
         """See :class:`AnsweringModel`; without derivatives."""
         if settings.gradient:
             raise NotOfferedError(
-                "derivatives of bodies that slide past their mesh are not built in: pairings change along a path. Take "
-                "differences of answers"
+                "derivatives of bodies that slide past their mesh are not built in: pairings "
+                "change along a path. Take differences of answers"
             )
         from hhr_dolfinx.plugins.sliding.repairing import RepairingSlider
 

@@ -1,13 +1,15 @@
-"""Histories of bodies that slide past the mesh on which they were paired: each increment pairs the surfaces again.
+"""Histories of bodies that slide past the mesh on which they were paired: each increment pairs the
+surfaces again.
 
-Strains and rotations are small, sliding is large. The compliance C between all dofs of the surfaces stays: their
-displacement is u = free - C f under nodal forces f. With the rows R of a pairing at the present position, contact is
-the problem
+Strains and rotations are small, sliding is large. The compliance C between all dofs of the surfaces
+stays: their displacement is u = free - C f under nodal forces f. With the rows R of a pairing at
+the present position, contact is the problem
 
     slack = gap + R (u_paired - free) + S x,      S = R C R^T,      f = R^T x,
 
-with the gap there. Tangential rows measure the slip since the increment before. An increment is paired first at the
-position of the free motion under the forces before, and again at the position of its solution.
+with the gap there. Tangential rows measure the slip since the increment before. An increment is
+paired first at the position of the free motion under the forces before, and again at the position
+of its solution.
 """
 
 from __future__ import annotations
@@ -41,11 +43,17 @@ SETTLED = 1e-3
 EXACTLY = 1e-7
 """The same if increments are cut by their errors: the error of pairing should be negligible."""
 FAR = 0.1
-"""Part of the smallest facet by which pairings that do not converge may differ: gaps differ by its square."""
+"""Part of the smallest facet by which pairings that do not converge may differ: gaps differ by its
+square.
+"""
 NO_EFFECT = 1e-9
-"""Part of the compliance of a contact below which that of its slip, or of its difference to another one, is none."""
+"""Part of the compliance of a contact below which that of its slip, or of its difference to another
+one, is none.
+"""
 IMPOSED = 1e-14
-"""Part of the largest compliance below which that of a contact is none: of a stiff body it may be as small as 1e-9."""
+"""Part of the largest compliance below which that of a contact is none: of a stiff body it may be
+as small as 1e-9.
+"""
 TOUCHING = 1e-9
 """Part of the size of surfaces up to which they touch."""
 APART = 10.0
@@ -66,7 +74,9 @@ def renumbered(surface: Surface, nodes: np.ndarray) -> Surface:
 
 
 def deformed(surface: Surface, displacement: np.ndarray) -> Surface:
-    """A surface in its deformed position, from the displacement of all nodes that its numbers refer to, (n, dim)."""
+    """A surface in its deformed position, from the displacement of all nodes that its numbers refer
+    to, (n, dim).
+    """
     points = surface.points + displacement[surface.nodes]
     vectors = area_vectors(points[surface.facets])
     sizes = np.linalg.norm(vectors, axis=1)
@@ -79,7 +89,8 @@ def deformed(surface: Surface, displacement: np.ndarray) -> Surface:
 class SlidingPair:
     """Two surfaces that are paired again in each increment.
 
-    The gap at a slave node is that of its position, less its ``clearance``, plus ``opening[0] + opening[1:]·mu``.
+    The gap at a slave node is that of its position, less its ``clearance``, plus ``opening[0] +
+    opening[1:]·mu``.
     """
 
     pairing: NodeToSurface | Mortar  # gives each node of the slave at most one row
@@ -87,13 +98,19 @@ class SlidingPair:
     master: Surface  # as they are meshed, with common node numbers
     first: int  # index of the first dof of the pair among all rows of its model
     nodes: int  # number of nodes of both
-    clearance: Annotated[Floats, "slave nodes"]  # gap as meshed if an opening overwrites it, else zeros
-    opening: Annotated[Floats, "opening"]  # sum of the openings, a constant and a slope for each parameter, (1 + P,)
+    clearance: Annotated[
+        Floats, "slave nodes"
+    ]  # gap as meshed if an opening overwrites it, else zeros
+    opening: Annotated[
+        Floats, "opening"
+    ]  # sum of the openings, a constant and a slope for each parameter, (1 + P,)
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Faults: surfaces whose nodes are not among those of both."""
         for surface in (self.slave, self.master):
-            if not (0 <= surface.nodes.min(initial=0) and surface.nodes.max(initial=0) < self.nodes):
+            if not (
+                0 <= surface.nodes.min(initial=0) and surface.nodes.max(initial=0) < self.nodes
+            ):
                 yield f"nodes of surface {surface.tag} are not among the {self.nodes} of its pair"
             if np.any(np.diff(surface.nodes) <= 0) or not surface.facets.size:
                 yield f"nodes of surface {surface.tag} are not in order, or it has no facets"
@@ -110,12 +127,15 @@ class SlidingPair:
     ) -> tuple[ContactRows | None, np.ndarray]:
         """Rows at the displaced nodes, (nodes, dim), and the number of the slave node of each.
 
-        None if the surfaces do not face each other. Bodies did not overlap ``before``, (nodes, dim), by more than is
-        ``opened`` between them. So any overlap is at most the motion since then, however thin the cells are.
+        None if the surfaces do not face each other. Bodies did not overlap ``before``, (nodes,
+        dim), by more than is ``opened`` between them. So any overlap is at most the motion since
+        then, however thin the cells are.
         """
         dim = displacement.shape[1]
         ways = np.linalg.norm(displacement - before, axis=1)
-        overlap = float(ways[self.slave.nodes].max() + ways[self.master.nodes].max()) + max(float(opened.max()), 0.0)
+        overlap = float(ways[self.slave.nodes].max() + ways[self.master.nodes].max()) + max(
+            float(opened.max()), 0.0
+        )
         surfaces = deformed(self.slave, displacement), deformed(self.master, displacement)
         with ignored(PairingWarning):  # of nodes that face no surface any more
             try:
@@ -127,9 +147,12 @@ class SlidingPair:
 
 
 class Paired(NamedTuple):
-    """All pairs at one position (m rows of other pairs, C slave nodes, T tangential rows, n dofs of surfaces)."""
+    """All pairs at one position (m rows of other pairs, C slave nodes, T tangential rows, n dofs of
+    surfaces).
+    """
 
-    # R: the identity of the m rows, rows of pressures followed by tangential ones, (m + C + T, m + n)
+    # R: the identity of the m rows, rows of pressures followed by tangential ones, (m + C + T, m +
+    # n)
     matrix: csr_matrix
     gap: np.ndarray  # of the slave nodes, (C,)
     at: np.ndarray  # displacement at which they were paired, behind m other numbers, (m + n,)
@@ -138,9 +161,9 @@ class Paired(NamedTuple):
 class RepairingSlider(Slider):
     """Solves increments of a model with ``pairs``, whose base has rows of all dofs of its surfaces.
 
-    Its first m rows are those of the pairs that do not slide: conditions, with a slack in the place of a displacement
-    with the opposite sign. Its last rows are motions along curved tools. ``exactly`` pairs increments until their
-    positions converge.
+    Its first m rows are those of the pairs that do not slide: conditions, with a slack in the place
+    of a displacement with the opposite sign. Its last rows are motions along curved tools.
+    ``exactly`` pairs increments until their positions converge.
     """
 
     def __init__(self, model: Any, *, exactly: bool = False):
@@ -150,9 +173,13 @@ class RepairingSlider(Slider):
         self.dim = model.dimension
         self.kept = self.pairs[0].first
         self.count = sum(pair.slave.nodes.size for pair in self.pairs)
-        places = np.concatenate([surface.points for pair in self.pairs for surface in (pair.slave, pair.master)])
+        places = np.concatenate(
+            [surface.points for pair in self.pairs for surface in (pair.slave, pair.master)]
+        )
         self.size = float(np.ptp(places, axis=0).max())
-        self.facet = min(surface.lengths().min() for pair in self.pairs for surface in (pair.slave, pair.master))
+        self.facet = min(
+            surface.lengths().min() for pair in self.pairs for surface in (pair.slave, pair.master)
+        )
         self.rows = self.kept + self.count * self.dim
         self.dofs = slice(self.kept, self.kept + self.dim * sum(pair.nodes for pair in self.pairs))
         self._warned = self._far_along = False
@@ -165,7 +192,9 @@ class RepairingSlider(Slider):
         gap = np.concatenate([self.paired(nothing, nothing, point).gap, others])
         slip = SlipState.at_rest(self.friction)
         changes = self._no_changes, self._no_changes
-        return Reached(point, time, np.zeros(self.rows), None, gap, slip, weights, *changes, nothing, nothing)
+        return Reached(
+            point, time, np.zeros(self.rows), None, gap, slip, weights, *changes, nothing, nothing
+        )
 
     def increment(self, before: Reached, target: Target) -> Solved:
         """Solve one increment; it may not converge."""
@@ -182,18 +211,28 @@ class RepairingSlider(Slider):
             displacement = free - contact.schur @ surface_forces
             change = np.abs(displacement - paired.at)[self.dofs].max() / self.facet
             # the next change would be smaller by the same factor as this one
-            if found.status is not Status.CONVERGED or change * min(change / last, 1.0) <= self.settled:
+            if (
+                found.status is not Status.CONVERGED
+                or change * min(change / last, 1.0) <= self.settled
+            ):
                 break
             last = change
         else:
             if change > FAR:
                 found = found._replace(status=Status.UNSETTLED)
         slip = before.slip.after(self.friction, found.forces, found.slack, found.active, bound)
-        reached = self._reached(target, found, slip, (before.changes, before.closing), displacement, surface_forces)
+        reached = self._reached(
+            target, found, slip, (before.changes, before.closing), displacement, surface_forces
+        )
         return Solved(found, reached, contact, None)
 
     def _solved_on(
-        self, compliance: np.ndarray, free: np.ndarray, paired: Paired, before: Reached, point: np.ndarray
+        self,
+        compliance: np.ndarray,
+        free: np.ndarray,
+        paired: Paired,
+        before: Reached,
+        point: np.ndarray,
     ) -> tuple[Sliding, np.ndarray]:
         """Solution of an increment on one pairing, and limits of tangential forces, (C,)."""
         rows = paired.matrix
@@ -210,35 +249,46 @@ class RepairingSlider(Slider):
         self._check_imposed(paired.gap, np.diag(schur)[pressures], point)
         slack[self.friction.normal[idle]] = APART * self.size
         coefficient, limit = self.friction.bounds(point)
-        limit = np.where(idle & np.isinf(coefficient), 0.0, limit)  # Tresca's law holds at no pressure too
+        limit = np.where(
+            idle & np.isinf(coefficient), 0.0, limit
+        )  # Tresca's law holds at no pressure too
         given = Increment(slack, coefficient, limit, np.zeros(0))
         friction = self._with_held(np.diag(schur), idle)
         found = SlidingContact(schur, friction).increment(given, before.forces, before.active)
         return found, given.bounds(self.friction, found.forces)
 
     def _check_imposed(self, gap: np.ndarray, diagonal: np.ndarray, point: np.ndarray) -> None:
-        """Warn once of contacts, (C,), all of whose nodes have imposed displacements and penetrate."""
+        """Warn once of contacts, (C,), all of whose nodes have imposed displacements and
+        penetrate.
+        """
         deep = (diagonal <= IMPOSED * diagonal.max(initial=0.0)) & (gap < -TOUCHING * self.size)
         if deep.any() and not self._warned:
             self._warned = True
             warn(
-                f"at {self.model.parameters.described(point)}: at {int(deep.sum())} slave nodes all nodes of the "
-                f"contact have imposed displacements and penetrate, most by {-gap[deep].min():.3g}: no force acts "
-                "there. Change these displacements, or the gap",
+                f"at {self.model.parameters.described(point)}: at {int(deep.sum())} slave nodes "
+                "all nodes of the contact have imposed displacements and penetrate, most by "
+                f"{-gap[deep].min():.3g}: no force acts there. Change these displacements, or the "
+                "gap",
                 SceneWarning,
             )
 
     def _with_held(self, diagonal: np.ndarray, idle: np.ndarray) -> Friction:
-        """The law on one pairing; imposed displacements hold some tangential rows, whose friction is undetermined."""
+        """The law on one pairing; imposed displacements hold some tangential rows, whose friction
+        is undetermined.
+        """
         friction = self.friction
-        held = diagonal[friction.tangential] <= NO_EFFECT * diagonal[friction.normal[friction.owner]]
+        held = (
+            diagonal[friction.tangential] <= NO_EFFECT * diagonal[friction.normal[friction.owner]]
+        )
         held &= ~idle[friction.owner]
         if not held.any():
             return friction
         return replace(friction, twice=np.union1d(friction.twice, friction.tangential[held]))
 
     def paired(self, displacement: np.ndarray, before: np.ndarray, point: np.ndarray) -> Paired:
-        """All pairs at displaced dofs of surfaces, (m + n,), from their displacement before, at a point, (P,)."""
+        """All pairs at displaced dofs of surfaces, (m + n,), from their displacement before, at a
+        point, (P,).
+        """
         gap = np.full(self.count, APART * self.size)
         kept = np.arange(self.kept)
         entries: list[tuple[np.ndarray, ...]] = [(np.ones(kept.size), kept, kept)]
@@ -252,15 +302,23 @@ class RepairingSlider(Slider):
                 entries += self._entries(rows, first + slaves, pair.first)
             first += pair.slave.nodes.size
         values, places, columns = (np.concatenate(part) for part in zip(*entries, strict=True))
-        return Paired(csr_matrix((values, (places, columns)), shape=(self.rows, displacement.size)), gap, displacement)
+        return Paired(
+            csr_matrix((values, (places, columns)), shape=(self.rows, displacement.size)),
+            gap,
+            displacement,
+        )
 
-    def _entries(self, rows: ContactRows, contacts: np.ndarray, first: int) -> list[tuple[np.ndarray, ...]]:
+    def _entries(
+        self, rows: ContactRows, contacts: np.ndarray, first: int
+    ) -> list[tuple[np.ndarray, ...]]:
         """Values, rows and columns of the pressures and tangential rows of some contacts, (c,)."""
         dim = self.dim
         normals = normals_of(rows.matrix, rows.slaves, dim)
         whole = rows.matrix.tocoo()
         weights = np.zeros((len(normals), rows.matrix.shape[1] // dim))
-        np.add.at(weights, (whole.row, whole.col // dim), whole.data * normals[whole.row, whole.col % dim])
+        np.add.at(
+            weights, (whole.row, whole.col // dim), whole.data * normals[whole.row, whole.col % dim]
+        )
         row, node = np.nonzero(weights)
         values = weights[row, node][:, None]
         columns = first + node[:, None] * dim + np.arange(dim)
@@ -268,7 +326,8 @@ class RepairingSlider(Slider):
         tangential = self.kept + self.count + contacts * (dim - 1)
         places = np.column_stack([self.kept + contacts, *(tangential + k for k in range(dim - 1))])
         return [
-            ((values * vectors[row, k]).ravel(), np.repeat(places[row, k], dim), columns.ravel()) for k in range(dim)
+            ((values * vectors[row, k]).ravel(), np.repeat(places[row, k], dim), columns.ravel())
+            for k in range(dim)
         ]
 
     def check(self, place: Reached) -> None:
@@ -287,19 +346,30 @@ class RepairingSlider(Slider):
         return 0.5 * float(surface_forces @ (solved.contact.schur @ surface_forces))
 
     def answer(self, solved: Solved) -> Answer:
-        """Answer of an increment; its forces are those of the pairs that do not slide, and on all dofs of surfaces."""
+        """Answer of an increment; its forces are those of the pairs that do not slide, and on all
+        dofs of surfaces.
+        """
         found, reached, contact, _ = solved
         forces = reached.surface_forces
         assert forces is not None
         how = found.iterations, found.status, found.sweeps > 0, self.model.fields, reached.time
         active = np.concatenate([found.active[: self.kept], forces[self.kept :] != 0.0])
-        return Answer(reached.point, contact.unknown(forces), forces, active, *how, memory=Memory(slip=reached.slip))
+        return Answer(
+            reached.point,
+            contact.unknown(forces),
+            forces,
+            active,
+            *how,
+            memory=Memory(slip=reached.slip),
+        )
 
 
 def idle_contacts(schur: np.ndarray) -> np.ndarray:
-    """Contacts of a pairing, (C,) bool, whose pressures, with the compliance S, (C, C), change nothing new.
+    """Contacts of a pairing, (C,) bool, whose pressures, with the compliance S, (C, C), change
+    nothing new.
 
-    Imposed displacements move all of their nodes, or constraints make their nodes those of a contact before.
+    Imposed displacements move all of their nodes, or constraints make their nodes those of a
+    contact before.
     """
     own = np.diag(schur)
     idle = own <= IMPOSED * own.max(initial=0.0)
@@ -312,10 +382,11 @@ def idle_contacts(schur: np.ndarray) -> np.ndarray:
 def layout(
     pairs: Sequence[SlidingPair], laws: Sequence[Any], fixed: np.ndarray, dim: int, others: Friction
 ) -> Friction:
-    """Friction, by a law of each pair, of all slave nodes, whose tangential rows follow those of pressures.
+    """Friction, by a law of each pair, of all slave nodes, whose tangential rows follow those of
+    pressures.
 
-    ``fixed`` are indices of the parameters that stay while loads grow in proportion. The rows of the pairs that do not
-    slide come first, but their contacts, if ``others`` has any, follow.
+    ``fixed`` are indices of the parameters that stay while loads grow in proportion. The rows of
+    the pairs that do not slide come first, but their contacts, if ``others`` has any, follow.
     """
     counts = [pair.slave.nodes.size for pair in pairs]
     count = sum(counts)
@@ -325,9 +396,18 @@ def layout(
     law = np.repeat(np.arange(len(pairs)), counts)
     nothing = np.zeros(0, dtype=np.int64)
     own = Friction(
-        kept + np.arange(count), areas, np.zeros(count), law, kept + count + np.arange(owner.size), owner,
-        np.zeros((owner.size, dim)), tuple(laws), fixed, nothing, nothing,
-    )  # fmt: skip
+        kept + np.arange(count),
+        areas,
+        np.zeros(count),
+        law,
+        kept + count + np.arange(owner.size),
+        owner,
+        np.zeros((owner.size, dim)),
+        tuple(laws),
+        fixed,
+        nothing,
+        nothing,
+    )
     return followed(own, others)
 
 
@@ -335,7 +415,19 @@ def no_friction(dim: int) -> Friction:
     """Friction of no contact."""
     nothing = np.zeros(0, dtype=np.int64)
     reals = np.zeros(0)
-    return Friction(nothing, reals, reals, nothing, nothing, nothing, np.zeros((0, dim)), (), nothing, nothing, nothing)
+    return Friction(
+        nothing,
+        reals,
+        reals,
+        nothing,
+        nothing,
+        nothing,
+        np.zeros((0, dim)),
+        (),
+        nothing,
+        nothing,
+        nothing,
+    )
 
 
 def followed(one: Friction, other: Friction) -> Friction:

@@ -24,7 +24,11 @@ from hhr_dolfinx.plugins.nonmatching.double_pass import DoublePass
 from hhr_dolfinx.plugins.nonmatching.node_to_surface import NodeToSurface
 from hhr_dolfinx.plugins.sliding.model import SlidingModel
 from hhr_dolfinx.plugins.sliding.repairing import SlidingPair, layout, nodes_of, renumbered
-from hhr_dolfinx.plugins.sliding.surface_dofs import FullOrderOfSurfaces, SurfaceDofs, SurfacesThatSlide
+from hhr_dolfinx.plugins.sliding.surface_dofs import (
+    FullOrderOfSurfaces,
+    SurfaceDofs,
+    SurfacesThatSlide,
+)
 from hhr_dolfinx.reduction.exact import exact_condensation
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.warn import ignored
@@ -34,9 +38,9 @@ REPEATED = NodeToSurface, Mortar
 OUTPUTS = (ContactForce, DisplacementAt, LinearForm)
 """Outputs that do not depend on the position of the surfaces, as stresses and the energy do not."""
 TWO_PASSES = (
-    ": while surfaces slide, nodes of one pass those of the other, and there the rows of both passes become dependent, "
-    "so that pressures, and friction with them, have no single value. Take NodeToSurface or Mortar, whose rows stay "
-    "independent"
+    ": while surfaces slide, nodes of one pass those of the other, and there the rows of both "
+    "passes become dependent, so that pressures, and friction with them, have no single value. "
+    "Take NodeToSurface or Mortar, whose rows stay independent"
 )
 """Why a pairing in two passes can not slide."""
 
@@ -44,14 +48,15 @@ TWO_PASSES = (
 def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
     """Build a model of a scene whose surfaces are paired again in every increment of a path.
 
-    Strains and rotations must be small, sliding need not be. If nothing slides by more than a facet, ``hhr.condense``
-    is the cheaper model. Pairs with a rigid obstacle are not paired again: their rows are those of the full order, on
-    the undeformed surface.
+    Strains and rotations must be small, sliding need not be. If nothing slides by more than a
+    facet, ``hhr.condense`` is the cheaper model. Pairs with a rigid obstacle are not paired again:
+    their rows are those of the full order, on the undeformed surface.
 
     Args:
-        scene: with contact pairs that are ``NodeToSurface`` or ``Mortar``, which slide, or of one surface with a rigid
-            obstacle, of bodies held by imposed displacements alone.
-        condensed: whether the compliance of the surfaces is computed once; else the full model does so for each path.
+        scene: with contact pairs that are ``NodeToSurface`` or ``Mortar``, which slide, or of one
+            surface with a rigid obstacle, of bodies held by imposed displacements alone.
+        condensed: whether the compliance of the surfaces is computed once; else the full model does
+            so for each path.
 
     Raises:
         SceneError: for an unsuitable scene, with the part that is unsuitable.
@@ -64,17 +69,23 @@ def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
     problem = full.problem
     warn_of_idle_parameters(scene, problem.amplitudes)
     if problem.held_by_contact:
-        raise SceneError(f"contact alone holds bodies of scene '{scene.name}', which slide: hold them")
+        raise SceneError(
+            f"contact alone holds bodies of scene '{scene.name}', which slide: hold them"
+        )
     if condensed:
         problem.require_parts("condensation")
     if problem.varies and condensed:
         raise SceneError(
-            f"moduli of scene '{scene.name}' depend on parameters: condensed models of bodies that slide are of "
-            "constant ones. Give numbers, or take condensed=False"
+            f"moduli of scene '{scene.name}' depend on parameters: condensed models of bodies "
+            "that slide are of constant ones. Give numbers, or take condensed=False"
         )
     found = tuple(_pairs(full, scene))
     laws = [
-        FrictionLaw.of(law if isinstance(law, Coulomb | Tresca) else Coulomb(0.0), scene.parameters, f"contact {place}")
+        FrictionLaw.of(
+            law if isinstance(law, Coulomb | Tresca) else Coulomb(0.0),
+            scene.parameters,
+            f"contact {place}",
+        )
         for place, (law, item) in enumerate(zip(scene.laws, scene.contacts, strict=True))
         if _slides(item)
     ]
@@ -82,7 +93,9 @@ def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
     if condensed:
         nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
         base = exact_condensation(full, nothing, field=False)
-    fixed = np.array([k for k, name in enumerate(scene.parameters.names) if name in scene.named], dtype=np.int64)
+    fixed = np.array(
+        [k for k, name in enumerate(scene.parameters.names) if name in scene.named], dtype=np.int64
+    )
     others = problem.law
     assert isinstance(others, Friction)
     law = layout(found, laws, fixed, problem.block_size, others)
@@ -96,25 +109,33 @@ def _slides(item: Pairing) -> bool:
 
 
 def _check(scene: Scene) -> None:
-    """Raise SceneError for the first pair, body, shape or output that is not built in, with the reason."""
+    """Raise SceneError for the first pair, body, shape or output that is not built in, with the
+    reason.
+    """
     if not isinstance(scene, Scene):
         raise SceneError(
-            f"{type(scene).__name__} is no Scene: hhr.slide takes the scene itself, and makes what it needs"
+            f"{type(scene).__name__} is no Scene: hhr.slide takes the scene itself, and makes "
+            "what it needs"
         )
     for place, item in enumerate(scene.contacts):
         if not _slides(item) and len(item.tags) > 1:
             names = " and ".join(kind.__name__ for kind in REPEATED)
             raise SceneError(
-                f"contact {place} of scene '{scene.name}' is a {type(item).__name__}: {names} with dual multipliers "
-                f"can be made anew as bodies slide{TWO_PASSES if isinstance(item, DoublePass) else ''}"
+                f"contact {place} of scene '{scene.name}' is a {type(item).__name__}: {names} "
+                "with dual multipliers can be made anew as bodies "
+                f"slide{TWO_PASSES if isinstance(item, DoublePass) else ''}"
             )
     if not any(map(_slides, scene.contacts)):
-        raise SceneError(f"no contact of scene '{scene.name}' has two surfaces that slide: take hhr.condense(scene)")
+        raise SceneError(
+            f"no contact of scene '{scene.name}' has two surfaces that slide: take "
+            "hhr.condense(scene)"
+        )
     for place, law in enumerate(scene.laws):
         if not (law is None or isinstance(law, Coulomb | Tresca)):
             raise SceneError(
-                f"contact {place} of scene '{scene.name}' has a law, {law.words}, that is not built in where surfaces "
-                "slide past their mesh: increments that pair them again solve for friction alone"
+                f"contact {place} of scene '{scene.name}' has a law, {law.words}, that is not "
+                "built in where surfaces slide past their mesh: increments that pair them again "
+                "solve for friction alone"
             )
     _check_bodies(scene)
     for output in scene.outputs:
@@ -126,15 +147,16 @@ def _check_bodies(scene: Scene) -> None:
     for body in scene.bodies:
         if body.reader:
             raise SceneError(
-                f"body {body.tag} of scene '{scene.name}' has a law, {body.law!r}, that is not built in where surfaces "
-                "slide past their mesh: increments that pair them again solve for contact forces by a compliance, "
-                "which plastic strains change. Take an elastic body"
+                f"body {body.tag} of scene '{scene.name}' has a law, {body.law!r}, that is not "
+                "built in where surfaces slide past their mesh: increments that pair them again "
+                "solve for contact forces by a compliance, which plastic strains change. Take an "
+                "elastic body"
             )
     for shape in scene.shapes:
         raise SceneError(
-            f"the shape of body {shape.tag} of scene '{scene.name}' depends on parameters, which is not built in where "
-            "surfaces slide past their mesh: they are paired again from their places on one mesh. Make a scene for "
-            "each shape"
+            f"the shape of body {shape.tag} of scene '{scene.name}' depends on parameters, which "
+            "is not built in where surfaces slide past their mesh: they are paired again from "
+            "their places on one mesh. Make a scene for each shape"
         )
 
 
@@ -144,17 +166,23 @@ def _check_output(scene: Scene, output: Output) -> None:
         if not _slides(scene.contacts[output.contact]):
             return
     places = registry.named("public")
-    kinds = (*OUTPUTS, *(registry.load(places[name]) for name in ("VonMises", "ElasticEnergy") if name in places))
+    kinds = (
+        *OUTPUTS,
+        *(registry.load(places[name]) for name in ("VonMises", "ElasticEnergy") if name in places),
+    )
     if not isinstance(output, kinds):
         names = ", ".join(kind.__name__ for kind in kinds)
         raise SceneError(
-            f"output '{output.name}' is not built in where surfaces slide past their mesh: {names} are; pressures, "
-            "slip and wear are in an answer's slip"
+            f"output '{output.name}' is not built in where surfaces slide past their mesh: "
+            f"{names} are; pressures, slip and wear are in an answer's slip"
         )
 
 
 def _pairs(full: FullOrderOfSurfaces, scene: Scene) -> Iterator[SlidingPair]:
-    """The surfaces of each pair that slides; errors of the pairing if they do not face each other as meshed."""
+    """The surfaces of each pair that slides.
+
+    Errors of the pairing if they do not face each other as meshed.
+    """
     problem = full.problem
     of_dofs = [place for place, item in enumerate(scene.contacts) if _slides(item)]
     first = int(np.flatnonzero(np.isin(problem.contact_pairs, of_dofs))[0])
@@ -162,7 +190,9 @@ def _pairs(full: FullOrderOfSurfaces, scene: Scene) -> Iterator[SlidingPair]:
     for place in of_dofs:
         item = scene.contacts[place]
         assert isinstance(item, REPEATED)
-        pairing = dataclasses.replace(item, friction=None, law=None)  # the model has the law, not the rows
+        pairing = dataclasses.replace(
+            item, friction=None, law=None
+        )  # the model has the law, not the rows
         surfaces = [full.discretisation.surface(tag) for tag in item.tags]
         nodes, points = nodes_of(surfaces)
         slave, master = (renumbered(surface, nodes) for surface in surfaces)
@@ -172,18 +202,23 @@ def _pairs(full: FullOrderOfSurfaces, scene: Scene) -> Iterator[SlidingPair]:
             other, before = known.setdefault(node, (place, normal))
             if scene.contacts[other].tags[0] != item.tags[0] and before @ normal > CREASE:
                 raise SceneError(
-                    f"the slaves of contacts {other} and {place} of scene '{scene.name}' share nodes, which is not "
-                    "built in where surfaces slide past their mesh: make one contact of both, of one tag"
+                    f"the slaves of contacts {other} and {place} of scene '{scene.name}' share "
+                    "nodes, which is not built in where surfaces slide past their mesh: make one "
+                    "contact of both, of one tag"
                 )
         clearance = _clearance(scene, place, slave, rows)
-        yield SlidingPair(pairing, slave, master, first, nodes.size, clearance, _opening(scene, place))
+        yield SlidingPair(
+            pairing, slave, master, first, nodes.size, clearance, _opening(scene, place)
+        )
         first += points.size
 
 
 def _opening(scene: Scene, place: int) -> np.ndarray:
     """Sum of the openings of a contact, a constant and the slope of each parameter, (1 + P,)."""
     amplitudes = [item.amplitude for item in scene.openings if item.contact == place]
-    rows = [np.array([amplitude.constant, *amplitude.row(scene.parameters)]) for amplitude in amplitudes]
+    rows = [
+        np.array([amplitude.constant, *amplitude.row(scene.parameters)]) for amplitude in amplitudes
+    ]
     return np.sum(rows, axis=0) if rows else np.zeros(1 + len(scene.parameters.names))
 
 
@@ -193,9 +228,10 @@ def _clearance(scene: Scene, place: int, slave: Surface, rows: ContactRows) -> n
     if scene.overwritten(place):
         if rows.gap.size < found.size:
             raise SceneError(
-                f"an opening overwrites the gaps of contact {place} of scene '{scene.name}', which slides, and "
-                f"{found.size - rows.gap.size} of its {found.size} slave nodes face nothing as meshed: the gap that "
-                "they have there is unknown. Swap slave and master, or leave out overwrites=True"
+                f"an opening overwrites the gaps of contact {place} of scene '{scene.name}', "
+                f"which slides, and {found.size - rows.gap.size} of its {found.size} slave nodes "
+                "face nothing as meshed: the gap that they have there is unknown. Swap slave and "
+                "master, or leave out overwrites=True"
             )
         found[np.searchsorted(slave.nodes, rows.slaves)] = rows.gap
     return found

@@ -1,4 +1,6 @@
-"""Full order of a scene whose sliding surfaces have a row for each dof, beside the pairs that do not slide."""
+"""Full order of a scene whose sliding surfaces have a row for each dof, beside the pairs that do
+not slide.
+"""
 
 from __future__ import annotations
 
@@ -24,23 +26,31 @@ from hhr_dolfinx.plugins.sliding.repairing import no_friction, nodes_of
 
 @dataclass(frozen=True)
 class SurfaceDofs(SlaveAndMaster):
-    """Rows of the identity at the nodes of two surfaces, component by component, which span all contact conditions."""
+    """Rows of the identity at the nodes of two surfaces, component by component, which span all
+    contact conditions.
+    """
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """One row for each component of the displacement of each node, in the order of the nodes."""
+        """One row for each component of the displacement of each node, in the order of the
+        nodes.
+        """
         nodes, points = nodes_of(surfaces)
         dim = points.shape[1]
         own = (nodes[:, None] * dim + np.arange(dim)).ravel()
         matrix = csr_matrix((np.ones(own.size), (np.arange(own.size), own)), shape=(own.size, dofs))
         nothing = np.zeros(own.size)
-        return ContactRows(matrix, nothing, np.repeat(nodes, dim), np.repeat(points, dim, axis=0), nothing)
+        return ContactRows(
+            matrix, nothing, np.repeat(nodes, dim), np.repeat(points, dim, axis=0), nothing
+        )
 
 
 class SurfacesThatSlide(Discretisation):
-    """Finite element model with rows of :class:`SurfaceDofs` and of motion along curved tools, which are no conditions.
+    """Finite element model with rows of :class:`SurfaceDofs` and of motion along curved tools,
+    which are no conditions.
 
-    All of the former are kept, also those of imposed dofs, and of dofs that constraints make one: the displacement of a
-    surface is ``lifts θ + T U0`` at each of its nodes, whatever moves it. Their law remembers, since positions do.
+    All of the former are kept, also those of imposed dofs, and of dofs that constraints make one:
+    the displacement of a surface is ``lifts θ + T U0`` at each of its nodes, whatever moves it.
+    Their law remembers, since positions do.
 
     Attributes:
         beside: conditions of curved tools, whose motion along them are the last rows.
@@ -49,9 +59,16 @@ class SurfacesThatSlide(Discretisation):
     beside = BesideTools.none()
 
     def conditions(
-        self, rows: ContactRows, pairs: np.ndarray, opened: np.ndarray, eliminated: Eliminated, amplitudes: Amplitudes
+        self,
+        rows: ContactRows,
+        pairs: np.ndarray,
+        opened: np.ndarray,
+        eliminated: Eliminated,
+        amplitudes: Amplitudes,
     ) -> tuple[ContactRows, np.ndarray, np.ndarray, ContactLaw, Shares | None]:
-        """Conditions of the pairs that do not slide, as the full order makes them, followed by dofs and motion."""
+        """Conditions of the pairs that do not slide, as the full order makes them, followed by dofs
+        and motion.
+        """
         slide = np.array([isinstance(item, SurfaceDofs) for item in self.scene.contacts])[pairs]
         dofs = rows.take(np.flatnonzero(slide))
         of_dofs = pairs[slide]
@@ -67,10 +84,18 @@ class SurfacesThatSlide(Discretisation):
         self.beside = self._beside_tools(found, of_pairs, law)
         along = _along(found.take(self.beside.conditions))
         moving = joined([dofs, along])
-        gaps = np.vstack([gaps, -(moving.matrix @ lifts).toarray()])  # openings add to gaps of pairs, not of dofs
+        gaps = np.vstack(
+            [gaps, -(moving.matrix @ lifts).toarray()]
+        )  # openings add to gaps of pairs, not of dofs
         # motions bear no force, whatever contact they count for
         of_motion = np.full(along.gap.size, of_dofs[-1])
-        return joined([found, moving]), np.concatenate([of_pairs, of_dofs, of_motion]), gaps, law, shares
+        return (
+            joined([found, moving]),
+            np.concatenate([of_pairs, of_dofs, of_motion]),
+            gaps,
+            law,
+            shares,
+        )
 
     def _beside_tools(self, rows: ContactRows, pairs: np.ndarray, law: ContactLaw) -> BesideTools:
         """Conditions of curved tools, with the largest facet at each slave node."""
@@ -84,7 +109,9 @@ class SurfacesThatSlide(Discretisation):
 
 
 def _along(rows: ContactRows) -> ContactRows:
-    """Rows of the displacement of the slave of each condition along its tangents, (m (dim - 1), N)."""
+    """Rows of the displacement of the slave of each condition along its tangents, (m (dim - 1),
+    N).
+    """
     dim = rows.points.shape[1]
     tangents = tangents_of(normals_of(rows.matrix, rows.slaves, dim))
     slaves = np.repeat(rows.slaves, dim - 1)

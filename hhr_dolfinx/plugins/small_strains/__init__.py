@@ -1,4 +1,6 @@
-"""Strains and rotations of answers that are not small: warnings, and refusals where the theory has no meaning."""
+"""Strains and rotations of answers that are not small: warnings, and refusals where the theory has
+no meaning.
+"""
 
 from hhr_dolfinx.registry import Plugin
 

@@ -15,11 +15,18 @@ if TYPE_CHECKING:
 LARGE = 0.1
 """Strain that raises a warning: the neglected squares, e^2 / 2, are a twentieth of it."""
 MOST = 1.0
-"""Strain at which small-strain theory has no solution; beyond a limit load, the only balance is round-off."""
+"""Strain at which small-strain theory has no solution.
+
+Beyond a limit load, the only balance is round-off.
+"""
 ALONE = 0.01
-"""Part of the points that may have larger strains: at the corner of a punch they depend on the mesh."""
+"""Part of the points that may have larger strains: at the corner of a punch they depend on the
+mesh.
+"""
 CELLS = 20_000
-"""Most cells whose strains are evaluated: they estimate the largest hundredth as well as all cells."""
+"""Most cells whose strains are evaluated: they estimate the largest hundredth as well as all
+cells.
+"""
 
 
 def spread_strain(sizes: np.ndarray) -> float:
@@ -31,22 +38,27 @@ def spread_strain(sizes: np.ndarray) -> float:
 def large_strain(strain: float) -> str:
     """Message on a large strain."""
     return (
-        f"a strain of {strain:.2g} at more than {ALONE:.0%} of the points is no small strain, and answers are those of "
-        f"small strains, which are a few per cent off at {LARGE:g} and mean nothing at {MOST:g}: lower the load, check "
-        "units and moduli, or take a program for finite strains"
+        f"a strain of {strain:.2g} at more than {ALONE:.0%} of the points is no small strain, and "
+        f"answers are those of small strains, which are a few per cent off at {LARGE:g} and mean "
+        f"nothing at {MOST:g}: lower the load, check units and moduli, or take a program for "
+        "finite strains"
     )
 
 
 def _large_rotation(rotation: float) -> str:
     return (
-        f"a rotation of {rotation:.2g} rad in more than {ALONE:.0%} of the cells is not small, and answers are those "
-        f"of small displacements, to which a rotation of w is a strain of w^2 / 2 = {rotation**2 / 2:.2g} that is not "
-        "there: lower the load, or take a program for large displacements"
+        f"a rotation of {rotation:.2g} rad in more than {ALONE:.0%} of the cells is not small, "
+        "and answers are those of small displacements, to which a rotation of w is a strain of "
+        f"w^2 / 2 = {rotation**2 / 2:.2g} that is not there: lower the load, or take a program "
+        "for large displacements"
     )
 
 
 class StrainKind(NamedTuple):
-    """Strains or rotations of cells: (cells * k, N) maps displacements to their components; and their message."""
+    """Strains or rotations of cells: (cells * k, N) maps displacements to their components.
+
+    And their message.
+    """
 
     matrix: csr_matrix
     cells: int
@@ -59,7 +71,8 @@ class StrainKind(NamedTuple):
 
 
 def strain_kinds(problem: ContactProblem, *, axisymmetric: bool) -> tuple[StrainKind, StrainKind]:
-    """Strains, and rotations in radians (one in the plane, three in space), of at most :data:`CELLS` cells of a mesh.
+    """Strains, and rotations in radians (one in the plane, three in space), of at most
+    :data:`CELLS` cells of a mesh.
 
     They are those of the linear field nearest to the displacement in each cell.
     """
@@ -74,11 +87,15 @@ def strain_kinds(problem: ContactProblem, *, axisymmetric: bool) -> tuple[Strain
         hoop[:, 0, :, 0] = (1 / np.where(radius > 0, radius, np.inf))[:, None]
         strains = np.concatenate([strains, hoop], axis=1)
     strain = StrainKind(_matrix(problem, cells, strains), len(cells), large_strain)
-    return strain, StrainKind(_matrix(problem, cells, _halves(gradients, -1)), len(cells), _large_rotation)
+    return strain, StrainKind(
+        _matrix(problem, cells, _halves(gradients, -1)), len(cells), _large_rotation
+    )
 
 
 def _halves(gradients: np.ndarray, sign: int) -> np.ndarray:
-    """Strains (sign 1) or rotations (-1) of each cell, (cells, k, n, dim), from its gradients, (cells, dim, n)."""
+    """Strains (sign 1) or rotations (-1) of each cell, (cells, k, n, dim), from its gradients,
+    (cells, dim, n).
+    """
     cells, dim, nodes = gradients.shape
     rows, columns = np.triu_indices(dim, k=0 if sign > 0 else 1)
     values = np.zeros((cells, rows.size, nodes, dim))
@@ -89,9 +106,14 @@ def _halves(gradients: np.ndarray, sign: int) -> np.ndarray:
 
 
 def _matrix(problem: ContactProblem, nodes_of: np.ndarray, values: np.ndarray) -> csr_matrix:
-    """Rows of each cell on the displacements of its nodes, (cells, k, n, dim), as a sparse matrix, (cells * k, N)."""
+    """Rows of each cell on the displacements of its nodes, (cells, k, n, dim), as a sparse matrix,
+    (cells * k, N).
+    """
     dim = values.shape[3]
     columns = dim * nodes_of[:, None, :, None] + np.arange(dim)
     rows = np.arange(values.shape[0] * values.shape[1]).reshape(*values.shape[:2], 1, 1)
-    where = np.broadcast_to(rows, values.shape).ravel(), np.broadcast_to(columns, values.shape).ravel()
+    where = (
+        np.broadcast_to(rows, values.shape).ravel(),
+        np.broadcast_to(columns, values.shape).ravel(),
+    )
     return csr_matrix((values.ravel(), where), shape=(rows.size, problem.free.size))

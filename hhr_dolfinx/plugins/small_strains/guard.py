@@ -12,7 +12,13 @@ import numpy as np
 from hhr_dolfinx.errors import NotOfferedError, ReductionError, SmallStrainWarning
 from hhr_dolfinx.models.full import Checked, FullModel, Guard
 from hhr_dolfinx.models.model import KeptModel
-from hhr_dolfinx.plugins.small_strains.cells import LARGE, MOST, StrainKind, spread_strain, strain_kinds
+from hhr_dolfinx.plugins.small_strains.cells import (
+    LARGE,
+    MOST,
+    StrainKind,
+    spread_strain,
+    strain_kinds,
+)
 from hhr_dolfinx.plugins.small_strains.limit import StrainRange, narrowed
 from hhr_dolfinx.trained import TrainedRange
 from hhr_dolfinx.warn import ignored, warn
@@ -28,14 +34,18 @@ CORNERS = 16
 GROWN = 1.5
 """Growth of the squared displacement after which strains of a full model are checked again."""
 TOGETHER = 50
-"""Answers whose strains are computed at once; distributed ones need all values of one on each rank meanwhile."""
+"""Answers whose strains are computed at once.
+
+Distributed ones need all values of one on each rank meanwhile.
+"""
 
 
 class StrainGuard(Guard):
-    """Warns of the first answer of a full model with a large strain or rotation, and of the first with an absurd one.
+    """Warns of the first answer of a full model with a large strain or rotation, and of the first
+    with an absurd one.
 
-    Answers of elastic bodies are checked if their displacement is larger than that of all before, so that most cost one
-    scalar product.
+    Answers of elastic bodies are checked if their displacement is larger than that of all before,
+    so that most cost one scalar product.
 
     Args:
         axisymmetric: whether strains have a hoop component.
@@ -66,7 +76,8 @@ class StrainGuard(Guard):
         """Check an answer of the full model.
 
         Warns:
-            SmallStrainWarning: if a strain is above :data:`LARGE`, and once more above :data:`MOST`.
+            SmallStrainWarning: if a strain is above :data:`LARGE`, and once more above
+            :data:`MOST`.
         """
         unknown = answer.unknown
         size = unknown @ unknown
@@ -85,8 +96,8 @@ class StrainGuard(Guard):
     def check(self, full: FullModel, *sets: Any) -> None:
         """Check sets of answers at single parameters.
 
-        The problem of the full model is that of the guard, or the same with all rows on each process. Strains of load
-        paths are checked step by step; their rotations are not.
+        The problem of the full model is that of the guard, or the same with all rows on each
+        process. Strains of load paths are checked step by step; their rotations are not.
 
         Raises:
             ReductionError: if any has strains or rotations beyond any theory of small strains.
@@ -98,20 +109,26 @@ class StrainGuard(Guard):
         if full.equilibrium is not None or not given:
             return
         sizes = [self._spreads(full.problem, item.points, item.displacements) for item in given]
-        self._judge(full.problem, np.concatenate([item.points for item in given]), np.concatenate(sizes))
+        self._judge(
+            full.problem, np.concatenate([item.points for item in given]), np.concatenate(sizes)
+        )
 
     def corners(self, full: FullModel, model: Checked) -> Checked:
         """Warn of large strains and rotations of a model in corners of its parameter range.
 
         Returns:
-            The model, with a limit where strains mean nothing further on. A model of contact forces alone has no
-            displacement, and is not checked.
+            The model, with a limit where strains mean nothing further on. A model of contact forces
+            alone has no displacement, and is not checked.
         """
         try:
             self.check_corners(full, model)
         except ReductionError as error:
             limited, limit = self._limited(full, model)
-            known = f"; answers of the model are refused or warned of beyond {limit.described()}" if limit else ""
+            known = (
+                f"; answers of the model are refused or warned of beyond {limit.described()}"
+                if limit
+                else ""
+            )
             warn(f"{error}. The box reaches that far: narrow it{known}", SmallStrainWarning)
             return limited
         except NotOfferedError:
@@ -119,7 +136,9 @@ class StrainGuard(Guard):
         return model
 
     def check_corners(self, full: FullModel, model: AnsweringModel) -> None:
-        """Check a model's answers in corners of the parameter range, where loads are largest, as :meth:`check`."""
+        """Check a model's answers in corners of the parameter range, where loads are largest, as
+        :meth:`check`.
+        """
         if full.equilibrium is not None:
             return
         space = full.problem.parameters
@@ -128,14 +147,17 @@ class StrainGuard(Guard):
             self._judge(full.problem, points, sizes)
 
     def _of_corners(self, model: AnsweringModel, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Corners of a box, (2, P), and its middle, with an answer, (S, P), and strain and rotation there, (S, 2).
+        """Corners of a box, (2, P), and its middle, with an answer, (S, P), and strain and rotation
+        there, (S, 2).
 
         Loads that are formulas may be largest in the middle.
         """
         count = 2 ** min(ends.shape[1], 10)
         numbers = np.unique(np.linspace(0, count - 1, min(count, CORNERS)).astype(int))
         axes = np.arange(ends.shape[1])
-        corners = np.array([*(ends[(number >> (axes % 10)) & 1, axes] for number in numbers), ends.mean(axis=0)])
+        corners = np.array(
+            [*(ends[(number >> (axes % 10)) & 1, axes] for number in numbers), ends.mean(axis=0)]
+        )
         with ignored(Warning):  # the user did not request answers in corners
             many = model.solve_many(corners, raise_on_failure=False, outside="ignore")
         found = [answer for answer in many if answer.converged]
@@ -145,7 +167,10 @@ class StrainGuard(Guard):
         return np.array([answer.parameter for answer in found]), self._sizes(whole)
 
     def _limited(self, full: FullModel, model: Checked) -> tuple[Checked, StrainRange | None]:
-        """The model with the limit of its strains, and this limit; None for a model that keeps none."""
+        """The model with the limit of its strains, and this limit.
+
+        None for a model that keeps none.
+        """
         if not (isinstance(model, KeptModel) and "trained" in model.kept):
             return model, None
         given = model.trained
@@ -164,13 +189,19 @@ class StrainGuard(Guard):
             worst = int(size.argmax())
             if size[worst] <= LARGE:
                 continue
-            message = f"at {problem.parameters.described(points[worst])}: {kind.in_words(size[worst])}"
+            message = (
+                f"at {problem.parameters.described(points[worst])}: {kind.in_words(size[worst])}"
+            )
             if size[worst] > MOST:
                 raise ReductionError(message)
             warn(message, SmallStrainWarning)
 
-    def _spreads(self, problem: ContactProblem, points: np.ndarray, displacements: np.ndarray) -> np.ndarray:
-        """The strain and the rotation that few cells exceed, (S, 2), of local rows without lifts, (own, S)."""
+    def _spreads(
+        self, problem: ContactProblem, points: np.ndarray, displacements: np.ndarray
+    ) -> np.ndarray:
+        """The strain and the rotation that few cells exceed, (S, 2), of local rows without lifts,
+        (own, S).
+        """
         each = TOGETHER if problem.spread.all_here else 1
         found = []
         for first in range(0, len(points), each):
@@ -182,4 +213,6 @@ class StrainGuard(Guard):
     def _sizes(self, whole: np.ndarray) -> np.ndarray:
         """The same of displacements, (N, S)."""
         sizes = [kind.sizes(whole) for kind in self._kinds]
-        return np.array([[spread_strain(size[:, column]) for size in sizes] for column in range(whole.shape[1])])
+        return np.array(
+            [[spread_strain(size[:, column]) for size in sizes] for column in range(whole.shape[1])]
+        )

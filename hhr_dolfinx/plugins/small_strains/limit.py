@@ -19,14 +19,18 @@ Box = np.ndarray
 
 @dataclass(frozen=True)
 class StrainRange(TrainedRange):
-    """Range beyond which strains are larger than :data:`MOST`; a model refuses there as outside its training range."""
+    """Range beyond which strains are larger than :data:`MOST`.
+
+    a model refuses there as outside its training range.
+    """
 
     def check(self, point: np.ndarray, outside: str) -> None:
         """Check a point against the range; see :func:`~hhr_dolfinx.trained.announce`."""
         if self.complaint(point):
             announce(
-                f"strains or rotations above {MOST:g}, which mean nothing in a theory of small ones, come beyond "
-                f"{self.described()}: lower the load, or take a program for large ones",
+                f"strains or rotations above {MOST:g}, which mean nothing in a theory of small "
+                f"ones, come beyond {self.described()}: lower the load, or take a program for "
+                "large ones",
                 outside,
             )
 
@@ -36,10 +40,15 @@ class StrainRange(TrainedRange):
         return ", ".join(f"{name} = {low:g} to {high:g}" for name, low, high in ends)
 
 
-def narrowed(space: ParameterSpace, worst: Callable[[Box], float], given: TrainedRange | None) -> StrainRange | None:
-    """Largest part of the box with strains of at most :data:`MOST` in its corners; None without one.
+def narrowed(
+    space: ParameterSpace, worst: Callable[[Box], float], given: TrainedRange | None
+) -> StrainRange | None:
+    """Largest part of the box with strains of at most :data:`MOST` in its corners.
 
-    One parameter is narrowed, or all are alike, towards an end, the middle or zero, by the smallest strains.
+    None without one.
+
+    One parameter is narrowed, or all are alike, towards an end, the middle or zero, by the smallest
+    strains.
 
     Args:
         space: the box.

@@ -1,4 +1,6 @@
-"""Elastic energy of bodies from the mesh: work of forces, springs, and strains that cause no stress."""
+"""Elastic energy of bodies from the mesh: work of forces, springs, and strains that cause no
+stress.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,8 @@ class Work(NamedTuple):
 
 
 def energy_of(probe: ModelProbe, output: NamedOutput) -> Functional:
-    """Elastic energy of all bodies, an ``ElasticEnergy``: by the stress of laws, else by the work of forces.
+    """Elastic energy of all bodies, an ``ElasticEnergy``: by the stress of laws, else by the work
+    of forces.
 
     Raises:
         SceneError: for laws whose plug-in knows no elasticity of the bodies.
@@ -50,8 +53,9 @@ def energy_of(probe: ModelProbe, output: NamedOutput) -> Functional:
     if probe.laws is not None:
         if not hasattr(probe.laws, "energy"):
             raise SceneError(
-                f"output '{output.name}': the plug-in that reads the laws of scene '{scene.name}' gives no elasticity "
-                "C of the bodies, of which the energy ∫ σ : C^-1 σ / 2 needs the inverse: leave it out"
+                f"output '{output.name}': the plug-in that reads the laws of scene '{scene.name}' "
+                "gives no elasticity C of the bodies, of which the energy ∫ σ : C^-1 σ / 2 needs "
+                "the inverse: leave it out"
             )
         found: Functional = probe.laws.energy(output)
         return found
@@ -73,7 +77,9 @@ def energy_of(probe: ModelProbe, output: NamedOutput) -> Functional:
     stiff = np.zeros(0) if springs is None else springs
     held = np.flatnonzero(stiff)
     size = problem.free.size
-    grounded = csr_matrix((np.ones(held.size), (np.arange(held.size), held)), shape=(held.size, size))
+    grounded = csr_matrix(
+        (np.ones(held.size), (np.arange(held.size), held)), shape=(held.size, size)
+    )
     terms = _strained_terms(probe.discretisation) if strained else np.zeros(0, dtype=np.int64)
     forces = csr_matrix(csc_matrix(problem.forces)[:, terms].T)
     pairs = list(_strain_energies(probe.discretisation, output)) if strained else []
@@ -81,7 +87,9 @@ def energy_of(probe: ModelProbe, output: NamedOutput) -> Functional:
     factors = tuple(text for text, _ in pairs)
     more = touching, own, stiff[held], terms
     energies = np.array([energy for _, energy in pairs], dtype=float)
-    return StoredEnergy(output.name, output.unit, *rows, names, work.moduli, *arrays, *more, factors, energies)
+    return StoredEnergy(
+        output.name, output.unit, *rows, names, work.moduli, *arrays, *more, factors, energies
+    )
 
 
 def _entries(matrix: csr_matrix) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
@@ -119,16 +127,24 @@ def _strained_terms(discretisation: Discretisation) -> np.ndarray:
         for term in checked_terms(load, discretisation.assembler(load)):
             mark = float(hasattr(load, "eigenstrain_of"))
             marks.append(csc_matrix(np.full((1, term.columns.shape[1]), mark)))
-    return np.flatnonzero(discretisation.terms.columns("loads", 1, marks).toarray()[0]).astype(np.int64)
+    return np.flatnonzero(discretisation.terms.columns("loads", 1, marks).toarray()[0]).astype(
+        np.int64
+    )
 
 
-def _strain_energies(discretisation: Discretisation, output: NamedOutput) -> Iterator[tuple[str, float]]:
-    """Energies ∫ ε0 : C ε0 / 2 of strains without stress: factors as formulas, and values for these factors 1."""
+def _strain_energies(
+    discretisation: Discretisation, output: NamedOutput
+) -> Iterator[tuple[str, float]]:
+    """Energies ∫ ε0 : C ε0 / 2 of strains without stress: factors as formulas, and values for these
+    factors 1.
+    """
     mesh = discretisation.mesh
     loads = [load for load in discretisation.scene.loads if hasattr(load, "eigenstrain_of")]
     for place, body in enumerate(discretisation.scene.bodies):
         given = [load.eigenstrain_of(body.tag, mesh) for load in loads]
-        strains = [(text_of(amplitude, output), strain) for amplitude, strain in filter(None, given)]
+        strains = [
+            (text_of(amplitude, output), strain) for amplitude, strain in filter(None, given)
+        ]
         for (first, own), (second, other) in product(strains, repeat=2):
             for modulus, energy in _energies(discretisation, place, own, other):
                 yield f"({first}) * ({second}) * ({modulus})", energy
@@ -141,15 +157,18 @@ def text_of(amplitude: Amplitude | Formula, output: NamedOutput) -> str:
     wrong = [name for name in amplitude.slopes if not name.isidentifier()]
     if wrong:
         raise SceneError(
-            f"output '{output.name}': it needs the amplitude of a strain in a formula, where names of "
-            f"parameters are words: {wrong[0]!r} is none"
+            f"output '{output.name}': it needs the amplitude of a strain in a formula, where "
+            f"names of parameters are words: {wrong[0]!r} is none"
         )
     slopes = (f"({float(slope)!r}) * {name}" for name, slope in amplitude.slopes.items())
     return " + ".join([repr(float(amplitude.constant)), *slopes])
 
 
-def _energies(discretisation: Discretisation, place: int, own: Expr, other: Expr) -> Iterator[tuple[str, float]]:
-    """∫ own : C other / 2 of two strains of a body, 3x3: for each part of C its modulus, and the rest.
+def _energies(
+    discretisation: Discretisation, place: int, own: Expr, other: Expr
+) -> Iterator[tuple[str, float]]:
+    """∫ own : C other / 2 of two strains of a body, 3x3: for each part of C its modulus, and the
+    rest.
 
     The stress is that of :func:`hhr_dolfinx.plugins.elasticity.eigenstrains.eigenstress`.
     """
@@ -172,7 +191,11 @@ def _energies(discretisation: Discretisation, place: int, own: Expr, other: Expr
         return
     if discretisation.mean_dilatation[place]:
         dx = dx(degree=degree_of(discretisation))
-    graded = averaged(discretisation, place, grading_of(discretisation, body) * averaged(discretisation, place, own))
+    graded = averaged(
+        discretisation,
+        place,
+        grading_of(discretisation, body) * averaged(discretisation, place, own),
+    )
     measured = elasticity.in_plane(averaged(discretisation, place, other), hypothesis)
     stresses = elasticity.isotropic_parts(graded, hypothesis)
     for part in parts_of(body, hypothesis):

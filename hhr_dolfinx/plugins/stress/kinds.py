@@ -17,14 +17,18 @@ from hhr_dolfinx.models.functionals.kinds import tied
 
 @dataclass(frozen=True, eq=False)
 class Mises(Functional):
-    """Von Mises' stress of elastic cells: rows are the strain at their midpoints, Kelvin's notation, cell by cell."""
+    """Von Mises' stress of elastic cells: rows are the strain at their midpoints, Kelvin's
+    notation, cell by cell.
+    """
 
     names: tuple[str, ...]  # of the parameters
     volume: str  # λ' as a formula, see forms.elasticity.isotropic_parts
     shape: str  # μ' as a formula
     plane_stress: bool  # whether the stress across the plane vanishes
     grading: Annotated[Floats, "cells"]  # factor of the moduli of each cell, (cells,)
-    shares: Annotated[Floats, "shares"]  # of each cell in the mean, (cells,); empty for the largest value
+    shares: Annotated[
+        Floats, "shares"
+    ]  # of each cell in the mean, (cells,); empty for the largest value
 
     def __post_init__(self) -> None:
         _ = self._moduli  # refuse unreadable formulas here
@@ -34,7 +38,9 @@ class Mises(Functional):
         return Scalar(self.volume, tuple(self.names)), Scalar(self.shape, tuple(self.names))
 
     def _stress(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Stress and its parts per λ' and μ', (cells, components) each, and the unit tensor, (components,)."""
+        """Stress and its parts per λ' and μ', (cells, components) each, and the unit tensor,
+        (components,).
+        """
         strain = state.measured.reshape(self.grading.size, -1)
         if self.plane_stress:
             strain = strain * np.array([1.0, 1.0, 0.0, 1.0])
@@ -73,21 +79,30 @@ class Mises(Functional):
         scale = np.divide(1.5 * shares, values, out=np.zeros(values.size), where=values > 0)
         along = scale[:, None] * deviator
         volume, shape = self._moduli
-        found = volume.value(state.point) * np.outer(along @ unit, unit) + 2 * shape.value(state.point) * along
+        found = (
+            volume.value(state.point) * np.outer(along @ unit, unit)
+            + 2 * shape.value(state.point) * along
+        )
         found *= self.grading[:, None]
         if self.plane_stress:
             found *= np.array([1.0, 1.0, 0.0, 1.0])
         point = np.sum(along * of_volume) * volume.derivative(state.point)
         point = point + np.sum(along * of_shape) * shape.derivative(state.point)
-        return Slopes(measured=found.ravel(), point=point, kink=kink or bool((values[shares > 0] == 0).any()))
+        return Slopes(
+            measured=found.ravel(), point=point, kink=kink or bool((values[shares > 0] == 0).any())
+        )
 
 
 @dataclass(frozen=True, eq=False)
 class StrainedMises(Mises):
-    """Von Mises' stress of cells with strains ε0 that cause no stress, which are subtracted from the strain."""
+    """Von Mises' stress of cells with strains ε0 that cause no stress, which are subtracted from
+    the strain.
+    """
 
     amplitudes: tuple[str, ...]  # of the strains ε0 as formulas, (e,)
-    rest: Annotated[Floats, "rows", "amplitudes"]  # what the rows would measure of ε0 for an amplitude 1, (k, e)
+    rest: Annotated[
+        Floats, "rows", "amplitudes"
+    ]  # what the rows would measure of ε0 for an amplitude 1, (k, e)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -113,8 +128,9 @@ class StrainedMises(Mises):
 class Energy(Functional):
     """Elastic energy from the work of all forces: (U0·F θ + U0·K lift + lift·K lift - λ·D θ) / 2.
 
-    In equilibrium it is u·K u / 2, since K U0 = F - K lift - B^T λ, and B U0 = D wherever λ is not zero: of unilateral
-    contact, where no spring and no strain without stress takes part. :class:`StoredEnergy` is the general one.
+    In equilibrium it is u·K u / 2, since K U0 = F - K lift - B^T λ, and B U0 = D wherever λ is not
+    zero: of unilateral contact, where no spring and no strain without stress takes part.
+    :class:`StoredEnergy` is the general one.
     """
 
     uses_forces: ClassVar[bool] = True
@@ -122,13 +138,15 @@ class Energy(Functional):
     names: tuple[str, ...]  # of the parameters
     moduli: tuple[str, ...]  # of the parts of K, as formulas
     terms: Annotated[Integers, "rows"]  # of θ by which each row is multiplied, (k,)
-    parts: Annotated[Integers, "rows"]  # number of the modulus of each row, (k,); -1 for a load, which has none
+    parts: Annotated[
+        Integers, "rows"
+    ]  # number of the modulus of each row, (k,); -1 for a load, which has none
     lifted: Annotated[Integers, "lifted"]  # terms that impose displacements, (l,)
     lifts: Annotated[Floats, "parts", "lifted", "lifted"]  # lift·K_q lift of each part, (Q, l, l)
     gap_terms: Annotated[Integers, "gap terms"]  # terms on which gaps depend, (g,)
     gaps: Annotated[Floats, "conditions", "gap terms"]  # D, (m, g)
-    # rows times the lifts, (k, l): the part of the displacement that U0 lacks; zero if lifts are non-zero on the
-    # imposed dofs alone
+    # rows times the lifts, (k, l): the part of the displacement that U0 lacks; zero if lifts are
+    # non-zero on the imposed dofs alone
     own: Annotated[Floats, "rows", "lifted"]
 
     def __post_init__(self) -> None:
@@ -171,7 +189,9 @@ class Energy(Functional):
             point += slope * modulus.derivative(state.point)
         of_forces = -(self.gaps @ theta[self.gap_terms]) / 2
         every = np.arange(state.forces.size)
-        return Slopes(every, of_forces, theta[self.terms] * weights[self.parts] / 2, of_theta / 2, point / 2)
+        return Slopes(
+            every, of_forces, theta[self.terms] * weights[self.parts] / 2, of_theta / 2, point / 2
+        )
 
     def indices(self) -> dict[str, np.ndarray]:
         """Terms."""
@@ -180,15 +200,17 @@ class Energy(Functional):
 
 @dataclass(frozen=True, eq=False)
 class StoredEnergy(Energy):
-    """Elastic energy of bodies beside springs, under any contact forces, and with strains ε0 that cause no stress.
+    """Elastic energy of bodies beside springs, under any contact forces, and with strains ε0 that
+    cause no stress.
 
-    The work of :class:`Energy` has -λ·B U0 in the place of -λ·D θ where laws of contact leave slack under a force. In
-    equilibrium it is u·K u / 2 with the springs in K. From it follow, with the loads F0 that stand for ε0,
+    The work of :class:`Energy` has -λ·B U0 in the place of -λ·D θ where laws of contact leave slack
+    under a force. In equilibrium it is u·K u / 2 with the springs in K. From it follow, with the
+    loads F0 that stand for ε0,
 
         ∫ (ε - ε0) : C (ε - ε0) / 2 = (u·K u - sum k u²) / 2 - u·F0 θ + ∫ ε0 : C ε0 / 2.
 
-    Rows are those of Energy, then B, the dofs of springs, and F0, of which the last two read the displacement with its
-    lift.
+    Rows are those of Energy, then B, the dofs of springs, and F0, of which the last two read the
+    displacement with its lift.
     """
 
     touching: Annotated[Integers, "touching"]  # conditions of the rows of B, (b,); empty for -λ·D θ
@@ -219,7 +241,9 @@ class StoredEnergy(Energy):
         return state._replace(measured=work), moved, sprung, strained
 
     def value(self, state: State) -> float:
-        """Half the work of all forces, less what springs take, and less that of strains without stress."""
+        """Half the work of all forces, less what springs take, and less that of strains without
+        stress.
+        """
         work, moved, sprung, strained = self._parts(state)
         found = super().value(work) - float(state.forces[self.touching] @ moved) / 2
         found -= float(self.springs @ sprung**2) / 2 + float(state.theta[self.strained] @ strained)
@@ -240,7 +264,9 @@ class StoredEnergy(Energy):
         point = found.point.copy()
         for factor, energy in zip(self._factors, self.strains, strict=True):
             point += energy * factor.derivative(state.point)
-        return found._replace(forces=forces, theta=theta, measured=np.concatenate(rows), point=point)
+        return found._replace(
+            forces=forces, theta=theta, measured=np.concatenate(rows), point=point
+        )
 
     def indices(self) -> dict[str, np.ndarray]:
         """Terms and conditions."""

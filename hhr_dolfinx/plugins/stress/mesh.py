@@ -35,15 +35,16 @@ def _cells_of(discretisation: DiscreteSpace, problem: ContactProblem, output: An
         middles = problem.points[problem.cell_nodes].mean(axis=1)
         if any(len(corner) != middles.shape[1] for corner in output.where):
             raise SceneError(
-                f"output '{output.name}': where = {output.where} must have {middles.shape[1]} coordinates, as the mesh"
+                f"output '{output.name}': where = {output.where} must have {middles.shape[1]} "
+                "coordinates, as the mesh"
             )
         within = (middles >= np.array(output.where[0])) & (middles <= np.array(output.where[1]))
         if not (inside & within.all(axis=1)).any():
             low = middles[inside].min(axis=0).tolist()
             high = middles[inside].max(axis=0).tolist()
             raise SceneError(
-                f"output '{output.name}': no cell of body {output.tag} has its middle in {output.where}; they lie "
-                f"between {low} and {high}: enlarge the box"
+                f"output '{output.name}': no cell of body {output.tag} has its middle in "
+                f"{output.where}; they lie between {low} and {high}: enlarge the box"
             )
         inside &= within.all(axis=1)
     return np.flatnonzero(inside)
@@ -60,10 +61,17 @@ def mises_of(probe: ModelProbe, output: Any) -> Functional:
     place = next(k for k, body in enumerate(discretisation.scene.bodies) if body.tag == output.tag)
     strain, dofs, factors, volumes = strains_of_cells(discretisation, cells, place)
     count, components, _ = strain.shape
-    rows = np.broadcast_to(np.arange(count * components).reshape(count, components, 1), strain.shape)
+    rows = np.broadcast_to(
+        np.arange(count * components).reshape(count, components, 1), strain.shape
+    )
     columns = np.broadcast_to(dofs[:, None], strain.shape)
     used = strain != 0
-    matrix = count * components, rows[used].astype(np.int64), columns[used].astype(np.int64), strain[used]
+    matrix = (
+        count * components,
+        rows[used].astype(np.int64),
+        columns[used].astype(np.int64),
+        strain[used],
+    )
     body = discretisation.scene.bodies[place]
     scene = discretisation.scene
     moduli = moduli_of(body, scene)
@@ -73,7 +81,11 @@ def mises_of(probe: ModelProbe, output: Any) -> Functional:
     given = output.name, output.unit, *matrix, names, *moduli, flat, factors, shares
     amplitudes, rest = _at_rest(discretisation, cells, place, output)
     if flat or scene.own_stress(body) is not None or _deviates(rest):
-        found = StrainedMises(*given, amplitudes, rest.reshape(count * components, -1)) if amplitudes else Mises(*given)
+        found = (
+            StrainedMises(*given, amplitudes, rest.reshape(count * components, -1))
+            if amplitudes
+            else Mises(*given)
+        )
     else:  # a change of volume has no part in it
         found = Mises(*given)
     return probe.on_cells(found, cells)
@@ -82,7 +94,8 @@ def mises_of(probe: ModelProbe, output: Any) -> Functional:
 def moduli_of(body: Body, scene: Scene) -> tuple[str, str]:
     """λ' and μ' of a body as expressions of the parameters, see :func:`elasticity.isotropic_parts`.
 
-    Where elasticity is not Hooke's, those that leave the stress of :func:`strains_of_cells` as it is.
+    Where elasticity is not Hooke's, those that leave the stress of :func:`strains_of_cells` as it
+    is.
     """
     if scene.own_stress(body) is not None:
         return "0", "0.5"
@@ -101,11 +114,14 @@ def _own_cells(discretisation: DiscreteSpace) -> int:
     return discretisation.mesh.topology.index_map(discretisation.mesh.topology.dim).size_local
 
 
-def strains_of_cells(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> list[np.ndarray]:
-    """Strain in the middles of cells of a body, its dofs, the factor of the modulus, and the volumes. Collective.
+def strains_of_cells(
+    discretisation: DiscreteSpace, cells: np.ndarray, place: int
+) -> list[np.ndarray]:
+    """Strain in the middles of cells of a body, its dofs, the factor of the modulus, and the
+    volumes. Collective.
 
-    (c, components, k), (c, k), (c,), (c,); the strain has the mean dilatation of the cells if the body uses it. Where
-    the elasticity is not Hooke's it is the stress, whose factor is 1.
+    (c, components, k), (c, k), (c,), (c,); the strain has the mean dilatation of the cells if the
+    body uses it. Where the elasticity is not Hooke's it is the stress, whose factor is 1.
 
     Args:
         discretisation: the mesh.
@@ -120,7 +136,9 @@ def strains_of_cells(discretisation: DiscreteSpace, cells: np.ndarray, place: in
 def _at_rest(
     discretisation: DiscreteSpace, cells: np.ndarray, place: int, output: NamedOutput
 ) -> tuple[tuple[str, ...], np.ndarray]:
-    """Strains that cause no stress: amplitudes as formulas, (e,), and what the rows measure, (c, components, e)."""
+    """Strains that cause no stress: amplitudes as formulas, (e,), and what the rows measure, (c,
+    components, e).
+    """
     mesh = discretisation.mesh
     scene = discretisation.scene
     body = scene.bodies[place]
@@ -128,7 +146,9 @@ def _at_rest(
     given = [found for load in loads if (found := load.eigenstrain_of(body.tag, mesh)) is not None]
     stress_of = scene.own_stress(body) or (lambda strain: strain)
     own = _of_rank(discretisation, cells).astype(np.int32)
-    middle = compat.interpolation_points(fem.functionspace(mesh, ("Discontinuous Lagrange", 0)).element)
+    middle = compat.interpolation_points(
+        fem.functionspace(mesh, ("Discontinuous Lagrange", 0)).element
+    )
     one = discretisation.constant(1.0)  # a strain that is a number has no mesh
     tables = [np.zeros((len(own), 6 if scene.hypothesis == "solid" else 4, 0))]
     for _, strain in given:
@@ -146,11 +166,15 @@ def _deviates(tensors: np.ndarray) -> bool:
 
 def _of_rank(discretisation: DiscreteSpace, cells: np.ndarray) -> np.ndarray:
     """Those of some increasing cells that this rank has, by its own numbers."""
-    first = sum(discretisation.group.gathered(_own_cells(discretisation))[: discretisation.group.number])
+    first = sum(
+        discretisation.group.gathered(_own_cells(discretisation))[: discretisation.group.number]
+    )
     return cells[(cells >= first) & (cells < first + _own_cells(discretisation))] - first
 
 
-def _tabulated(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> tuple[np.ndarray, ...]:
+def _tabulated(
+    discretisation: DiscreteSpace, cells: np.ndarray, place: int
+) -> tuple[np.ndarray, ...]:
     """The same arrays for some cells of this rank."""
     mesh = discretisation.mesh
     space = discretisation.space
@@ -164,7 +188,9 @@ def _tabulated(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> 
     measured = elasticity.strain(ufl.TrialFunction(space), hypothesis)
     if (stress_of := discretisation.scene.own_stress(body)) is not None:
         measured = stress_of(measured)
-    table = compat.jitted(fem.Expression, elasticity.kelvin(measured, hypothesis), middle).eval(mesh, cells)
+    table = compat.jitted(fem.Expression, elasticity.kelvin(measured, hypothesis), middle).eval(
+        mesh, cells
+    )
     strain = table.reshape(len(cells), components, dim * blocks.shape[1])
     if discretisation.mean_dilatation[place]:
         from hhr_dolfinx.plugins.elasticity.gauss_points import tabulated
@@ -178,11 +204,17 @@ def _tabulated(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> 
 
         factor = ufl.as_ufl(grading_of(discretisation, body))
         if extract_domains(factor):
-            grading = compat.jitted(fem.Expression, factor, middle).eval(mesh, cells).reshape(len(cells))
+            grading = (
+                compat.jitted(fem.Expression, factor, middle).eval(mesh, cells).reshape(len(cells))
+            )
         else:  # a grading that is a number has no mesh
             grading *= float(factor)
     weight = elasticity.volume_weight(mesh, hypothesis) * ufl.TestFunction(constants) * ufl.dx(mesh)
-    volumes = fem.assemble_vector(compat.jitted(fem.form, weight)).array[constants.dofmap.list[cells].ravel()]
-    nodes = space.dofmap.index_map.local_to_global(blocks.ravel().astype(np.int32)).reshape(blocks.shape)
+    volumes = fem.assemble_vector(compat.jitted(fem.form, weight)).array[
+        constants.dofmap.list[cells].ravel()
+    ]
+    nodes = space.dofmap.index_map.local_to_global(blocks.ravel().astype(np.int32)).reshape(
+        blocks.shape
+    )
     dofs = (dim * nodes[:, :, None] + np.arange(dim)).reshape(len(cells), dim * blocks.shape[1])
     return strain, dofs, grading, volumes

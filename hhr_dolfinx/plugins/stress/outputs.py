@@ -13,12 +13,14 @@ from hhr_dolfinx.parameters import Tag, as_tuple, check_tag, is_number
 
 @dataclass(frozen=True)
 class VonMises(NamedOutput):
-    """Von Mises equivalent stress of a body: in the middles of its cells, or where laws of bodies are evaluated.
+    """Von Mises equivalent stress of a body: in the middles of its cells, or where laws of bodies
+    are evaluated.
 
     Attributes:
         tag: cell tag of the body.
         kind: ``max``, or ``mean`` over the volume.
-        where: two corners of a box, for the cells whose middle lies inside; None for the whole body.
+        where: two corners of a box, for the cells whose middle lies inside; None for the whole
+            body.
     """
 
     tag: Tag
@@ -29,12 +31,19 @@ class VonMises(NamedOutput):
         super().__post_init__()
         check_tag(f"body of output '{self.name}'", self.tag)
         if self.kind not in ("max", "mean"):
-            raise SceneError(f"output '{self.name}': the kind {self.kind!r} must be 'max' or 'mean'")
+            raise SceneError(
+                f"output '{self.name}': the kind {self.kind!r} must be 'max' or 'mean'"
+            )
         if self.where is not None:
             corners = as_tuple(f"where of output '{self.name}'", self.where)
-            box = [as_tuple(f"a corner of where of output '{self.name}'", corner) for corner in corners]
+            box = [
+                as_tuple(f"a corner of where of output '{self.name}'", corner) for corner in corners
+            ]
             if len(box) != 2 or not all(is_number(value) for corner in box for value in corner):
-                raise SceneError(f"output '{self.name}': where = {self.where!r} must be two corners, (lower, upper)")
+                raise SceneError(
+                    f"output '{self.name}': where = {self.where!r} must be two corners, (lower, "
+                    "upper)"
+                )
             object.__setattr__(self, "where", tuple(box))
 
     def prepared(self, probe: ModelProbe) -> Functional:
@@ -46,13 +55,16 @@ class VonMises(NamedOutput):
 
 @dataclass(frozen=True)
 class ElasticEnergy(NamedOutput):
-    """Elastic energy of all bodies, ∫ σ : C^-1 σ / 2, with the elasticity C of each; per unit depth in the plane.
+    """Elastic energy of all bodies, ∫ σ : C^-1 σ / 2, with the elasticity C of each.
 
-    Strains that cause no stress, thermal and plastic ones, have no part in it. Springs have none either: theirs is
-    k u² / 2 each. Elastic bodies take the work of all forces, which is that energy in equilibrium, under any law of
-    contact; in a reduced model it has the errors of forces and displacement. Bodies with laws take the stress where
-    laws are evaluated, with C of E, ν and the grading; along their histories it has no derivatives. Laws that change C
-    are refused. The energy of a user-defined system is all that its stiffness stores.
+    Per unit depth in the plane.
+
+    Strains that cause no stress, thermal and plastic ones, have no part in it. Springs have none
+    either: theirs is k u² / 2 each. Elastic bodies take the work of all forces, which is that
+    energy in equilibrium, under any law of contact; in a reduced model it has the errors of forces
+    and displacement. Bodies with laws take the stress where laws are evaluated, with C of E, ν and
+    the grading; along their histories it has no derivatives. Laws that change C are refused. The
+    energy of a user-defined system is all that its stiffness stores.
     """
 
     def prepared(self, probe: ModelProbe) -> Functional:

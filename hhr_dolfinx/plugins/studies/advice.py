@@ -24,11 +24,16 @@ def advice(report: Report) -> Advice:
         return advice_condensed(report)
     if report["times"]["condensed_full"] is None:
         return advice_alone(report)
-    return advice_varying(report) if "offline_condensed" in report["times"] else advice_exact(report)
+    return (
+        advice_varying(report) if "offline_condensed" in report["times"] else advice_exact(report)
+    )
 
 
 def advice_exact(report: Report) -> Advice:
-    """Exact condensation, which has no reduction error, unless it is much slower than the reduced model."""
+    """Exact condensation, unless it is much slower than the reduced model.
+
+    It has no reduction error.
+    """
     times = report["times"]
     error = report["errors"]["dual_full_floored"]
     reduced = times["online_full"]["median"]
@@ -43,9 +48,13 @@ def advice_exact(report: Report) -> Advice:
         return Advice(
             "condensed",
             f"Use exact condensation while the stiffness stays constant: {figures}. "
-            "Use the hyper-reduced model where few queries need the displacement field, or memory is short.",
+            "Use the hyper-reduced model where few queries need the displacement field, or memory "
+            "is short.",
         )
-    why = f"Use the hyper-reduced model: {figures}. Use exact condensation where no error can be afforded."
+    why = (
+        f"Use the hyper-reduced model: {figures}. "
+        "Use exact condensation where no error can be afforded."
+    )
     return Advice("hhr", why)
 
 
@@ -57,9 +66,10 @@ def advice_alone(report: Report) -> Advice:
     best = times["fom_best"]["median"]
     return Advice(
         "hhr" if reduced < best else "fom_best",
-        f"Use {'the hyper-reduced model' if reduced < best else 'the full order'}: forces take {in_words(reduced)} by "
-        f"the hyper-reduced model and {in_words(best)} by the best full order (force errors {percent(error['median'])} "
-        f"median, {percent(error['max'])} at most). No condensation is built in for this scene.",
+        f"Use {'the hyper-reduced model' if reduced < best else 'the full order'}: "
+        f"forces take {in_words(reduced)} by the hyper-reduced model and {in_words(best)} by the "
+        f"best full order (force errors {percent(error['median'])} median, "
+        f"{percent(error['max'])} at most). No condensation is built in for this scene.",
     )
 
 
@@ -73,9 +83,10 @@ def advice_condensed(report: Report) -> Advice:
     after = "never pays" if pays is None else f"pays after {pays:.0f} queries"
     return Advice(
         "condensed" if reduced < best else "fom_best",
-        f"Use {'condensation' if reduced < best else 'the full order'}: forces take {in_words(reduced)} by the "
-        f"condensed model, which {after}, and {in_words(best)} by the best full order (force errors "
-        f"{percent(error['median'])} median, {percent(error['max'])} at most). Without hyper-reduction: {why}.",
+        f"Use {'condensation' if reduced < best else 'the full order'}: "
+        f"forces take {in_words(reduced)} by the condensed model, which {after}, and "
+        f"{in_words(best)} by the best full order (force errors {percent(error['median'])} median, "
+        f"{percent(error['max'])} at most). Without hyper-reduction: {why}.",
     )
 
 
@@ -98,8 +109,9 @@ def advice_varying(report: Report) -> Advice:
         paid = "never pays" if count is None else f"pays after {count:.0f} queries"
         ratio = times["fom_best"]["median"] / seconds[method]
         return (
-            f"{in_words(seconds[method])} for the forces, {ratio:.0f} times the best full order, errors "
-            f"{row['dual_full_floored']:.1e} median and {row['dual_full_floored_max']:.1e} at most, and {paid}"
+            f"{in_words(seconds[method])} for the forces, {ratio:.0f} times the best full order, "
+            f"errors {row['dual_full_floored']:.1e} median and "
+            f"{row['dual_full_floored_max']:.1e} at most, and {paid}"
         )
 
     favoured, *others = by_favour({name: rows[name] for name in names if name in rows}, seconds)
@@ -107,7 +119,8 @@ def advice_varying(report: Report) -> Advice:
     for other in others:
         sentence += f" {names[other].capitalize()}: {figures(other)}."
     sentence += (
-        " The hyper-reduced model is for contact conditions by the thousand, and where operators do not interpolate."
+        " The hyper-reduced model is for contact conditions by the thousand, and where operators "
+        "do not interpolate."
     )
     return Advice(favoured.lower(), sentence)
 
@@ -119,14 +132,22 @@ _OWN = ("this model", "interpolated")
 
 
 def by_favour(rows: dict[str, Report], seconds: dict[str, float]) -> list[str]:
-    """Methods, first the one with the smallest largest force error within a factor of three of the fastest.
+    """Methods, first the one with the smallest largest force error among the fast ones.
 
-    One that left a query without an answer has an infinite error, and comes after those that did not.
+    These are within a factor of three of the fastest. One that left a query without an answer has
+    an infinite error, and comes after those that did not.
     """
-    sure = [method for method in rows if math.isfinite(rows[method]["dual_full_floored_max"])] or list(rows)
-    close = [method for method in sure if seconds[method] <= 3 * min(seconds[other] for other in sure)]
+    sure = [
+        method for method in rows if math.isfinite(rows[method]["dual_full_floored_max"])
+    ] or list(rows)
+    close = [
+        method for method in sure if seconds[method] <= 3 * min(seconds[other] for other in sure)
+    ]
     # round-off errors count as equal, and then the fastest comes first
-    favoured = min(close, key=lambda method: (max(rows[method]["dual_full_floored_max"], ALIKE), seconds[method]))
+    favoured = min(
+        close,
+        key=lambda method: (max(rows[method]["dual_full_floored_max"], ALIKE), seconds[method]),
+    )
     return [favoured, *(method for method in rows if method != favoured)]
 
 

@@ -1,4 +1,6 @@
-"""Charts of a report as SVG inside the page: they use its colours, stay sharp, print, and need no network."""
+"""Charts of a report as SVG inside the page: they use its colours, stay sharp, print, and need no
+network.
+"""
 
 from __future__ import annotations
 
@@ -22,14 +24,18 @@ FLOOR = HEIGHT - BOTTOM
 """Ends of its axes, which begin at ``LEFT`` and ``TOP``."""
 LEAST = 1e-16
 MOST = 1e16
-"""Limits at which values below and above are drawn: zero has no logarithm, and such numbers occur in no report."""
+"""Limits at which values below and above are drawn: zero has no logarithm, and such numbers occur
+in no report.
+"""
 BINS = 24
 SHADES = 6
 """Bins of a histogram; steps of colour of a map."""
 
 
 class Mark(NamedTuple):
-    """A method: seconds of a query, its errors at half of the points, at 95 %, at most; ``own`` is that of the report.
+    """A method: seconds of a query, its errors at half of the points, at 95 %, at most.
+
+    ``own`` is that of the report.
 
     NaN and infinity are unknown.
     """
@@ -70,8 +76,8 @@ def _frame(across: str, up: str, content: Sequence[str], title: str) -> str:
         f'<path class="axis" d="M{LEFT} {TOP}V{FLOOR}H{END}"/>'
         + "".join(content)
         + _text((LEFT + END) / 2, HEIGHT - 8, "middle", escape(across))
-        + f'<text transform="translate(14 {(TOP + FLOOR) / 2:.0f}) rotate(-90)" text-anchor="middle">'
-        f"{escape(up)}</text></svg>"
+        + f'<text transform="translate(14 {(TOP + FLOOR) / 2:.0f}) rotate(-90)" '
+        f'text-anchor="middle">{escape(up)}</text></svg>'
     )
 
 
@@ -86,7 +92,11 @@ def _ticks(axis: _Axis, up: bool = False) -> list[str]:
         place = axis(10.0**k)
         power = f'10<tspan dy="-5" font-size="9">{k}</tspan>'
         line = f"M{LEFT} {place:.1f}H{END}" if up else f"M{place:.1f} {TOP}V{FLOOR}"
-        number = _text(LEFT - 6, place + 4, "end", power) if up else _text(place, FLOOR + 17, "middle", power)
+        number = (
+            _text(LEFT - 6, place + 4, "end", power)
+            if up
+            else _text(place, FLOOR + 17, "middle", power)
+        )
         parts.append(f'<path class="grid" d="{line}"/>{number}')
     return parts
 
@@ -101,7 +111,9 @@ def front(marks: Sequence[Mark]) -> list[Mark]:
 
 
 def work_precision(marks: Sequence[Mark], error: str) -> str:
-    """Errors over seconds of a query, a tail up to the largest with a tick at 95 %, and the Pareto front."""
+    """Errors over seconds of a query, a tail up to the largest with a tick at 95 %, and the Pareto
+    front.
+    """
     marks = [mark for mark in marks if math.isfinite(mark.error) and 0 < mark.seconds < math.inf]
     if not marks:
         return ""
@@ -116,16 +128,22 @@ def work_precision(marks: Sequence[Mark], error: str) -> str:
         y = up(mark.error)
         tick, end = mark.tail
         label = (
-            f"{mark.name}: {mark.seconds:.3g} s, {error} {mark.error:.2g} median, {tick:.2g} at 95 %, {end:.2g} at most"
+            f"{mark.name}: {mark.seconds:.3g} s, {error} {mark.error:.2g} median, {tick:.2g} at "
+            f"95 %, {end:.2g} at most"
         )
         parts.append(
-            f'<g><title>{escape(label)}</title><path class="tail" d="M{x:.1f} {y:.1f}V{up(end):.1f}"/>'
+            f"<g><title>{escape(label)}</title>"
+            f'<path class="tail" d="M{x:.1f} {y:.1f}V{up(end):.1f}"/>'
             f'<path class="tick" d="M{x - 4:.1f} {up(tick):.1f}h8"/>'
         )
-        parts.append(f'<circle class="{"own" if mark.own else "mark"}" cx="{x:.1f}" cy="{y:.1f}" r="5"/></g>')
+        parts.append(
+            f'<circle class="{"own" if mark.own else "mark"}" cx="{x:.1f}" cy="{y:.1f}" r="5"/></g>'
+        )
         if mark in best or mark.own:
             parts.append(_label(mark.name, x, y, labels))
-    return _frame("seconds of a query", error, parts, f"{error} over seconds of a query, method by method")
+    return _frame(
+        "seconds of a query", error, parts, f"{error} over seconds of a query, method by method"
+    )
 
 
 def _label(name: str, x: float, y: float, used: list[float]) -> str:
@@ -134,7 +152,11 @@ def _label(name: str, x: float, y: float, used: list[float]) -> str:
     while any(abs(place - other) < 13 for other in used):
         place += 13
     used.append(place)
-    return _text(x - 9, place, "end", escape(name)) if x > WIDTH - 150 else _text(x + 9, place, "start", escape(name))
+    return (
+        _text(x - 9, place, "end", escape(name))
+        if x > WIDTH - 150
+        else _text(x + 9, place, "start", escape(name))
+    )
 
 
 def histogram(errors: Sequence[float], bounds: Sequence[float], error: str, bound: str) -> str:
@@ -157,15 +179,22 @@ def histogram(errors: Sequence[float], bounds: Sequence[float], error: str, boun
     for k, count in enumerate(counts):
         box = f'x="{LEFT + k * step + 1:.1f}" y="{FLOOR - count * size:.1f}" width="{step - 2:.1f}"'
         label = f"<title>{count} answers</title>"
-        parts.append(f'<rect class="bar" {box} height="{count * size:.1f}">{label}</rect>' if count else "")
+        parts.append(
+            f'<rect class="bar" {box} height="{count * size:.1f}">{label}</rect>' if count else ""
+        )
     if bounds:
         steps = "".join(f"V{FLOOR - count * size:.1f}h{step:.2f}" for count in limits)
-        parts.append(f'<path class="limit" d="M{LEFT} {FLOOR}{steps}V{FLOOR}"><title>{escape(bound)}</title></path>')
+        parts.append(
+            f'<path class="limit" d="M{LEFT} {FLOOR}{steps}V{FLOOR}">'
+            f"<title>{escape(bound)}</title></path>"
+        )
     return _frame(error, "answers", parts, f"how many answers have which {error}")
 
 
 def _counted(values: Sequence[float], axis: _Axis) -> list[int]:
-    found: list[int] = np.histogram([axis(value) for value in values], BINS, (axis.begin, axis.end))[0].tolist()
+    found: list[int] = np.histogram(
+        [axis(value) for value in values], BINS, (axis.begin, axis.end)
+    )[0].tolist()
     return found
 
 
@@ -175,8 +204,14 @@ def map_of(
     names: tuple[str, str],
     box: Sequence[tuple[float, float]],
 ) -> str:
-    """Errors of answers over two parameters: the darker and larger a point, the larger its error."""
-    known = [(x, y, error) for (x, y), error in zip(points, errors, strict=True) if math.isfinite(x + y + error)]
+    """Errors of answers over two parameters: the darker and larger a point, the larger its
+    error.
+    """
+    known = [
+        (x, y, error)
+        for (x, y), error in zip(points, errors, strict=True)
+        if math.isfinite(x + y + error)
+    ]
     if not known:
         return ""
     ends = [math.log10(max(pick(error for *_, error in known), LEAST)) for pick in (min, max)]
@@ -186,10 +221,14 @@ def map_of(
         part = (math.log10(max(error, LEAST)) - ends[0]) / max(ends[1] - ends[0], 1e-9)
         across = LEFT + (x - left) / (right - left) * (END - LEFT)
         up = FLOOR - (y - low) / (high - low) * (FLOOR - TOP)
-        label = f"<title>{escape(names[0])} = {x:.4g}, {escape(names[1])} = {y:.4g}: {error:.2g}</title>"
+        label = (
+            f"<title>{escape(names[0])} = {x:.4g}, {escape(names[1])} = {y:.4g}: "
+            f"{error:.2g}</title>"
+        )
         shade = min(SHADES - 1, int(part * SHADES))
         parts.append(
-            f'<circle class="shade{shade}" cx="{across:.1f}" cy="{up:.1f}" r="{2.5 + 3 * part:.1f}">{label}</circle>'
+            f'<circle class="shade{shade}" cx="{across:.1f}" cy="{up:.1f}" '
+            f'r="{2.5 + 3 * part:.1f}">{label}</circle>'
         )
     parts += [
         _text(LEFT, FLOOR + 17, "middle", f"{left:.4g}"),

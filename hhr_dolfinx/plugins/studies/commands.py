@@ -1,4 +1,6 @@
-"""The commands ``hhr study`` and ``hhr report``: errors and times of models of a scene, and the page of them."""
+"""The commands ``hhr study`` and ``hhr report``: errors and times of models of a scene, and the
+page of them.
+"""
 
 from __future__ import annotations
 
@@ -14,16 +16,31 @@ with extra("study", "the command hhr"):
     import click
 
 
-@click.command(epilog=examples("hhr study my_scene.py --grid 16,16 --tests 200", "hhr report out/my_scene"))
+@click.command(
+    epilog=examples("hhr study my_scene.py --grid 16,16 --tests 200", "hhr report out/my_scene")
+)
 @SCENE
 @with_training
-@click.option("--tests", type=click.IntRange(1), default=200, show_default=True, help="random test points")
-@click.option("--queries", type=click.IntRange(6), default=200, show_default=True, help="timed queries of each method")
-@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="of random points")
+@click.option(
+    "--tests", type=click.IntRange(1), default=200, show_default=True, help="random test points"
+)
+@click.option(
+    "--queries",
+    type=click.IntRange(6),
+    default=200,
+    show_default=True,
+    help="timed queries of each method",
+)
+@click.option(
+    "--seed", type=click.IntRange(0), default=1, show_default=True, help="of random points"
+)
 @OUT
 @resumable
 def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **how: Any) -> None:
-    """Train, then compare errors and times with the full order and condensation; write report, pictures and model."""
+    """Train, then compare errors and times with the full order and condensation.
+
+    Write report, pictures and model.
+    """
     from dataclasses import replace
 
     from hhr_dolfinx.command.loading import beside, scene_of, value_of
@@ -44,16 +61,23 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
     found = study_scene(made, settings, folder, progress=progress)
     if found is None:
         return
-    middle = tuple((low + high) / 2 for low, high in zip(made.parameters.lower, made.parameters.upper, strict=True))
+    middle = tuple(
+        (low + high) / 2
+        for low, high in zip(made.parameters.lower, made.parameters.upper, strict=True)
+    )
     found.write(folder, console, view or View(points=(middle,)))
-    console.print(f"errors of its answers: {found.model.known_error}", highlight=False, markup=False)
+    console.print(
+        f"errors of its answers: {found.model.known_error}", highlight=False, markup=False
+    )
 
 
 @click.command(epilog=examples("hhr report out/my_scene"))
 @click.argument("folder", type=click.Path(path_type=Path))
 @guarded
 def report(folder: Path) -> None:
-    """Make report.html of the report.json and the pictures in a folder: one file that needs nothing else."""
+    """Make report.html of the report.json and the pictures in a folder: one file that needs nothing
+    else.
+    """
     from hhr_dolfinx.plugins.studies.page import write_page
 
     click.echo(write_page(folder))

@@ -1,4 +1,6 @@
-"""Measurements of a model, at single points or along histories: errors against the full model, and times."""
+"""Measurements of a model, at single points or along histories: errors against the full model, and
+times.
+"""
 
 from __future__ import annotations
 
@@ -32,7 +34,8 @@ Report = dict[str, Any]
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors by name at every point or history, (n,) each, infinite without an answer, and where there is one, (n,).
+    """Errors by name at every point or history, (n,) each, infinite without an answer, and where
+    there is one, (n,).
 
     ``residuals`` is the ``kkt`` part of a report, ``counts`` has other counts by name.
     """
@@ -54,7 +57,10 @@ class Errors:
 
 @dataclass(frozen=True)
 class Row:
-    """A method of the work-precision table with a setting; seconds of its answers, (n,), and their errors."""
+    """A method of the work-precision table with a setting.
+
+    Seconds of its answers, (n,), and their errors.
+    """
 
     method: str
     setting: str
@@ -71,20 +77,31 @@ class Row:
         }
         for name in ("primal_l2", "dual_full_floored"):
             figures = summary(self.errors.values[name])
-            row |= {name: figures["median"], f"{name}_p95": figures["p95"], f"{name}_max": figures["max"]}
+            row |= {
+                name: figures["median"],
+                f"{name}_p95": figures["p95"],
+                f"{name}_max": figures["max"],
+            }
         return row
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """Measurements of the model under study, and a function that measures others in the same way."""
+    """Measurements of the model under study, and a function that measures others in the same
+    way.
+    """
 
     own: Row  # errors and seconds of the model under study
     others: Sequence[Row]  # those of other methods on the same queries in turns
-    beside: Callable[[str, str, Model], Row]  # measures another model, given its method, its setting and the model
-    report: Report  # parts that only this kind of measurement has, ``times`` and ``ratios`` among them
+    beside: Callable[
+        [str, str, Model], Row
+    ]  # measures another model, given its method, its setting and the model
+    report: (
+        Report  # parts that only this kind of measurement has, ``times`` and ``ratios`` among them
+    )
     skipped: Sequence[dict[str, str]] = ()  # items left out, with reasons
-    drawn: tuple = ()  # further data for pictures: the full and the reduced history at the last test; empty for points
+    # further data for pictures: the full and the reduced history at the last test; empty for points
+    drawn: tuple = ()
     # rows of the work-precision table of methods that were refused, each with the reason
     refused: Sequence[Report] = ()
     # small models under their names in the advice, ``hhr`` and ``condensed``
@@ -102,12 +119,18 @@ Pair = tuple[np.ndarray, np.ndarray]
 
 
 def answer_errors(
-    problem: ContactProblem, answer: Pair, exact: Pair, theta: Theta, floor: float, inside: np.ndarray | None = None
+    problem: ContactProblem,
+    answer: Pair,
+    exact: Pair,
+    theta: Theta,
+    floor: float,
+    inside: np.ndarray | None = None,
 ) -> dict[str, float]:
     """Relative errors of displacement and forces against exact ones, with θ of their point.
 
-    ``*_floored`` divides by at least ``floor``, since a relative error is not meaningful near grazing contact.
-    ``dual_full`` covers the whole contact surface, ``dual_rid`` the conditions ``inside`` the RID.
+    ``*_floored`` divides by at least ``floor``, since a relative error is not meaningful near
+    grazing contact. ``dual_full`` covers the whole contact surface, ``dual_rid`` the conditions
+    ``inside`` the RID.
     """
     size = max(problem.doubled_energy(exact[0] - problem.lifts @ theta, theta), 0.0) ** 0.5
     errors = {
@@ -134,7 +157,9 @@ class References:
     floor: float
 
     @classmethod
-    def at(cls, points: np.ndarray, full_order: Any, training: SnapshotSet, progress: Progress = iter) -> References:
+    def at(
+        cls, points: np.ndarray, full_order: Any, training: SnapshotSet, progress: Progress = iter
+    ) -> References:
         """Solve the full model at test points, (n, P); the floor is that of its training solutions.
 
         Points without an answer are left out, with a warning.
@@ -145,7 +170,9 @@ class References:
         return cls(full_order.problem, solutions, force_floor(full_order.problem, training))
 
     def errors(self, model: Model) -> Errors:
-        """Errors of any model with ``solve(mu)`` on the whole mesh at every point, see :func:`answer_errors`."""
+        """Errors of any model with ``solve(mu)`` on the whole mesh at every point, see
+        :func:`answer_errors`.
+        """
         rows: list[dict[str, float] | None] = []
         residuals = []
         solutions = self.solutions
@@ -168,7 +195,9 @@ class References:
             there = problem.at(point)
             energies = [energy_minimum(there, field, theta) for field in (answer[0], exact[0])]
             # each local model has a different RID
-            row = answer_errors(there, answer, exact, theta, self.floor, conditions_inside(found.fields))
+            row = answer_errors(
+                there, answer, exact, theta, self.floor, conditions_inside(found.fields)
+            )
             rows.append({**row, "energy_minimum": abs(energies[0] - energies[1])})
             residuals.append(asdict(contact_residuals(there, *answer, theta)))
             false_contact += bool(((answer[1] > self.floor) & (forces == 0)).any())
@@ -176,7 +205,12 @@ class References:
         norms = ("dual_full",) if inside is None else ("dual_rid", "dual_full")
         names = ["primal_l2", "primal_energy", "primal_euclid", "energy_minimum"]
         names += [name for norm in norms for name in (norm, f"{norm}_floored")]
-        values = {name: np.array([np.inf if row is None else row[name] for row in rows]) for name in names}
-        kkt = {name: max((row[name] for row in residuals), default=np.inf) for name in Residuals.__dataclass_fields__}
+        values = {
+            name: np.array([np.inf if row is None else row[name] for row in rows]) for name in names
+        }
+        kkt = {
+            name: max((row[name] for row in residuals), default=np.inf)
+            for name in Residuals.__dataclass_fields__
+        }
         counts = {"points_with_false_contact": false_contact, "unconverged": int((~answered).sum())}
         return Errors(values, answered, kkt, counts)

@@ -27,14 +27,22 @@ class StudiedLaws(Protocol):
         """Raise StudyError for a ``correction`` of the settings that is invalid."""
 
     def measure(
-        self, training: Training, settings: object, tests: Mapping[Any, HistoryPath], progress: Progress
+        self,
+        training: Training,
+        settings: object,
+        tests: Mapping[Any, HistoryPath],
+        progress: Progress,
     ) -> tuple[KeptModel, Measurement]:
-        """The model under study, and errors and times of small models along test paths, by label."""
+        """The model under study, and errors and times of small models along test paths, by
+        label.
+        """
 
     def advice(self, report: Report) -> Advice:
         """Method for the scene, from the report."""
 
-    def fields(self, full: FullOrderModel, answers: dict[str, Answer], view: View) -> dict[str, dict[str, np.ndarray]]:
+    def fields(
+        self, full: FullOrderModel, answers: dict[str, Answer], view: View
+    ) -> dict[str, dict[str, np.ndarray]]:
         """Fields of the cells to draw, by their names and those of the answers."""
 
     def cells(self, model: KeptModel) -> np.ndarray:
@@ -45,7 +53,9 @@ class StudiedLaws(Protocol):
 
 
 def study_of(scene: Scene) -> StudiedLaws | None:
-    """Study of the laws of a scene; None if all bodies are elastic, NotOfferedError if there is none for them."""
+    """Study of the laws of a scene; None if all bodies are elastic, NotOfferedError if there is
+    none for them.
+    """
     if not scene.reader:
         return None
     found: StudiedLaws = registry.facet(scene.reader, "study", f"a study of scene '{scene.name}'")

@@ -1,4 +1,6 @@
-"""``report.html``: the report and the pictures of a study in one file that needs no network and no other file."""
+"""``report.html``: the report and the pictures of a study in one file that needs no network and no
+other file.
+"""
 
 from __future__ import annotations
 
@@ -50,7 +52,9 @@ TIMES = {
 PICTURES = {
     "scene.png": "The scene: bodies, contact surfaces, supports and loads.",
     "pressures.png": "Contact pressures: lines of the full order, marks of the reduced model.",
-    "fields.png": "The cells on which the reduced model integrates (RID), and fields beside each other.",
+    "fields.png": (
+        "The cells on which the reduced model integrates (RID), and fields beside each other."
+    ),
     "errors.png": "Errors over the parameter.",
     "contact_force.png": "Contact force over time.",
     "largest_plastic_strain.png": "Largest plastic strain over time.",
@@ -66,8 +70,8 @@ SIZES = {
 }
 TOLD = frozenset(
     (
-        "scene seed date parameters materials units advice outputs work_precision kkt break_even skipped machine "
-        "versions samples discretisation"
+        "scene seed date parameters materials units advice outputs work_precision kkt break_even "
+        "skipped machine versions samples discretisation"
     ).split()
 )
 """Parts of a report with a separate place on the page; the others follow in their raw form."""
@@ -77,7 +81,9 @@ POLICY = (
     '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; img-src data:; '
     "style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'\">"
 )
-"""Policy of the page: it has pictures and styles inside, and neither runs nor loads anything from a report.json."""
+"""Policy of the page: it has pictures and styles inside, and neither runs nor loads anything from a
+report.json.
+"""
 
 
 def write_page(folder: str | Path) -> Path:
@@ -96,7 +102,9 @@ def write_page(folder: str | Path) -> Path:
             f"there is no report {source}: run a study first, hhr study SCENE --out {folder}"
         ) from None
     except NotADirectoryError:
-        raise FileContentError(f"{folder} is no folder: name the one that holds a report.json") from None
+        raise FileContentError(
+            f"{folder} is no folder: name the one that holds a report.json"
+        ) from None
     except (OSError, ValueError, RecursionError) as error:
         raise FileContentError(f"{source} is no report ({error})") from error
     if not isinstance(report, dict) or not report:
@@ -110,15 +118,24 @@ def write_page(folder: str | Path) -> Path:
 
 
 def page_of(report: Mapping[str, Any], folder: Path) -> str:
-    """The page of a report and the pictures in a folder; missing parts of the report are left out."""
+    """The page of a report and the pictures in a folder; missing parts of the report are left
+    out.
+    """
     name = escape(str(report["scene"]))
     sizes = _mapping(report.get("sizes"))
     environment = {**_mapping(report.get("machine")), **_mapping(report.get("versions"))}
-    left_out = [[_text(item.get(key)) for key in ("stage", "why")] for item in _mappings(report.get("skipped"))]
+    left_out = [
+        [_text(item.get(key)) for key in ("stage", "why")]
+        for item in _mappings(report.get("skipped"))
+    ]
     environment |= {name: report[name] for name in ("seed", "date") if name in report}
     parts = [
         f"<h1>{name}</h1>",
-        _note(f"{_text(sizes[key])} {what}" for key, what in SIZES.items() if sizes.get(key) is not None),
+        _note(
+            f"{_text(sizes[key])} {what}"
+            for key, what in SIZES.items()
+            if sizes.get(key) is not None
+        ),
         f'<p class="advice">{escape(str(report["advice"]))}</p>' if report.get("advice") else "",
         _asked(report),
         _figure(folder / "scene.png"),
@@ -128,7 +145,8 @@ def page_of(report: Mapping[str, Any], folder: Path) -> str:
         _break_even(_mapping(report.get("break_even"))),
         _section("Outputs", _table(OUTPUT_HEAD, output_rows(_mapping(report.get("outputs"))))),
         _section(
-            "All methods that were measured", _table(METHOD_HEAD, method_rows(_mappings(report.get("work_precision"))))
+            "All methods that were measured",
+            _table(METHOD_HEAD, method_rows(_mappings(report.get("work_precision")))),
         ),
         _pictures(folder),
         _loading(folder),
@@ -179,7 +197,11 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 def _line(cells: Sequence[str], tag: str) -> str:
     marks = (f'<{tag} class="long">' if len(cell) > LONG else f"<{tag}>" for cell in cells)
-    return "<tr>" + "".join(f"{mark}{escape(cell)}</{tag}>" for mark, cell in zip(marks, cells, strict=True)) + "</tr>"
+    return (
+        "<tr>"
+        + "".join(f"{mark}{escape(cell)}</{tag}>" for mark, cell in zip(marks, cells, strict=True))
+        + "</tr>"
+    )
 
 
 def _percent(value: Any) -> str:
@@ -220,7 +242,8 @@ def _note(texts: Iterable[str]) -> str:
 
 def _asked(report: Mapping[str, Any]) -> str:
     box = [
-        [_named(row), *(_text(row.get(name)) for name in ("from", "to"))] for row in _mappings(report.get("parameters"))
+        [_named(row), *(_text(row.get(name)) for name in ("from", "to"))]
+        for row in _mappings(report.get("parameters"))
     ]
     given = _mappings(report.get("materials"))
     names = list(dict.fromkeys(name for row in given for name in row))
@@ -242,13 +265,24 @@ def _named(row: Mapping[str, Any]) -> str:
 ERROR_HEAD = ("error of", "half of the answers below", "95 % below", "worst seen")
 TIME_HEAD = ("way to answer", "median", "95 %", "times the reduced model")
 OUTPUT_HEAD = ("output", "largest", "median error", "95 %", "worst")
-METHOD_HEAD = ("method", "setting", "time", "displacement", "forces, median", "forces, worst", "remark")
+METHOD_HEAD = (
+    "method",
+    "setting",
+    "time",
+    "displacement",
+    "forces, median",
+    "forces, worst",
+    "remark",
+)
 
 
 def error_rows(errors: Mapping[str, Any]) -> dict[str, list[str]]:
     """Cells of the ``errors`` of a report by key, below :data:`ERROR_HEAD`."""
     return {
-        key: [ERRORS.get(key, _words(key)), *(_percent(figures.get(name)) for name in ("median", "p95", "max"))]
+        key: [
+            ERRORS.get(key, _words(key)),
+            *(_percent(figures.get(name)) for name in ("median", "p95", "max")),
+        ]
         for key, figures in errors.items()
         if _is_summary(figures)
     }
@@ -261,8 +295,14 @@ def time_rows(times: Mapping[str, Any]) -> list[list[str]]:
     for key, figures in times.items():
         if _is_summary(figures):
             median = figures["median"]
-            ratio = f"{median / base:.1f}" if _is_number(median) and _is_number(base) and base > 0 else "-"
-            rows.append([TIMES.get(key, _words(key)), _seconds(median), _seconds(figures.get("p95")), ratio])
+            ratio = (
+                f"{median / base:.1f}"
+                if _is_number(median) and _is_number(base) and base > 0
+                else "-"
+            )
+            rows.append(
+                [TIMES.get(key, _words(key)), _seconds(median), _seconds(figures.get("p95")), ratio]
+            )
     return rows
 
 
@@ -284,8 +324,13 @@ def method_rows(methods: Sequence[Mapping[str, Any]]) -> list[list[str]]:
         if "refused" in row:
             rows.append([*named, "refused", "", "", "", _text(row["refused"])])
         else:
-            errors = [_percent(row.get(key)) for key in ("primal_l2", "dual_full_floored", "dual_full_floored_max")]
-            rows.append([*named, _seconds(row.get("online_s")), *errors, _text(row.get("warning", ""))])
+            errors = [
+                _percent(row.get(key))
+                for key in ("primal_l2", "dual_full_floored", "dual_full_floored_max")
+            ]
+            rows.append(
+                [*named, _seconds(row.get("online_s")), *errors, _text(row.get("warning", ""))]
+            )
     return rows
 
 
@@ -293,19 +338,29 @@ def _errors(errors: Mapping[str, Any], mesh: Mapping[str, Any]) -> str:
     rows = error_rows(errors)
     main = [row for key, row in rows.items() if key in FIRST] or list(rows.values())
     rest = [row for row in rows.values() if row not in main]
-    note = "<p class='small'>Relative to the full order, at parameters that no model was trained on.</p>"
+    note = (
+        "<p class='small'>Relative to the full order, at parameters that no model was trained "
+        "on.</p>"
+    )
     table = _table(ERROR_HEAD, main)
     caption = (
-        f"<p>Beside these, the mesh: its stress is off by some {_percent(mesh.get('energy'))} in energy, its peak "
-        f"pressure by {_percent(mesh.get('peak_pressure'))}, as estimated at one answer. All models here share it.</p>"
+        f"<p>Beside these, the mesh: its stress is off by some {_percent(mesh.get('energy'))} in "
+        f"energy, its peak pressure by {_percent(mesh.get('peak_pressure'))}, as estimated at one "
+        "answer. All models here share it.</p>"
     )
-    parts = [table and table + note, _folded("in other norms", _table(ERROR_HEAD, rest)), caption if mesh else ""]
+    parts = [
+        table and table + note,
+        _folded("in other norms", _table(ERROR_HEAD, rest)),
+        caption if mesh else "",
+    ]
     return _section("How large are the errors?", *parts)
 
 
 def _times(times: Mapping[str, Any]) -> str:
     stages = [value for value in _mapping(times.get("offline")).values() if _is_number(value)]
-    cost = f"<p>Before the first answer: {escape(_seconds(sum(stages)))} of training and building.</p>"
+    cost = (
+        f"<p>Before the first answer: {escape(_seconds(sum(stages)))} of training and building.</p>"
+    )
     table = _table(TIME_HEAD, time_rows(times))
     return _section("How long does an answer take?", table, cost if stages else "")
 
@@ -316,27 +371,49 @@ def _break_even(even: Mapping[str, Any]) -> str:
 
 
 def _charts(report: Mapping[str, Any]) -> str:
-    """Errors over times of all methods; for elastic scenes distributions of errors and bounds, and their position."""
+    """Errors over times of all methods.
+
+    For elastic scenes distributions of errors and bounds, and their position.
+    """
     caption = (
-        " over the time of a query: half of the answers are below a mark, 95 % below the tick of its tail, none is "
-        "above the end. Nothing beats what lies on the dashed line in both."
+        " over the time of a query: half of the answers are below a mark, 95 % below the tick of "
+        "its tail, none is above the end. Nothing beats what lies on the dashed line in both."
     )
     rows = _mappings(report.get("work_precision"))
     found = [
-        (charts.work_precision(_marks(rows, key), f"error of {name}"), f"Error of the {name}{caption}")
+        (
+            charts.work_precision(_marks(rows, key), f"error of {name}"),
+            f"Error of the {name}{caption}",
+        )
         for key, name in CHARTED.items()
     ]
     samples = _mapping(report.get("samples"))
     errors = _numbers(_mapping(samples.get("errors")).get("forces"))
     kind = _text(samples.get("kind") or "bound")
     bounds = _numbers(_mapping(samples.get("bounds")).get("forces"))
-    caption = f"Bars: errors of contact forces at {len(errors)} points that no model was trained on."
-    caption += f" Line: what the model said beforehand of each, without the full answer ({kind})." if bounds else ""
-    found.append((charts.histogram(errors, bounds, "error of contact forces", f"{kind} of each answer"), caption))
+    caption = (
+        f"Bars: errors of contact forces at {len(errors)} points that no model was trained on."
+    )
+    caption += (
+        f" Line: what the model said beforehand of each, without the full answer ({kind})."
+        if bounds
+        else ""
+    )
+    found.append(
+        (
+            charts.histogram(errors, bounds, "error of contact forces", f"{kind} of each answer"),
+            caption,
+        )
+    )
     found += [
-        (chart, "Where errors are large: the redder and larger a point, the larger.") for chart in _maps(report, errors)
+        (chart, "Where errors are large: the redder and larger a point, the larger.")
+        for chart in _maps(report, errors)
     ]
-    figures = (f"<figure>{svg}<figcaption>{escape(caption)}</figcaption></figure>" for svg, caption in found if svg)
+    figures = (
+        f"<figure>{svg}<figcaption>{escape(caption)}</figcaption></figure>"
+        for svg, caption in found
+        if svg
+    )
     body = "".join(figures)
     return f'<section class="charts">{body}</section>' if body else ""
 
@@ -345,7 +422,9 @@ def _marks(rows: Sequence[Mapping[str, Any]], key: str) -> list[charts.Mark]:
     """Marks of the methods whose error of a key is known."""
     return [
         charts.Mark(
-            " ".join(dict.fromkeys(_text(row.get(name, "")) for name in ("method", "setting"))).strip(),
+            " ".join(
+                dict.fromkeys(_text(row.get(name, "")) for name in ("method", "setting"))
+            ).strip(),
             row["online_s"],
             row[key],
             _number(row.get(f"{key}_p95")),
@@ -358,13 +437,18 @@ def _marks(rows: Sequence[Mapping[str, Any]], key: str) -> list[charts.Mark]:
 
 
 def _maps(report: Mapping[str, Any], errors: list[float]) -> list[str]:
-    """Errors over each of the first parameters and the next one; empty if the points do not have these parameters."""
+    """Errors over each of the first parameters and the next one.
+
+    Empty if the points do not have these parameters.
+    """
     box = _mappings(report.get("parameters"))
     ends: list[Any] = [(row.get("from"), row.get("to")) for row in box]
     rows = _mapping(report.get("samples")).get("points")
     points = [_numbers(row) for row in rows] if isinstance(rows, list) else []
     fits = len(points) == len(errors) and all(len(point) == len(box) for point in points)
-    if not fits or not all(_is_number(low) and _is_number(high) and 0 < high - low < math.inf for low, high in ends):
+    if not fits or not all(
+        _is_number(low) and _is_number(high) and 0 < high - low < math.inf for low, high in ends
+    ):
         return []
     return [
         charts.map_of(
@@ -405,26 +489,37 @@ def _pictures(folder: Path) -> str:
 
 def _loading(folder: Path) -> str:
     """Code that loads and queries the models in the folder of a report."""
-    models = [path.name for path in sorted(folder.glob("*.npz")) if path.name in ("study.npz", "condensed.npz")]
+    models = [
+        path.name
+        for path in sorted(folder.glob("*.npz"))
+        if path.name in ("study.npz", "condensed.npz")
+    ]
     if not models:
         return ""
     lines = ["import hhr_dolfinx as hhr", ""]
     lines += [f'model = hhr.load_model("{name}")' for name in models]
-    lines += ["answer = model.solve(point)  # parameters by name, or in their order; path: model.march(path)"]
+    lines += [
+        "answer = model.solve(point)  # parameters by name, or in their order; path: "
+        "model.march(path)"
+    ]
     lines += ["answer.forces(), answer.displacement(), answer.estimate()"]
     hint = (
         "It needs NumPy and SciPy, no DOLFINx. A table is answered by "
         f"<code>hhr answer {models[-1]} questions.csv</code>."
     )
-    return _section("How is the model used?", f"<pre>{escape(chr(10).join(lines))}</pre>", f"<p>{hint}</p>")
+    return _section(
+        "How is the model used?", f"<pre>{escape(chr(10).join(lines))}</pre>", f"<p>{hint}</p>"
+    )
 
 
 def _checks(residuals: Mapping[str, Any]) -> str:
-    rows = [[_words(name), f"{value:.2g}"] for name, value in residuals.items() if _is_number(value)]
+    rows = [
+        [_words(name), f"{value:.2g}"] for name, value in residuals.items() if _is_number(value)
+    ]
     caption = (
-        "<p class='small'>Equilibrium: forces that are out of balance node by node, over the contact forces, which "
-        "says little of the error of a displacement; penetration: of the largest gap or motion; sign: pull, of the "
-        "largest force.</p>"
+        "<p class='small'>Equilibrium: forces that are out of balance node by node, over the "
+        "contact forces, which says little of the error of a displacement; penetration: of the "
+        "largest gap or motion; sign: pull, of the largest force.</p>"
     )
     table = _table(["residual of what is handed out, relative", "largest"], rows)
     return _section("What is left of the equations", table and table + caption)
@@ -434,8 +529,12 @@ def _others(report: Mapping[str, Any]) -> str:
     """Parts without a separate place, folded, each as a table."""
     shown = {key: value for key, value in report.items() if key not in TOLD}
     for key in ("errors", "times"):
-        shown[key] = {name: item for name, item in _mapping(report.get(key)).items() if not _is_summary(item)}
-    return _section("Everything else", *(_folded(_words(key), _plain(value)) for key, value in shown.items()))
+        shown[key] = {
+            name: item for name, item in _mapping(report.get(key)).items() if not _is_summary(item)
+        }
+    return _section(
+        "Everything else", *(_folded(_words(key), _plain(value)) for key, value in shown.items())
+    )
 
 
 def _folded(title: str, content: str) -> str:
@@ -446,9 +545,17 @@ def _plain(value: object) -> str:
     """A part of a report as a table: rows that share their keys, or values by name."""
     if rows := _mappings(value):
         head = list(dict.fromkeys(name for row in rows for name in row))
-        return _table([_words(name) for name in head], [[_text(row.get(name, "")) for name in head] for row in rows])
+        return _table(
+            [_words(name) for name in head],
+            [[_text(row.get(name, "")) for name in head] for row in rows],
+        )
     if isinstance(value, Mapping):
-        parts = {name: item for name, item in value.items() if isinstance(item, Mapping | list) and item}
-        own = _table(["", "value"], [[_words(name), _text(item)] for name, item in value.items() if name not in parts])
+        parts = {
+            name: item for name, item in value.items() if isinstance(item, Mapping | list) and item
+        }
+        own = _table(
+            ["", "value"],
+            [[_words(name), _text(item)] for name, item in value.items() if name not in parts],
+        )
         return own + "".join(_folded(_words(name), _plain(item)) for name, item in parts.items())
     return f"<p>{escape(_text(value))}</p>" if value not in (None, []) else ""

@@ -1,6 +1,7 @@
 """Pictures of a study, and fields for ParaView; imported on demand.
 
-Fields of several models with their difference, undeformed bodies, contact pressures, and errors over one parameter.
+Fields of several models with their difference, undeformed bodies, contact pressures, and errors
+over one parameter.
 """
 
 from __future__ import annotations
@@ -38,7 +39,9 @@ with extra("pictures", "pictures and fields for ParaView"):
 Curves = dict[str, tuple[Any, Any]]
 """Positions and values of curves by name."""
 SHARE = 99.0
-"""Percentiles of the values that bound the colours: else an infinite stress at a corner would take them all."""
+"""Percentiles of the values that bound the colours: else an infinite stress at a corner would take
+them all.
+"""
 BEYOND = 1.3
 """Largest value, over the end of the colours, above which the title states it."""
 BAR = {
@@ -64,14 +67,22 @@ class _Field(NamedTuple):
     ends: tuple[float, float]
 
 
-def _row(quantity: str, models: dict[str, np.ndarray], warped: dict[str, pyvista.UnstructuredGrid]) -> Iterator[_Field]:
+def _row(
+    quantity: str, models: dict[str, np.ndarray], warped: dict[str, pyvista.UnstructuredGrid]
+) -> Iterator[_Field]:
     """Pictures of a quantity: one of each model in the same colours, and their difference."""
     every = np.concatenate([np.ravel(values) for values in models.values()])
     low, high = np.percentile(every, [100 - SHARE, SHARE])
     for model, values in models.items():
         largest = float(np.max(values))
         peak = f", up to {largest:.3g}" if largest > BEYOND * high else ""
-        yield _Field(warped[model], f"{quantity}, {model}", f"{quantity}, {model}{peak}", "viridis", (low, high))
+        yield _Field(
+            warped[model],
+            f"{quantity}, {model}",
+            f"{quantity}, {model}{peak}",
+            "viridis",
+            (low, high),
+        )
     first, *_, last = models
     size = float(np.percentile(np.abs(models[last] - models[first]), SHARE)) or 1.0
     title = f"{last} less {first}"
@@ -79,25 +90,43 @@ def _row(quantity: str, models: dict[str, np.ndarray], warped: dict[str, pyvista
 
 
 def _plot(
-    still: pyvista.UnstructuredGrid, deformed: pyvista.UnstructuredGrid, rows: list[list[_Field]], path: Path
+    still: pyvista.UnstructuredGrid,
+    deformed: pyvista.UnstructuredGrid,
+    rows: list[list[_Field]],
+    path: Path,
 ) -> None:
-    """The RID in two colours, and next to it a row for each quantity, all with the outline of undeformed bodies."""
+    """The RID in two colours, and next to it a row for each quantity, all with the outline of
+    undeformed bodies.
+    """
     width, height, depth = np.ptp(still.points, axis=0)
     flat = depth == 0
     columns = 1 + max(len(row) for row in rows)
     # a flat mesh has space for its name and a bar
     pixels = int(np.clip(560 * height / max(width, 1e-300) + 170, 300, 800)) if flat else 560
     plotter = pyvista.Plotter(
-        off_screen=True, shape=(len(rows), columns), window_size=(560 * columns, pixels * len(rows)), border=False
+        off_screen=True,
+        shape=(len(rows), columns),
+        window_size=(560 * columns, pixels * len(rows)),
+        border=False,
     )
     outline = still.extract_feature_edges(
-        feature_angle=40, boundary_edges=True, feature_edges=not flat, manifold_edges=False, non_manifold_edges=False
+        feature_angle=40,
+        boundary_edges=True,
+        feature_edges=not flat,
+        manifold_edges=False,
+        non_manifold_edges=False,
     )
     plotter.subplot(0, 0)
     plotter.add_mesh(
-        deformed.copy(), scalars="rid", cmap=["#d9d9d9", "#c0392b"], show_scalar_bar=False, lighting=not flat
+        deformed.copy(),
+        scalars="rid",
+        cmap=["#d9d9d9", "#c0392b"],
+        show_scalar_bar=False,
+        lighting=not flat,
     )
-    _finish(plotter, f"RID: {int(still.cell_data['rid'].sum())} of {still.n_cells} cells", outline, flat)
+    _finish(
+        plotter, f"RID: {int(still.cell_data['rid'].sum())} of {still.n_cells} cells", outline, flat
+    )
     for place, row in enumerate(rows):
         for number, field in enumerate(row, start=1):
             plotter.subplot(place, number)
@@ -132,9 +161,9 @@ def _finish(plotter: pyvista.Plotter, title: str, outline: pyvista.PolyData, fla
 def draw_study(study: Any, view: View, folder: Path) -> None:
     """Draw the pictures of a study.
 
-    They show contact pressures at the points of the view, and fields at the last of them or at the last step of the
-    last test history: RID, displacement, stress and fields of laws, also for ParaView. Others show errors over the
-    parameter if there is only one, or a history over time.
+    They show contact pressures at the points of the view, and fields at the last of them or at the
+    last step of the last test history: RID, displacement, stress and fields of laws, also for
+    ParaView. Others show errors over the parameter if there is only one, or a history over time.
     """
     full = study.training.full_order
     model = study.model
@@ -143,7 +172,9 @@ def draw_study(study: Any, view: View, folder: Path) -> None:
     if study.measured.drawn:
         exact, found = study.measured.drawn
         method = study.measured.own.method
-        _draw_answers(full, model, {"": (exact.answers[-1], found.answers[-1])}, view, folder, method)
+        _draw_answers(
+            full, model, {"": (exact.answers[-1], found.answers[-1])}, view, folder, method
+        )
         laws = study_of(full.scene)
         if laws is not None:
             laws.draw({"full order": exact, method: found}, full.problem.contact_pairs, folder)
@@ -152,13 +183,23 @@ def draw_study(study: Any, view: View, folder: Path) -> None:
     if len(names) == 1 and isinstance(study.tests, np.ndarray):
         values = study.measured.own.errors.values
         # a condensed model has no domain whose forces are apart
-        shown = [name for name in ("primal_euclid", "primal_energy", "dual_rid", "energy_minimum") if name in values]
+        shown = [
+            name
+            for name in ("primal_euclid", "primal_energy", "dual_rid", "energy_minimum")
+            if name in values
+        ]
         where = np.ravel(np.asarray(study.tests))
         # zero has no logarithm
         curves: Curves = {name: (where, np.maximum(values[name], 1e-17)) for name in shown}
         plot_curves(curves, folder / "errors.png", (names[0], "error"), logarithmic=True)
-    labels = ("".join(f", {name} = {x:g}" for name, x in zip(names, mu, strict=True)) for mu in view.points)
-    pairs = {label: (full.solve(mu), model.solve(mu)) for label, mu in zip(labels, view.points, strict=True)}
+    labels = (
+        "".join(f", {name} = {x:g}" for name, x in zip(names, mu, strict=True))
+        for mu in view.points
+    )
+    pairs = {
+        label: (full.solve(mu), model.solve(mu))
+        for label, mu in zip(labels, view.points, strict=True)
+    }
     if pairs:
         _draw_answers(full, model, pairs, view, folder, study.measured.own.method)
 
@@ -171,7 +212,9 @@ def _draw_answers(
     folder: Path,
     method: str = "HHR",
 ) -> None:
-    """Pressures of all contacts, then ``fields.vtu`` and a picture of the RID, fields, and their difference."""
+    """Pressures of all contacts, then ``fields.vtu`` and a picture of the RID, fields, and their
+    difference.
+    """
     problem = full.problem
     view = in_units(view, full.scene.units)
     panels = [
@@ -185,7 +228,9 @@ def _draw_answers(
     cells: dict[str, dict[str, np.ndarray]] = {}
     laws = study_of(full.scene)
     if laws is None:
-        cells[f"von Mises [{view.stress}]"] = {name: von_mises(answer.stress()) for name, answer in answers.items()}
+        cells[f"von Mises [{view.stress}]"] = {
+            name: von_mises(answer.stress()) for name, answer in answers.items()
+        }
     else:
         cells |= laws.fields(full, answers, view)
     where = _cells_of(model) if laws is None else laws.cells(model)
@@ -214,7 +259,11 @@ def _cells_of(model: KeptModel) -> np.ndarray:
 
 def in_units(view: View, units: Units | None) -> View:
     """The view with the unit of stress of a scene, if it has none."""
-    return view if view.stress is not None else replace(view, stress="Pa" if units is None else units.stress)
+    return (
+        view
+        if view.stress is not None
+        else replace(view, stress="Pa" if units is None else units.stress)
+    )
 
 
 def along(view: View, places: np.ndarray, pair: int, units: Units | None) -> tuple[np.ndarray, str]:
@@ -238,9 +287,15 @@ class Panel(NamedTuple):
 
 
 def _pressures_of(
-    full: FullOrderModel, pair: int, pairs: dict[str, tuple[Answer, Answer]], view: View, method: str
+    full: FullOrderModel,
+    pair: int,
+    pairs: dict[str, tuple[Answer, Answer]],
+    view: View,
+    method: str,
 ) -> Panel:
-    """Pressures of one contact: lines of the full model, marks of a reduced model, a closed form if there is one."""
+    """Pressures of one contact: lines of the full model, marks of a reduced model, a closed form if
+    there is one.
+    """
     own = full.problem.pressing_of(pair)
     where, label = along(view, full.problem.contact_points[own], pair, full.scene.units)
     lines = {}
@@ -250,13 +305,18 @@ def _pressures_of(
         lines[f"full order{name}"] = where, exact.pressure(full)[own]
         marks[f"{method}{name}"] = where, found.pressure(full)[own]
         if view.closed_form is not None and pair == (view.pair or 0):
-            closed_forms[f"closed form{name}"] = where, view.closed_form(where, exact.forces()[own].sum())
+            closed_forms[f"closed form{name}"] = (
+                where,
+                view.closed_form(where, exact.forces()[own].sum()),
+            )
     tags = " and ".join(str(tag) for tag in full.scene.contacts[pair].tags)
     title = f"contact {pair}: {tags}"
     return Panel(title, (label, f"contact pressure [{view.stress}]"), lines | closed_forms, marks)
 
 
-def field_grid(full: FullOrderModel, rid_cells: np.ndarray, fields: dict[str, np.ndarray]) -> pyvista.UnstructuredGrid:
+def field_grid(
+    full: FullOrderModel, rid_cells: np.ndarray, fields: dict[str, np.ndarray]
+) -> pyvista.UnstructuredGrid:
     """Mesh with displacement fields by name, (N,) each, and the RID as the cell field ``rid``."""
     # points are the nodes of the space, in the order of its dofs
     grid = pyvista.UnstructuredGrid(*vtk_mesh(full.discretisation.space))
@@ -267,7 +327,9 @@ def field_grid(full: FullOrderModel, rid_cells: np.ndarray, fields: dict[str, np
     return grid
 
 
-def plot_curves(lines: Curves, path: Path, labels: tuple[str, str], *, logarithmic: bool = False) -> None:
+def plot_curves(
+    lines: Curves, path: Path, labels: tuple[str, str], *, logarithmic: bool = False
+) -> None:
     """Curves by name, joined in the order of positions."""
     figure = Figure(figsize=(7, 4.5), layout="constrained")
     axes = figure.subplots()
@@ -290,11 +352,15 @@ def plot_panels(panels: Sequence[Panel], path: Path) -> None:
         axis.set(title=panel.title, xlabel=panel.labels[0], ylabel=panel.labels[1])
     for axis in axes[len(panels) :]:
         axis.set_axis_off()
-    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8)
+    figure.legend(
+        *axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2, fontsize=8
+    )
     figure.savefig(path, dpi=150)
 
 
 def _draw_lines(axes: Axes, lines: Curves, style: str) -> None:
     for k, (name, (where, values)) in enumerate(lines.items()):
         order = np.argsort(where)
-        axes.plot(np.asarray(where)[order], np.asarray(values)[order], style, color=f"C{k}", label=name)
+        axes.plot(
+            np.asarray(where)[order], np.asarray(values)[order], style, color=f"C{k}", label=name
+        )

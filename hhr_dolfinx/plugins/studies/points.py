@@ -1,4 +1,6 @@
-"""Error against run time at single parameters: all methods on the same points in the same process."""
+"""Error against run time at single parameters: all methods on the same points in the same
+process.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,13 @@ import numpy as np
 from hhr_dolfinx import registry
 from hhr_dolfinx.certify.accuracy import summary
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.errors import ConvergenceError, HHRError, NotOfferedError, NotSolvableError, StudyError
+from hhr_dolfinx.errors import (
+    ConvergenceError,
+    HHRError,
+    NotOfferedError,
+    NotSolvableError,
+    StudyError,
+)
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.linear.dense import Factorise, LapackLU, PetscLU
 from hhr_dolfinx.models.answer import Answer, Model
@@ -47,14 +55,20 @@ WARM_UP = 5
 """Queries before the measurement."""
 
 
-def time_queries(models: dict[str, Callable[[np.ndarray], Any]], points: np.ndarray) -> dict[str, np.ndarray]:
-    """Seconds per query of each model at every point, (len(points) minus a warm-up,), on one thread.
+def time_queries(
+    models: dict[str, Callable[[np.ndarray], Any]], points: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Seconds per query of each model at every point, (len(points) minus a warm-up,), on one
+    thread.
 
-    No point is repeated, so that caches help no more than in use. The models alternate in blocks, so that a disturbance
-    of the machine affects all of them. A query without an answer counts with its time.
+    No point is repeated, so that caches help no more than in use. The models alternate in blocks,
+    so that a disturbance of the machine affects all of them. A query without an answer counts with
+    its time.
     """
     if len(points) <= WARM_UP:
-        raise StudyError(f"{len(points)} points cannot be timed: {WARM_UP} are a warm-up, give more")
+        raise StudyError(
+            f"{len(points)} points cannot be timed: {WARM_UP} are a warm-up, give more"
+        )
     measured = points[WARM_UP:]
     times: dict[str, list[float]] = {name: [] for name in models}
     with one_thread, _settled_memory():
@@ -82,7 +96,9 @@ def _query(solve: Callable[[np.ndarray], Any], point: np.ndarray) -> None:
 
 @contextmanager
 def _settled_memory() -> Iterator[None]:
-    """Exclude existing objects from garbage collection in a block, which would take 0.1 s for each measurement."""
+    """Exclude existing objects from garbage collection in a block, which would take 0.1 s for each
+    measurement.
+    """
     gc.collect()
     gc.freeze()
     try:
@@ -92,7 +108,10 @@ def _settled_memory() -> Iterator[None]:
 
 
 def model_of(training: Training, recipe: Recipe | None) -> tuple[KeptModel, list[dict[str, str]]]:
-    """Model under study: the hyper-reduced one; the condensed one, with the reason, if a scene has no such model."""
+    """Model under study: the hyper-reduced one.
+
+    The condensed one, with the reason, if a scene has no such model.
+    """
     try:
         return training.build(recipe), []
     except NotOfferedError as error:
@@ -107,7 +126,8 @@ def measure_points(
     refused: list[dict[str, str]],
     progress: Progress,
 ) -> Measurement:
-    """Errors of the model under study at test points, and its time compared with those of all other models.
+    """Errors of the model under study at test points, and its time compared with those of all other
+    models.
 
     ``refused`` has the reason if hyper-reduction, the usual model under study, was refused.
     """
@@ -131,12 +151,17 @@ def measure_points(
             offline = {"offline_condensed": dict(forces_only.offline.log.times)}
     baselines = {}
     if settings.naive and full.problem.kernel is None:
-        baselines = {name: registry.load(place)(full) for name, (place, _) in registry.parts("baselines").items()}
+        baselines = {
+            name: registry.load(place)(full)
+            for name, (place, _) in registry.parts("baselines").items()
+        }
     models |= baselines
     # timed points belong neither to training nor to tests
     fresh, others = (space.random(settings.queries + 5, settings.seed + k) for k in (1000, 4000))
     warm = time_queries(_warm(models, known) | whole, fresh)
-    cold = time_queries({name: partial(item.solve, start=None) for name, item in models.items()}, others)
+    cold = time_queries(
+        {name: partial(item.solve, start=None) for name, item in models.items()}, others
+    )
 
     def beside(method: str, setting: str, other: Model) -> Row:
         errors = references.errors(other)
@@ -146,7 +171,10 @@ def measure_points(
     if not baselines:
         skipped.append({"stage": "fom_naive", "why": _without_naive(full)})
     iterations = [answer.iterations for answer in answers]
-    searches = {"iterations_median": float(np.median(iterations)), "iterations_max": max(iterations)}
+    searches = {
+        "iterations_median": float(np.median(iterations)),
+        "iterations_max": max(iterations),
+    }
     searches["cycles"] = sum(answer.cycled for answer in answers)
     report = {"active_set": searches, "samples": _samples(points, answers, errors["online"])}
     report |= _times(warm, cold, baselines, offline)
@@ -161,7 +189,9 @@ def measure_points(
 
 
 def _queries_of(full: FullOrderModel, model: KeptModel) -> tuple[dict[str, Model], Queries]:
-    """The full model and that under study, and its queries of all forces, and of fields and forces, by name."""
+    """The full model and that under study, and its queries of all forces, and of fields and forces,
+    by name.
+    """
     models: dict[str, Model] = {"fom_best": full, "online": model}
     if isinstance(model, ReducedModel):
         models["online_lapack"] = _twin(model, LapackLU)
@@ -174,7 +204,9 @@ def _queries_of(full: FullOrderModel, model: KeptModel) -> tuple[dict[str, Model
 
 
 def _samples(points: np.ndarray, answers: list[Answer], errors: Errors) -> Report:
-    """The ``samples`` part of a report: test points, errors there, and their estimates, relative."""
+    """The ``samples`` part of a report: test points, errors there, and their estimates,
+    relative.
+    """
     found: Report = {
         "points": points.tolist(),
         "errors": {name: errors.values[key].tolist() for name, key in SAMPLED.items()},
@@ -182,12 +214,17 @@ def _samples(points: np.ndarray, answers: list[Answer], errors: Errors) -> Repor
     known = Estimates.of([answer.estimate() for answer in answers])
     if known is not None:
         bounds = {"displacement": known.primal_relative, "forces": known.forces_euclid_relative}
-        found |= {"kind": known.kind, "bounds": {name: values.tolist() for name, values in bounds.items()}}
+        found |= {
+            "kind": known.kind,
+            "bounds": {name: values.tolist() for name, values in bounds.items()},
+        }
     return found
 
 
 def _mesh_error(full: FullOrderModel, skipped: list[dict[str, str]]) -> Report:
-    """The ``discretisation`` part of a report; empty, with the reason, if it cannot be estimated."""
+    """The ``discretisation`` part of a report; empty, with the reason, if it cannot be
+    estimated.
+    """
     try:
         mesh_error = registry.tool("mesh_error", "the error of the mesh")
         return {"discretisation": mesh_error(full, full.solve(full.parameters.middle))._asdict()}
@@ -198,14 +235,20 @@ def _mesh_error(full: FullOrderModel, skipped: list[dict[str, str]]) -> Report:
 
 def _without_naive(full: FullOrderModel) -> str:
     if full.problem.kernel is not None:
-        return "nothing but contact holds a body: without it K is singular, and the first program fails"
+        return (
+            "nothing but contact holds a body: without it K is singular, and the first program "
+            "fails"
+        )
     if not registry.parts("baselines"):
         return "no plug-in of baselines is installed"
     return "not asked for: one query takes too long to measure a hundred"
 
 
-def _compared(training: Training, known: KnownStatuses, skipped: list[dict[str, str]]) -> tuple[CondensedModel, ...]:
-    """Condensation with forces alone and with fields: exact, or interpolated if the stiffness varies.
+def _compared(
+    training: Training, known: KnownStatuses, skipped: list[dict[str, str]]
+) -> tuple[CondensedModel, ...]:
+    """Condensation with forces alone and with fields: exact, or interpolated if the stiffness
+    varies.
 
     Empty, with the reason in ``skipped``, if the scene has none.
     """
@@ -221,12 +264,17 @@ def _compared(training: Training, known: KnownStatuses, skipped: list[dict[str, 
 
 
 def _warm(models: dict[str, Model], known: KnownStatuses) -> Queries:
-    """Queries that start from the nearest training statuses, which full models need as an argument."""
+    """Queries that start from the nearest training statuses, which full models need as an
+    argument.
+    """
 
     def near(solve: Callable) -> Callable:
         return lambda point: solve(point, start=known.active[known.nearest(point)])
 
-    return {name: near(model.solve) if name.startswith("fom") else model.solve for name, model in models.items()}
+    return {
+        name: near(model.solve) if name.startswith("fom") else model.solve
+        for name, model in models.items()
+    }
 
 
 def _everywhere(model: Model) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
@@ -238,19 +286,30 @@ def _everywhere(model: Model) -> Callable[[np.ndarray], tuple[np.ndarray, np.nda
 
 
 def _outputs(full: FullOrderModel, solutions: SnapshotSet, answers: list[Answer]) -> Report:
-    """The ``outputs`` part of a report: errors relative to the largest absolute value; infinite without an answer."""
+    """The ``outputs`` part of a report: errors relative to the largest absolute value.
+
+    Infinite without an answer.
+    """
     if full.functionals is None:
         return {}
     exact = []
-    for point, unknown, forces in zip(solutions.points, solutions.displacements.T, solutions.forces.T, strict=True):
-        exact.append(Answer(point, unknown, forces, forces > 0, 0, Status.CONVERGED, False, full).outputs())
+    for point, unknown, forces in zip(
+        solutions.points, solutions.displacements.T, solutions.forces.T, strict=True
+    ):
+        exact.append(
+            Answer(point, unknown, forces, forces > 0, 0, Status.CONVERGED, False, full).outputs()
+        )
     found = [answer.outputs() for answer in answers]
     report = {}
     for name, unit in exact[0].units.items():
         values, others = (np.array([outputs[name] for outputs in part]) for part in (exact, found))
         largest = float(np.abs(values).max())
         errors = np.abs(others - values) / (largest or 1.0)
-        report[name] = {"unit": unit, "largest": largest, **summary(np.where(np.isfinite(errors), errors, np.inf))}
+        report[name] = {
+            "unit": unit,
+            "largest": largest,
+            **summary(np.where(np.isfinite(errors), errors, np.inf)),
+        }
     return {"outputs": report}
 
 
@@ -285,4 +344,7 @@ def _ratios(times: Times, baselines: Iterable[str]) -> dict[str, float | None]:
     """Median times over that of the reduced model; null for a model that was not run."""
     online = np.median(times["online"])
     names = (*COMPARED, *baselines)
-    return {f"{name}/online": float(np.median(times[name]) / online) if name in times else None for name in names}
+    return {
+        f"{name}/online": float(np.median(times[name]) / online) if name in times else None
+        for name in names
+    }

@@ -34,7 +34,9 @@ LONGEST = 160
 """Most characters of a printed cell."""
 
 
-def make_report(training: Training, model: KeptModel, measured: Measurement, rows: list[Report], seed: int) -> Report:
+def make_report(
+    training: Training, model: KeptModel, measured: Measurement, rows: list[Report], seed: int
+) -> Report:
     """All figures of a study under the keys that scenes share; SI units, seconds, fractions."""
     report = {
         **frame(training, model, seed),
@@ -43,7 +45,11 @@ def make_report(training: Training, model: KeptModel, measured: Measurement, row
         **measured.report,
         "work_precision": rows,
     }
-    offline = training.log.times | model.offline.log.times | _read_from_files(training, report["times"]["fom_best"])
+    offline = (
+        training.log.times
+        | model.offline.log.times
+        | _read_from_files(training, report["times"]["fom_best"])
+    )
     report["times"] = {"offline": offline, **report["times"]}
     report["skipped"] += measured.skipped
     report["break_even"] = break_even(report["times"])
@@ -53,7 +59,9 @@ def make_report(training: Training, model: KeptModel, measured: Measurement, row
 
 
 def model_report(model: ReducedModel, row: Row) -> Report:
-    """One of the ``models`` of a report: a reduced model, its errors and the seconds of its answers."""
+    """One of the ``models`` of a report: a reduced model, its errors and the seconds of its
+    answers.
+    """
     return {
         "sizes": reduced_sizes(model),
         "stability": _stability(model.offline.stability),
@@ -92,7 +100,9 @@ def reduced_sizes(model: ReducedModel) -> dict[str, int]:
 
 
 def _read_from_files(training: Training, fom_best: dict[str, float] | None) -> dict[str, float]:
-    """A stage for answers that were read from files, with their present cost by the best full model."""
+    """A stage for answers that were read from files, with their present cost by the best full
+    model.
+    """
     if not training.read or fom_best is None:
         return {}
     histories = training.snapshots.histories
@@ -101,10 +111,12 @@ def _read_from_files(training: Training, fom_best: dict[str, float] | None) -> d
 
 
 def break_even(times: Report) -> dict[str, float | None]:
-    """Queries after which training and reduced answers are cheaper than the best full model; None if never.
+    """Queries after which training and reduced answers are cheaper than the best full model.
 
-    Queries are for all forces, or fields and all forces; histories count as a whole. The cost includes training answers
-    that were read from files. Forces by condensation need no training.
+    None if never.
+
+    Queries are for all forces, or fields and all forces; histories count as a whole. The cost
+    includes training answers that were read from files. Forces by condensation need no training.
     """
     offline = sum(times["offline"].values())
     found = dict[str, float | None](forces=None)
@@ -123,7 +135,10 @@ def break_even(times: Report) -> dict[str, float | None]:
 
 
 def _pays(times: Report, spent: float, kind: str) -> float | None:
-    """Queries after which the seconds of training are saved; None if never, or if there is no such model."""
+    """Queries after which the seconds of training are saved.
+
+    None if never, or if there is no such model.
+    """
     if times[kind] is None:
         return None
     saved = times["fom_best"]["median"] - times[kind]["median"]
@@ -157,7 +172,9 @@ def frame(training: Training, model: KeptModel, seed: int) -> Report:
         "stability": {
             **stability,
             # kappa(B~) after each added function; the first row is the basis before any
-            "enrichment": [{"added": k, "kappa": kappa} for k, kappa in enumerate(offline.enrichment.kappas)],
+            "enrichment": [
+                {"added": k, "kappa": kappa} for k, kappa in enumerate(offline.enrichment.kappas)
+            ],
         },
         "recipe": offline.recipe.described(),
         "refused_before": list(offline.log.refused),
@@ -178,7 +195,9 @@ def _asked(scene: Scene) -> Report:
             | ({} if body.law is None else {"law": repr(body.law)})
             for body in scene.bodies
         ],
-        "units": None if units is None else {"length": units.length, "stress": units.stress, "force": units.force},
+        "units": None
+        if units is None
+        else {"length": units.length, "stress": units.stress, "force": units.force},
     }
 
 
@@ -192,7 +211,10 @@ def environment() -> Report:
 
 
 def write_report(report: Report | list[Report], folder: str | Path, name: str = "report") -> Path:
-    """Write ``report.json``, or rows under another name; numbers that are not finite become null, as JSON requires."""
+    """Write ``report.json``, or rows under another name.
+
+    Numbers that are not finite become null, as JSON requires.
+    """
     path = Path(folder) / f"{name}.json"
     text = json.dumps(finite(report), indent=2, allow_nan=False)
     with replacing(path, text=True) as file:
@@ -219,19 +241,27 @@ def print_report(report: Report, console: Console) -> None:
     for name, row in report["times"].items():
         for line in _lines(name, row):
             console.print(line)
-    counts = {name: count for name, count in report.get("break_even", {}).items() if count is not None}
+    counts = {
+        name: count for name, count in report.get("break_even", {}).items() if count is not None
+    }
     if counts:
         queries = ", ".join(f"{count:.0f} queries for {name}" for name, count in counts.items())
         console.print(f"cheaper than the best full order, training included, after {queries}")
     if row := report.get("discretisation"):
-        # the error of the mesh is the scale of all others; numbers where nothing estimates it any more
+        # the error of the mesh is the scale of all others; numbers where nothing estimates it any
+        # more
         place = registry.named("public").get("MeshError")
         console.print(registry.load(place)(**row).in_words() if place else f"mesh: {row}")
     if (row := report.get("time_error", {})).get("max"):
-        how = "in the steps of the paths" if row["tolerance"] is None else f"cut to a tolerance of {row['tolerance']:g}"
+        how = (
+            "in the steps of the paths"
+            if row["tolerance"] is None
+            else f"cut to a tolerance of {row['tolerance']:g}"
+        )
         console.print(
-            f"time steps of the full order, {how}: off by {row['median']:.2%} of the largest stress or displacement "
-            f"by estimate (median of the histories), {row['max']:.2%} at worst; small models take the same ones"
+            f"time steps of the full order, {how}: off by {row['median']:.2%} of the largest "
+            f"stress or displacement by estimate (median of the histories), {row['max']:.2%} at "
+            "worst; small models take the same ones"
         )
     if "advice" in report:
         console.print(report["advice"])
@@ -249,10 +279,16 @@ def _sizes_in_words(report: Report) -> str:
     head = f"{report['scene']}: {size['N']} dofs, {size['N_lambda']} contacts"
     if "ell_bar" not in size:
         own = report["models"]["condensed"].get("sizes")
-        small = "all contacts" if own is None else f"{own['modes']} modes, all contacts, {own['points']} points"
+        small = (
+            "all contacts"
+            if own is None
+            else f"{own['modes']} modes, all contacts, {own['points']} points"
+        )
         return f"{head} -> {small}; {size['snapshots']} snapshots"
     shown = {"kappa_B": "kappa(B~)", "cond_K": "cond(K~)", "tangent": "tangents"}
-    constants = ", ".join(f"{name} {stability[key]:.2g}" for key, name in shown.items() if key in stability)
+    constants = ", ".join(
+        f"{name} {stability[key]:.2g}" for key, name in shown.items() if key in stability
+    )
     return (
         f"{head} -> {size['ell_bar']} modes, "
         f"{size['N_lambda_C']} contacts on {size['rid_cells']} of {size['cells']} cells, "

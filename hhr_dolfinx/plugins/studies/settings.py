@@ -1,4 +1,6 @@
-"""Settings of a study and of its pictures, which a scene's file may hold: ``SETTINGS``, ``VIEW``, or such functions."""
+"""Settings of a study and of its pictures, which a scene's file may hold: ``SETTINGS``, ``VIEW``,
+or such functions.
+"""
 
 from __future__ import annotations
 
@@ -20,14 +22,16 @@ class View:
 
     Attributes:
         points: parameters whose contact pressures are drawn; fields are those of the last.
-        position: maps the points of contact conditions, (m, dim), to positions along the surface, (m,), for
-            the pair drawn, or the first. None, and on other pairs, is the coordinate along which a surface is longest.
-        label: name of that position, with its unit; None for the coordinate, in the unit of the scene.
+        position: maps the points of contact conditions, (m, dim), to positions along the surface,
+            (m,), for the pair drawn, or the first. None, and on other pairs, is the coordinate
+            along which a surface is longest.
+        label: name of that position, with its unit; None for the coordinate, in the unit of the
+            scene.
         component: displacement component drawn, and its name with unit; None for no component.
         stress: unit of stress; None for that of the scene.
         pair: contact pair drawn, counted from 0; None for all of them, side by side.
-        closed_form: maps these positions and the total force of the pair to pressures drawn for comparison, for elastic
-            scenes; None for none.
+        closed_form: maps these positions and the total force of the pair to pressures drawn for
+            comparison, for elastic scenes; None for none.
         deformed: draw fields on the deformed mesh.
     """
 
@@ -46,21 +50,24 @@ class StudySettings:
     """Training and measurements of a study.
 
     Attributes:
-        training: training points along each parameter, or points (S, P); for bodies with laws a list of paths,
-            user-defined or drawn, ``family.paths(Sobol(12))``.
+        training: training points along each parameter, or points (S, P); for bodies with laws a
+            list of paths, user-defined or drawn, ``family.paths(Sobol(12))``.
         recipe: the recipe under study; None for the default of the scene.
         variants: further recipes by label, for the work-precision table.
-        models: recipes that the report shows in full next to the one under study, built without checks, by name.
-        tests: random test points; for bodies with laws paths by label, such as the value of a parameter, or a list of
-            paths with names, as families draw them.
-        held_out: for the trust check, random solutions or paths; None for the default number of solutions, or no path.
+        models: recipes that the report shows in full next to the one under study, built without
+            checks, by name.
+        tests: random test points; for bodies with laws paths by label, such as the value of a
+            parameter, or a list of paths with names, as families draw them.
+        held_out: for the trust check, random solutions or paths; None for the default number of
+            solutions, or no path.
         seed: of test points; timed points belong neither to training nor to tests.
         queries: timed queries per model, at least 100 for a figure to quote; for elastic scenes.
-        naive: whether to time the naive full model too, for elastic scenes; in space one query takes many seconds.
+        naive: whether to time the naive full model too, for elastic scenes; in space one query
+            takes many seconds.
         march: settings of histories.
         repetitions: histories timed for each test path.
-        correction: settings of the condensation of bodies with laws, see :meth:`Training.condense`; None for the
-            defaults.
+        correction: settings of the condensation of bodies with laws, see :meth:`Training.condense`;
+            None for the defaults.
     """
 
     training: Any
@@ -77,7 +84,9 @@ class StudySettings:
     correction: Any = None
 
     def __post_init__(self) -> None:
-        check_counts(queries=(self.queries, 1), repetitions=(self.repetitions, 1), seed=(self.seed, 0))
+        check_counts(
+            queries=(self.queries, 1), repetitions=(self.repetitions, 1), seed=(self.seed, 0)
+        )
         if not isinstance(self.held_out, Sequence | None):
             check_counts(held_out=(self.held_out, 0))
         if isinstance(self.tests, Sequence) and len(self.tests):
@@ -103,7 +112,9 @@ class StudySettings:
         """These settings with another seed, and few points if ``quick``."""
         if not quick:
             return replace(self, seed=seed)
-        return replace(self, seed=seed, queries=15, tests=self.tests if isinstance(self.tests, Mapping) else 20)
+        return replace(
+            self, seed=seed, queries=15, tests=self.tests if isinstance(self.tests, Mapping) else 20
+        )
 
 
 def _labelled(paths: Sequence[Any]) -> dict[str, Any]:
@@ -113,10 +124,12 @@ def _labelled(paths: Sequence[Any]) -> dict[str, Any]:
         name = getattr(path, "name", None)
         if not isinstance(name, str):
             raise StudyError(
-                f"tests[{number}] has no name to label it by: give tests={{label: path, ...}}, or paths drawn from a "
-                "PathFamily; where nothing flows a number of random points"
+                f"tests[{number}] has no name to label it by: give tests={{label: path, ...}}, or "
+                "paths drawn from a PathFamily; where nothing flows a number of random points"
             )
         if name in labelled:
-            raise StudyError(f"two tests are called {name!r}: leave one out, or give tests={{label: path, ...}}")
+            raise StudyError(
+                f"two tests are called {name!r}: leave one out, or give tests={{label: path, ...}}"
+            )
         labelled[name] = path
     return labelled

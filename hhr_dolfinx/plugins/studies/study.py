@@ -38,8 +38,9 @@ class Rival:
 
     Attributes:
         method, setting: its name, and what distinguishes it from others of the same method.
-        model: any object with ``solve(mu)``, or ``march(path, settings)`` for bodies with laws, whose answers have
-            ``displacement()`` (N,) and ``forces()`` (N_lambda,). The call is timed, the fields are compared.
+        model: any object with ``solve(mu)``, or ``march(path, settings)`` for bodies with laws,
+            whose answers have ``displacement()`` (N,) and ``forces()`` (N_lambda,). The call is
+            timed, the fields are compared.
     """
 
     method: str
@@ -59,8 +60,12 @@ class Study:
     settings: StudySettings  # of the study
     report: Report  # all figures under the keys that scenes share; a demo may add others
 
-    def write(self, folder: str | Path, console: Console | None = None, view: View | None = None) -> None:
-        """Write and print the report, keep the model, draw the pictures of a view; all of them in ``report.html``.
+    def write(
+        self, folder: str | Path, console: Console | None = None, view: View | None = None
+    ) -> None:
+        """Write and print the report, keep the model, draw the pictures of a view.
+
+        All of them in ``report.html``.
 
         If the report advises condensation, that model is kept too, as ``condensed.npz``.
         """
@@ -131,15 +136,20 @@ def run_study(
     rivals: Sequence[Rival] = (),
     progress: Progress = silent,
 ) -> Study:
-    """Build the reduced model, measure its errors and time it against all other models; see :func:`study_scene`.
+    """Build the reduced model, measure its errors and time it against all other models.
+
+    See :func:`study_scene`.
 
     Raises:
-        ValueError: if the full model is distributed over ranks: the models compared with it are serial.
+        ValueError: if the full model is distributed over ranks: the models compared with it are
+            serial.
         ConvergenceError: if a full history does not converge, or no reduced one does.
     """
     full = training.full_order
     if full.comm.size > 1:
-        raise ValueError("a study runs on one rank: give it a full model on MPI.COMM_SELF, as train does")
+        raise ValueError(
+            "a study runs on one rank: give it a full model on MPI.COMM_SELF, as train does"
+        )
     tests = _tests_of(full.scene, settings, points)
     laws = study_of(full.scene)
     model: Any
@@ -147,7 +157,10 @@ def run_study(
         assert laws is not None
         model, measured = laws.measure(training, settings, tests, progress)
     else:
-        from hhr_dolfinx.plugins.studies.points import measure_points, model_of  # not needed for histories
+        from hhr_dolfinx.plugins.studies.points import (
+            measure_points,
+            model_of,
+        )  # not needed for histories
 
         model, refused = model_of(training, settings.recipe)
         measured = measure_points(training, model, settings, tests, refused, progress)
@@ -160,7 +173,9 @@ def run_study(
     report = make_report(training, model, measured, rows, settings.seed)
     if measured.own.method == "condensed" and "models" not in report:
         report["models"] = {"condensed": errors_and_times(model, measured.own)}
-    if settings.models and "models" not in report:  # a study of histories has its two models already
+    if (
+        settings.models and "models" not in report
+    ):  # a study of histories has its two models already
         report["models"] = {"default": model_report(model, measured.own)}
     for name, recipe in settings.models.items():
         other = training.build(recipe, checked=False)
@@ -168,13 +183,18 @@ def run_study(
     return Study(training, model, tests, measured, settings, report)
 
 
-def _tests_of(scene: Scene, settings: StudySettings, points: Any) -> np.ndarray | dict[Any, HistoryPath]:
-    """Test points, (n, P), or checked paths by label for bodies with laws; StudyError for the wrong kind."""
+def _tests_of(
+    scene: Scene, settings: StudySettings, points: Any
+) -> np.ndarray | dict[Any, HistoryPath]:
+    """Test points, (n, P), or checked paths by label for bodies with laws.
+
+    StudyError for the wrong kind.
+    """
     tests = settings.tests
     if scene.remembers:
         raise NotOfferedError(
-            f"a study of scene '{scene.name}' is not built in, as its contacts remember their path: train or condense "
-            "it, and march along paths of your own"
+            f"a study of scene '{scene.name}' is not built in, as its contacts remember their "
+            "path: train or condense it, and march along paths of your own"
         )
     if (laws := study_of(scene)) is not None:
         laws.check(settings)
@@ -183,16 +203,21 @@ def _tests_of(scene: Scene, settings: StudySettings, points: Any) -> np.ndarray 
 
             return dict(zip(tests, training_paths(scene, tests.values()), strict=True))
         what = f"tests = {tests!r}" if points is None else "points"
-        raise StudyError(f"bodies of scene '{scene.name}' have laws: {what} must be paths, tests={{label: path, ...}}")
+        raise StudyError(
+            f"bodies of scene '{scene.name}' have laws: {what} must be paths, tests={{label: "
+            "path, ...}"
+        )
     if settings.correction is not None:
         raise StudyError(
-            f"bodies of scene '{scene.name}' are elastic: leave out the correction, which is for laws of bodies"
+            f"bodies of scene '{scene.name}' are elastic: leave out the correction, which is for "
+            "laws of bodies"
         )
     if points is not None:
         return scene.parameters.points(points)
     if isinstance(tests, Mapping):
         raise StudyError(
-            f"bodies of scene '{scene.name}' are elastic: tests must be a number of random points, not paths"
+            f"bodies of scene '{scene.name}' are elastic: tests must be a number of random "
+            "points, not paths"
         )
     return scene.parameters.random(tests, settings.seed)
 

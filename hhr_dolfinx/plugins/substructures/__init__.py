@@ -1,4 +1,6 @@
-"""Substructures: several ranks share K^-1 between the dofs of contact, each eliminates its interior rows."""
+"""Substructures: several ranks share K^-1 between the dofs of contact, each eliminates its interior
+rows.
+"""
 
 from hhr_dolfinx.registry import Plugin
 

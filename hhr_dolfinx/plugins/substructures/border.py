@@ -1,6 +1,8 @@
-"""The border between the rows that each rank eliminates: its rows, and dense factors of its Schur complement.
+"""The border between the rows that each rank eliminates: its rows, and dense factors of its Schur
+complement.
 
-Bodies that only contact connects have no entries in common: the border then has several parts. One rank factors each.
+Bodies that only contact connects have no entries in common: the border then has several parts. One
+rank factors each.
 """
 
 from __future__ import annotations
@@ -23,7 +25,9 @@ SENT = 2_000_000
 
 @dataclass(frozen=True)
 class Part:
-    """A connected part of the border, which ``owner`` factors: first its ``common`` rows, those that ranks share."""
+    """A connected part of the border, which ``owner`` factors: first its ``common`` rows, those
+    that ranks share.
+    """
 
     rows: slice
     common: int
@@ -40,14 +44,21 @@ class Border:
     """Rows that no rank eliminates by itself; all but ``part_of`` is the same on all ranks."""
 
     numbers: np.ndarray  # row numbers in the matrix, in the order of the border, (b,)
-    place: np.ndarray  # index in this order of each row of the matrix; -1 outside of the border, (n,)
+    place: (
+        np.ndarray
+    )  # index in this order of each row of the matrix; -1 outside of the border, (n,)
     parts: tuple[Part, ...]  # connected components of the border
-    inverted: np.ndarray  # indices in the border of the rows between which K^-1 is needed, by increasing row number
-    part_of: np.ndarray  # part to which each local row outside of the border is connected; -1 for none
+    inverted: (
+        np.ndarray
+    )  # indices in the border of the rows between which K^-1 is needed, by increasing row number
+    part_of: (
+        np.ndarray
+    )  # part to which each local row outside of the border is connected; -1 for none
 
 
 def border_of(rows: csr_matrix, first: int, last: np.ndarray, comm: Comm) -> Border:
-    """Border of a matrix with distributed rows, (own, n), the first of which has the number ``first``. Collective.
+    """Border of a matrix with distributed rows, (own, n), the first of which has the number
+    ``first``. Collective.
 
     K^-1 is needed between the local rows ``last``, increasing.
     """
@@ -85,8 +96,13 @@ def _owners(sizes: list[int], ranks: int) -> list[int]:
     return found
 
 
-def _connected(rows: csr_matrix, first: int, border: np.ndarray, comm: Comm) -> tuple[np.ndarray, np.ndarray]:
-    """Connected component of each row of the border, (b,), and of each local row outside of it. Collective."""
+def _connected(
+    rows: csr_matrix, first: int, border: np.ndarray, comm: Comm
+) -> tuple[np.ndarray, np.ndarray]:
+    """Connected component of each row of the border, (b,), and of each local row outside of it.
+
+    Collective.
+    """
     own, size = rows.shape
     place = np.full(size, -1)
     place[border] = np.arange(border.size)
@@ -98,11 +114,15 @@ def _connected(rows: csr_matrix, first: int, border: np.ndarray, comm: Comm) -> 
     numbers[border] = inner.shape[0] + np.arange(border.size)
     count = inner.shape[0] + border.size
     starts = np.append(inner.indptr, np.full(border.size, inner.nnz, dtype=inner.indptr.dtype))
-    graph = csr_matrix((np.ones(inner.nnz, dtype=bool), numbers[inner.indices], starts), shape=(count, count))
+    graph = csr_matrix(
+        (np.ones(inner.nnz, dtype=bool), numbers[inner.indices], starts), shape=(count, count)
+    )
     _, labels = connected_components(graph, directed=False)
     edges = rows[here].tocoo()
     between = place[edges.col] >= 0
-    pairs = np.stack([place[first + np.flatnonzero(here)][edges.row[between]], place[edges.col[between]]])
+    pairs = np.stack(
+        [place[first + np.flatnonzero(here)][edges.row[between]], place[edges.col[between]]]
+    )
     own_labels = int(labels.max(initial=-1)), labels[inner.shape[0] :]
     received = comm.allgather((*own_labels, np.unique(pairs, axis=1)))
     # labels of the same rows are merged by a vertex for each label of each rank
@@ -112,13 +132,18 @@ def _connected(rows: csr_matrix, first: int, border: np.ndarray, comm: Comm) -> 
         ends += [(np.arange(border.size), bases[-1] + found), (one, other)]
         bases.append(bases[-1] + highest + 1)
     left, right = (np.concatenate(side) for side in zip(*ends, strict=True))
-    whole = coo_matrix((np.ones(left.size, dtype=bool), (left, right)), shape=(bases[-1], bases[-1]))
+    whole = coo_matrix(
+        (np.ones(left.size, dtype=bool), (left, right)), shape=(bases[-1], bases[-1])
+    )
     _, parts = connected_components(whole, directed=False)
     return parts[: border.size], parts[bases[comm.rank] + labels[: inner.shape[0]]]
 
 
 def _coupled(rows: csr_matrix, first: int, comm: Comm) -> np.ndarray:
-    """Local rows of a small set that contains one row of each pair coupled across ranks. Collective."""
+    """Local rows of a small set that contains one row of each pair coupled across ranks.
+
+    Collective.
+    """
     starts = np.array([*comm.allgather(first), rows.shape[1]])
     after = rows.indices >= first + rows.shape[0]
     of_row = np.repeat(np.arange(rows.shape[0]), np.diff(rows.indptr))
@@ -135,12 +160,16 @@ def _coupled(rows: csr_matrix, first: int, comm: Comm) -> np.ndarray:
 
 
 def _cover(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Minimum vertex cover of a bipartite graph given by its edges, (k,), by the theorem of Koenig."""
+    """Minimum vertex cover of a bipartite graph given by its edges, (k,), by the theorem of
+    Koenig.
+    """
     if not one.size:
         return one
     lefts, left = np.unique(one, return_inverse=True)
     rights, right = np.unique(other, return_inverse=True)
-    edges = csr_matrix((np.ones(left.size, dtype=bool), (left, right)), shape=(lefts.size, rights.size))
+    edges = csr_matrix(
+        (np.ones(left.size, dtype=bool), (left, right)), shape=(lefts.size, rights.size)
+    )
     matched = maximum_bipartite_matching(edges, perm_type="column")  # right vertex of each left one
     partner = np.full(rights.size, -1)
     partner[matched[matched >= 0]] = np.flatnonzero(matched >= 0)
@@ -160,9 +189,11 @@ def _cover(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def gathered(part: Part, reach: np.ndarray, left: np.ndarray, comm: Comm) -> np.ndarray | None:
-    """Sum of the Schur complements of all ranks on a part, (size, size); None on ranks that do not own it. Collective.
+    """Sum of the Schur complements of all ranks on a part, (size, size); None on ranks that do not
+    own it. Collective.
 
-    ``left`` is that of this rank, (r, r), at increasing indices in the part, ``reach``. Only upper triangles are valid.
+    ``left`` is that of this rank, (r, r), at increasing indices in the part, ``reach``. Only upper
+    triangles are valid.
     """
     reaches = comm.gather(reach, part.owner)
     if reaches is None:
@@ -187,9 +218,11 @@ def _blocks(count: int) -> list[slice]:
 
 
 class DenseFactors:
-    """Cholesky factors of the Schur complement on a part of the border, by its upper triangle, which is overwritten.
+    """Cholesky factors of the Schur complement on a part of the border, by its upper triangle,
+    which is overwritten.
 
-    The inverse is needed after the first ``common`` rows. Unless the matrix is ``definite``, no method may be called.
+    The inverse is needed after the first ``common`` rows. Unless the matrix is ``definite``, no
+    method may be called.
     """
 
     def __init__(self, upper: np.ndarray, common: int):

@@ -1,9 +1,11 @@
-"""Factors of a matrix whose rows are distributed over ranks, each of which eliminates its interior rows.
+"""Factors of a matrix whose rows are distributed over ranks, each of which eliminates its interior
+rows.
 
-The rest is the border: rows that couple those of one rank with those of others, and rows between which K^-1 is needed.
-Each rank contributes a Schur complement there, and their sum is dense (Smith, Bjorstad and Gropp, Domain Decomposition,
-1996, chapter 4). MUMPS distributes factors too, but makes the Schur complement on one rank: with 285,186 dofs it took
-54 s and 6.7 GB on two ranks, and 33 s and 4.1 GB on one.
+The rest is the border: rows that couple those of one rank with those of others, and rows between
+which K^-1 is needed. Each rank contributes a Schur complement there, and their sum is dense (Smith,
+Bjorstad and Gropp, Domain Decomposition, 1996, chapter 4). MUMPS distributes factors too, but makes
+the Schur complement on one rank: with 285,186 dofs it took 54 s and 6.7 GB on two ranks, and 33 s
+and 4.1 GB on one.
 """
 
 from __future__ import annotations
@@ -22,7 +24,9 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
 MOST_AT_BORDER = 20_000
-"""Largest count of rows of a part of the border: its Schur complement then takes 3.2 GB on the owner."""
+"""Largest count of rows of a part of the border: its Schur complement then takes 3.2 GB on the
+owner.
+"""
 SMALL = 1000
 """Rows of parts below which the interior rows connected to several parts are factored as one."""
 
@@ -30,8 +34,8 @@ SMALL = 1000
 class Substructures:
     """Factors by substructuring, with the interface of :class:`Factors`.
 
-    The pattern has whole local rows, (own, n), numbered from rank to rank, and ``last`` local ones. Unless they are
-    ``possible``, by MUMPS and the size of the border, no method may be called.
+    The pattern has whole local rows, (own, n), numbered from rank to rank, and ``last`` local ones.
+    Unless they are ``possible``, by MUMPS and the size of the border, no method may be called.
     """
 
     def __init__(
@@ -42,8 +46,12 @@ class Substructures:
         self.low_rank = low_rank
         own = len(pattern.rows) - 1
         first = int(comm.exscan(own) or 0)
-        entries = np.arange(1, pattern.columns.size + 1, dtype=pattern.places.dtype)  # indices plus one: none is zero
-        marks = csr_matrix((entries, pattern.columns, pattern.rows), shape=(own, comm.allreduce(own)))
+        entries = np.arange(
+            1, pattern.columns.size + 1, dtype=pattern.places.dtype
+        )  # indices plus one: none is zero
+        marks = csr_matrix(
+            (entries, pattern.columns, pattern.rows), shape=(own, comm.allreduce(own))
+        )
         self._border = border_of(marks, first, last, comm)
         at = self._border.place[first : first + own]
         self._edge = np.flatnonzero(at >= 0)
@@ -53,13 +61,22 @@ class Substructures:
         if not self.possible:
             return
         self._among = _between(marks[self._edge], self._border.place, pattern.places)
-        # interior rows by the part of the border that they are connected to, which avoids Schur complements with zeros;
-        # small parts form one group
+        # interior rows by the part of the border that they are connected to, which avoids Schur
+        # complements with zeros; small parts form one group
         inside = np.flatnonzero(at < 0)
         sizes = np.array([part.size for part in self._border.parts] + [0])
         label = np.where(sizes[self._border.part_of] < SMALL, -1, self._border.part_of)
         self._insides = [
-            _Inside(marks, pattern.places, values, first, inside[label == part], self._border, prefix, low_rank)
+            _Inside(
+                marks,
+                pattern.places,
+                values,
+                first,
+                inside[label == part],
+                self._border,
+                prefix,
+                low_rank,
+            )
             for part in np.unique(label)
         ]
         self.possible = comm.allreduce(all(inside.possible for inside in self._insides), MPI.LAND)
@@ -73,9 +90,14 @@ class Substructures:
         self._values = values[self._among.places]
 
     def factor(self) -> bool:
-        """Factor the interior rows of each rank and the Schur complement of the border; False for a singular matrix."""
+        """Factor the interior rows of each rank and the Schur complement of the border.
+
+        False for a singular matrix.
+        """
         self._dense = {}
-        if not self._comm.allreduce(all([inside.factors.factor() for inside in self._insides]), MPI.LAND):
+        if not self._comm.allreduce(
+            all([inside.factors.factor() for inside in self._insides]), MPI.LAND
+        ):
             return False
         left = {}
         for part in self._border.parts:
@@ -89,25 +111,35 @@ class Substructures:
         return self._comm.allreduce(definite, MPI.LAND)
 
     def _left(self, part: Part) -> np.ndarray | None:
-        """Schur complement on a part of the border, on and above the diagonal; None off its owner. Collective."""
+        """Schur complement on a part of the border, on and above the diagonal; None off its owner.
+
+        Collective.
+        """
         for inside in self._insides:
             here = slice(*np.searchsorted(inside.reach, (part.rows.start, part.rows.stop)))
             if here.start < here.stop:
                 with inside.factors.left() as left:
-                    total = gathered(part, inside.reach[here] - part.rows.start, left[here, here], self._comm)
+                    total = gathered(
+                        part, inside.reach[here] - part.rows.start, left[here, here], self._comm
+                    )
                 break
         else:
             total = gathered(part, np.zeros(0, dtype=np.int64), np.zeros((0, 0)), self._comm)
         rows = np.repeat(self._at, np.diff(self._among.rows)) - part.rows.start
         columns = self._among.columns - part.rows.start
         upper = (rows >= 0) & (rows < part.size) & (rows <= columns)
-        for own in self._comm.gather((rows[upper], columns[upper], self._values[upper]), part.owner) or ():
+        for own in (
+            self._comm.gather((rows[upper], columns[upper], self._values[upper]), part.owner) or ()
+        ):
             assert total is not None
             total[own[0], own[1]] += own[2]  # each entry once
         return total
 
     def between_last(self, rows: csr_matrix) -> np.ndarray:
-        """Product rows K^-1 rows^T, (m, m), of rows, (m, n), on the last rows of all ranks. Collective."""
+        """Product rows K^-1 rows^T, (m, m), of rows, (m, n), on the last rows of all ranks.
+
+        Collective.
+        """
         found = np.zeros((rows.shape[0], rows.shape[0]))
         for part, factors in self._dense.items():
             inverted = self._border.inverted
@@ -124,15 +156,19 @@ class Substructures:
         self._dense = {}
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
-        """Local rows of the solution for the local rows of a right-hand side, (own,). Collective."""
+        """Local rows of the solution for the local rows of a right-hand side, (own,).
+        Collective.
+        """
         found = np.empty((rhs.size, 1), order="F")
         self.solve_block(np.asfortranarray(rhs[:, None]), found)
         return found[:, 0]
 
     def solve_block(self, columns: csc_matrix | np.ndarray, solutions: np.ndarray) -> None:
-        """Write solutions for some columns, (own, k), sparse or dense, into an array in Fortran order. Collective.
+        """Write solutions for some columns, (own, k), sparse or dense, into an array in Fortran
+        order. Collective.
 
-        The interior is solved with a fixed border, whose displacement by the remaining loads then corrects it.
+        The interior is solved with a fixed border, whose displacement by the remaining loads then
+        corrects it.
         """
         edge = columns[self._edge]
         loads = self._on_border(edge if isinstance(edge, np.ndarray) else edge.toarray())
@@ -150,11 +186,16 @@ class Substructures:
         for inside in self._insides:
             drawn = np.zeros((inside.rows.size + inside.reach.size, on_border.shape[1]), order="F")
             drawn[inside.rows.size :] = on_border[inside.reach]
-            solutions[inside.rows] -= inside.solved(inside.times(drawn)[: inside.rows.size])[: inside.rows.size]
+            solutions[inside.rows] -= inside.solved(inside.times(drawn)[: inside.rows.size])[
+                : inside.rows.size
+            ]
         solutions[self._edge] = on_border[self._at]
 
     def multiply(self, block: np.ndarray, image: np.ndarray) -> None:
-        """Write the matrix times some columns, (own, k), into an array; both are in Fortran order. Collective."""
+        """Write the matrix times some columns, (own, k), into an array; both are in Fortran order.
+
+        Collective.
+        """
         border = self._on_border(block[self._edge])
         self._comm.Allreduce(MPI.IN_PLACE, border)
         shape = self._edge.size, self._border.numbers.size
@@ -175,16 +216,25 @@ class Substructures:
 
 
 class _Inside:
-    """Factors of interior rows of this rank, (k,), with their Schur complement on the border, if that is ``possible``.
+    """Factors of interior rows of this rank, (k,), with their Schur complement on the border, if
+    that is ``possible``.
 
-    ``marks`` holds the index of each entry in the pattern plus one, CSR, (own, n), and ``places`` their indices in the
-    values. ``reach`` are the indices in the border of the rows that the interior is coupled with, increasing, (r,).
+    ``marks`` holds the index of each entry in the pattern plus one, CSR, (own, n), and ``places``
+    their indices in the values. ``reach`` are the indices in the border of the rows that the
+    interior is coupled with, increasing, (r,).
     """
 
     def __init__(
-        self, marks: csr_matrix, places: np.ndarray, values: np.ndarray, first: int, rows: np.ndarray, border: Border,
-        prefix: str, low_rank: float | None,
-    ):  # fmt: skip
+        self,
+        marks: csr_matrix,
+        places: np.ndarray,
+        values: np.ndarray,
+        first: int,
+        rows: np.ndarray,
+        border: Border,
+        prefix: str,
+        low_rank: float | None,
+    ):
         self.rows = rows
         inside = marks[rows]
         met = np.zeros(marks.shape[1], dtype=bool)
@@ -194,13 +244,25 @@ class _Inside:
         columns = np.full(marks.shape[1], -1, dtype=inside.indices.dtype)
         columns[first + rows] = np.arange(rows.size)
         columns[border.numbers[self.reach]] = np.arange(rows.size, count)
-        starts = np.append(inside.indptr, np.full(self.reach.size, inside.nnz, dtype=inside.indptr.dtype))
-        local = triu(csr_matrix((inside.data, columns[inside.indices], starts), shape=(count, count)), format="csr")
+        starts = np.append(
+            inside.indptr, np.full(self.reach.size, inside.nnz, dtype=inside.indptr.dtype)
+        )
+        local = triu(
+            csr_matrix((inside.data, columns[inside.indices], starts), shape=(count, count)),
+            format="csr",
+        )
         local.sort_indices()
         self._pattern = Pattern(local.indptr, local.indices, places[local.data - 1])
         last = np.arange(rows.size, count) if self.reach.size else None
         self.factors = Factors(
-            self._pattern, values, prefix, "mumps", MPI.COMM_SELF, low_rank=low_rank, last=last, inverted=False
+            self._pattern,
+            values,
+            prefix,
+            "mumps",
+            MPI.COMM_SELF,
+            low_rank=low_rank,
+            last=last,
+            inverted=False,
         )
         self.possible = last is None or self.factors.last is not None
 
@@ -209,7 +271,9 @@ class _Inside:
         self.factors.replace(values, lambda: self._pattern)
 
     def solved(self, columns: csc_matrix | np.ndarray) -> np.ndarray:
-        """K^-1 of the interior times columns, (k, c), followed by zeros for the border: (k + r, c)."""
+        """K^-1 of the interior times columns, (k, c), followed by zeros for the border: (k + r,
+        c).
+        """
         found = np.empty((self.rows.size + self.reach.size, columns.shape[1]), order="F")
         given = np.zeros_like(found)
         given[: self.rows.size] = columns if isinstance(columns, np.ndarray) else columns.toarray()

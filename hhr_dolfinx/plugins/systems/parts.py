@@ -1,4 +1,6 @@
-"""Equations of user-defined systems, compared with what they state: symmetry of K, and its parts."""
+"""Equations of user-defined systems, compared with what they state: symmetry of K, and its
+parts.
+"""
 
 from __future__ import annotations
 
@@ -11,7 +13,9 @@ from hhr_dolfinx.full_order.system import SystemAt
 from hhr_dolfinx.parameters import ParameterSpace
 
 ROUND_OFF = 1e-12
-"""Part of the terms of a value up to which it is round-off: sums of some hundred terms have 1e-14."""
+"""Part of the terms of a value up to which it is round-off: sums of some hundred terms have
+1e-14.
+"""
 
 
 def samples(space: ParameterSpace) -> np.ndarray:
@@ -86,7 +90,9 @@ def _largest(values: np.ndarray, problem: ContactProblem) -> float:
 
 
 def _of_diagonal(off: csr_matrix, sizes: csr_matrix, problem: ContactProblem) -> float:
-    """Largest entry of local rows, (own, N), over the root of the diagonals of its row and column."""
+    """Largest entry of local rows, (own, N), over the root of the diagonals of its row and
+    column.
+    """
     own = np.zeros(problem.free.size)
     own[problem.rows] = sizes.diagonal(problem.first)
     root = np.sqrt(problem.spread.sum(own))

@@ -31,16 +31,22 @@ class OfAllDofs:
     matrix: csr_matrix
 
 
-def problem_of_all_dofs(problem: ContactProblem, stiffness: tuple[csr_matrix, ...]) -> ContactProblem:
+def problem_of_all_dofs(
+    problem: ContactProblem, stiffness: tuple[csr_matrix, ...]
+) -> ContactProblem:
     """The problem as if no dof depended on others, with parts of K of its bodies, (own, N) each.
 
     Lifts keep their values on dependent dofs, so that F - K L is that of all dofs.
     """
-    prolongation = replace(problem.prolongation, free=problem.prolongation.movable, map=None, groups=None)
+    prolongation = replace(
+        problem.prolongation, free=problem.prolongation.movable, map=None, groups=None
+    )
     assert problem.whole_contact is not None
     contact = csr_matrix(problem.whole_contact @ diags(prolongation.free.astype(float)))
     contact.eliminate_zeros()
-    return replace(problem, prolongation=prolongation, stiffness_terms=stiffness, contact=contact, kernel=None)
+    return replace(
+        problem, prolongation=prolongation, stiffness_terms=stiffness, contact=contact, kernel=None
+    )
 
 
 def own_loads(loads: np.ndarray, problem: ContactProblem, name: str) -> np.ndarray:
@@ -84,11 +90,15 @@ class Restricted(System):
         self._pulled = csc_matrix(diags(self.springs) @ problem.lifts[problem.rows])
         self._last: tuple[OfAllDofs, ContactProblem, Stiffness] | None = None
 
-    def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
+    def equations(
+        self, point: np.ndarray, theta: Theta
+    ) -> tuple[ContactProblem, Stiffness, np.ndarray]:
         """See :class:`System`."""
         of_all, whole, loads = self.given.equations(point, theta)
         if not isinstance(whole, OfAllDofs):
-            raise SceneError(f"the system of scene '{self._name}' has K = {whole!r}: make it by made()")
+            raise SceneError(
+                f"the system of scene '{self._name}' has K = {whole!r}: make it by made()"
+            )
         problem = self.problem
         if of_all is not self.given.problem:  # rows or gaps of the point
             free = diags(problem.free.astype(float))
@@ -132,7 +142,9 @@ class Restricted(System):
         problem = self.problem
         return found[0], problem.prolongation.stiffness(found[1], problem.rows, problem.group)
 
-    def explicit(self, point: np.ndarray, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def explicit(
+        self, point: np.ndarray, forces: np.ndarray, unknown: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
         """See :class:`System`."""
         left, slack = self.given.explicit(point, forces, unknown)
         acting, slopes = self.problem.amplitudes.slopes_at(point)

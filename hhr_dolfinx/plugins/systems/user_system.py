@@ -1,4 +1,5 @@
-"""What becomes of ``Scene(system=...)``: its K, its parts, and the motions of bodies that it leaves.
+"""What becomes of ``Scene(system=...)``: its K, its parts, and the motions of bodies that it
+leaves.
 
 A user-defined system gives K of all dofs, and F - K L on those that are not imposed. It knows
 nothing of constraints and springs: these are added to its equations (:mod:`.restricted`).
@@ -83,19 +84,24 @@ class UserSystem:
             given = self._of_all_dofs(problem)
             if given.bodies is not None:
                 raise SceneError(
-                    f"the system of scene '{self.scene.name}' scales K of each body, and constraints "
-                    "and springs act on K of all: make that by made(), with bodies = None"
+                    f"the system of scene '{self.scene.name}' scales K of each body, and "
+                    "constraints and springs act on K of all: make that by made(), with bodies = "
+                    "None"
                 )
             return Restricted(given, problem, self.scene.name, self.springs, made)
 
-    def read(self, system: System, problem: ContactProblem) -> tuple[ContactProblem, SparseStiffness]:
+    def read(
+        self, system: System, problem: ContactProblem
+    ) -> tuple[ContactProblem, SparseStiffness]:
         """The problem with the parts of the system, which are compared, and K in the middle."""
         name = self.scene.name
         with self._of_user(problem.group):
             at = system.at(problem.middle)
             own_loads(at.loads, problem, name)
             if not isinstance(at.stiffness, SparseStiffness):
-                raise SceneError(f"the system of scene '{name}' has K = {at.stiffness!r}: make it by made()")
+                raise SceneError(
+                    f"the system of scene '{name}' has K = {at.stiffness!r}: make it by made()"
+                )
             whole, given = self._compared(system, problem)
             stated = given.parts()
             parts = system.parts_of_all_dofs() if isinstance(system, Restricted) else stated
@@ -132,7 +138,9 @@ class UserSystem:
         assert self.scene.system is not None
         found = self.scene.system(*given)
         if not isinstance(found, System):
-            raise SceneError(f"the system of a scene made {found!r}: it must make a System of the package")
+            raise SceneError(
+                f"the system of a scene made {found!r}: it must make a System of the package"
+            )
         if isinstance(found, SummedSystem):
             _check_terms(found.problem, given[0], self.scene.name)
         return found
@@ -145,7 +153,8 @@ class UserSystem:
             same = matrix.shape == own.shape and matrix.nnz == own.nnz
             if not (same and np.array_equal(matrix.indices, own.indices)):
                 raise SceneError(
-                    "K of a user's system must have the pattern of K of the bodies: add numbers to its data"
+                    "K of a user's system must have the pattern of K of the bodies: add numbers "
+                    "to its data"
                 )
             return made(matrix, problem)
 
@@ -177,34 +186,57 @@ def _matrix_of(at: SystemAt, name: str) -> csr_matrix:
     """
     matrix: csr_matrix | None = getattr(at.stiffness, "matrix", None)
     if matrix is None:
-        raise SceneError(f"the system of scene '{name}' has K = {at.stiffness!r}: make it by made()")
+        raise SceneError(
+            f"the system of scene '{name}' has K = {at.stiffness!r}: make it by made()"
+        )
     return matrix
 
 
 def _check_terms(summed: ContactProblem, given: ContactProblem, name: str) -> None:
-    """Raise SceneError for terms of a sum that do not go together, or are not in the pattern of K of the bodies."""
+    """Raise SceneError for terms of a sum that do not go together, or are not in the pattern of K
+    of the bodies.
+    """
     terms = summed.stiffness_terms
     own = given.own_stiffness
     if len(summed.moduli) not in (0, len(terms)):
-        raise SceneError(f"the system of scene '{name}' has {len(summed.moduli)} weights of {len(terms)} matrices")
+        raise SceneError(
+            f"the system of scene '{name}' has {len(summed.moduli)} weights of {len(terms)} "
+            "matrices"
+        )
     if any(one.names != given.parameters.names for one in summed.moduli):
-        raise SceneError(f"weights of the system of scene '{name}' must name all parameters: problem.parameters.names")
+        raise SceneError(
+            f"weights of the system of scene '{name}' must name all parameters: "
+            "problem.parameters.names"
+        )
     for part in terms:
         if not issparse(part) or (part.shape, part.nnz) != (own.shape, own.nnz):
             raise SceneError(
-                f"a matrix of the system of scene '{name}' is no csr_matrix in the pattern of K of the bodies: give "
-                "it the numbers of all entries there, also zeros"
+                f"a matrix of the system of scene '{name}' is no csr_matrix in the pattern of K "
+                "of the bodies: give it the numbers of all entries there, also zeros"
             )
 
 
 def _warn_of_moduli(scene: Scene, weights: Any) -> None:
-    """Warn of parameters in moduli of bodies that no weight of a system names: they may be those of stresses alone."""
-    named = {name for one in weights for text in (one.factor, one.rest) for name in Formula(text).variables}
-    texts = [text for body in scene.bodies for text in (body.young, body.poisson) if isinstance(text, str)]
+    """Warn of parameters in moduli of bodies that no weight of a system names: they may be those of
+    stresses alone.
+    """
+    named = {
+        name
+        for one in weights
+        for text in (one.factor, one.rest)
+        for name in Formula(text).variables
+    }
+    texts = [
+        text
+        for body in scene.bodies
+        for text in (body.young, body.poisson)
+        if isinstance(text, str)
+    ]
     if left := sorted({name for text in texts for name in Formula(text).variables} - named):
         warn(
-            f"moduli of bodies of scene '{scene.name}' depend on {', '.join(left)}, and K of its system does not: take "
-            "problem.moduli and problem.stiffness_terms into it, unless they are those of stresses alone",
+            f"moduli of bodies of scene '{scene.name}' depend on {', '.join(left)}, and K of its "
+            "system does not: take problem.moduli and problem.stiffness_terms into it, unless "
+            "they are those of stresses alone",
             SceneWarning,
         )
 
@@ -218,7 +250,9 @@ def _with_parts(problem: ContactProblem, moduli: Any, matrices: Any) -> ContactP
     return replace(
         problem,
         moduli=tuple(moduli),
-        stiffness_terms=prolongation.stiffness(matrices, problem.rows, problem.group) if matrices else (),
+        stiffness_terms=prolongation.stiffness(matrices, problem.rows, problem.group)
+        if matrices
+        else (),
         pulls=tuple(csc_matrix(part) for part in pulls),
     )
 

@@ -1,4 +1,7 @@
-"""Answers to many parameters: arrays, tables in files, data frames; and models of the matrices of other programs."""
+"""Answers to many parameters: arrays, tables in files, data frames.
+
+And models of the matrices of other programs.
+"""
 
 from hhr_dolfinx.registry import Plugin
 

@@ -1,6 +1,7 @@
 """Batches: answers to many parameters as arrays, block by block, distributed over the ranks.
 
-A parameter without an answer gets a reason and does not stop the others. Tables of text are in ``tables``.
+A parameter without an answer gets a reason and does not stop the others. Tables of text are in
+``tables``.
 """
 
 from __future__ import annotations
@@ -41,12 +42,14 @@ class Answers(NamedTuple):
         forces: nodal contact forces on the whole surface, (S, N_lambda).
         outputs: outputs of the scene by the head of their column, ``name [unit]``, (S,) each.
         estimates: estimates of the errors by the head of their column, (S,) each, see
-            :func:`~hhr_dolfinx.models.estimates.columns`: relative errors, but bounds of outputs in their units; NaN
-            without an estimate. Empty for a model without estimates.
-        largest_displacement: largest displacement of any node, (S,); None unless requested: it needs the whole field.
-        columns: further columns of the kind of model by head, (S,) each, such as the number of the local model that
-            answered; see :meth:`~hhr_dolfinx.models.model.AnsweringModel.columns`.
-        total_force: sum of the normal forces, (S,), if the law of the contacts has other forces too; else None.
+            :func:`~hhr_dolfinx.models.estimates.columns`: relative errors, but bounds of outputs in
+            their units; NaN without an estimate. Empty for a model without estimates.
+        largest_displacement: largest displacement of any node, (S,); None unless requested: it
+            needs the whole field.
+        columns: further columns of the kind of model by head, (S,) each, such as the number of the
+            local model that answered; see :meth:`~hhr_dolfinx.models.model.AnsweringModel.columns`.
+        total_force: sum of the normal forces, (S,), if the law of the contacts has other forces
+            too; else None.
     """
 
     points: np.ndarray
@@ -83,7 +86,11 @@ class Answers(NamedTuple):
                 return None
             if isinstance(found[0], Mapping):
                 return {key: np.concatenate([item[key] for item in found]) for key in found[0]}
-            return [text for item in found for text in item] if name == "status" else np.concatenate(found)
+            return (
+                [text for item in found for text in item]
+                if name == "status"
+                else np.concatenate(found)
+            )
 
         return cls(*(whole(name) for name in cls._fields))
 
@@ -98,20 +105,25 @@ def answer_points(
     displacement: bool = False,
     estimates: bool = True,
 ) -> Answers | None:
-    """Answer every point, (S, P), with contact forces on the whole surface; None on all ranks but the first.
+    """Answer every point, (S, P), with contact forces on the whole surface.
 
-    Each rank takes an equal part of the points. Queries take about the same time, so that a dynamic distribution would
-    gain nothing.
+    None on all ranks but the first.
+
+    Each rank takes an equal part of the points. Queries take about the same time, so that a dynamic
+    distribution would gain nothing.
 
     Args:
-        model: any model that answers points. Model and points are the same on all ranks; a model that falls back has a
-            full model on each rank, and learns there from the queries of that rank.
+        model: any model that answers points. Model and points are the same on all ranks; a model
+            that falls back has a full model on each rank, and learns there from the queries of that
+            rank.
         points: (S, P), or columns or rows with names.
-        comm: communicator over which the points are distributed; None for this process alone, without MPI.
+        comm: communicator over which the points are distributed; None for this process alone,
+            without MPI.
         progress: wrapper of the iteration over blocks, for a progress bar.
-        outside: see :meth:`Model.solve`. The default refuses rows outside the training range, as readers of a table see
-            no warnings.
-        displacement: include the largest displacement of any node, which needs the field of each row.
+        outside: see :meth:`Model.solve`. The default refuses rows outside the training range, as
+            readers of a table see no warnings.
+        displacement: include the largest displacement of any node, which needs the field of each
+            row.
         estimates: include estimates of errors, which take several times as long as the answers.
 
     Raises:
@@ -147,7 +159,9 @@ class Query:
         """Heads of the columns of the outputs of the scene, by their names."""
         functionals = self.model.fields.functionals
         items = () if functionals is None else functionals.items
-        return {item.name: f"{item.name} [{item.unit}]" if item.unit else item.name for item in items}
+        return {
+            item.name: f"{item.name} [{item.unit}]" if item.unit else item.name for item in items
+        }
 
     @property
     def bounded_outputs(self) -> dict[str, str]:
@@ -181,11 +195,14 @@ class Query:
             try:
                 answer = self.model.solve(points[k], outside=self.outside)
                 self._fill(table, columns, np.array([k]), ListedAnswers((answer,)))
-            except HHRError as error:  # a failure of this row; any other error is one of the program and ends the run
+            # a failure of this row; any other error is one of the program and ends the run
+            except HHRError as error:
                 status[k] = str(error)
         outputs = {head: table.pop(head) for head in self.outputs.values()}
         estimates = {head: table.pop(head) for head in self.estimate_heads}
-        return Answers(points, status, outputs=outputs, estimates=estimates, columns=columns, **table)
+        return Answers(
+            points, status, outputs=outputs, estimates=estimates, columns=columns, **table
+        )
 
     def _faults(self, points: np.ndarray) -> list[str]:
         """Faults of points before any is solved; ``ok`` for none."""
@@ -218,9 +235,16 @@ class Query:
         return table | {"forces": np.full((count, self.model.conditions), np.nan)}
 
     def _fill(
-        self, table: dict[str, np.ndarray], columns: dict[str, np.ndarray], rows: np.ndarray, many: SeveralAnswers
+        self,
+        table: dict[str, np.ndarray],
+        columns: dict[str, np.ndarray],
+        rows: np.ndarray,
+        many: SeveralAnswers,
     ) -> None:
-        """Put answers into some rows of the table and of further columns; if one is refused, none are filled in."""
+        """Put answers into some rows of the table and of further columns.
+
+        If one is refused, none are filled in.
+        """
         if not rows.size:
             return
         found: dict[str, Any] = {"forces": many.forces()}
@@ -232,20 +256,35 @@ class Query:
             found |= dict(zip(self.estimate_heads, self._estimates(many), strict=True))
         if self.displacement:
             fields = (answer.displacement().reshape(-1, self.model.dimension) for answer in many)
-            found["largest_displacement"] = [np.linalg.norm(field, axis=1).max() for field in fields]
+            found["largest_displacement"] = [
+                np.linalg.norm(field, axis=1).max() for field in fields
+            ]
         for target, values in ((table, found), (columns, self.model.columns(many))):
             for name, value in values.items():
                 target[name][rows] = value
 
     def _estimates(self, many: SeveralAnswers) -> np.ndarray:
-        """Values of the columns of estimates, (columns, n); NaN without an estimate, as of exact answers."""
+        """Values of the columns of estimates, (columns, n).
+
+        NaN without an estimate, as of exact answers.
+        """
         count = len(self.estimate_heads)
         if self.bounded_outputs:
             estimates = [answer.estimate() for answer in many]
-            shown = [None if item is None else list(item.shown(self.bounded_outputs).values()) for item in estimates]
-            return np.array([[np.nan] * count if values is None else values[:count] for values in shown]).T
+            shown = [
+                None if item is None else list(item.shown(self.bounded_outputs).values())
+                for item in estimates
+            ]
+            return np.array(
+                [[np.nan] * count if values is None else values[:count] for values in shown]
+            ).T
         found = many.estimates()
         if found is None:
             return np.full((count, len(many)), np.nan)
         # answers of a full model are exact, whatever kind of estimate the reduced model has
-        return np.array([getattr(found, name) for name in shown_of(self.model.estimating.fields.estimated).values()])
+        return np.array(
+            [
+                getattr(found, name)
+                for name in shown_of(self.model.estimating.fields.estimated).values()
+            ]
+        )

@@ -1,4 +1,6 @@
-"""Answers to a table of parameters as a data frame of pandas or a data set of xarray, in one call."""
+"""Answers to a table of parameters as a data frame of pandas or a data set of xarray, in one
+call.
+"""
 
 from __future__ import annotations
 
@@ -13,18 +15,22 @@ from hhr_dolfinx.plugins.tables.batch import answer_points
 from hhr_dolfinx.plugins.tables.tables import columns_of
 
 
-def to_pandas(model: AnsweringModel, points: PointsLike, *, outside: str = "refuse", forces: bool = False) -> Any:
+def to_pandas(
+    model: AnsweringModel, points: PointsLike, *, outside: str = "refuse", forces: bool = False
+) -> Any:
     """Answer a table of points in a data frame with a row for each point.
 
     Args:
         model: any model that answers points.
-        points: (S, P), or columns or rows with names, such as a frame of parameters; other columns are left out.
+        points: (S, P), or columns or rows with names, such as a frame of parameters; other columns
+            are left out.
         outside: see :func:`~hhr_dolfinx.plugins.tables.batch.answer_points`.
         forces: include columns of the nodal contact forces, one for each condition.
 
     Returns:
-        Columns: the parameters, ``status`` (``ok`` or the reason), the total contact force, outputs, and estimates of
-        errors, as ``hhr answer`` writes them. Numbers of rows without an answer are NaN.
+        Columns: the parameters, ``status`` (``ok`` or the reason), the total contact force,
+        outputs, and estimates of errors, as ``hhr answer`` writes them. Numbers of rows without an
+        answer are NaN.
 
     Raises:
         MissingPackageError: without pandas.
@@ -44,8 +50,8 @@ def to_xarray(model: AnsweringModel, points: PointsLike, *, outside: str = "refu
         model, points, outside: see :func:`to_pandas`.
 
     Returns:
-        The columns of :func:`to_pandas` along ``point``, parameters as coordinates, and ``forces``, the nodal contact
-        forces, along ``point`` and ``condition``.
+        The columns of :func:`to_pandas` along ``point``, parameters as coordinates, and ``forces``,
+        the nodal contact forces, along ``point`` and ``condition``.
 
     Raises:
         MissingPackageError: without xarray.
@@ -55,16 +61,27 @@ def to_xarray(model: AnsweringModel, points: PointsLike, *, outside: str = "refu
         import xarray
 
     given, answers = _answered(model, points, outside)
-    values: dict[str, Any] = {name: ("point", item) for name, item in columns_of(answers, forces=False).items()}
-    values |= {"status": ("point", answers.status), "forces": (("point", "condition"), answers.forces)}
-    return xarray.Dataset(values, coords={name: ("point", column) for name, column in given.items()})
+    values: dict[str, Any] = {
+        name: ("point", item) for name, item in columns_of(answers, forces=False).items()
+    }
+    values |= {
+        "status": ("point", answers.status),
+        "forces": (("point", "condition"), answers.forces),
+    }
+    return xarray.Dataset(
+        values, coords={name: ("point", column) for name, column in given.items()}
+    )
 
 
-def _answered(model: AnsweringModel, points: PointsLike, outside: str) -> tuple[dict[str, np.ndarray], Any]:
+def _answered(
+    model: AnsweringModel, points: PointsLike, outside: str
+) -> tuple[dict[str, np.ndarray], Any]:
     """Parameters by name, and answers to an array of points, or to columns with names."""
     names = model.parameters.names
     columns = named_values(points)
-    if columns is not None:  # a table of a study has further columns, which a file of a table may have too
+    if (
+        columns is not None
+    ):  # a table of a study has further columns, which a file of a table may have too
         points = {name: column for name, column in columns.items() if name in names}
     answers: Any = answer_points(model, points, outside=outside)
     return dict(zip(names, answers.points.T, strict=True)), answers

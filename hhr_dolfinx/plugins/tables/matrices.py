@@ -1,4 +1,6 @@
-"""Condensation of contact problems of other programs from their matrices, without DOLFINx, PETSc or a mesh."""
+"""Condensation of contact problems of other programs from their matrices, without DOLFINx, PETSc or
+a mesh.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +31,9 @@ STARTS = 64
 PIVOT = 1e-14
 """Largest ratio of a pivot to its diagonal entry in a matrix that is singular to round-off."""
 SYMMETRIC = 1e-10
-"""Largest difference of a stiffness from its transpose over its largest entry: ten digits, as files have them."""
+"""Largest difference of a stiffness from its transpose over its largest entry: ten digits, as files
+have them.
+"""
 
 
 def condense_matrices(
@@ -45,13 +49,15 @@ def condense_matrices(
     displacement_outputs: Mapping[str, Any] | None = None,
     force_outputs: Mapping[str, Any] | None = None,
 ) -> CondensedModel:
-    """Condense  K u + B^T λ = F(μ),  B u <= g(μ),  λ >= 0,  λ·(B u - g) = 0,  thesis (1.21), from its matrices.
+    """Condense  K u + B^T λ = F(μ),  B u <= g(μ),  λ >= 0,  λ·(B u - g) = 0,  thesis (1.21), from
+    its matrices.
 
     K is constant and without imposed dofs; loads and gaps are sums of columns times amplitudes,
 
         F(μ) = sum_t a_t(μ) F_t,    g(μ) = sum_t a_t(μ) g_t.
 
-    The model has the interfaces of one of ``hhr.condense``: exact answers, tables, files, C, and other programs.
+    The model has the interfaces of one of ``hhr.condense``: exact answers, tables, files, C, and
+    other programs.
 
     Args:
         parameters: box of the parameters.
@@ -66,8 +72,10 @@ def condense_matrices(
         force_outputs: weights of the contact forces, (m,) each, by name.
 
     Raises:
-        SceneError: for arrays of inconsistent shapes or with non-finite values, and for invalid amplitudes.
-        NotSolvableError: for a stiffness that is not positive definite, or rows of contact that depend on each other.
+        SceneError: for arrays of inconsistent shapes or with non-finite values, and for invalid
+            amplitudes.
+        NotSolvableError: for a stiffness that is not positive definite, or rows of contact that
+            depend on each other.
     """
     if not isinstance(parameters, ParameterSpace):
         raise SceneError(f"parameters = {parameters!r} must be a ParameterSpace")
@@ -84,18 +92,24 @@ def condense_matrices(
     _check_definite(schur)
     items = _outputs(size, conditions, areas, displacement_outputs, force_outputs)
     functionals = Functionals(items, size, theta) if items else None
-    fields = ExactFields(theta, csc_matrix(forces.shape), per_force, free, dimension=1, functionals=functionals)
+    fields = ExactFields(
+        theta, csc_matrix(forces.shape), per_force, free, dimension=1, functionals=functionals
+    )
     responses = Responses(free[:0], per_force[:0], slack - rows @ free, schur)
     groups = None if pairs is None else _pairs(pairs, conditions)
     return _started(parameters, ConstantElimination(responses, theta, LapackLU), fields, groups)
 
 
-def _started(parameters: ParameterSpace, eliminated: ConstantElimination, fields: Any, pairs: Any) -> CondensedModel:
+def _started(
+    parameters: ParameterSpace, eliminated: ConstantElimination, fields: Any, pairs: Any
+) -> CondensedModel:
     """Make the model, with initial statuses from solutions without any."""
     nothing = KnownStatuses(parameters.middle[None], np.zeros((1, fields.conditions), dtype=bool))
     model = CondensedModel(parameters, eliminated, nothing, fields, pairs)
     points = parameters.random(STARTS, 0)
-    known = KnownStatuses.of_answers(model.solve(point, start=None, raise_on_failure=False) for point in points)
+    known = KnownStatuses.of_answers(
+        model.solve(point, start=None, raise_on_failure=False) for point in points
+    )
     return CondensedModel(parameters, eliminated, known or nothing, fields, pairs)
 
 
@@ -114,7 +128,10 @@ def _pairs(given: object, conditions: int) -> np.ndarray:
     """Numbers of contact pairs, checked to be integers from 0 on, (m,)."""
     found = _array("pairs", given, (conditions,))
     if (found != np.floor(found)).any() or found.min() < 0 or found.max() >= conditions:
-        raise SceneError(f"pairs must be whole numbers from 0 on, one for each condition, and less than {conditions}")
+        raise SceneError(
+            "pairs must be whole numbers from 0 on, one for each condition, and less than "
+            f"{conditions}"
+        )
     return found.astype(np.int64)
 
 
@@ -135,10 +152,15 @@ def _array(name: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _check(stiffness: csc_matrix, contact: csc_matrix) -> None:
-    """SceneError for matrices of inconsistent shapes, non-finite values, or a stiffness that is not symmetric."""
+    """SceneError for matrices of inconsistent shapes, non-finite values, or a stiffness that is not
+    symmetric.
+    """
     conditions, size = contact.shape
     if stiffness.shape != (size, size):
-        raise SceneError(f"the stiffness is {stiffness.shape} and contact {contact.shape}: they are of {size} dofs")
+        raise SceneError(
+            f"the stiffness is {stiffness.shape} and contact {contact.shape}: they are of {size} "
+            "dofs"
+        )
     if not conditions or not size:
         raise SceneError("there must be a contact condition and a dof at least")
     for name, matrix in (("stiffness", stiffness), ("contact", contact)):
@@ -146,13 +168,22 @@ def _check(stiffness: csc_matrix, contact: csc_matrix) -> None:
             raise SceneError(f"{name} holds numbers that are not finite")
     off = abs(stiffness - stiffness.T).max()
     if off > SYMMETRIC * abs(stiffness).max():
-        raise SceneError(f"the stiffness is not symmetric: it differs from its transpose by {off:.3g}")
+        raise SceneError(
+            f"the stiffness is not symmetric: it differs from its transpose by {off:.3g}"
+        )
 
 
 def _terms(
-    parameters: ParameterSpace, amplitudes: Sequence[Any], loads: object, gaps: object, sizes: tuple[int, int]
+    parameters: ParameterSpace,
+    amplitudes: Sequence[Any],
+    loads: object,
+    gaps: object,
+    sizes: tuple[int, int],
 ) -> tuple[Amplitudes, np.ndarray, np.ndarray]:
-    """Amplitudes in the order of a model, affine ones first; columns of loads and gaps after those of amplitude 1."""
+    """Amplitudes in the order of a model, affine ones first.
+
+    Columns of loads and gaps after those of amplitude 1.
+    """
     made = [_amplitude(item, parameters) for item in as_tuple("amplitudes", amplitudes)]
     theta = Amplitudes.collect(made, parameters)
     order = sorted(range(len(made)), key=lambda place: not isinstance(made[place], Amplitude))
@@ -165,7 +196,13 @@ def _terms(
 
 def _amplitude(item: Any, parameters: ParameterSpace) -> Amplitude | Scalar:
     """An amplitude over the box, from a text, a number or an Amplitude."""
-    one = Amplitude(float(item)) if is_number(item) else Formula(item) if isinstance(item, str) else item
+    one = (
+        Amplitude(float(item))
+        if is_number(item)
+        else Formula(item)
+        if isinstance(item, str)
+        else item
+    )
     if not isinstance(one, Amplitude | Formula):
         raise SceneError(f"an amplitude must be a text, a number or an Amplitude, not {item!r}")
     found = bound(one, parameters)
@@ -176,9 +213,17 @@ def _amplitude(item: Any, parameters: ParameterSpace) -> Amplitude | Scalar:
 
 
 def _factored(stiffness: csc_matrix) -> SuperLU:
-    """Factors of K without pivoting, which show that it is positive definite; else raise NotSolvableError."""
+    """Factors of K without pivoting, which show that it is positive definite.
+
+    Else raise NotSolvableError.
+    """
     with suppress(RuntimeError):  # a column of zeros
-        factor = splu(stiffness, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+        factor = splu(
+            stiffness,
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True},
+        )
         sizes = np.empty(stiffness.shape[0])
         sizes[factor.perm_c] = stiffness.diagonal()
         # a zero pivot exchanges rows
@@ -186,7 +231,8 @@ def _factored(stiffness: csc_matrix) -> SuperLU:
         if not exchanged and (factor.U.diagonal() > PIVOT * np.abs(sizes)).all():
             return factor
     raise NotSolvableError(
-        "the stiffness is not positive definite: leave out dofs that are imposed, and hold all bodies"
+        "the stiffness is not positive definite: leave out dofs that are imposed, and hold all "
+        "bodies"
     )
 
 
@@ -197,26 +243,37 @@ def _check_definite(schur: np.ndarray) -> None:
         linalg.cholesky(schur / np.outer(sizes, sizes) if (sizes > 0).all() else schur)
     except linalg.LinAlgError:
         raise NotSolvableError(
-            "rows of contact depend on each other, or one of them moves nothing: thesis (1.67); leave those out"
+            "rows of contact depend on each other, or one of them moves nothing: thesis (1.67); "
+            "leave those out"
         ) from None
 
 
-def _outputs(size: int, conditions: int, areas: Any, displacements: Any, forces: Any) -> tuple[Functional, ...]:
+def _outputs(
+    size: int, conditions: int, areas: Any, displacements: Any, forces: Any
+) -> tuple[Functional, ...]:
     displacements, forces = ({} if given is None else given for given in (displacements, forces))
     for given in (displacements, forces):
-        if not isinstance(given, Mapping) or not all(isinstance(name, str) and name for name in given):
-            raise SceneError(f"outputs must be arrays by name, {{'force': [1.0, ...]}}, and are {given!r}")
+        if not isinstance(given, Mapping) or not all(
+            isinstance(name, str) and name for name in given
+        ):
+            raise SceneError(
+                f"outputs must be arrays by name, {{'force': [1.0, ...]}}, and are {given!r}"
+            )
     found: list[Functional] = []
     if areas is not None:
         given = _array("areas", areas, (conditions,))
         if not (given > 0).all():
             raise SceneError("areas must be positive")
         nowhere = np.zeros(0, dtype=np.int64)
-        found.append(Largest("peak", "", 0, nowhere, nowhere, np.zeros(0), np.arange(conditions), given))
+        found.append(
+            Largest("peak", "", 0, nowhere, nowhere, np.zeros(0), np.arange(conditions), given)
+        )
     for name, row in displacements.items():
         found.append(Linear.of(name, "", row=csc_matrix(_array(name, row, (size,))[None]).tocsr()))
     for name, weights in forces.items():
-        found.append(Linear.of(name, "", np.arange(conditions), _array(name, weights, (conditions,))))
+        found.append(
+            Linear.of(name, "", np.arange(conditions), _array(name, weights, (conditions,)))
+        )
     if len({item.name for item in found}) < len(found):
         raise SceneError("two outputs have the same name")
     return tuple(found)

@@ -1,7 +1,8 @@
-"""Tables of parameters in files, CSV or Parquet, and tables of their answers, which are written block by block.
+"""Tables of parameters in files, CSV or Parquet, and tables of their answers, which are written
+block by block.
 
-The blocks of a long table are files in a folder next to the target, each complete or missing. A run that was killed
-continues with the missing blocks. At the end the blocks become one file.
+The blocks of a long table are files in a folder next to the target, each complete or missing. A run
+that was killed continues with the missing blocks. At the end the blocks become one file.
 """
 
 from __future__ import annotations
@@ -35,7 +36,10 @@ if TYPE_CHECKING:
 PARQUET = ".parquet"
 """Ending of binary tables."""
 MARK = "blocks of answers by hhr_dolfinx"
-"""Content of the file ``of.json`` in a folder of blocks; a folder without it has another owner and is not touched."""
+"""Content of the file ``of.json`` in a folder of blocks.
+
+a folder without it has another owner and is not touched.
+"""
 WORKBOOKS = (".xlsx", ".xls", ".xlsm", ".ods")
 """Endings of tables that only spreadsheets read."""
 SHOWN = 20
@@ -48,18 +52,25 @@ _log = logging.getLogger(__name__)
 
 
 class TableRow(NamedTuple):
-    """A row of a table of parameters: number of its line from 1, cells in the order of the space, its fault or ""."""
+    """A row of a table of parameters: number of its line from 1, cells in the order of the space,
+    its fault or "".
+    """
 
     line: int
     cells: list[str]
     fault: str = ""
 
 
-def read_points(path: str | Path, space: ParameterSpace, say: Callable[[str], object] = _log.warning) -> list[TableRow]:
-    """Read the rows of a CSV file, without empty lines, or of Parquet. The header names the parameters, in any order.
+def read_points(
+    path: str | Path, space: ParameterSpace, say: Callable[[str], object] = _log.warning
+) -> list[TableRow]:
+    """Read the rows of a CSV file, without empty lines, or of Parquet.
 
-    A CSV file is UTF-8 text, with or without a byte order mark, whose columns are separated by commas, semicolons or
-    tabs. Columns may be named with a unit, ``push [Pa]``. Between semicolons numbers may have decimal commas.
+    The header names the parameters, in any order.
+
+    A CSV file is UTF-8 text, with or without a byte order mark, whose columns are separated by
+    commas, semicolons or tabs. Columns may be named with a unit, ``push [Pa]``. Between semicolons
+    numbers may have decimal commas.
 
     Args:
         path: the file.
@@ -67,19 +78,30 @@ def read_points(path: str | Path, space: ParameterSpace, say: Callable[[str], ob
         say: function that prints what is assumed of units and of decimal commas.
 
     Raises:
-        ParameterError: if the file is missing, cannot be read, or its header does not name each parameter once.
+        ParameterError: if the file is missing, cannot be read, or its header does not name each
+            parameter once.
     """
     if Path(path).suffix.lower() in WORKBOOKS:
-        raise ParameterError(f"{path} is a workbook of a spreadsheet: save its table as CSV, in UTF-8 and with commas")
+        raise ParameterError(
+            f"{path} is a workbook of a spreadsheet: save its table as CSV, in UTF-8 and with "
+            "commas"
+        )
     if Path(path).suffix == PARQUET:
-        return [TableRow(k, row) for k, row in enumerate(read_columns(Path(path), space.names, say), start=2)]
+        return [
+            TableRow(k, row)
+            for k, row in enumerate(read_columns(Path(path), space.names, say), start=2)
+        ]
     try:
         # with or without the byte order mark that spreadsheets write
         with open(path, newline="", encoding="utf-8-sig") as file:
             delimiter = _delimiter(next((line for line in file if line.strip()), ""), space.names)
             file.seek(0)
             reader = csv.reader(file, delimiter=delimiter, skipinitialspace=True)
-            rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if row not in ([], [""])]
+            rows = [
+                (reader.line_num, [cell.strip() for cell in row])
+                for row in reader
+                if row not in ([], [""])
+            ]
     except FileNotFoundError:
         raise ParameterError(f"there is no table of parameters {path}") from None
     except (OSError, ValueError, csv.Error) as error:
@@ -88,7 +110,11 @@ def read_points(path: str | Path, space: ParameterSpace, say: Callable[[str], ob
     columns = _columns(path, header, space.names, say)
     table = [_row(line, cells, columns, len(header)) for line, cells in rows[1:]]
     texts = [cell for row in table for cell in row.cells]
-    if delimiter == ";" and any("," in text for text in texts) and not any("." in text for text in texts):
+    if (
+        delimiter == ";"
+        and any("," in text for text in texts)
+        and not any("." in text for text in texts)
+    ):
         say(f"{path}: its numbers have decimal commas")
         return [row._replace(cells=[_with_point(cell) for cell in row.cells]) for row in table]
     return table
@@ -98,7 +124,10 @@ def _delimiter(header: str, names: Sequence[str]) -> str:
     """Mark between the columns: the one by which the header names the most parameters."""
 
     def matches(mark: str) -> int:
-        cells = [cell.strip() for cell in next(csv.reader([header], delimiter=mark, skipinitialspace=True), [])]
+        cells = [
+            cell.strip()
+            for cell in next(csv.reader([header], delimiter=mark, skipinitialspace=True), [])
+        ]
         return sum(bool(_places(cells, name)) for name in names)
 
     return max(DELIMITERS, key=matches)
@@ -109,13 +138,17 @@ def _places(header: Sequence[str], name: str) -> list[int]:
     return [k for k, head in enumerate(header) if head == name or _UNIT.sub("", head) == name]
 
 
-def _columns(path: str | Path, header: Sequence[str], names: Sequence[str], say: Callable[[str], object]) -> list[int]:
-    """Index of the column of each parameter; ParameterError if the header does not name each once."""
+def _columns(
+    path: str | Path, header: Sequence[str], names: Sequence[str], say: Callable[[str], object]
+) -> list[int]:
+    """Index of the column of each parameter; ParameterError if the header does not name each
+    once.
+    """
     places = {name: _places(header, name) for name in names}
     if wrong := sorted(name for name, columns in places.items() if len(columns) != 1):
         raise ParameterError(
-            f"{path} has no column {wrong} or has it twice: its header must name each of {tuple(names)} once, and is "
-            f"{list(header)}"
+            f"{path} has no column {wrong} or has it twice: its header must name each of "
+            f"{tuple(names)} once, and is {list(header)}"
         )
     columns = [places[name][0] for name in names]
     if units := [header[k] for k, name in zip(columns, names, strict=True) if header[k] != name]:
@@ -140,7 +173,8 @@ def answer_table(
     forces: bool = True,
     resume: str | None = None,
 ) -> int:
-    """Answer a table on all ranks into a file, CSV or Parquet, and print the bad rows with their reasons.
+    """Answer a table on all ranks into a file, CSV or Parquet, and print the bad rows with their
+    reasons.
 
     Args:
         model: see :func:`~hhr_dolfinx.plugins.tables.batch.answer_points`.
@@ -148,10 +182,10 @@ def answer_table(
         path: file of the answers.
         console: console of the first rank.
         progress: wrapper of the iteration over blocks, for a progress bar.
-        displacement, estimates, forces: include columns of the largest displacement of any node, of estimates of
-            errors, and of the force of each contact condition.
-        resume: text that identifies the model, such as a checksum of its file: blocks of an earlier run with the same
-            text are kept. None starts from the beginning.
+        displacement, estimates, forces: include columns of the largest displacement of any node, of
+            estimates of errors, and of the force of each contact condition.
+        resume: text that identifies the model, such as a checksum of its file: blocks of an earlier
+            run with the same text are kept. None starts from the beginning.
 
     Returns:
         Number of rows without an answer, on all ranks.
@@ -163,7 +197,9 @@ def answer_table(
     comm = world()
     group = ALONE if comm is None else group_of(comm)
     rank = group.number
-    blocks = _Blocks(Query(model, "refuse", displacement, estimates), rows, Path(path), resume, forces)
+    blocks = _Blocks(
+        Query(model, "refuse", displacement, estimates), rows, Path(path), resume, forces
+    )
     group.agreed("answering the table", lambda: [f"{len(rows)} rows", repr(model), blocks.digest()])
     with group.each("preparing the answers"):
         if rank == 0:
@@ -178,18 +214,29 @@ def answer_table(
     count = group.from_first(len(bad))
     if rank == 0:
         good = f"{len(rows) - len(bad)} answers{model.summed_up(sums)}"
-        console.print(f"{good} and {len(bad)} bad rows on {group.size} ranks in {seconds:.1f} s: {path}", markup=False)
+        console.print(
+            f"{good} and {len(bad)} bad rows on {group.size} ranks in {seconds:.1f} s: {path}",
+            markup=False,
+        )
         for number, why in bad[:SHOWN]:
             row = rows[number]
-            console.print(f"line {row.line} ({', '.join(row.cells)}): {why}", highlight=False, markup=False)
+            console.print(
+                f"line {row.line} ({', '.join(row.cells)}): {why}", highlight=False, markup=False
+            )
         if len(bad) > SHOWN:
-            console.print(f"and {len(bad) - SHOWN} more, with their reasons in the column '{_STATUS}'", markup=False)
+            console.print(
+                f"and {len(bad) - SHOWN} more, with their reasons in the column '{_STATUS}'",
+                markup=False,
+            )
     return count
 
 
 @dataclass(frozen=True)
 class _Blocks:
-    """Blocks of a table, each answered into a file, and joined to one file at the end; see :func:`answer_table`."""
+    """Blocks of a table, each answered into a file, and joined to one file at the end.
+
+    See :func:`answer_table`.
+    """
 
     query: Query
     rows: Sequence[TableRow]
@@ -216,13 +263,18 @@ class _Blocks:
     def digest(self) -> str:
         """Digest of everything on which the answers depend."""
         columns = self.query.displacement, self.query.estimates, self.forces
-        digest = hashlib.sha256(repr((self.resume, *columns, self.query.outside, self.size)).encode())
+        digest = hashlib.sha256(
+            repr((self.resume, *columns, self.query.outside, self.size)).encode()
+        )
         for row in self.rows:
             digest.update(repr(row).encode())
         return digest.hexdigest()
 
     def prepare(self) -> None:
-        """Make the folder, empty of blocks of another table or model; FileError if it has other files."""
+        """Make the folder, empty of blocks of another table or model.
+
+        FileError if it has other files.
+        """
         mark = {MARK: self.digest()}
         found = None
         with suppress(OSError, ValueError, RecursionError):
@@ -242,13 +294,16 @@ class _Blocks:
         clear_leftovers(self.folder)
         if others := sorted(path.name for path in self.folder.iterdir()):
             raise FileError(
-                f"{self.folder} is where blocks of answers are kept on their way to {self.path}, and it holds files "
-                f"that are not: {', '.join(others[:3])}{', ...' if others[3:] else ''}. Move the folder, or give the "
-                "answers another name"
+                f"{self.folder} is where blocks of answers are kept on their way to {self.path}, "
+                "and it holds files that are not: "
+                f"{', '.join(others[:3])}{', ...' if others[3:] else ''}. Move the folder, or "
+                "give the answers another name"
             )
 
     def _clear(self) -> None:
-        """Remove the blocks, then the mark, as a run may be killed, and the folder if nothing else is in it."""
+        """Remove the blocks, then the mark, as a run may be killed, and the folder if nothing else
+        is in it.
+        """
         clear_leftovers(self.folder)
         own = re.compile(rf"[0-9]{{6,}}(\.json|{re.escape(self.path.suffix)})")
         for path in self.folder.iterdir():
@@ -262,13 +317,17 @@ class _Blocks:
         return self.folder / f"{number:06d}{self.path.suffix}"
 
     def _report(self, number: int) -> Path:
-        """File of the bad rows, the sums of further columns, and the checksum of the answers of a block."""
+        """File of the bad rows, the sums of further columns, and the checksum of the answers of a
+        block.
+        """
         return self.folder / f"{number:06d}.json"
 
     def _is_whole(self, number: int) -> bool:
         """True if a block is complete and undamaged; other blocks are answered again."""
         try:
-            return json.loads(self._report(number).read_text())[2] == checksum(self._answers(number))
+            return json.loads(self._report(number).read_text())[2] == checksum(
+                self._answers(number)
+            )
         except (OSError, ValueError, LookupError, TypeError):
             return False
 
@@ -281,16 +340,26 @@ class _Blocks:
             points = np.array([point for point, _ in parsed]).reshape(len(rows), len(space.names))
             answers = self.query(points)
             # the fault of a cell that is no number replaces the status of the model
-            status = [fault or found for (_, fault), found in zip(parsed, answers.status, strict=True)]
+            status = [
+                fault or found for (_, fault), found in zip(parsed, answers.status, strict=True)
+            ]
             answers = answers._replace(status=status)
-            write_answers(self._answers(number), space, answers, [row.cells for row in rows], forces=self.forces)
+            write_answers(
+                self._answers(number),
+                space,
+                answers,
+                [row.cells for row in rows],
+                forces=self.forces,
+            )
             bad = [(number * self.size + k, why) for k, why in enumerate(status) if why != OK]
             sums = {head: float(np.nansum(values)) for head, values in answers.columns.items()}
             with replacing(self._report(number), text=True) as file:
                 json.dump([bad, sums, checksum(self._answers(number))], file)
 
     def join(self) -> tuple[list[tuple[int, str]], dict[str, float]]:
-        """Make one file of all blocks; return the bad rows with their reasons, and sums of further columns by head."""
+        """Make one file of all blocks; return the bad rows with their reasons, and sums of further
+        columns by head.
+        """
         parts = [self._answers(number) for number in range(len(self))]
         if self.path.suffix == PARQUET:
             join_tables(self.path, parts)
@@ -315,7 +384,9 @@ def write_answers(
     *,
     forces: bool = True,
 ) -> int:
-    """Write answers as CSV with a header, or as Parquet; return the number of rows without an answer.
+    """Write answers as CSV with a header, or as Parquet.
+
+    Return the number of rows without an answer.
 
     Args:
         path, space: the file, and the parameters, whose names head their columns.
@@ -335,7 +406,9 @@ def write_answers(
     return sum(status != OK for status in answers.status)
 
 
-def _write_csv(path: str | Path, head: list[str], answers: Answers, cells: Any, columns: dict[str, np.ndarray]) -> None:
+def _write_csv(
+    path: str | Path, head: list[str], answers: Answers, cells: Any, columns: dict[str, np.ndarray]
+) -> None:
     given = answers.points.tolist() if cells is None else cells
     numbers = np.column_stack(list(columns.values()))
     line = ",".join(["%.12g"] * len(columns))
@@ -343,13 +416,21 @@ def _write_csv(path: str | Path, head: list[str], answers: Answers, cells: Any, 
         writer = csv.writer(file)
         writer.writerow(head)
         for row, status, values in zip(given, answers.status, numbers, strict=True):
-            writer.writerow([*row, status, *(_texts(line, values) if status == OK else [""] * len(values))])
+            writer.writerow(
+                [*row, status, *(_texts(line, values) if status == OK else [""] * len(values))]
+            )
 
 
 def columns_of(answers: Answers, forces: bool = True) -> dict[str, np.ndarray]:
     """Values of all rows by the heads of their columns, in the order of the columns."""
-    columns = {} if answers.largest_displacement is None else {"largest_displacement": answers.largest_displacement}
-    columns["total_force"] = answers.forces.sum(axis=1) if answers.total_force is None else answers.total_force
+    columns = (
+        {}
+        if answers.largest_displacement is None
+        else {"largest_displacement": answers.largest_displacement}
+    )
+    columns["total_force"] = (
+        answers.forces.sum(axis=1) if answers.total_force is None else answers.total_force
+    )
     columns |= {**answers.outputs, **answers.estimates}
     columns |= answers.columns
     return columns | {f"force_{k}": force for k, force in enumerate(answers.forces.T) if forces}
@@ -362,8 +443,14 @@ def _texts(line: str, values: np.ndarray) -> list[str]:
 
 
 def _row(line: int, cells: list[str], columns: list[int], width: int) -> TableRow:
-    """A row in the order of the parameters; extra cells are a fault, since they may come from decimal commas."""
-    count = f"{len(cells)} cells where the header has {width}: numbers have a decimal point, as commas separate columns"
+    """A row in the order of the parameters.
+
+    Extra cells are a fault, since they may come from decimal commas.
+    """
+    count = (
+        f"{len(cells)} cells where the header has {width}: numbers have a decimal point, as "
+        "commas separate columns"
+    )
     fault = count if any(cells[width:]) else ""
     padded = cells + [""] * width
     return TableRow(line, [padded[column] for column in columns], fault)
@@ -380,7 +467,10 @@ def _numbers(row: TableRow, space: ParameterSpace) -> tuple[list[float], str]:
             point.append(float(text))
         except ValueError:
             why = ": write a decimal point, not a comma" if "," in text else ""
-            return nothing, f"{name} is empty" if not text else f"{name} = '{text}' is no number{why}"
+            return (
+                nothing,
+                f"{name} is empty" if not text else f"{name} = '{text}' is no number{why}",
+            )
     return point, ""
 
 
@@ -390,7 +480,9 @@ def checksum(path: str | Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-def read_columns(path: Path, names: tuple[str, ...], say: Callable[[str], object] = _log.warning) -> list[list[str]]:
+def read_columns(
+    path: Path, names: tuple[str, ...], say: Callable[[str], object] = _log.warning
+) -> list[list[str]]:
     """Rows of some columns of a Parquet file as text with all digits; missing values are empty.
 
     Raises:
@@ -406,7 +498,9 @@ def read_columns(path: Path, names: tuple[str, ...], say: Callable[[str], object
         raise ParameterError(f"{path} cannot be read as Parquet ({error})") from error
     places = _columns(path, table.column_names, names, say)
     columns = [table.column(place).to_pylist() for place in places]
-    return [["" if value is None else str(value) for value in row] for row in zip(*columns, strict=True)]
+    return [
+        ["" if value is None else str(value) for value in row] for row in zip(*columns, strict=True)
+    ]
 
 
 def write_columns(path: Path, columns: Mapping[str, Any]) -> None:
@@ -417,13 +511,19 @@ def write_columns(path: Path, columns: Mapping[str, Any]) -> None:
     arrays = {}
     for name, values in columns.items():
         given = np.asarray(values)
-        arrays[name] = pyarrow.array(given, from_pandas=True) if given.dtype.kind in "fiub" else pyarrow.array(values)
+        arrays[name] = (
+            pyarrow.array(given, from_pandas=True)
+            if given.dtype.kind in "fiub"
+            else pyarrow.array(values)
+        )
     with replacing(path) as file:
         parquet.write_table(pyarrow.table(arrays), file)
 
 
 def join_tables(path: Path, parts: Sequence[Path]) -> None:
-    """Join Parquet files with the same columns in their order, with one of them in memory at a time."""
+    """Join Parquet files with the same columns in their order, with one of them in memory at a
+    time.
+    """
     with extra("tables", f"the table {path}"):
         from pyarrow import parquet
     with replacing(path) as file:

@@ -6,6 +6,9 @@ PLUGIN = Plugin(
     name="theorems",
     needs=("differences",),
     stages=(
-        Stage("hhr_dolfinx.plugins.theorems.full_constants:measure", "hhr_dolfinx.reduction.build:assess_projection"),
+        Stage(
+            "hhr_dolfinx.plugins.theorems.full_constants:measure",
+            "hhr_dolfinx.reduction.build:assess_projection",
+        ),
     ),
 )

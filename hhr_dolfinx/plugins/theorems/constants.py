@@ -1,7 +1,9 @@
-"""Constants and hypotheses of the thesis' theorems, see :mod:`hhr_dolfinx.plugins.theorems.theorems`.
+"""Constants and hypotheses of the thesis' theorems, see
+:mod:`hhr_dolfinx.plugins.theorems.theorems`.
 
-Each proof uses the form a on different spaces; the constants on these are the sharpest with which it holds. They are
-eigenvalues of pencils of the size of the basis, except those on V^0, which have the size of the RID.
+Each proof uses the form a on different spaces; the constants on these are the sharpest with which
+it holds. They are eigenvalues of pencils of the size of the basis, except those on V^0, which have
+the size of the RID.
 """
 
 from __future__ import annotations
@@ -25,7 +27,10 @@ SLACK = 1e-8
 """Relative accuracy of constants, by which others may be beyond them."""
 NAMES = {"3": "beta_HR of (2.38)", "6": "alpha' of (2.46)"}
 """Names of the constants that are not alpha, (2.9), on the space of the proof."""
-OVER_ALL = "its infimum is over all of the reduced space, (2.142), and that of the proof over fewer functions"
+OVER_ALL = (
+    "its infimum is over all of the reduced space, (2.142), and that of the proof over fewer "
+    "functions"
+)
 
 
 @dataclass(frozen=True)
@@ -75,18 +80,28 @@ def refused(norms: Norms, sharp: dict[str, Ellipticity]) -> dict[str, str]:
     found = {name: why for name, why in reasons.items() if name not in sharp}
     reached = int((norms.domain.contact[:, norms.domain.sets.I].getnnz(axis=1) > 0).sum())
     if reached:
-        found["8"] = f"(H2), (2.101), fails: {reached} contact conditions of the RID act on its interface"
+        found["8"] = (
+            f"(H2), (2.101), fails: {reached} contact conditions of the RID act on its interface"
+        )
     return found
 
 
 def given_constants(
     sharp: dict[str, Ellipticity], given: Ellipticity, sigma_min: float | None
 ) -> dict[str, Ellipticity]:
-    """Constants with given M_a and alpha; with ``sigma_min`` as printed. BoundError if they are not positive."""
+    """Constants with given M_a and alpha; with ``sigma_min`` as printed.
+
+    BoundError if they are not positive.
+    """
     if not (0 < given.continuity < math.inf and 0 < given.coercivity < math.inf):
-        raise BoundError(f"M_a = {given.continuity!r} and alpha = {given.coercivity!r} must be positive numbers")
+        raise BoundError(
+            f"M_a = {given.continuity!r} and alpha = {given.coercivity!r} must be positive numbers"
+        )
     # theorems 3 and 6 keep their own constant in the place of alpha
-    used = {name: replace(own, continuity=given.continuity) if name in NAMES else given for name, own in sharp.items()}
+    used = {
+        name: replace(own, continuity=given.continuity) if name in NAMES else given
+        for name, own in sharp.items()
+    }
     if sigma_min is None:
         return used
     if "3" in used:
@@ -95,18 +110,23 @@ def given_constants(
 
 
 def beyond(used: dict[str, Ellipticity], sharp: dict[str, Ellipticity]) -> dict[str, str]:
-    """Theorems for which given constants do not belong to the spaces of the proofs, with the reason."""
+    """Theorems for which given constants do not belong to the spaces of the proofs, with the
+    reason.
+    """
     found = {}
     for name in used.keys() & sharp.keys():
         own = used[name]
         known = sharp[name]
         if own.continuity < known.continuity * (1 - SLACK):
             found[name] = (
-                f"M_a = {own.continuity:.3g} is no constant of (2.7), which are {known.continuity:.3g} and more"
+                f"M_a = {own.continuity:.3g} is no constant of (2.7), which are "
+                f"{known.continuity:.3g} and more"
             )
         elif own.coercivity > known.coercivity * (1 + SLACK):
             what = NAMES.get(name, "alpha of (2.9)")
-            found[name] = f"{own.coercivity:.3g} is no {what}, which are {known.coercivity:.3g} and less"
+            found[name] = (
+                f"{own.coercivity:.3g} is no {what}, which are {known.coercivity:.3g} and less"
+            )
     return found
 
 
@@ -119,13 +139,18 @@ def check_models(full: FullModel, model: ReducedModel) -> None:
     if full.equilibrium is not None:
         raise BoundError("bodies flow, and the theorems are on elastic ones")
     if problem.varies:
-        raise BoundError("the stiffness depends on parameters, and the constants of the theorems are those of one")
+        raise BoundError(
+            "the stiffness depends on parameters, and the constants of the theorems are those of "
+            "one"
+        )
     if getattr(model, "offline", None) is None:
-        raise ReductionError(f"{model!r} does not know its basis and its RID: give a reduced model as it was built")
+        raise ReductionError(
+            f"{model!r} does not know its basis and its RID: give a reduced model as it was built"
+        )
     if model.offline.basis.shape[0] != problem.free.size:
         raise ReductionError(
-            f"the reduced model has {model.offline.basis.shape[0]} dofs, the full one {problem.free.size}: give both "
-            "of one scene"
+            f"the reduced model has {model.offline.basis.shape[0]} dofs, the full one "
+            f"{problem.free.size}: give both of one scene"
         )
     check_hypotheses(full, floating=True)
     coercivity = Ellipticity.of(full).coercivity

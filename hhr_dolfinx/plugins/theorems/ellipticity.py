@@ -1,6 +1,8 @@
-"""Continuity and coercivity of a(v, w) = v^T K w: by the formulas of the thesis, and by eigenvalues.
+"""Continuity and coercivity of a(v, w) = v^T K w: by the formulas of the thesis, and by
+eigenvalues.
 
-LAPACK finds the eigenvalues of small matrices, SLEPc those of large ones: no dense matrix of the size of the mesh.
+LAPACK finds the eigenvalues of small matrices, SLEPc those of large ones: no dense matrix of the
+size of the mesh.
 """
 
 from __future__ import annotations
@@ -22,7 +24,8 @@ from hhr_dolfinx.plugins.theorems.full_constants import DENSE, extreme_eigenvalu
 
 @dataclass(frozen=True)
 class Ellipticity:
-    """Constants of a: |a(v, w)| <= M_a |v| |w|, (2.7), and a(v, v) >= alpha |v|^2, (2.9), in some norm.
+    """Constants of a: |a(v, w)| <= M_a |v| |w|, (2.7), and a(v, v) >= alpha |v|^2, (2.9), in some
+    norm.
 
     Attributes:
         continuity: M_a.
@@ -34,7 +37,8 @@ class Ellipticity:
 
     @classmethod
     def of(cls, full: FullModel) -> Ellipticity:
-        """Constants of a full model in the Euclidean norm of nodal values, in the middle of the box; stored with it.
+        """Constants of a full model in the Euclidean norm of nodal values, in the middle of the
+        box; stored with it.
 
         Raises:
             BoundError: if ranks share the factors of K.
@@ -45,18 +49,23 @@ class Ellipticity:
         size = problem.free.size
         if len(full.per_force) != size:
             raise BoundError(
-                "ranks share the factors of K, and its constants need whole columns: build on MPI.COMM_SELF"
+                "ranks share the factors of K, and its constants need whole columns: build on "
+                "MPI.COMM_SELF"
             )
         free = np.flatnonzero(problem.free)
-        _KNOWN[full] = of_stiffness(problem.stiffness[free][:, free], on_dofs(full.stiffness.solve, free, size))
+        _KNOWN[full] = of_stiffness(
+            problem.stiffness[free][:, free], on_dofs(full.stiffness.solve, free, size)
+        )
         return _KNOWN[full]
 
     @classmethod
     def of_materials(cls, bodies: Iterable[Any]) -> Ellipticity:
-        """Constants by (2.143) and (2.144): the largest 2 (lambda + mu) and the smallest 2 mu of all bodies.
+        """Constants by (2.143) and (2.144): the largest 2 (lambda + mu) and the smallest 2 mu of
+        all bodies.
 
-        These are constants of a in the norm of the strain in the plane. The thesis takes them for those in the
-        Euclidean norm of nodal values, in which they are constants for no mesh: see docs/bounds.md.
+        These are constants of a in the norm of the strain in the plane. The thesis takes them for
+        those in the Euclidean norm of nodal values, in which they are constants for no mesh: see
+        docs/bounds.md.
 
         Raises:
             BoundError: if moduli depend on parameters or on the place.
@@ -80,7 +89,10 @@ def of_stiffness(stiffness: csr_matrix, solve: Callable[[np.ndarray], np.ndarray
 def smallest_eigenvalue(
     matrix: csr_matrix, solve: Callable[[np.ndarray], np.ndarray], gram: csr_matrix | None = None
 ) -> float:
-    """Lower bound of the smallest eigenvalue of K v = alpha G v, by K^-1 of a vector; G is the identity if None."""
+    """Lower bound of the smallest eigenvalue of K v = alpha G v, by K^-1 of a vector.
+
+    G is the identity if None.
+    """
     if matrix.shape[0] <= DENSE:
         return float(linalg.eigvalsh(matrix.toarray(), None if gram is None else gram.toarray())[0])
     value, residual = _extreme(matrix, gram, solve)
@@ -106,9 +118,14 @@ class _Inverse:
 
 
 def _extreme(
-    matrix: csr_matrix, gram: csr_matrix | None = None, solve: Callable[[np.ndarray], np.ndarray] | None = None
+    matrix: csr_matrix,
+    gram: csr_matrix | None = None,
+    solve: Callable[[np.ndarray], np.ndarray] | None = None,
 ) -> tuple[float, float]:
-    """The smallest eigenvalue by shift and invert with K^-1, or the largest without; and its relative residual."""
+    """The smallest eigenvalue by shift and invert with K^-1, or the largest without.
+
+    And its relative residual.
+    """
     from petsc4py import PETSc
     from slepc4py import SLEPc
 
@@ -118,7 +135,9 @@ def _extreme(
         solver = SLEPc.EPS().create(PETSc.COMM_SELF)
         solver.setOptionsPrefix("hhr_ellipticity_")
         solver.setOperators(*operators)
-        solver.setProblemType(SLEPc.EPS.ProblemType.HEP if gram is None else SLEPc.EPS.ProblemType.GHEP)
+        solver.setProblemType(
+            SLEPc.EPS.ProblemType.HEP if gram is None else SLEPc.EPS.ProblemType.GHEP
+        )
         if solve is None:
             solver.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_REAL)
             return solver
@@ -133,7 +152,9 @@ def _extreme(
         return solver
 
     if (found := extreme_eigenvalue(prepared)) is None:
-        raise NotSolvableError("SLEPc found no eigenvalue of K: look for moduli many powers of ten apart")
+        raise NotSolvableError(
+            "SLEPc found no eigenvalue of K: look for moduli many powers of ten apart"
+        )
     return found
 
 
@@ -142,10 +163,14 @@ def _petsc(matrix: csr_matrix) -> Any:
 
     matrix = csr_matrix(matrix)
     matrix.sort_indices()
-    return PETSc.Mat().createAIJ(matrix.shape, csr=(matrix.indptr, matrix.indices, matrix.data), comm=PETSc.COMM_SELF)
+    return PETSc.Mat().createAIJ(
+        matrix.shape, csr=(matrix.indptr, matrix.indices, matrix.data), comm=PETSc.COMM_SELF
+    )
 
 
-def on_dofs(solve: Callable[[np.ndarray], np.ndarray], dofs: np.ndarray, size: int) -> Callable[..., np.ndarray]:
+def on_dofs(
+    solve: Callable[[np.ndarray], np.ndarray], dofs: np.ndarray, size: int
+) -> Callable[..., np.ndarray]:
     """Solver on some dofs, (n,), from a solver for vectors of all dofs, (size,)."""
 
     def solved(rhs: np.ndarray) -> np.ndarray:
@@ -158,8 +183,14 @@ def on_dofs(solve: Callable[[np.ndarray], np.ndarray], dofs: np.ndarray, size: i
 
 def _moduli(body: Any) -> tuple[float, float]:
     """2 (lambda + mu) and 2 mu of a body."""
-    if body.grading is not None or not isinstance(body.young, Real) or not isinstance(body.poisson, Real):
-        raise BoundError(f"moduli of body {body.tag} depend on parameters or on the place: (2.143) takes numbers")
+    if (
+        body.grading is not None
+        or not isinstance(body.young, Real)
+        or not isinstance(body.poisson, Real)
+    ):
+        raise BoundError(
+            f"moduli of body {body.tag} depend on parameters or on the place: (2.143) takes numbers"
+        )
     young = float(body.young)
     poisson = float(body.poisson)
     shear = 0.5 * young / (1 + poisson)

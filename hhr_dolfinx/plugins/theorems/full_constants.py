@@ -1,7 +1,9 @@
-"""Inf-sup constants of the full model, and those of reduced ones in norms that do not depend on the mesh.
+"""Inf-sup constants of the full model, and those of reduced ones in norms that do not depend on the
+mesh.
 
 These are the energy norm (v^T K v)^1/2 with the L2 norm of the contact pressure, see
-:mod:`hhr_dolfinx.certify.constants`. Large sparse B takes SLEPc. They are reported, and no answer depends on them.
+:mod:`hhr_dolfinx.certify.constants`. Large sparse B takes SLEPc. They are reported, and no answer
+depends on them.
 """
 
 from __future__ import annotations
@@ -30,9 +32,14 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 DENSE = 1000
-"""Rows up to which LAPACK finds all eigenvalues, in half a second: SLEPc may take as long for a single one."""
+"""Rows up to which LAPACK finds all eigenvalues, in half a second: SLEPc may take as long for a
+single one.
+"""
 SUBSPACE = 64
-"""Vectors of the subspace. Of 216 rows of mortar on tetrahedra 16 vectors needed 475 restarts, and 64 vectors 4."""
+"""Vectors of the subspace.
+
+Of 216 rows of mortar on tetrahedra 16 vectors needed 475 restarts, and 64 vectors 4.
+"""
 TOLERANCES = (1e-10, 1e-5, 1e-3)
 """Relative residuals, tried in this order: some eigenvalue is as near as the residual."""
 RESTARTS = 50
@@ -44,7 +51,8 @@ class WholeConstants(Constants):
     """Constants of a reduced model and of its full one.
 
     Attributes:
-        beta_h: constant of the full model, (1.20); NaN if it is unknown, which affects no answer and no bound.
+        beta_h: constant of the full model, (1.20); NaN if it is unknown, which affects no answer
+            and no bound.
     """
 
     beta_h: float
@@ -88,9 +96,12 @@ _KNOWN: WeakKeyDictionary[FullModel, FullConstants] = WeakKeyDictionary()
 
 
 def smallest_singular_value(rows: csr_matrix) -> float:
-    """Smallest singular value of a sparse matrix with fewer rows than columns; 0 if rows are dependent, NaN if unknown.
+    """Smallest singular value of a sparse matrix with fewer rows than columns.
 
-    The root of the smallest eigenvalue of B B^T: by LAPACK, or of many rows by SLEPc with shift and invert.
+    0 if rows are dependent, NaN if unknown.
+
+    The root of the smallest eigenvalue of B B^T: by LAPACK, or of many rows by SLEPc with shift and
+    invert.
     """
     square = csr_matrix(rows @ rows.T)
     scale = float(abs(square.diagonal()).max())
@@ -99,17 +110,23 @@ def smallest_singular_value(rows: csr_matrix) -> float:
     else:
         value = _smallest_by_inversion(square / scale)
     if math.isnan(value):
-        logger.warning("SLEPc separates no eigenvalue of B B^T: the inf-sup constant beta_h of the report is unknown")
+        logger.warning(
+            "SLEPc separates no eigenvalue of B B^T: the inf-sup constant beta_h of the report is "
+            "unknown"
+        )
         return math.nan
     return math.sqrt(scale * value) if value > DEPENDENT else 0.0
 
 
 def extreme_eigenvalue(prepared: Callable[[], SLEPc.EPS]) -> tuple[float, float] | None:
-    """The eigenvalue for which SLEPc solvers are set up, and its relative residual; None if they find none.
+    """The eigenvalue for which SLEPc solvers are set up, and its relative residual.
 
-    On free meshes the smallest eigenvalues of B B^T lie within 1e-5 of each other: a small subspace does not separate
-    them. Only the value is needed: the subspace is wide, and the tolerance looser if the strict one is not reached.
-    ``prepared`` returns a new solver: one that has failed keeps its count of restarts, and would stop at once.
+    None if they find none.
+
+    On free meshes the smallest eigenvalues of B B^T lie within 1e-5 of each other: a small subspace
+    does not separate them. Only the value is needed: the subspace is wide, and the tolerance looser
+    if the strict one is not reached. ``prepared`` returns a new solver: one that has failed keeps
+    its count of restarts, and would stop at once.
     """
     from slepc4py import SLEPc
 
@@ -126,7 +143,10 @@ def extreme_eigenvalue(prepared: Callable[[], SLEPc.EPS]) -> tuple[float, float]
 
 
 def _smallest_by_inversion(matrix: csr_matrix) -> float:
-    """Smallest eigenvalue of a positive semi-definite sparse matrix, by SLEPc; NaN if it finds none."""
+    """Smallest eigenvalue of a positive semi-definite sparse matrix, by SLEPc.
+
+    NaN if it finds none.
+    """
     from petsc4py import PETSc
     from slepc4py import SLEPc
 
@@ -165,11 +185,16 @@ def measure(draft: Draft) -> None:
         energy = constants_of(reduced.held, test_gram, trial_gram, pressure)
         own = {name: getattr(draft.stability, name) for name in Stability.__dataclass_fields__}
         own["euclidean"] = WholeConstants(**asdict(own["euclidean"]), beta_h=full.euclidean)
-        draft.stability = WholeStability(**own, energy=WholeConstants(**asdict(energy), beta_h=full.energy))
+        draft.stability = WholeStability(
+            **own, energy=WholeConstants(**asdict(energy), beta_h=full.energy)
+        )
 
 
 def _tested(problem: ContactProblem, basis: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """K times modes truncated outside of some dofs, given by their local indices; local rows of the products."""
+    """K times modes truncated outside of some dofs, given by their local indices.
+
+    Local rows of the products.
+    """
     if problem.spread.all_here:
         return problem.stiffness[inside][:, inside] @ basis[inside]
     cut = np.zeros_like(basis)

@@ -1,7 +1,8 @@
-"""Norms on a reduced integration domain, on the whole one, and of contact forces, with the constants of a in them.
+"""Norms on a reduced integration domain, on the whole one, and of contact forces, with the
+constants of a in them.
 
-Fields are arrays (N,) that vanish on imposed dofs; functions of V^0 on Omega_A, which vanish on its interface, arrays
-(|A|,). a(w, v) for such a v needs of w what lies on A and I alone.
+Fields are arrays (N,) that vanish on imposed dofs; functions of V^0 on Omega_A, which vanish on its
+interface, arrays (|A|,). a(w, v) for such a v needs of w what lies on A and I alone.
 """
 
 from __future__ import annotations
@@ -17,15 +18,24 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.contact.problem import IndexSets
 from hhr_dolfinx.linear.sparse import FreeCholesky, ordering_of
 from hhr_dolfinx.models.full import FullModel
-from hhr_dolfinx.plugins.theorems.ellipticity import Ellipticity, largest_eigenvalue, of_stiffness, on_dofs
+from hhr_dolfinx.plugins.theorems.ellipticity import (
+    Ellipticity,
+    largest_eigenvalue,
+    of_stiffness,
+    on_dofs,
+)
 
 NEGLIGIBLE = 1e-12
-"""Singular value of modes cut off outside A over the largest, below which they are dependent to round-off."""
+"""Singular value of modes cut off outside A over the largest, below which they are dependent to
+round-off.
+"""
 
 
 @dataclass(frozen=True)
 class Directions:
-    """A space by vectors, (n, k), orthonormal in a norm whose Gram matrix times columns is ``gram``."""
+    """A space by vectors, (n, k), orthonormal in a norm whose Gram matrix times columns is
+    ``gram``.
+    """
 
     vectors: np.ndarray
     gram: Callable[[np.ndarray], np.ndarray]
@@ -35,7 +45,9 @@ class Directions:
         """The span of columns, which may be dependent, (n, m)."""
         left, sizes, _ = linalg.svd(columns, full_matrices=False)
         left = left[:, sizes > NEGLIGIBLE * sizes.max(initial=0.0)]
-        energies, axes = linalg.eigh(left.T @ gram(left)) if left.size else (np.ones(0), np.zeros((0, 0)))
+        energies, axes = (
+            linalg.eigh(left.T @ gram(left)) if left.size else (np.ones(0), np.zeros((0, 0)))
+        )
         return cls(left @ (axes / np.sqrt(energies)), gram)
 
     def distance(self, field: np.ndarray) -> float:
@@ -47,7 +59,8 @@ class Directions:
 
 @dataclass(frozen=True)
 class Domain:
-    """Omega_A in a full problem: K, (N, N), free dofs, (N,) bool, sets of the RID, and B[A_lambda], (N_lambda_C, N).
+    """Omega_A in a full problem: K, (N, N), free dofs, (N,) bool, sets of the RID, and B[A_lambda],
+    (N_lambda_C, N).
 
     ``factor`` makes factors of K on the dofs of a mask, (N,) bool.
     """
@@ -65,11 +78,15 @@ class Domain:
 
         problem = full.problem
         name = full.scene.name
-        ordering = ordering_of(problem.block_size, "qmd")  # the fastest for one right-hand side after another
+        ordering = ordering_of(
+            problem.block_size, "qmd"
+        )  # the fastest for one right-hand side after another
 
         def factor(mask: np.ndarray) -> FreeCholesky:
             rows = slice(0, problem.free.size)
-            return FreeCholesky(problem.stiffness, mask, rows, name, ordering, PETSc.COMM_SELF.tompi4py())
+            return FreeCholesky(
+                problem.stiffness, mask, rows, name, ordering, PETSc.COMM_SELF.tompi4py()
+            )
 
         return cls(problem.stiffness, problem.free, sets, problem.contact[sets.A_lambda], factor)
 
@@ -150,7 +167,11 @@ class EuclideanNorms:
         """Continuity constant of a(w, v) for v in V^0 and w that vanishes but on the interface."""
         interface = self.domain.sets.I
         coupling = self.domain.rows[:, interface[self.domain.free[interface]]]
-        return float(np.sqrt(largest_eigenvalue(csr_matrix(coupling.T @ coupling)))) if coupling.nnz else 0.0
+        return (
+            float(np.sqrt(largest_eigenvalue(csr_matrix(coupling.T @ coupling))))
+            if coupling.nnz
+            else 0.0
+        )
 
     def continuity(self, test: Directions) -> float:
         """Continuity constant of a(w, v) for any w and v in a space of V^0, (2.7)."""
@@ -160,10 +181,12 @@ class EuclideanNorms:
 
 @dataclass(frozen=True)
 class EnergyNorms:
-    """Energy of displacements, and the L2 norm of the contact pressure, (sum of force^2 / area)^1/2.
+    """Energy of displacements, and the L2 norm of the contact pressure, (sum of force^2 /
+    area)^1/2.
 
-    The energy on Omega_A is the least for the displacements given there: at most that of the whole field, and for a
-    function of V^0 equal to it. So M_a = alpha = 1, by Cauchy and Schwarz. ``force_gram`` is 1 / area, (N_lambda_C,).
+    The energy on Omega_A is the least for the displacements given there: at most that of the whole
+    field, and for a function of V^0 equal to it. So M_a = alpha = 1, by Cauchy and Schwarz.
+    ``force_gram`` is 1 / area, (N_lambda_C,).
     """
 
     domain: Domain

@@ -1,21 +1,25 @@
-"""Bounds of the thesis, theorems 3, 4, 5, 6 and 8 of chapter 2, with both sides evaluated and hypotheses checked.
+"""Bounds of the thesis, theorems 3, 4, 5, 6 and 8 of chapter 2, with both sides evaluated and
+hypotheses checked.
 
-Let u, lambda be the full model's answer, u_HR, lambda_HR the reduced one on Omega_A, r and r' the parts of u and u_HR
-on the interface I (lifts that vanish inside, (2.40)), u^0 = u - r on A. With the constants of a and b:
+Let u, lambda be the full model's answer, u_HR, lambda_HR the reduced one on Omega_A, r and r' the
+parts of u and u_HR on the interface I (lifts that vanish inside, (2.40)), u^0 = u - r on A. With
+the constants of a and b:
 
-    3           |lambda - lambda_HR|_A <= M_a / beta_HR |u - u_HR|_A                                            (2.70)
-    4           |u - u_HR^H|_A <= M_a / alpha inf_w |u^0 - w|_A                               under (H), (2.67), (2.73)
-    4 kernel    |u - u_HR^H|_A <= (1 + M_a / alpha_K) inf_w |u^0 - w|_A                       under (H),        (2.74)
-    5           |u - u_HR|_A <= (1 + M_a / alpha_K) (inf_w |u^0 - w|_A + |r - r'|_A)                            (2.80)
-    6           |u - u_HR| <= (1 + M_a / alpha') inf_w |u - w|                                under (2.46),      (2.87)
-    8           |u - u_HR|_A <= |R|_A' / alpha + (1 + M_a / alpha) |r - r'|_A                 under (H2),       (2.116)
+    3           |lambda - lambda_HR|_A <= M_a / beta_HR |u - u_HR|_A
+    (2.70) 4           |u - u_HR^H|_A <= M_a / alpha inf_w |u^0 - w|_A
+    under (H), (2.67), (2.73) 4 kernel    |u - u_HR^H|_A <= (1 + M_a / alpha_K) inf_w |u^0 - w|_A
+    under (H),        (2.74) 5           |u - u_HR|_A <= (1 + M_a / alpha_K) (inf_w |u^0 - w|_A + |r
+    - r'|_A)                            (2.80) 6           |u - u_HR| <= (1 + M_a / alpha') inf_w |u
+    - w|                                under (2.46),      (2.87) 8           |u - u_HR|_A <= |R|_A'
+    / alpha + (1 + M_a / alpha) |r - r'|_A                 under (H2),       (2.116)
 
-Theorem 7, (2.95), is 8 under (H), where r = r' and the last term is zero: it has no separate number here.
+Theorem 7, (2.95), is 8 under (H), where r = r' and the last term is zero: it has no separate number
+here.
 
-Above u_HR^H answers (2.33) with r' = r. The infima are those of the proofs: over w for which w - u_HR lies in the
-kernel of b, that is, which close the gaps as u_HR does. The text takes more, all w that penetrate nothing, for which
-(2.77), (2.83) and (2.90) do not hold. The figures of section 2.6 take all w of the reduced space, (2.142): that is
-``as_printed``, and is called no bound.
+Above u_HR^H answers (2.33) with r' = r. The infima are those of the proofs: over w for which w -
+u_HR lies in the kernel of b, that is, which close the gaps as u_HR does. The text takes more, all w
+that penetrate nothing, for which (2.77), (2.83) and (2.90) do not hold. The figures of section 2.6
+take all w of the reduced space, (2.142): that is ``as_printed``, and is called no bound.
 """
 
 from __future__ import annotations
@@ -44,7 +48,14 @@ from hhr_dolfinx.plugins.theorems.constants import (
     sharp_constants,
 )
 from hhr_dolfinx.plugins.theorems.ellipticity import Ellipticity
-from hhr_dolfinx.plugins.theorems.rid_norms import Directions, Domain, EnergyNorms, EuclideanNorms, Norms, root
+from hhr_dolfinx.plugins.theorems.rid_norms import (
+    Directions,
+    Domain,
+    EnergyNorms,
+    EuclideanNorms,
+    Norms,
+    root,
+)
 
 THEOREMS = ("3", "4", "4 kernel", "5", "6", "8")
 ROUND_OFF = 1e-10
@@ -67,8 +78,8 @@ class Sides(NamedTuple):
 class ImposedInterface:
     """Hypothesis (H), (2.67): the RID interface has the displacements of the full model, (2.33).
 
-    Find u in V^0_HR and lambda >= 0 with K~ u + B~^T lambda = F~, B~ u <= g~. V^0_HR has functions that are
-    orthonormal in energy, (|A|, k), so that K~ is the identity and S~ = B~ B~^T.
+    Find u in V^0_HR and lambda >= 0 with K~ u + B~^T lambda = F~, B~ u <= g~. V^0_HR has functions
+    that are orthonormal in energy, (|A|, k), so that K~ is the identity and S~ = B~ B~^T.
     """
 
     problem: ContactProblem
@@ -88,7 +99,10 @@ class ImposedInterface:
         return cls(problem, domain, space, contact, SchurEqualities.of(contact @ contact.T), pairs)
 
     def solve(self, field: np.ndarray, theta: Theta) -> np.ndarray:
-        """Solution on A, (|A|,), with the interface values of a field, (N,); BoundError without convergence."""
+        """Solution on A, (|A|,), with the interface values of a field, (N,).
+
+        BoundError without convergence.
+        """
         sets = self.domain.sets
         lift = field.copy()
         lift[sets.A] = 0.0
@@ -98,7 +112,9 @@ class ImposedInterface:
         slack = gaps - self.contact @ free
         found = active_set(self.equalities, slack, slack < 0, pairs=self.pairs)
         if found.status.name != "CONVERGED":
-            raise BoundError(f"the reduced problem under (H), (2.33), has no answer: {found.status.name.lower()}")
+            raise BoundError(
+                f"the reduced problem under (H), (2.33), has no answer: {found.status.name.lower()}"
+            )
         return self.space.vectors @ (free - self.contact.T @ found.forces)
 
 
@@ -110,7 +126,9 @@ class ThesisBounds:
     norms: Norms
     basis: np.ndarray
     imposed: ImposedInterface
-    constants: dict[str, Ellipticity]  # of each theorem that can be evaluated: M_a, and alpha or what replaces it
+    constants: dict[
+        str, Ellipticity
+    ]  # of each theorem that can be evaluated: M_a, and alpha or what replaces it
     near: tuple[Directions, Directions]  # spaces of the infima on Omega_A and on the whole domain
     refused: dict[str, str]  # the hypothesis that fails, by theorem
 
@@ -130,15 +148,16 @@ class ThesisBounds:
             full: the full model, on one rank.
             model: a reduced model of it, as it was built.
             norm: ``energy``, with the L2 norm of the pressure, or ``euclidean`` as in the thesis.
-            constants: M_a and alpha in this norm; None takes the smallest and the largest that the proofs allow, by
-                eigenvalues on the spaces of the proofs.
-            as_printed: as the figures of section 2.6 were made, in the Euclidean norm: constants by (2.143) and (2.144)
-                if none are given, infima over all of the reduced space, (2.148) to (2.152), alpha instead of
-                alpha', beta_HR as the smallest singular value of B~.
+            constants: M_a and alpha in this norm; None takes the smallest and the largest that the
+                proofs allow, by eigenvalues on the spaces of the proofs.
+            as_printed: as the figures of section 2.6 were made, in the Euclidean norm: constants by
+                (2.143) and (2.144) if none are given, infima over all of the reduced space, (2.148)
+                to (2.152), alpha instead of alpha', beta_HR as the smallest singular value of B~.
 
         Raises:
             BoundError: with the hypothesis that fails for all theorems.
-            ReductionError: for a model without a record of its construction, or of another full model.
+            ReductionError: for a model without a record of its construction, or of another full
+                model.
         """
         check_models(full, model)
         if as_printed and constants is None:
@@ -151,7 +170,9 @@ class ThesisBounds:
         used = sharp = sharp_constants(norms, spaces, getattr(record.stability, norm))
         failed = refused(norms, sharp)
         if constants is not None:
-            used = given_constants(sharp, constants, record.stability.sigma_min if as_printed else None)
+            used = given_constants(
+                sharp, constants, record.stability.sigma_min if as_printed else None
+            )
             failed = beyond(used, sharp) | failed
         if as_printed:
             near = spaces.test, Directions.spanned(record.basis, norms.whole)
@@ -183,17 +204,25 @@ class ThesisBounds:
         return {name: pair.sides(name) for name in THEOREMS if name not in self.refused}
 
     def sides(self, answer: Answer, exact: Answer) -> dict[str, Sides]:
-        """Both sides of all theorems that can be evaluated; one whose hypothesis fails proves nothing."""
+        """Both sides of all theorems that can be evaluated.
+
+        One whose hypothesis fails proves nothing.
+        """
         pair = self._pair(answer, exact)
         return {name: pair.sides(name) for name in THEOREMS if name in self.constants}
 
     def _pair(self, answer: Answer, exact: Answer) -> _Pair:
         """The answers, which must be to one parameter."""
         if not np.allclose(answer.parameter, exact.parameter, rtol=1e-12, atol=0):
-            raise ParameterError(f"answers to {answer.parameter} and to {exact.parameter}: give those to one parameter")
+            raise ParameterError(
+                f"answers to {answer.parameter} and to {exact.parameter}: give those to one "
+                "parameter"
+            )
         for name, found in (("the reduced model", answer), ("the full model", exact)):
             if not found.converged:
-                raise BoundError(f"{name} has no answer at {found.parameter}: the theorems are on solutions")
+                raise BoundError(
+                    f"{name} has no answer at {found.parameter}: the theorems are on solutions"
+                )
         return _Pair(self, answer, exact)
 
 
@@ -214,16 +243,23 @@ class _Pair:
         noise = ROUND_OFF * self._size
         match theorem:
             case "3":
-                forces = self.exact.multipliers[norms.domain.sets.A_lambda] - self.answer.multipliers
+                forces = (
+                    self.exact.multipliers[norms.domain.sets.A_lambda] - self.answer.multipliers
+                )
                 return Sides(norms.of_forces(forces), ratio * (self._moved + noise))
             case "5":
                 nearest = near.distance(self._error[self._inside])
                 return Sides(self._moved, (1 + ratio) * (nearest + self._lifted) + noise)
             case "6":
                 noise = ROUND_OFF * self._whole(self.exact.unknown)
-                return Sides(self._whole(self._error), (1 + ratio) * near_whole.distance(self._error) + noise)
+                return Sides(
+                    self._whole(self._error), (1 + ratio) * near_whole.distance(self._error) + noise
+                )
             case "8":
-                return Sides(self._moved, self._residual / constants.coercivity + (1 + ratio) * self._lifted + noise)
+                return Sides(
+                    self._moved,
+                    self._residual / constants.coercivity + (1 + ratio) * self._lifted + noise,
+                )
         factor = ratio if theorem == "4" else 1 + ratio
         left = root(self._imposed @ norms.inside(self._imposed))
         return Sides(left, factor * near.distance(self._imposed) + noise)
@@ -258,7 +294,9 @@ class _Pair:
     def _imposed(self) -> np.ndarray:
         """u - u_HR^H, which vanishes on the interface, (|A|,)."""
         theta = self.bounds.problem.theta(self.exact.parameter)
-        return self.exact.unknown[self._inside] - self.bounds.imposed.solve(self.exact.unknown, theta)
+        return self.exact.unknown[self._inside] - self.bounds.imposed.solve(
+            self.exact.unknown, theta
+        )
 
     @cached_property
     def _residual(self) -> float:
@@ -267,7 +305,9 @@ class _Pair:
         domain = self.bounds.norms.domain
         loads = (problem.loads @ problem.theta(self.answer.parameter))[self._inside]
         inner = domain.rows @ (self.bounds.basis @ self.answer.unknown)
-        return self.bounds.norms.of_residual(loads - inner - domain.acting @ self.answer.multipliers)
+        return self.bounds.norms.of_residual(
+            loads - inner - domain.acting @ self.answer.multipliers
+        )
 
     def _whole(self, field: np.ndarray) -> float:
         """Norm of a field, (N,), on the whole domain."""

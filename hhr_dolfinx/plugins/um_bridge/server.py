@@ -1,8 +1,9 @@
-"""A server of UM-Bridge, protocol 1.0, by which programs of uncertainty quantification evaluate a model over HTTP.
+"""A server of UM-Bridge, protocol 1.0, by which programs of uncertainty quantification evaluate a
+model over HTTP.
 
-There is one input, the parameters, and one output, the outputs of the scene. Gradients and products with the Jacobian
-are exact. The server needs the standard library alone. It reports every failure as the protocol requires,
-``{"error": {"type": ..., "message": ...}}``.
+There is one input, the parameters, and one output, the outputs of the scene. Gradients and products
+with the Jacobian are exact. The server needs the standard library alone. It reports every failure
+as the protocol requires, ``{"error": {"type": ..., "message": ...}}``.
 """
 
 from __future__ import annotations
@@ -30,7 +31,9 @@ MOST_SKIPPED = 50 * MOST_BYTES
 SECONDS = 60.0
 """Seconds after which the connection of a client that sends nothing is closed."""
 NAME = "forward"
-"""Default name of the model for clients: the protocol's usual word for a map from parameters to outputs."""
+"""Default name of the model for clients: the protocol's usual word for a map from parameters to
+outputs.
+"""
 
 _log = logging.getLogger(__name__)
 Fields = dict[str, Any]
@@ -63,7 +66,12 @@ class Protocol:
         self.outputs = tuple(item.name for item in model.fields.functionals.items)
         # answers of inelastic bodies depend on a path, and have no derivatives
         slopes = model.equilibrium is None
-        self.supported = {"Evaluate": True, "Gradient": slopes, "ApplyJacobian": slopes, "ApplyHessian": False}
+        self.supported = {
+            "Evaluate": True,
+            "Gradient": slopes,
+            "ApplyJacobian": slopes,
+            "ApplyHessian": False,
+        }
         self.posted: Mapping[str, Callable[[Fields], Fields]] = {
             "/ModelInfo": lambda request: {"support": self.supported},
             "/InputSizes": lambda request: {"inputSizes": [len(self.names)]},
@@ -82,15 +90,21 @@ class Protocol:
     def post(self, path: str, body: bytes) -> Fields:
         """Answer a POST request.
 
-        RequestError for an unknown path or model, invalid fields, a refused point, or one without an answer.
+        RequestError for an unknown path or model, invalid fields, a refused point, or one without
+        an answer.
         """
         if not self.supported.get(path.removeprefix("/"), True):
-            raise RequestError(HTTPStatus.BAD_REQUEST, "UnsupportedFeature", f"this model has no {path.strip('/')}")
+            raise RequestError(
+                HTTPStatus.BAD_REQUEST, "UnsupportedFeature", f"this model has no {path.strip('/')}"
+            )
         if path not in self.posted:
             raise self._unknown(path)
         request = _fields(body)
         if request.get("name") != self.name:
-            known = f"model {request.get('name')!r} is not here: the model of this server is {self.name!r}"
+            known = (
+                f"model {request.get('name')!r} is not here: the model of this server is "
+                f"{self.name!r}"
+            )
             raise RequestError(HTTPStatus.BAD_REQUEST, "ModelNotFound", known)
         try:
             return self.posted[path](request)
@@ -99,11 +113,17 @@ class Protocol:
         except NotOfferedError as error:
             raise RequestError(HTTPStatus.BAD_REQUEST, "UnsupportedFeature", str(error)) from error
         except HHRError as error:
-            raise RequestError(HTTPStatus.INTERNAL_SERVER_ERROR, "InvalidOutput", str(error)) from error
+            raise RequestError(
+                HTTPStatus.INTERNAL_SERVER_ERROR, "InvalidOutput", str(error)
+            ) from error
 
     def _unknown(self, path: str) -> RequestError:
         known = ", ".join(["/Info", *self.posted])
-        return RequestError(HTTPStatus.NOT_FOUND, "UnsupportedFeature", f"there is no {path[:80]!r}: there are {known}")
+        return RequestError(
+            HTTPStatus.NOT_FOUND,
+            "UnsupportedFeature",
+            f"there is no {path[:80]!r}: there are {known}",
+        )
 
     def _evaluate(self, request: Fields) -> Fields:
         """Outputs at a point."""
@@ -124,7 +144,10 @@ class Protocol:
         """Jacobian, (K, P), at the point of a request; its input and output numbers must be 0."""
         for name in ("inWrt", "outWrt"):
             if request.get(name) != 0 or isinstance(request[name], bool):
-                raise _invalid(f"{name} = {_shown(request.get(name))} must be 0: there is one input and one output")
+                raise _invalid(
+                    f"{name} = {_shown(request.get(name))} must be 0: there is one input and one "
+                    "output"
+                )
         found = self.model.outputs(self._point(request), gradient=True, outside="refuse").gradient
         assert found is not None
         return np.array([found[name] for name in self.outputs])
@@ -132,7 +155,9 @@ class Protocol:
     def _point(self, request: Fields) -> np.ndarray:
         given = request.get("input")
         if not isinstance(given, list) or len(given) != 1:
-            raise _invalid(f"input = {_shown(given)} must be a list of one list, the parameters {self.names}")
+            raise _invalid(
+                f"input = {_shown(given)} must be a list of one list, the parameters {self.names}"
+            )
         return _vector({"input[0]": given[0]}, "input[0]", len(self.names))
 
 
@@ -140,7 +165,9 @@ def _fields(body: bytes) -> Fields:
     try:
         request = json.loads(body)
     except (ValueError, RecursionError) as error:
-        raise _invalid(f"the request is not JSON ({type(error).__name__}: {str(error)[:200]})") from error
+        raise _invalid(
+            f"the request is not JSON ({type(error).__name__}: {str(error)[:200]})"
+        ) from error
     if not isinstance(request, dict):
         raise _invalid(f"the request must be an object of JSON, and is {_shown(request)}")
     return request
@@ -186,14 +213,18 @@ class _Handler(BaseHTTPRequestHandler):
         """Body of a request; its size is checked before it is read."""
         text = self.headers.get("Content-Length", "")
         if "Transfer-Encoding" in self.headers or not (text.isascii() and text.isdigit()):
-            raise self._unread(HTTPStatus.LENGTH_REQUIRED, "a request must have its Content-Length, and no chunks")
+            raise self._unread(
+                HTTPStatus.LENGTH_REQUIRED, "a request must have its Content-Length, and no chunks"
+            )
         if len(text) > 9 or int(text) > MOST_BYTES:
             # a client must finish sending to read the reason
             left = min(int(text[:9]), MOST_SKIPPED)
             while left > 0 and (piece := self.rfile.read(min(left, MOST_BYTES))):
                 left -= len(piece)
             size = f"a request of {text[:20]} bytes is more than the limit of {MOST_BYTES}"
-            raise self._unread(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"{size}: send one point at a time")
+            raise self._unread(
+                HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"{size}: send one point at a time"
+            )
         return self.rfile.read(int(text))
 
     def _unread(self, status: HTTPStatus, message: str) -> RequestError:
@@ -263,14 +294,18 @@ class Server(ThreadingHTTPServer):
     # parallel chains connect at the same time; more than Python's default of five would be refused
     request_queue_size = 128
 
-    def __init__(self, model: AnsweringModel, host: str = "127.0.0.1", port: int = 4242, name: str = NAME):
+    def __init__(
+        self, model: AnsweringModel, host: str = "127.0.0.1", port: int = 4242, name: str = NAME
+    ):
         self.protocol = Protocol(model, name)
         self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:
             super().__init__((host, port), _Handler)
         except (OSError, OverflowError) as error:
             why = getattr(error, "strerror", None) or error
-            raise FileError(f"{host} port {port} cannot be served ({why}): take another --host or --port") from error
+            raise FileError(
+                f"{host} port {port} cannot be served ({why}): take another --host or --port"
+            ) from error
         shown = f"[{host}]" if ":" in host else host
         self.url = f"http://{shown}:{self.server_address[1]}"
 

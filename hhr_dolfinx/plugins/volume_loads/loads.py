@@ -29,7 +29,8 @@ class BodyForce(KnownArguments):
     Attributes:
         tag: cell tag of the body.
         direction: constant vector, (dim,); in axisymmetry its first component is radial.
-        amplitude: number, :class:`Amplitude`, or a formula of the parameters as text, ``"9.81 * rho"``.
+        amplitude: number, :class:`Amplitude`, or a formula of the parameters as text, ``"9.81 *
+            rho"``.
     """
 
     tag: Tag
@@ -46,8 +47,12 @@ class BodyForce(KnownArguments):
 
     def terms(self, assembler: Assembler) -> list[Term]:
         """One vector."""
-        _check_length(f"the direction of the body force on tag {self.tag}", self.direction, assembler)
-        form = volume.body_force(assembler.test, self.direction, assembler.hypothesis, assembler.dx(self.tag))
+        _check_length(
+            f"the direction of the body force on tag {self.tag}", self.direction, assembler
+        )
+        form = volume.body_force(
+            assembler.test, self.direction, assembler.hypothesis, assembler.dx(self.tag)
+        )
         return [Term(self.amplitude, assembler.vector(form))]
 
 
@@ -58,8 +63,10 @@ class Centrifugal(KnownArguments):
     Attributes:
         tag: cell tag of the body.
         amplitude: density times the square of the angular velocity, ``"rho * omega**2"``.
-        axis_point: a point of the axis, (dim,); None for the origin. In axisymmetry the axis is that of the scene.
-        axis_direction: direction of the axis in space, (3,); None in axisymmetry, and in the plane, for its normal.
+        axis_point: a point of the axis, (dim,); None for the origin. In axisymmetry the axis is
+            that of the scene.
+        axis_direction: direction of the axis in space, (3,); None in axisymmetry, and in the plane,
+            for its normal.
     """
 
     tag: Tag
@@ -71,16 +78,22 @@ class Centrifugal(KnownArguments):
         check_tag("centrifugal force", self.tag)
         for name in ("axis_point", "axis_direction"):
             if getattr(self, name) is not None:
-                vector = _vector(f"{name} of the centrifugal force on tag {self.tag}", getattr(self, name))
+                vector = _vector(
+                    f"{name} of the centrifugal force on tag {self.tag}", getattr(self, name)
+                )
                 object.__setattr__(self, name, vector)
         if self.axis_direction is not None and not any(self.axis_direction):
-            raise SceneError(f"axis_direction of the centrifugal force on tag {self.tag} must not be zero")
+            raise SceneError(
+                f"axis_direction of the centrifugal force on tag {self.tag} must not be zero"
+            )
         check_amplitude(self, f"the centrifugal force on tag {self.tag}", formulas=True)
 
     def terms(self, assembler: Assembler) -> list[Term]:
         """One vector."""
         point, axis = self._axis(assembler)
-        form = volume.centrifugal(assembler.test, point, axis, assembler.hypothesis, assembler.dx(self.tag))
+        form = volume.centrifugal(
+            assembler.test, point, axis, assembler.hypothesis, assembler.dx(self.tag)
+        )
         return [Term(self.amplitude, assembler.vector(form))]
 
     def _axis(self, assembler: Assembler) -> tuple[tuple[float, ...], tuple[float, ...]]:
@@ -91,26 +104,38 @@ class Centrifugal(KnownArguments):
         _check_length(f"axis_point of {what}", point, assembler)
         if hypothesis == "solid":
             if self.axis_direction is None or len(self.axis_direction) != 3:
-                raise SceneError(f"{what} needs an axis_direction of 3 components, and has {self.axis_direction}")
-            return point, tuple((np.array(self.axis_direction) / np.linalg.norm(self.axis_direction)).tolist())
+                raise SceneError(
+                    f"{what} needs an axis_direction of 3 components, and has {self.axis_direction}"
+                )
+            return point, tuple(
+                (np.array(self.axis_direction) / np.linalg.norm(self.axis_direction)).tolist()
+            )
         if self.axis_direction is not None:
-            raise SceneError(f"{what}: the axis of a scene in {hypothesis} is known: leave out {self.axis_direction}")
+            raise SceneError(
+                f"{what}: the axis of a scene in {hypothesis} is known: leave out "
+                f"{self.axis_direction}"
+            )
         if hypothesis == "axisymmetric" and point[0] != 0:
-            raise SceneError(f"{what}: the axis of an axisymmetric scene is at r = 0: leave out the point {point}")
+            raise SceneError(
+                f"{what}: the axis of an axisymmetric scene is at r = 0: leave out the point "
+                f"{point}"
+            )
         return point, (0.0, 1.0) if hypothesis == "axisymmetric" else (0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class Eigenstrain(KnownArguments):
-    """A strain ``amplitude(mu) * field(x) * strain`` that causes no stress by itself, such as swelling.
+    """A strain ``amplitude(mu) * field(x) * strain`` that causes no stress by itself, such as
+    swelling.
 
-    The stress is σ = C (ε - ε0), and laws of bodies use ε - ε0. The nodal forces depend on parameters if moduli do.
+    The stress is σ = C (ε - ε0), and laws of bodies use ε - ε0. The nodal forces depend on
+    parameters if moduli do.
 
     Attributes:
         tag: cell tag of the body.
         amplitude: number, :class:`Amplitude`, or a formula of the parameters as text.
-        strain: symmetric 3x3 tensor in the axes of the scene, (r, z, θ) in axisymmetry, with the third axis also in the
-            plane; a number for the same strain along each axis.
+        strain: symmetric 3x3 tensor in the axes of the scene, (r, z, θ) in axisymmetry, with the
+            third axis also in the plane; a number for the same strain along each axis.
         field: function of the UFL coordinates that returns a UFL scalar; None for 1.
     """
 
@@ -130,15 +155,22 @@ class Eigenstrain(KnownArguments):
         """One vector for each part of the stiffness of the body."""
         if assembler.hypothesis != "solid" and (self.strain[0][2] or self.strain[1][2]):
             raise SceneError(
-                f"the eigenstrain {self.strain} of body {self.tag} shears out of the plane, which a scene in "
-                f"{assembler.hypothesis} does not: set these components to zero"
+                f"the eigenstrain {self.strain} of body {self.tag} shears out of the plane, which "
+                f"a scene in {assembler.hypothesis} does not: set these components to zero"
             )
         strain = volume.eigenstrain(self.strain, self.field, assembler.dx(self.tag).ufl_domain())
         return [_times(self.amplitude, *part) for part in assembler.eigenstress(self.tag, strain)]
 
     def eigenstrain_of(self, tag: Tag, mesh: ufl.Mesh) -> tuple[Amplitude | Formula, Any] | None:
-        """Amplitude, and strain for amplitude 1, a UFL tensor 3x3, which stresses subtract; None for another body."""
-        return (self.amplitude, volume.eigenstrain(self.strain, self.field, mesh)) if tag == self.tag else None
+        """Amplitude, and strain for amplitude 1, a UFL tensor 3x3, which stresses subtract.
+
+        None for another body.
+        """
+        return (
+            (self.amplitude, volume.eigenstrain(self.strain, self.field, mesh))
+            if tag == self.tag
+            else None
+        )
 
 
 @dataclass(frozen=True)
@@ -147,10 +179,13 @@ class ThermalExpansion(KnownArguments):
 
     Attributes:
         tag: cell tag of the body.
-        expansion: coefficient of linear expansion: number, :class:`Amplitude`, or formula of the parameters as text.
-            A coefficient that depends on temperature is a table, ``"table(T, 0, 1e-5, 500, 1.2e-5)"``.
-        temperature: temperature above the stress-free one: number, :class:`Amplitude`, or formula as text.
-        field: distribution of the temperature, a function of the UFL coordinates that returns a UFL scalar; None for 1.
+        expansion: coefficient of linear expansion: number, :class:`Amplitude`, or formula of the
+            parameters as text. A coefficient that depends on temperature is a table, ``"table(T, 0,
+            1e-5, 500, 1.2e-5)"``.
+        temperature: temperature above the stress-free one: number, :class:`Amplitude`, or formula
+            as text.
+        field: distribution of the temperature, a function of the UFL coordinates that returns a UFL
+            scalar; None for 1.
     """
 
     tag: Tag
@@ -184,7 +219,10 @@ class ThermalExpansion(KnownArguments):
 
 
 def _times(amplitude: Amplitude | Formula, modulus: Formula, forces: np.ndarray) -> Term:
-    """Term of nodal forces for the modulus 1, (N,); with a constant modulus an affine amplitude stays affine."""
+    """Term of nodal forces for the modulus 1, (N,).
+
+    With a constant modulus an affine amplitude stays affine.
+    """
     if not modulus.variables:
         return Term(amplitude, float(modulus({})) * forces)
     return Term(modulus.times(_formula(amplitude, "an amplitude")), forces)
@@ -194,11 +232,15 @@ def _formula(value: object, what: str) -> Formula:
     """A number, a text or an affine amplitude as a formula."""
     if not isinstance(value, Amplitude):
         return formula_of(value, what)
-    terms = [repr(float(value.constant)), *(f"({float(slope)!r}) * {name}" for name, slope in value.slopes.items())]
+    terms = [
+        repr(float(value.constant)),
+        *(f"({float(slope)!r}) * {name}" for name, slope in value.slopes.items()),
+    ]
     formula = formula_of(" + ".join(terms), what)
     if set(formula.variables) != set(value.slopes):
         raise SceneError(
-            f"{what} multiplies a modulus, and names {sorted(value.slopes)}: in a formula names of parameters are words"
+            f"{what} multiplies a modulus, and names {sorted(value.slopes)}: in a formula names "
+            "of parameters are words"
         )
     return formula
 
@@ -223,14 +265,21 @@ def _symmetric(what: str, value: Any) -> tuple[tuple[float, ...], ...]:
         tensor = float(value) * np.eye(3) if is_number(value) else np.array(value, dtype=float)
     except (TypeError, ValueError):
         tensor = np.zeros(0)
-    if tensor.shape != (3, 3) or not np.isfinite(tensor).all() or not (tensor == tensor.T).all() or not tensor.any():
+    if (
+        tensor.shape != (3, 3)
+        or not np.isfinite(tensor).all()
+        or not (tensor == tensor.T).all()
+        or not tensor.any()
+    ):
         raise SceneError(
-            f"the strain {value!r} of {what} must be a symmetric 3x3 tensor of finite numbers that is not zero, or a "
-            "number for the same strain along each axis"
+            f"the strain {value!r} of {what} must be a symmetric 3x3 tensor of finite numbers "
+            "that is not zero, or a number for the same strain along each axis"
         )
     return tuple(tuple(row) for row in tensor.tolist())
 
 
 def _check_field(what: str, field: object) -> None:
     if field is not None and not callable(field):
-        raise SceneError(f"the field {field!r} of {what} must be a function of the coordinates, or None for 1")
+        raise SceneError(
+            f"the field {field!r} of {what} must be a function of the coordinates, or None for 1"
+        )

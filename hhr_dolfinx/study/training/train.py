@@ -1,4 +1,6 @@
-"""A full model with the answers to train and to check reduced models: computed once, used by many models."""
+"""A full model with the answers to train and to check reduced models: computed once, used by many
+models.
+"""
 
 from __future__ import annotations
 
@@ -49,14 +51,16 @@ def silent(label: str) -> Callable[[Iterable], Iterable]:
 
 @dataclass(frozen=True, repr=False)
 class Training(Shown):
-    """A full model with the answers to train and to check reduced models, and methods that build models from them.
+    """A full model with the answers to train and to check reduced models, and methods that build
+    models from them.
 
     Attributes:
         full_order: the full model, on one rank or distributed over all.
         snapshots: training answers.
         held_out: answers for the trust check, or None.
         log: seconds of each stage.
-        choice: points chosen by a greedy training, with the errors of its models; None for another training.
+        choice: points chosen by a greedy training, with the errors of its models; None for another
+            training.
         read: number of answers that were read from files, whose seconds ``log`` lacks.
     """
 
@@ -86,12 +90,16 @@ class Training(Shown):
         full, snapshots, held_out = everywhere(self.full_order, self.snapshots, self.held_out)
         return replace(self, full_order=full, snapshots=snapshots, held_out=held_out)
 
-    def build(self, recipe: object = None, *, checked: bool = True, announce: Announce = unannounced) -> Any:
-        """Build a reduced model; unchecked it has no warning and no growth of its RID, so that it can be measured.
+    def build(
+        self, recipe: object = None, *, checked: bool = True, announce: Announce = unannounced
+    ) -> Any:
+        """Build a reduced model; unchecked it has no warning and no growth of its RID, so that it
+        can be measured.
 
-        Only unsolvable models are refused even then: dependent contact rows, a singular K~. None takes the default
-        recipe of the scene, or the one for which a greedy training chose. Other objects are user-defined reductors,
-        see :class:`~hhr_dolfinx.reduction.reductor.Reductor`. Each stage is announced as it begins.
+        Only unsolvable models are refused even then: dependent contact rows, a singular K~. None
+        takes the default recipe of the scene, or the one for which a greedy training chose. Other
+        objects are user-defined reductors, see :class:`~hhr_dolfinx.reduction.reductor.Reductor`.
+        Each stage is announced as it begins.
         """
         if recipe is None and self.choice is not None:
             recipe = self.choice.recipe
@@ -99,27 +107,33 @@ class Training(Shown):
             recipe = usual_recipe(self.full_order)
         if not checked and isinstance(recipe, Recipe):
             recipe = recipe.as_it_is()
-        return build(self.full_order, self.snapshots, recipe, self.held_out if checked else None, announce)
+        return build(
+            self.full_order, self.snapshots, recipe, self.held_out if checked else None, announce
+        )
 
     def __getattr__(self, name: str) -> Any:
         """Method that a plug-in adds."""
         places = registry.named("kinds") | registry.named("methods")
         if name.startswith("_") or name not in places:
             why = registry.remedy("kinds", name) or registry.remedy("methods", name)
-            raise AttributeError(f"a training has no {name!r}{why or ', and no installed plug-in adds it'}")
+            raise AttributeError(
+                f"a training has no {name!r}{why or ', and no installed plug-in adds it'}"
+            )
         return partial(registry.load(places[name]), self)
 
-    def condense(self, settings: object = None, announce: Announce = unannounced) -> CondensedModel | KeptModel:
+    def condense(
+        self, settings: object = None, announce: Announce = unannounced
+    ) -> CondensedModel | KeptModel:
         """Build a model that keeps all contact conditions, with its check.
 
-        For elastic bodies of constant stiffness it is exact. If the stiffness or the shape depends on
-        parameters it is interpolated, by ``GridSettings``; without settings as finely as the bound of its errors, if
-        that is small. Bodies with laws are condensed by the reductor of the plug-in that reads these. Each stage is
-        announced as it begins.
+        For elastic bodies of constant stiffness it is exact. If the stiffness or the shape depends
+        on parameters it is interpolated, by ``GridSettings``; without settings as finely as the
+        bound of its errors, if that is small. Bodies with laws are condensed by the reductor of the
+        plug-in that reads these. Each stage is announced as it begins.
 
         Raises:
-            NotOfferedError: for bodies with rigid motions whose moduli or shapes are parameters, and if no installed
-                plug-in interpolates.
+            NotOfferedError: for bodies with rigid motions whose moduli or shapes are parameters,
+                and if no installed plug-in interpolates.
         """
         full = self.full_order
         reductor = condensing(full)
@@ -142,25 +156,29 @@ def train(
 ) -> Training:
     """Build the full model of a scene on each rank and share the training between the ranks.
 
-    If these models exceed the memory, one full model is distributed, and problems are solved one after another.
+    If these models exceed the memory, one full model is distributed, and problems are solved one
+    after another.
 
     Args:
         scene: the scene.
-        training: the number of points along each parameter, on a regular grid; a sampling, ``Sobol(512)`` or
-            ``LatinHypercube(100)``; ``Greedy(budget=100)``, which chooses points where present models are worst; or
-            an array of points, (S, P). If answers depend on their path, a list of paths, each of times in seconds and
-            parameters, or drawn from a family, ``family.paths(Sobol(12))``, ``Greedy(family=family)``.
-        held_out: for the trust check: a number of random parameters (100, a fifth of them with grazing contact; 0 for
-            none), or paths.
+        training: the number of points along each parameter, on a regular grid; a sampling,
+            ``Sobol(512)`` or ``LatinHypercube(100)``; ``Greedy(budget=100)``, which chooses points
+            where present models are worst; or an array of points, (S, P). If answers depend on
+            their path, a list of paths, each of times in seconds and parameters, or drawn from a
+            family, ``family.paths(Sobol(12))``, ``Greedy(family=family)``.
+        held_out: for the trust check: a number of random parameters (100, a fifth of them with
+            grazing contact; 0 for none), or paths.
         seed: of random parameters.
         folder: keeps answers for later runs; None keeps nothing.
         comm: communicator over which the training is distributed.
         march, progress: settings of histories, and progress bars.
-        together: whether one full model is distributed over the ranks, with its factors, answers and bases (unless
-            :func:`~hhr_dolfinx.reduction.build.not_by_rows`), which then build models together; None: by memory.
+        together: whether one full model is distributed over the ranks, with its factors, answers
+            and bases (unless :func:`~hhr_dolfinx.reduction.build.not_by_rows`), which then build
+            models together; None: by memory.
 
     Raises:
-        StudyError: for an invalid training, number of answers, seed or folder, before anything is computed.
+        StudyError: for an invalid training, number of answers, seed or folder, before anything is
+            computed.
     """
     group = group_of(comm)
     with group.together("a training"):  # a full disk or a warning that is an error may end one rank
@@ -177,7 +195,9 @@ def _trained(
         queries, apart = checked_training(scene, training, held_out, seed)
         folder = None if folder is None else checked_folder(folder)
     values = [] if chooses_itself(queries) else queries_of(scene.parameters, queries).asked()[1:]
-    group.agreed("a training", lambda: [f"scene '{scene.name}'", repr((scene, seed, together)), *values])
+    group.agreed(
+        "a training", lambda: [f"scene '{scene.name}'", repr((scene, seed, together)), *values]
+    )
     with log.stage("full_order"):
         full = _full_model(scene, group, together, queries, log)
     with group.each("opening the folder of answers"):
@@ -188,33 +208,59 @@ def _trained(
     if apart:
         with log.stage("held_out"), full.strains.paused():
             # a number of points is chosen by forces, whose last digits may differ between machines
-            given = apart if isinstance(apart, list) else held_out_points(full.problem, snapshots, apart, seed)
+            given = (
+                apart
+                if isinstance(apart, list)
+                else held_out_points(full.problem, snapshots, apart, seed)
+            )
             given = group.from_first(given)
-            kept = _answered(full, given, group, _bar(progress, "held out", group), store, march, "queries held out")
+            kept = _answered(
+                full,
+                given,
+                group,
+                _bar(progress, "held out", group),
+                store,
+                march,
+                "queries held out",
+            )
     full.strains.check(full, snapshots, kept)
     # ranks of a distributed model have found the same
     counts = group.gathered(0 if store is None else store.found)
     found = max(counts) if full.group.size > 1 else sum(counts)
     if found:
         total = len(snapshots.points) + (0 if kept is None else len(kept.points))
-        log.skip("snapshots", f"{found} of {total} answers were read from {folder}: the times cover the others")
+        log.skip(
+            "snapshots",
+            f"{found} of {total} answers were read from {folder}: the times cover the others",
+        )
     return Training(full, snapshots, kept, log, choice, found)
 
 
-def _full_model(scene: Scene, group: Group, together: bool | None, queries: object, log: StageLog) -> FullOrderModel:
-    """A full model on each rank, or one distributed over all ranks, by rows if it reduces by rows."""
+def _full_model(
+    scene: Scene, group: Group, together: bool | None, queries: object, log: StageLog
+) -> FullOrderModel:
+    """A full model on each rank, or one distributed over all ranks, by rows if it reduces by
+    rows.
+    """
     why = group.no_room_side_by_side(scene) if together is None else "it was asked for" * together
     if not why or group.size == 1:
         with group.each(f"building the full model of scene '{scene.name}'"):
             return FullOrderModel(scene, MPI.COMM_SELF)
     if scene.shapes:
         raise StudyError(
-            f"the shape of scene '{scene.name}' depends on parameters, which ranks do not solve for together: "
-            "leave together out, and they work side by side"
+            f"the shape of scene '{scene.name}' depends on parameters, which ranks do not solve "
+            "for together: leave together out, and they work side by side"
         )
-    log.skip("problems side by side", f"{group.size} ranks solve one problem after another together, since {why}")
+    log.skip(
+        "problems side by side",
+        f"{group.size} ranks solve one problem after another together, since {why}",
+    )
     full = FullOrderModel(scene, group.comm)
-    why = "a greedy training chooses its points" if chooses_itself(queries) else not_by_rows(kind_of(full))
+    why = (
+        "a greedy training chooses its points"
+        if chooses_itself(queries)
+        else not_by_rows(kind_of(full))
+    )
     if full.spread.all_here or not why:
         return full
     log.skip("rows of ranks", f"each rank has all rows of all matrices and answers: {why}")
@@ -269,14 +315,18 @@ def _solved(
             store,
         )
     else:
-        snapshots = spread_snapshots(full, queries, group, _bar(progress, "snapshots", group), store, march, lost)
+        snapshots = spread_snapshots(
+            full, queries, group, _bar(progress, "snapshots", group), store, march, lost
+        )
     count = len(queries if choice is None else choice.points)
     lost.warn(count, (count + 1) // 2, "training queries")
     return snapshots, choice
 
 
 class PartSolved(NamedTuple):
-    """Numbers of the training queries of a part, of those held out, and of answers that existed already."""
+    """Numbers of the training queries of a part, of those held out, and of answers that existed
+    already.
+    """
 
     training: int
     held_out: int
@@ -296,10 +346,13 @@ def train_part(
     march: MarchSettings = DEFAULT_MARCH,
     progress: Progress = silent,
 ) -> PartSolved:
-    """Solve one of several parts of a training, the work of a job of an array; parts share only the folder of answers.
+    """Solve one of several parts of a training, the work of a job of an array.
 
-    After all parts, ``train(scene, training, folder=folder)`` with the same arguments reads them, and solves the
-    missing ones: held-out points with grazing contact, which depend on all training answers.
+    Parts share only the folder of answers.
+
+    After all parts, ``train(scene, training, folder=folder)`` with the same arguments reads them,
+    and solves the missing ones: held-out points with grazing contact, which depend on all training
+    answers.
 
     Args:
         scene, training, held_out, seed, comm, march, progress: see :func:`train`.
@@ -313,12 +366,14 @@ def train_part(
     group = group_of(comm)
     with group.each("checking what to train on"):
         if not (is_whole(parts, 1) and is_whole(number, 1) and number <= parts):
-            raise StudyError(f"part {number!r} of {parts!r}: give numbers from 1 on, such as part 3 of 8")
+            raise StudyError(
+                f"part {number!r} of {parts!r}: give numbers from 1 on, such as part 3 of 8"
+            )
         queries, apart = checked_training(scene, training, held_out, seed)
         if chooses_itself(queries):
             raise NotOfferedError(
-                "a greedy training chooses each point from all answers before it, and has no parts: give a grid, "
-                "Sobol(512) or a list of paths, or run it on several ranks"
+                "a greedy training chooses each point from all answers before it, and has no "
+                "parts: give a grid, Sobol(512) or a list of paths, or run it on several ranks"
             )
         target = checked_folder(folder)
     with group.each(f"building the full model of scene '{scene.name}'"):
@@ -336,7 +391,9 @@ def train_part(
 
 
 def chooses_itself(training: object) -> bool:
-    """True if a training chooses its queries itself, as ``Greedy`` does, whose module others do not import."""
+    """True if a training chooses its queries itself, as ``Greedy`` does, whose module others do not
+    import.
+    """
     return callable(getattr(training, "grown", None)) and not isinstance(training, type)
 
 
@@ -346,7 +403,9 @@ def checked_training(scene: Scene, training: Any, held_out: Any, seed: Any) -> t
         raise StudyError(f"{scene!r} is no scene: give a Scene")
     check_counts(seed=(seed, 0))
     if scene.by_paths:
-        return registry.tool("queries", f"training of scene '{scene.name}'")(scene, training, held_out)
+        return registry.tool("queries", f"training of scene '{scene.name}'")(
+            scene, training, held_out
+        )
     chooses = chooses_itself(training)
     if chooses:
         training.space(scene)
@@ -356,22 +415,28 @@ def checked_training(scene: Scene, training: Any, held_out: Any, seed: Any) -> t
 
 
 def training_points(scene: Scene, training: Any) -> np.ndarray:
-    """Training points, (S, P): on a regular grid for counts along each parameter, sampled, or as they are given."""
+    """Training points, (S, P): on a regular grid for counts along each parameter, sampled, or as
+    they are given.
+    """
     original = training
     if isinstance(training, type):
-        raise StudyError(f"{training.__name__} is a class: give what it makes, {training.__name__}(...)")
+        raise StudyError(
+            f"{training.__name__} is a class: give what it makes, {training.__name__}(...)"
+        )
     try:
         if hasattr(training, "points"):
             training = np.asarray(training.points(scene.parameters))
         given = has_names(training)
-        given = given or (isinstance(training, np.ndarray) and (training.ndim > 1 or training.dtype.kind == "f"))
+        given = given or (
+            isinstance(training, np.ndarray) and (training.ndim > 1 or training.dtype.kind == "f")
+        )
         points = scene.parameters.points(training) if given else scene.parameters.grid(training)
     except ParameterError as error:
         raise StudyError(f"training of scene '{scene.name}': {error}") from None
     if len(points) < 2:
         raise StudyError(
-            f"training of scene '{scene.name}' on {original!r} points: a reduced model needs at least 2 of them. Give "
-            "it more, Sobol(64) or a grid such as (16, 16)"
+            f"training of scene '{scene.name}' on {original!r} points: a reduced model needs at "
+            "least 2 of them. Give it more, Sobol(64) or a grid such as (16, 16)"
         )
     return points
 
@@ -386,7 +451,11 @@ def checked_folder(folder: str | Path) -> Path:
             raise ValueError("embedded null byte")
         there = next((part for part in (path, *path.parents) if part.exists()), path)
     except (OSError, ValueError) as error:
-        raise StudyError(f"the folder {str(path)[:80]!r} cannot be made: {error}. Choose another name") from None
+        raise StudyError(
+            f"the folder {str(path)[:80]!r} cannot be made: {error}. Choose another name"
+        ) from None
     if there.exists() and not there.is_dir():
-        raise StudyError(f"the folder {path} cannot be made: {there} is a file. Choose another folder or move it")
+        raise StudyError(
+            f"the folder {path} cannot be made: {there} is a file. Choose another folder or move it"
+        )
     return path

@@ -15,4 +15,6 @@ class Newtonian(hhr.Law):
         """Closed form of η Δp = dt (q_tr - 3 mu Δp)."""
         from hhr_dolfinx.forms.laws import closed
 
-        return closed(at, lambda trial, stiff: trial * at.dt / (at.constants.viscosity + stiff * at.dt))
+        return closed(
+            at, lambda trial, stiff: trial * at.dt / (at.constants.viscosity + stiff * at.dt)
+        )

@@ -8,7 +8,10 @@ from hhr_dolfinx.geometries.block import SOLID
 
 
 def slab_on_ramp(law=None):
-    """A slab that is pushed down by ``push`` on a flat ramp 0.01 below it; without the ramp nothing strains it."""
+    """A slab that is pushed down by ``push`` on a flat ramp 0.01 below it.
+
+    Without the ramp nothing strains it.
+    """
     return hhr.Scene(
         name="slab_on_ramp",
         geometry=slab,

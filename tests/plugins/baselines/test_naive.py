@@ -1,4 +1,6 @@
-"""The naive full order answers as the full order does, by another solver, and refuses what it does not solve."""
+"""The naive full order answers as the full order does, by another solver, and refuses what it does
+not solve.
+"""
 
 import dataclasses
 
@@ -32,7 +34,9 @@ def test_elasticity_that_depends_on_parameters(hypothesis):
 
 @needs("shapes")
 def test_shapes_that_depend_on_parameters():
-    scene = contract.blocks(("E1", 0.3), box=contract.MODULI | contract.SHAPE, shapes=(contract.crowned(),))
+    scene = contract.blocks(
+        ("E1", 0.3), box=contract.MODULI | contract.SHAPE, shapes=(contract.crowned(),)
+    )
     full, point = hhr.FullOrderModel(scene), [0.03, 0.05, 2.0, 0.015]
     check_same(NaiveFullOrder(full).solve(point), full.solve(point), 1e-11)
 

@@ -1,4 +1,6 @@
-"""What the doctor says of libraries and programs: versions as they are, and what is missing or lacking by name."""
+"""What the doctor says of libraries and programs: versions as they are, and what is missing or
+lacking by name.
+"""
 
 from contextlib import nullcontext
 from types import SimpleNamespace
@@ -31,20 +33,38 @@ def test_what_is_missing_says_who_needs_it(monkeypatch, tmp_path):
 
 
 def test_a_gmsh_that_does_not_load_is_named_with_the_reason(monkeypatch, tmp_path):
-    (tmp_path / "gmsh.py").write_text("raise OSError('libGLU.so.1: cannot open shared object file')")
+    (tmp_path / "gmsh.py").write_text(
+        "raise OSError('libGLU.so.1: cannot open shared object file')"
+    )
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=":")
     found = doctor.gmsh()
     assert not found.version and "libGLU.so.1: cannot open shared object file" in found.lacks
 
 
 def test_it_ends_in_lines_that_a_person_reads():
-    words = [line.split()[0] for line in python("-m", "hhr_dolfinx.plugins.checks.doctor").stdout.splitlines()]
-    assert words == ["Python", "DOLFINx", "PETSc", "MUMPS", "gmsh", "compiler", "mpirun", "node", "chromium"]
+    words = [
+        line.split()[0]
+        for line in python("-m", "hhr_dolfinx.plugins.checks.doctor").stdout.splitlines()
+    ]
+    assert words == [
+        "Python",
+        "DOLFINx",
+        "PETSc",
+        "MUMPS",
+        "gmsh",
+        "compiler",
+        "mpirun",
+        "node",
+        "chromium",
+    ]
 
 
 @pytest.mark.parametrize(("code", "ends"), [(62, nullcontext()), (55, pytest.raises(PETSc.Error))])
 def test_only_a_setting_that_petsc_does_not_know_is_left_out(code, ends):
-    """62 is a wrong argument, as PETSc 3.22 calls ICNTL(49); whatever else fails, here memory, is raised."""
+    """62 is a wrong argument, as PETSc 3.22 calls ICNTL(49).
+
+    Whatever else fails, here memory, is raised.
+    """
 
     def refused(number, value):
         assert (number, value) == (49, 1)

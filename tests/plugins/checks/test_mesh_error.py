@@ -1,4 +1,6 @@
-"""Error of the mesh beside loads, springs and systems that act on the facets of contact: a uniform stress has none."""
+"""Error of the mesh beside loads, springs and systems that act on the facets of contact: a uniform
+stress has none.
+"""
 
 import numpy as np
 import pytest
@@ -32,21 +34,28 @@ class Bedding(Parted):
 
 
 def pressed(*, loads=(), system=None, gap=0.0, **box):
-    """A block pressed on a floor by the lid; its stress is uniform whatever else acts on the floor."""
+    """A block pressed on a floor by the lid; its stress is uniform whatever else acts on the
+    floor.
+    """
     return block_scene(
         "pressed",
         {"push": (0.0, 0.1), **box},
         upper=(1.5, 2.0),
         young=3.0,
         contacts=(hhr.Obstacle(FLOOR, (0.0, -1.0), gap),),
-        displacements=(hhr.Displacement(block.side(0, upper=False), 0), hhr.Displacement(LID, 1, slope("push", -1.0))),
+        displacements=(
+            hhr.Displacement(block.side(0, upper=False), 0),
+            hhr.Displacement(LID, 1, slope("push", -1.0)),
+        ),
         loads=loads,
         system=system,
     )
 
 
 BESIDE = {
-    "a bedding": lambda: pressed(loads=(hhr.Springs(FLOOR, 1, 40.0, amplitude="-0.2 * push", bedding=True),)),
+    "a bedding": lambda: pressed(
+        loads=(hhr.Springs(FLOOR, 1, 40.0, amplitude="-0.2 * push", bedding=True),)
+    ),
     "a pressure": lambda: pressed(loads=(hhr.Pressure(FLOOR, 0.02),)),
     "a system": lambda: pressed(system=Bedding, gap=0.002, k=(5.0, 15.0)),
 }
@@ -56,10 +65,17 @@ OF_PLUGINS = {"a bedding": "places", "a system": "systems"}
 
 
 @needs("elasticity")
-@pytest.mark.parametrize("beside", [pytest.param(name, marks=needs(OF_PLUGINS[name])) if name in OF_PLUGINS else name
-                                    for name in BESIDE])  # fmt: skip
+@pytest.mark.parametrize(
+    "beside",
+    [
+        pytest.param(name, marks=needs(OF_PLUGINS[name])) if name in OF_PLUGINS else name
+        for name in BESIDE
+    ],
+)
 def test_a_uniform_stress_has_no_error_beside(beside):
-    """They bear a part of the stress at the floor, which counted as an error: 0.83, 0.32 and 0.34 of the pressure."""
+    """They bear a part of the stress at the floor, which counted as an error: 0.83, 0.32 and 0.34
+    of the pressure.
+    """
     full = hhr.FullOrderModel(BESIDE[beside](), MPI.COMM_SELF)
     answer = full.solve([0.05] if len(full.parameters.names) == 1 else [0.05, 10.0])
     assert answer.forces().sum() > 0

@@ -1,4 +1,6 @@
-"""What a look at a scene finds: nothing wrong with scenes that are right, exact numbers, and pictures."""
+"""What a look at a scene finds: nothing wrong with scenes that are right, exact numbers, and
+pictures.
+"""
 
 from __future__ import annotations
 
@@ -42,14 +44,22 @@ def texts(found: SceneCheck, *levels: str) -> list[str]:
 
 
 DEMOS = {
-    "hertz_half_discs": (), "pellet_cladding": (), "pellet_materials": (), "fuel_rod": ("volume_loads",),
-    "sphere_on_block": ("mortar",), "contact_patch_test": ("mortar",), "your_scene": ("nonmatching",),
-    "pellet_cladding_plastic": ("inelastic", "nonmatching"), "indentation": ("inelastic", "mortar"),
-}  # fmt: skip
+    "hertz_half_discs": (),
+    "pellet_cladding": (),
+    "pellet_materials": (),
+    "fuel_rod": ("volume_loads",),
+    "sphere_on_block": ("mortar",),
+    "contact_patch_test": ("mortar",),
+    "your_scene": ("nonmatching",),
+    "pellet_cladding_plastic": ("inelastic", "nonmatching"),
+    "indentation": ("inelastic", "mortar"),
+}
 """Demos of all hypotheses, with bodies that flow, moduli by formulas, and loads of all kinds."""
 
 
-@pytest.mark.parametrize("name", [pytest.param(name, marks=needs(*plugins)) for name, plugins in DEMOS.items()])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=needs(*plugins)) for name, plugins in DEMOS.items()]
+)
 def test_scenes_of_the_demos_are_fine(name, tmp_path):
     """Neither mistakes nor notes; and their pictures are drawn without a warning."""
     scene = importlib.import_module(name).scene()
@@ -82,7 +92,9 @@ def test_openings_count_at_the_point_that_is_asked_for():
     """The middle of the box without one; points beyond it are refused."""
     scene = your_scene.scene()
     for point, gap in ((None, 0.35), ({"travel": 0.5, "lowered": 0.0}, 0.2), ((0.05, 0.3), 0.5)):
-        said = next(text for text in texts(check_scene(scene, point), OK) if text.startswith("contact 1"))
+        said = next(
+            text for text in texts(check_scene(scene, point), OK) if text.startswith("contact 1")
+        )
         assert float(re.search(r"gaps from (\S+) to", said)[1]) == pytest.approx(gap, abs=1e-9)
     with pytest.raises(ParameterError, match=r"travel = 5 is outside"):
         check_scene(scene, (5.0, 0.0))
@@ -99,7 +111,9 @@ def arc(radius: float, count: int) -> Surface:
 
 @pytest.mark.parametrize("radius", [0.01, 1.0, 300.0])
 def test_the_sag_of_an_arc_is_that_of_a_circle(radius):
-    """R (1 - cos of half the angle of a facet), which is h^2 / (8 R) up to higher powers of h / R."""
+    """R (1 - cos of half the angle of a facet), which is h^2 / (8 R) up to higher powers of h /
+    R.
+    """
     assert sag_of(arc(radius, 60)) == pytest.approx(radius * (1 - np.cos(np.pi / 120)), rel=1e-3)
 
 
@@ -137,7 +151,10 @@ def test_quality_of_known_cells(name, scale):
 def test_a_body_of_slivers_is_told_of():
     flat = partial(block.block, lower=(0.0, 0.0), upper=(100.0, 2.0), cells=(4, 4), simplices=True)
     (note,) = texts(check_scene(replace(pressed_block("plane_strain"), geometry=flat)), NOTE)
-    assert re.search(r"body 1 has bad cells, .* at \[.*\] with a quality of 0.02 of 1: .*Mesh it more evenly", note)
+    assert re.search(
+        r"body 1 has bad cells, .* at \[.*\] with a quality of 0.02 of 1: .*Mesh it more evenly",
+        note,
+    )
 
 
 RESULTANTS = {
@@ -149,7 +166,9 @@ RESULTANTS = {
 }
 
 
-OF_BODIES = [pytest.param(name, marks=needs("volume_loads")) for name in ("weight", "turning", "expansion")]
+OF_BODIES = [
+    pytest.param(name, marks=needs("volume_loads")) for name in ("weight", "turning", "expansion")
+]
 
 
 @needs("elasticity")
@@ -157,7 +176,9 @@ OF_BODIES = [pytest.param(name, marks=needs("volume_loads")) for name in ("weigh
 def test_resultants_of_a_block(name):
     """1.5 wide and 2 high: the amplitude is 1, whatever the load says."""
     make, wanted = RESULTANTS[name]
-    found = check_scene(replace(pressed_block("plane_strain"), loads=(make(block.side(1, upper=True)),)))
+    found = check_scene(
+        replace(pressed_block("plane_strain"), loads=(make(block.side(1, upper=True)),))
+    )
     (said,) = [text for text in texts(found, OK) if "resultant" in text]
     values = [float(value) for value in re.search(r"resultant \[(.*)\]", said)[1].split(",")]
     assert values == pytest.approx(wanted, rel=1e-5, abs=1e-12)
@@ -165,7 +186,9 @@ def test_resultants_of_a_block(name):
 
 @needs("volume_loads", "elasticity")
 def test_a_load_that_reaches_nothing_is_a_mistake():
-    load = hhr.ThermalExpansion(block.SOLID, 1e-5, 100.0, field=lambda x: ufl.conditional(x[0] > 100.0, 1.0, 0.0))
+    load = hhr.ThermalExpansion(
+        block.SOLID, 1e-5, 100.0, field=lambda x: ufl.conditional(x[0] > 100.0, 1.0, 0.0)
+    )
     (mistake,) = texts(check_scene(replace(pressed_block("plane_strain"), loads=(load,))), MISTAKE)
     assert "ThermalExpansion on 1 reaches nothing" in mistake
 
@@ -186,7 +209,10 @@ def test_a_body_that_nothing_holds_and_that_touches_another_one():
     floor = hhr.Obstacle(stacked_blocks.interface(stacked_blocks.LOWER, 2), (0.0, 1.0), 10.0)
     found = check_scene(lying(bulge=0.0, contacts=(floor,)))
     assert any(re.search(r"body 2 .* can move freely", text) for text in texts(found, MISTAKE))
-    assert any(re.search(r"bodies 1 and 2 touch at 9 nodes, .*no contact pair", text) for text in texts(found, NOTE))
+    assert any(
+        re.search(r"bodies 1 and 2 touch at 9 nodes, .*no contact pair", text)
+        for text in texts(found, NOTE)
+    )
 
 
 @needs("floating", "nonmatching")
@@ -210,7 +236,9 @@ def test_nothing_is_said_twice():
 
 @pytest.mark.parametrize("depth", [0.0, 0.02, 0.3])
 def test_depths_of_nodes_inside_another_body(depth):
-    """Half-discs moved into each other: the deepest node is as deep as they are moved beyond their gap of 0.1."""
+    """Half-discs moved into each other: the deepest node is as deep as they are moved beyond their
+    gap of 0.1.
+    """
 
     def geometry(comm):
         made = hertz_half_discs.scene().geometry(comm)
@@ -237,7 +265,9 @@ def test_where_there_is_no_mesh_nothing_is_drawn():
 
 
 def test_loads_are_drawn_as_the_forces_that_they_are():
-    """At the parameter looked at: a pressure pushes against the outer normal, all of it in the resultant."""
+    """At the parameter looked at: a pressure pushes against the outer normal, all of it in the
+    resultant.
+    """
     pressed = pressed_block("plane_strain")
     lifted = hhr.Traction(block.side(1, upper=True), (0.0, 1.0), slope("push"))
     scene = replace(pressed, loads=(hhr.Pressure(block.side(0, upper=True), 2.0), lifted))
@@ -250,7 +280,9 @@ def test_loads_are_drawn_as_the_forces_that_they_are():
 
 @needs("nonmatching", "volume_loads")
 def test_a_picture_of_a_mistake_is_drawn(tmp_path):
-    """Of a displacement of an axis that is not there, and of loads on surfaces and on bodies, in space too."""
+    """Of a displacement of an axis that is not there, and of loads on surfaces and on bodies, in
+    space too.
+    """
     scene = your_scene.scene()
     wrong = replace(
         scene,
@@ -261,19 +293,26 @@ def test_a_picture_of_a_mistake_is_drawn(tmp_path):
     assert len(found.mistakes) == 1
     figure_of_scene(found).savefig(tmp_path / "plane.png")
     pressed = pressed_block("solid")
-    space = replace(pressed, loads=(hhr.Pressure(block.side(0, upper=True), 1.0),), units=hhr.Units("mm", "MPa"))
+    space = replace(
+        pressed, loads=(hhr.Pressure(block.side(0, upper=True), 1.0),), units=hhr.Units("mm", "MPa")
+    )
     figure_of_scene(check_scene(space)).savefig(tmp_path / "space.png")
     assert min((tmp_path / name).stat().st_size for name in ("plane.png", "space.png")) > 10_000
 
 
-@pytest.mark.parametrize(("unit", "warned"), [("m", True), ("mm", False), ("um", True), ("turns", False), ("", False)])
+@pytest.mark.parametrize(
+    ("unit", "warned"), [("m", True), ("mm", False), ("um", True), ("turns", False), ("", False)]
+)
 def test_a_unit_of_a_parameter_is_compared_with_those_of_the_scene(unit, warned):
     """A travel in m would be taken as one in mm."""
     scene = replace(pressed_block("plane_strain"), units=hhr.Units("mm", "MPa"))
     name = scene.parameters.names[0]
     notes = texts(check_scene(replace(scene, parameter_units={name: unit})), NOTE)
     assert (
-        any(f"parameter {name} is said to be in {unit}, and numbers of the scene are in mm" in one for one in notes)
+        any(
+            f"parameter {name} is said to be in {unit}, and numbers of the scene are in mm" in one
+            for one in notes
+        )
         == warned
     )
 
@@ -285,15 +324,32 @@ def test_a_spring_to_a_still_ground_is_no_idle_load():
     springs = hhr.Springs(block.side(0, upper=True), 0, 2.0)
     found = check_scene(replace(scene, loads=(*scene.loads, springs)))
     assert not any("does nothing" in text for text in texts(found, OK, NOTE, MISTAKE))
-    assert f"Springs on {block.side(0, upper=True)}: a spring to a ground that does not move" in texts(found, OK)
+    assert (
+        f"Springs on {block.side(0, upper=True)}: a spring to a ground that does not move"
+        in texts(found, OK)
+    )
 
 
 @needs("mortar")
 def test_glued_bodies_are_drawn(tmp_path):
-    """The surfaces of the pair lie within the bodies, which share their nodes: they have no facets to draw."""
+    """The surfaces of the pair lie within the bodies, which share their nodes: they have no facets
+    to draw.
+    """
     rows = [f"{1 + k}, {k % 2}., {k // 2}." for k in range(6)]
-    rows += ["*ELEMENT, TYPE=CPE4, ELSET=LOW", "1, 1, 2, 4, 3", "*ELEMENT, TYPE=CPE4, ELSET=UP", "2, 3, 4, 6, 5"]
-    rows += ["*SURFACE, NAME=ROOF", "1, S3", "*SURFACE, NAME=FOOT", "2, S1", "*SURFACE, NAME=FLOOR", "1, S1"]
+    rows += [
+        "*ELEMENT, TYPE=CPE4, ELSET=LOW",
+        "1, 1, 2, 4, 3",
+        "*ELEMENT, TYPE=CPE4, ELSET=UP",
+        "2, 3, 4, 6, 5",
+    ]
+    rows += [
+        "*SURFACE, NAME=ROOF",
+        "1, S3",
+        "*SURFACE, NAME=FOOT",
+        "2, S1",
+        "*SURFACE, NAME=FLOOR",
+        "1, S1",
+    ]
     (tmp_path / "glued.inp").write_text("\n".join(["*NODE", *rows]) + "\n")
     scene = hhr.Scene(
         name="glued",

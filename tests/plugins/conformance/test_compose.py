@@ -106,7 +106,9 @@ def test_pairs_answer_or_refuse(names):
 
 
 def pairs_of(name):
-    """About half of the pairs of a capability, as many for each one; together all pairs, each once."""
+    """About half of the pairs of a capability, as many for each one; together all pairs, each
+    once.
+    """
     count, place = len(NAMES), NAMES.index(name)
     ahead = [step for step in range(1, count // 2 + 1) if 2 * step < count or 2 * place < count]
     return [tuple(sorted((name, NAMES[(place + step) % count]))) for step in ahead]
@@ -117,11 +119,16 @@ ALL_HERE = pytest.mark.skipif(not present(*OURS), reason="pairs are those of all
 
 @ALL_HERE
 def test_few_pairs_are_refused():
-    """At most 2 % of those that have a meaning; each refusal has a place and a reason, and is a pair of the list."""
+    """At most 2 % of those that have a meaning.
+
+    Each refusal has a place and a reason, and is a pair of the list.
+    """
     every = [frozenset(pair) for name in NAMES for pair in pairs_of(name)]
     assert sorted(map(sorted, every)) == sorted(map(list, itertools.combinations(NAMES, 2)))
     refused = compose_reasons.refused_pairs()
-    assert set(refused) <= set(every) and set(refused.values()) == set(compose_reasons.REASONS["full"])
+    assert set(refused) <= set(every) and set(refused.values()) == set(
+        compose_reasons.REASONS["full"]
+    )
     known = switches()
     excluded = 0
     for pair in every:
@@ -137,7 +144,9 @@ def test_few_pairs_are_refused():
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", NAMES)
 def test_all_pairs_have_a_full_model_or_are_refused_as_the_list_says(name):
-    """Nothing else is refused, nothing crashes, and what has been mended is taken out of the list."""
+    """Nothing else is refused, nothing crashes, and what has been mended is taken out of the
+    list.
+    """
     refused = compose_reasons.refused_pairs()
     for pair in pairs_of(name):
         row = compose_verbs.ended(pair, "full", lambda pair=pair: float(Case(pair).full.conditions))
@@ -148,7 +157,9 @@ def test_all_pairs_have_a_full_model_or_are_refused_as_the_list_says(name):
 
 def test_reasons_are_of_functions_that_are_there():
     """A sentence for each; one without a mathematical reason says so."""
-    places = {place: why for verb in compose_reasons.REASONS.values() for place, why in verb.items()}
+    places = {
+        place: why for verb in compose_reasons.REASONS.values() for place, why in verb.items()
+    }
     for place, why in places.items():
         file, _, function = place.partition(":")
         source = Path(hhr.__file__).parent / file
@@ -156,7 +167,9 @@ def test_reasons_are_of_functions_that_are_there():
         if place != "benchmarks" and source.exists():  # or its plug-in was deleted
             assert f"def {function}(" in source.read_text(encoding="utf-8"), place
     assert set(compose_reasons.REASONS) <= set(compose_verbs.VERBS)
-    assert compose_reasons.reason("page", "scene.py:_check_system") == places["scene.py:_check_system"]
+    assert (
+        compose_reasons.reason("page", "scene.py:_check_system") == places["scene.py:_check_system"]
+    )
     assert compose_reasons.reason("page", "scene.py:elsewhere") == ""
 
 
@@ -184,21 +197,37 @@ def test_a_neutral_value_that_changes_answers_is_found(monkeypatch):
     assert row.outcome == "wrong" and "neutral lying changes the answer by" in row.reason
 
 
-@pytest.mark.parametrize("names", [
-    ("norton", "own_body_law"), ("external_law", "own_body_law"), ("circle", "shape"), ("graded", "shape"),
-    ("own_system", "poisson"), ("own_system", "young"), ("axisymmetric", "own_body_law"),
-], ids="+".join)  # fmt: skip
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("norton", "own_body_law"),
+        ("external_law", "own_body_law"),
+        ("circle", "shape"),
+        ("graded", "shape"),
+        ("own_system", "poisson"),
+        ("own_system", "young"),
+        ("axisymmetric", "own_body_law"),
+    ],
+    ids="+".join,
+)
 @pytest.mark.slow
 def test_what_pairs_found(names):
-    """A law at another body, other rules on distorted cells, and a system that left out moduli: .6, 2e-6 and .16."""
+    """A law at another body, other rules on distorted cells, and a system that left out moduli: .6,
+    2e-6 and .16.
+    """
     if set(names) <= set(NAMES):
         check(names, ("neutral", "gradient"))
 
 
-@pytest.mark.parametrize("names", [("friction", "serendipity"), ("poisson", "second_order")], ids="+".join)
+@pytest.mark.parametrize(
+    "names", [("friction", "serendipity"), ("poisson", "second_order")], ids="+".join
+)
 @pytest.mark.slow
 def test_small_models_of_pairs_are_as_exact_as_others(names):
-    """Three paths were too few for friction; and an output that nearly vanished had errors of its own size."""
+    """Three paths were too few for friction.
+
+    And an output that nearly vanished had errors of its own size.
+    """
     if set(names) <= set(NAMES):
         check(names, ("condense", "HHR"))
 
@@ -206,7 +235,9 @@ def test_small_models_of_pairs_are_as_exact_as_others(names):
 @needs("elasticity", "inelastic")
 @pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.LockingWarning")
 def test_a_law_in_axisymmetry_differs_by_its_rule_alone(monkeypatch):
-    """By 3 points on a triangle, for a weight 1/r; with the 6 points of the elastic body by 1e-9."""
+    """By 3 points on a triangle, for a weight 1/r; with the 6 points of the elastic body by
+    1e-9.
+    """
     from hhr_dolfinx.plugins.elasticity import gauss_points
 
     case = Case(("axisymmetric", "norton"))
@@ -303,7 +334,11 @@ def test_the_page_of_the_docs_names_capabilities_that_are_there():
     words = [line.split() for line in block.splitlines()]
     named = {row[1] for row in words if len(row) > 1 and row[1].isidentifier()}
     assert len(named) > 40 and (named <= set(NAMES) or not present(*OURS))
-    rows = [line.split(" | ") for line in text.splitlines() if re.match(r"\| \d+ \| [A-Za-z]+ \| `", line)]
+    rows = [
+        line.split(" | ")
+        for line in text.splitlines()
+        if re.match(r"\| \d+ \| [A-Za-z]+ \| `", line)
+    ]
     assert len(rows) > 10
     for _, verb, place, why, _ in rows:
         assert why == compose_table.in_a_cell(compose_reasons.reason(verb, place.strip("`"))), place

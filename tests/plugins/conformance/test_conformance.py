@@ -1,4 +1,6 @@
-"""Conformance checks: each passes on our parts and on toys, and says what is wrong with broken variants of them."""
+"""Conformance checks: each passes on our parts and on toys, and says what is wrong with broken
+variants of them.
+"""
 
 import importlib
 import tomllib
@@ -38,38 +40,68 @@ KNOWN = [DenseElimination]
 
 
 PASS = [
-    *((suite.check_pairing, part) for part in (
-        PUNCH, NODES, FLOOR, *((hhr.NodeToSurface(LOWER_SURFACE, UPPER_SURFACE),) if present("nonmatching") else ()),
-        *((hhr.Mortar(UPPER_SURFACE, LOWER_SURFACE),) if present("mortar") else ()),
-    )),
-    *((suite.check_load, part, LOADS) for part in (
-        hhr.BodyForce(suite.UPPER_BODY, (0.0, -1.0), hhr.Amplitude(slopes={"load": 2.0})), WIND,
-        hhr.Pressure(suite.FLANK, "load**2"), hhr.PartialPressure(suite.FLANK, hhr.Amplitude(1.0), "height"),
-    )),
-    *((suite.check_output, part) for part in (
-        MyOutput("mean", 0, "MPa"), SmoothPeak("smooth", 0), hhr.LargestPressure("peak", 0),
-        hhr.ContactForce("force", 0, UP), hhr.GapAt("gap", 0, (1.5, 1.0)), hhr.VonMises("mises", suite.UPPER_BODY),
-    )),
-    *((suite.check_system, part, K) for part in ((Foundation, Parted) if present("systems") else ())),
+    *(
+        (suite.check_pairing, part)
+        for part in (
+            PUNCH,
+            NODES,
+            FLOOR,
+            *((hhr.NodeToSurface(LOWER_SURFACE, UPPER_SURFACE),) if present("nonmatching") else ()),
+            *((hhr.Mortar(UPPER_SURFACE, LOWER_SURFACE),) if present("mortar") else ()),
+        )
+    ),
+    *(
+        (suite.check_load, part, LOADS)
+        for part in (
+            hhr.BodyForce(suite.UPPER_BODY, (0.0, -1.0), hhr.Amplitude(slopes={"load": 2.0})),
+            WIND,
+            hhr.Pressure(suite.FLANK, "load**2"),
+            hhr.PartialPressure(suite.FLANK, hhr.Amplitude(1.0), "height"),
+        )
+    ),
+    *(
+        (suite.check_output, part)
+        for part in (
+            MyOutput("mean", 0, "MPa"),
+            SmoothPeak("smooth", 0),
+            hhr.LargestPressure("peak", 0),
+            hhr.ContactForce("force", 0, UP),
+            hhr.GapAt("gap", 0, (1.5, 1.0)),
+            hhr.VonMises("mises", suite.UPPER_BODY),
+        )
+    ),
+    *(
+        (suite.check_system, part, K)
+        for part in ((Foundation, Parted) if present("systems") else ())
+    ),
     (suite.check_reductor, DenseCondensation(), KNOWN),
-]  # fmt: skip
+]
 
 
 @needs("elasticity")
-@pytest.mark.parametrize(("check", "part", "more"), [(check, part, more) for check, part, *more in PASS])
+@pytest.mark.parametrize(
+    ("check", "part", "more"), [(check, part, more) for check, part, *more in PASS]
+)
 def test_parts_that_keep_the_contract_pass(check, part, more):
     check(part, *more)
 
 
 @needs("inelastic")
 def test_laws_that_keep_the_contract_pass():
-    for law in (Bingham(1.0, 20.0), lambda: hhr.Plasticity(1.0, 5.0), hhr.Plasticity(1.0), hhr.Norton(2.0, 4.0)):
+    for law in (
+        Bingham(1.0, 20.0),
+        lambda: hhr.Plasticity(1.0, 5.0),
+        hhr.Plasticity(1.0),
+        hhr.Norton(2.0, 4.0),
+    ):
         suite.check_law(law)
 
 
 @needs("inelastic")
 def test_heat_and_moduli_of_a_law_are_no_energy_that_comes_back():
-    """Swelling by 1 % in the first step, E of 2.5 times that of the body, both, and elasticity alone."""
+    """Swelling by 1 % in the first step, E of 2.5 times that of the body, both, and elasticity
+    alone.
+    """
     wood = hhr.Orthotropic(200.0, 100.0, 50.0, 0.3, 0.2, 0.1, 40.0, 30.0, 20.0)
     for law in (hhr.Plasticity(1.0, 5.0), hhr.Norton(2.0, 4.0), None):
         for change in (100.0, -100.0):
@@ -81,13 +113,17 @@ def test_heat_and_moduli_of_a_law_are_no_energy_that_comes_back():
 
 
 def test_parts_of_another_distribution_pass(monkeypatch):
-    """Those of the external package; the gap of its ramp is a given number, below a surface that looks down."""
+    """Those of the external package; the gap of its ramp is a given number, below a surface that
+    looks down.
+    """
     monkeypatch.syspath_prepend(str(Path(__file__).parents[2] / "external_package"))
     parts = importlib.import_module("contact_toys.parts")
     suite.check_pairing(parts.Ramp(UPPER_SURFACE, 0.01))
     if present("inelastic"):
         suite.check_law(importlib.import_module("contact_toys.laws").Newtonian(5.0))
-    with pytest.raises(ConformanceError, match="Ramp: forces of the size of `areas` are off a uniform pressure by"):
+    with pytest.raises(
+        ConformanceError, match="Ramp: forces of the size of `areas` are off a uniform pressure by"
+    ):
         suite.check_pairing(parts.Ramp(LOWER_SURFACE, 0.01))
 
 
@@ -113,9 +149,17 @@ def crossed(rows):
 
 COUNT = count()
 PAIRINGS = [
-    (PUNCH, lambda rows: {"gap": 2 * rows.gap}, "gap . grows by -2 per unit that surface 121 .* row says -1: correct"),
+    (
+        PUNCH,
+        lambda rows: {"gap": 2 * rows.gap},
+        "gap . grows by -2 per unit that surface 121 .* row says -1: correct",
+    ),
     (NODES, lambda rows: {"matrix": -rows.matrix}, "correct one"),
-    (FLOOR, lambda rows: {"areas": rows.areas / 2}, r"uniform pressure by .*: correct areas or rows"),
+    (
+        FLOOR,
+        lambda rows: {"areas": rows.areas / 2},
+        r"uniform pressure by .*: correct areas or rows",
+    ),
     (NODES, crossed, "pair each slave with the place where it lies"),
     (FLOOR, lambda rows: {"slaves": np.zeros_like(rows.slaves) - 1}, r"take `surface\.nodes`"),
     (FLOOR, lambda rows: {"areas": -rows.areas}, "an area >= 0"),
@@ -149,7 +193,15 @@ def broken(name):
         def statement(self, at):
             import ufl
 
-            from hhr_dolfinx.forms.laws import Stated, closed, deviator, equivalent, hooke, trace, unit
+            from hhr_dolfinx.forms.laws import (
+                Stated,
+                closed,
+                deviator,
+                equivalent,
+                hooke,
+                trace,
+                unit,
+            )
 
             if name == "never":
                 return closed(at, lambda trial, stiff: ufl.max_value(-trial, 0))
@@ -157,7 +209,9 @@ def broken(name):
             over = ufl.max_value(equivalent(rest) - 1, 0) / equivalent(rest)
             over = ufl.conditional(ufl.gt(equivalent(rest), 1), over, 0)
             whole = hooke(trace(at.strain) / 3 * unit(at.strain), at.constants)
-            return Stated(whole + (1 - share(None) * over) * rest, {"cumulated": at.old.cumulated + over})
+            return Stated(
+                whole + (1 - share(None) * over) * rest, {"cumulated": at.old.cumulated + over}
+            )
 
     return Broken()
 
@@ -187,7 +241,9 @@ def statements():
 
     def elastic_and_leaning(at):
         found = flowing(at, at.strain, at.constants.young)
-        return found._replace(stress=found.stress + leaning(at).stress - hooke(at.strain, at.constants))
+        return found._replace(
+            stress=found.stress + leaning(at).stress - hooke(at.strain, at.constants)
+        )
 
     def ratchet(at):
         """Heat that strains in each step again, as `old.inelastic` has it already."""
@@ -203,7 +259,9 @@ def statements():
         return flowing(at, at.strain, at.constants.young)._replace(memory={})
 
     def hardening_by_pressure(at):
-        """A bulk modulus that grows with shear: symmetric at rest, and no derivative of an energy elsewhere."""
+        """A bulk modulus that grows with shear: symmetric at rest, and no derivative of an energy
+        elsewhere.
+        """
         more = 50 * abs(at.strain[3]) * trace(at.strain) / 3
         return Stated(hooke(at.strain + more * unit(at.strain), at.constants))
 
@@ -222,7 +280,15 @@ def statements():
     }
 
 
-WRONG_LAWS = ["rooted", "leaning", "elastic and leaning", "ratchet", "other elasticity", "silent", "by pressure"]
+WRONG_LAWS = [
+    "rooted",
+    "leaning",
+    "elastic and leaning",
+    "ratchet",
+    "other elasticity",
+    "silent",
+    "by pressure",
+]
 
 
 @needs("inelastic")
@@ -243,15 +309,21 @@ def test_wrong_laws_with_heat_moduli_or_elasticity(name):
 
 @needs("inelastic")
 def test_a_law_that_is_no_law():
-    with pytest.raises(ConformanceError, match=r"object: SceneError: a law of a body derives hhr\.Law"):
+    with pytest.raises(
+        ConformanceError, match=r"object: SceneError: a law of a body derives hhr\.Law"
+    ):
         suite.check_law(object())
-    with pytest.raises(ConformanceError, match=r"'yield_stress': 'sy'.* are formulas: give check_law numbers"):
+    with pytest.raises(
+        ConformanceError, match=r"'yield_stress': 'sy'.* are formulas: give check_law numbers"
+    ):
         suite.check_law(hhr.Plasticity("sy"))
 
     class Plain(hhr.Law):
         modulus: float = 1.0
 
-    with pytest.raises(ConformanceError, match=r"Plain is no dataclass: write @dataclass\(frozen=True\)"):
+    with pytest.raises(
+        ConformanceError, match=r"Plain is no dataclass: write @dataclass\(frozen=True\)"
+    ):
         suite.check_law(Plain())
 
 
@@ -294,11 +366,17 @@ class Wind(WindLoad):
 
 
 LOADED = [
-    (Nodal(hhr.Amplitude(1.0)), r"sum up to \[5.*\] on one mesh and to \[9.*\] on a finer one: integrate a density"),
+    (
+        Nodal(hhr.Amplitude(1.0)),
+        r"sum up to \[5.*\] on one mesh and to \[9.*\] on a finer one: integrate a density",
+    ),
     (Nodal(hhr.Amplitude(1.0), 0.0), "no force anywhere in the box"),
     (Nodal(hhr.Amplitude(1.0), np.nan), "SceneError: the nodal forces of .* are not finite"),
     (Nodal("load"), "SceneError: the amplitude 'load'"),
-    (Wind(suite.FLANK, (1.0, 0.0), 0.5, "speed", WrongSquare), "`derivative` of its amplitude is not"),
+    (
+        Wind(suite.FLANK, (1.0, 0.0), 0.5, "speed", WrongSquare),
+        "`derivative` of its amplitude is not",
+    ),
     (Wind(suite.FLANK, (1.0, 0.0), 0.5, "speed", HiddenSquare), "from a file answers otherwise"),
 ]
 
@@ -311,7 +389,9 @@ def test_broken_loads(load, said):
 
 @dataclass(frozen=True, eq=False)
 class OddNorm(PressureNorm):
-    """Its value is another function of the one of the norm, and its slopes are as many times those of the norm."""
+    """Its value is another function of the one of the norm, and its slopes are as many times those
+    of the norm.
+    """
 
     changed: ClassVar[object] = staticmethod(lambda value: value)
     times: ClassVar[float] = 1.0
@@ -336,16 +416,29 @@ class Odd(SmoothPeak):
         return made
 
 
-CONSTANT, DOUBLED, AGEING = lambda _: 1.0, lambda value: 2 * value, lambda value: value * (1 + 1e-3 * next(COUNT))
+CONSTANT, DOUBLED, AGEING = (
+    lambda _: 1.0,
+    lambda value: 2 * value,
+    lambda value: value * (1 + 1e-3 * next(COUNT)),
+)
 OUTPUTS = [
     (
         Odd("odd", 0, hidden={"times": 2}),
         "its derivatives are .* and differences of its value give .*: correct `slopes`",
     ),
-    (Odd("odd", 0, hidden={"changed": CONSTANT}), "return a finite number that depends on the answer"),
-    (Odd("odd", 0, hidden={"changed": AGEING}), "a condensed model has other values than the full one"),
+    (
+        Odd("odd", 0, hidden={"changed": CONSTANT}),
+        "return a finite number that depends on the answer",
+    ),
+    (
+        Odd("odd", 0, hidden={"changed": AGEING}),
+        "a condensed model has other values than the full one",
+    ),
     (Odd("odd", 0, hidden={"changed": DOUBLED, "times": 2}), "from a file answers otherwise"),
-    (Odd("odd", 0, called="even"), "its functional is even in 'MPa', and the output odd in 'MPa': hand name and unit"),
+    (
+        Odd("odd", 0, called="even"),
+        "its functional is even in 'MPa', and the output odd in 'MPa': hand name and unit",
+    ),
     (hhr.ContactForce("force", 3, UP), "SceneError: output 'force' names contact 3"),
 ]
 
@@ -453,27 +546,42 @@ class Variant:
     def reduced(self, full, snapshots, held_out):
         if full.problem.varies and self.refuses:
             raise NotOfferedError("constant stiffness only")
-        problem = replace(full.problem) if not full.problem.varies else full.problem.at(full.problem.middle)
-        alike = type("Full", (), {"problem": problem, "functionals": None, "parameters": full.parameters})
+        problem = (
+            replace(full.problem)
+            if not full.problem.varies
+            else full.problem.at(full.problem.middle)
+        )
+        alike = type(
+            "Full", (), {"problem": problem, "functionals": None, "parameters": full.parameters}
+        )
         made = DenseCondensation().reduced(alike, snapshots, held_out)
-        values = {name: getattr(made.eliminated, name) for name in DenseElimination.__dataclass_fields__}
+        values = {
+            name: getattr(made.eliminated, name) for name in DenseElimination.__dataclass_fields__
+        }
         values["inverse"] = self.factor * values["inverse"]
-        fields = self.fields(**{name: getattr(made.fields, name) for name in ExactFields.__dataclass_fields__})
+        fields = self.fields(
+            **{name: getattr(made.fields, name) for name in ExactFields.__dataclass_fields__}
+        )
         eliminated = self.eliminated(**values)
         if self.eliminated is Softer:
             eliminated.__dict__["factor"] = 1 + 1e-9
-        return CondensedModel(full.parameters, eliminated, made.known, fields, problem.contact_pairs)
+        return CondensedModel(
+            full.parameters, eliminated, made.known, fields, problem.contact_pairs
+        )
 
 
 REDUCTORS = [
-    (Variant(refuses=False), "its model calls itself exact and is off by .* young = .*: claim less, or refuse"),
+    (
+        Variant(refuses=False),
+        "its model calls itself exact and is off by .* young = .*: claim less, or refuse",
+    ),
     (Variant(factor=1.001), "its model calls itself exact and is off by"),
     (Variant(factor=1.001, fields=Bounded), "its model says a bound of .* and the error is .*"),
     (Variant(factor=1.5, fields=Rough), "its model promises 0.05 and is off by"),
     (Variant(Steep), "the gradient of its forces is not what differences give"),
     (Variant(Softer), "from a file answers otherwise"),
     (DenseCondensation(most=3), "ValueError: .* dofs are more than 3"),
-]  # fmt: skip
+]
 
 
 @needs("elasticity")
@@ -488,7 +596,9 @@ def test_a_reductor_that_promises_less_passes():
     suite.check_reductor(Variant(factor=1.001, fields=Rough), [DenseElimination, Rough])
     with pytest.raises(ConformanceError, match=r"Nothing: ReductionError: .* must return a model"):
         suite.check_reductor(type("Nothing", (), {"reduced": lambda *_: None})())
-    assert issubclass(ConformanceError, AssertionError) and not issubclass(ConformanceError, ReductionError)
+    assert issubclass(ConformanceError, AssertionError) and not issubclass(
+        ConformanceError, ReductionError
+    )
 
 
 TEMPLATES = Path(__file__).parents[3] / "extension_templates"
@@ -498,7 +608,11 @@ FOLDERS = sorted(path.parent.name for path in TEMPLATES.glob("*/pyproject.toml")
 
 @needs("elasticity")
 @pytest.mark.parametrize(
-    "kind", [pytest.param(kind, marks=needs(*NEEDED[kind])) if kind in NEEDED else kind for kind in FOLDERS]
+    "kind",
+    [
+        pytest.param(kind, marks=needs(*NEEDED[kind])) if kind in NEEDED else kind
+        for kind in FOLDERS
+    ],
 )
 def test_templates_work_as_they_are(kind, monkeypatch):
     folder = TEMPLATES / kind
@@ -516,9 +630,20 @@ def test_templates_work_as_they_are(kind, monkeypatch):
     plugin = registry.load(project["project"]["entry-points"][registry.GROUP][f"my_{kind}"])
     assert isinstance(plugin, registry.Plugin) and plugin.name == f"my_{kind}"
     places = [place for named in plugin.parts.values() for place in named.values()]
-    places += [f"{module}:{name}" for module, name in (*plugin.public.items(), *plugin.classes.items())]
+    places += [
+        f"{module}:{name}" for module, name in (*plugin.public.items(), *plugin.classes.items())
+    ]
     assert places and all(registry.load(place) is own[place.partition(":")[2]] for place in places)
 
 
 def test_there_is_a_template_for_each_seam():
-    assert FOLDERS == ["contact_law", "gasket", "law", "load", "output", "pairing", "reductor", "system"]
+    assert FOLDERS == [
+        "contact_law",
+        "gasket",
+        "law",
+        "load",
+        "output",
+        "pairing",
+        "reductor",
+        "system",
+    ]

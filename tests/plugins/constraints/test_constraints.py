@@ -1,4 +1,6 @@
-"""Displacements that follow others: ties, couplings, equations and periodic surfaces, in all kinds of models."""
+"""Displacements that follow others: ties, couplings, equations and periodic surfaces, in all kinds
+of models.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -45,7 +47,10 @@ def models(scene, count=8):
 
 
 def test_an_equation_without_effect_changes_nothing():
-    """The side moves by 0 at two nodes already: one follows the other; and answers with reactions agree."""
+    """The side moves by 0 at two nodes already: one follows the other.
+
+    And answers with reactions agree.
+    """
     low, high = hhr.Nodes.near((0.0, 0.5)), hhr.Nodes.near((1.0, 0.5))
     plain = hhr.FullOrderModel(pressed()).solve(0.8)
     one = hhr.FullOrderModel(pressed((hhr.Equation(((high, 1, 1.0), (low, 1, -1.0))),))).solve(0.8)
@@ -63,7 +68,10 @@ def test_equations_are_kept_by_all_models(p):
         answer = model.solve(p)
         u = answer.displacement().reshape(-1, 2)
         models_points = hhr.FullOrderModel(scene).problem.points
-        place = [int(np.linalg.norm(models_points - corner, axis=1).argmin()) for corner in ((0, 1), (1, 1))]
+        place = [
+            int(np.linalg.norm(models_points - corner, axis=1).argmin())
+            for corner in ((0, 1), (1, 1))
+        ]
         assert u[place[0], 1] == pytest.approx(2 * u[place[1], 1] + 0.002 * p, abs=1e-12)
         found.append((u, answer.forces()))
     for u, forces in found[1:]:
@@ -72,31 +80,46 @@ def test_equations_are_kept_by_all_models(p):
 
 
 def test_the_constrained_answer_is_the_least_of_the_energy():
-    """Against a penalty by hand: K + k c c^T, F + k g c, with k large, on the same mesh without contact."""
+    """Against a penalty by hand: K + k c c^T, F + k g c, with k large, on the same mesh without
+    contact.
+    """
     one, other = hhr.Nodes.near((0.0, 1.0)), hhr.Nodes.near((1.0, 1.0))
-    constrained = hhr.FullOrderModel(pressed((hhr.Equation(((one, 1, 1.0), (other, 1, -2.0)), 0.002),)))
+    constrained = hhr.FullOrderModel(
+        pressed((hhr.Equation(((one, 1, 1.0), (other, 1, -2.0)), 0.002),))
+    )
     plain = hhr.FullOrderModel(pressed())
     u = constrained.solve(0.1).displacement()
     assert not constrained.solve(0.1).forces().any()
     problem = plain.problem
-    place = [2 * int(np.linalg.norm(problem.points - corner, axis=1).argmin()) + 1 for corner in ((0, 1), (1, 1))]
+    place = [
+        2 * int(np.linalg.norm(problem.points - corner, axis=1).argmin()) + 1
+        for corner in ((0, 1), (1, 1))
+    ]
     free = np.flatnonzero(problem.free)
     stiffness = problem.stiffness_terms[0].toarray()
     row = np.zeros(problem.free.size)
     row[place] = 1.0, -2.0
-    system = np.block([[stiffness[np.ix_(free, free)], row[free, None]], [row[None, free], np.zeros((1, 1))]])
+    system = np.block(
+        [[stiffness[np.ix_(free, free)], row[free, None]], [row[None, free], np.zeros((1, 1))]]
+    )
     load = problem.loads @ problem.amplitudes(np.array([0.1]))
     exact = np.linalg.solve(system, np.append(load[free], 0.002))
     assert u[free] == pytest.approx(exact[:-1], abs=1e-12)
 
 
 def test_a_rigid_lid_stays_straight_and_a_mean_is_met():
-    """A lid that is pressed on one half turns as a whole; its mean displacement may be given instead."""
+    """A lid that is pressed on one half turns as a whole.
+
+    Its mean displacement may be given instead.
+    """
     half = hhr.Nodes(lambda x: np.isclose(x[1], 1) & (x[0] < 0.3))
     rigid = pressed((hhr.RigidMotion(TOP),), loads=(hhr.NodalForce(half, (0.0, -0.4), "p"),))
     for model in models(rigid):
         lid = np.isclose(hhr.FullOrderModel(rigid).problem.points[:, 1], 1.0)
-        x, u = hhr.FullOrderModel(rigid).problem.points[lid, 0], model.solve(0.7).displacement().reshape(-1, 2)[lid]
+        x, u = (
+            hhr.FullOrderModel(rigid).problem.points[lid, 0],
+            model.solve(0.7).displacement().reshape(-1, 2)[lid],
+        )
         slope = np.polyfit(x, u[:, 1], 1)
         assert np.polyval(slope, x) == pytest.approx(u[:, 1], abs=1e-10) and slope[0] > 1e-4
         assert u[:, 0] == pytest.approx(u[0, 0] + 0 * x, abs=1e-10)
@@ -110,7 +133,9 @@ def test_a_rigid_lid_stays_straight_and_a_mean_is_met():
 
 
 def test_a_periodic_strip_is_one_of_many():
-    """Both sides of a strip move alike, so that a given stretch of the strip is the same everywhere."""
+    """Both sides of a strip move alike, so that a given stretch of the strip is the same
+    everywhere.
+    """
     held = (hhr.Displacement(hhr.Nodes.near((0.0, 0.0)), 0),)
     scene = pressed((hhr.Periodic(RIGHT, LEFT, shift=(1.0, 0.0)),), held, cells=(5, 3))
     scene = replace(scene, contacts=(hhr.Obstacle(TOP, (0, 1), 5.0),))
@@ -123,15 +148,19 @@ def test_a_periodic_strip_is_one_of_many():
 
 
 def test_a_quarter_of_a_square_is_all_of_it():
-    """Cyclic symmetry by a right angle: under pressure all around, strains are alike, and the middle stays.
+    """Cyclic symmetry by a right angle: under pressure all around, strains are alike, and the
+    middle stays.
 
-    A force at the corner, turned three times, does not move the middle either: without its own equation it would.
+    A force at the corner, turned three times, does not move the middle either: without its own
+    equation it would.
     """
     held = (hhr.Displacement(hhr.Nodes.near((1.0, 0.0)), 1),)
     cyclic = (hhr.Periodic(LEFT, BOTTOM, angle=np.pi / 2),)
     far = (hhr.Obstacle(TOP, (0, 1), 9.0),)
     quarter = replace(pressed(cyclic), displacements=held, contacts=far)
-    full = hhr.FullOrderModel(replace(quarter, loads=(hhr.Pressure(RIGHT, "p"), hhr.Pressure(TOP, "p"))))
+    full = hhr.FullOrderModel(
+        replace(quarter, loads=(hhr.Pressure(RIGHT, "p"), hhr.Pressure(TOP, "p")))
+    )
     shrunk = 0.5 * (1 - 2 * 0.3) * (1 + 0.3) / 100.0
     u = full.solve(0.5).displacement().reshape(-1, 2)
     assert u == pytest.approx(-shrunk * full.problem.points, abs=1e-12)
@@ -147,9 +176,14 @@ def test_a_quarter_of_a_square_is_all_of_it():
 
 @pytest.mark.parametrize("right", ["0.002 * p", "0.003 * p"])
 def test_equations_of_imposed_displacements_hold_or_are_refused(right):
-    """A lid that goes down by 0.002 p on both of its corners cannot go down by 0.003 p on one of them too."""
+    """A lid that goes down by 0.002 p on both of its corners cannot go down by 0.003 p on one of
+    them too.
+    """
     ends = [hhr.Nodes.near((x, 1.0)) for x in (0.0, 1.0)]
-    driven = [hhr.Displacement(end, 1, way) for end, way in zip(ends, ("-0.002 * p", "-0.004 * p"), strict=True)]
+    driven = [
+        hhr.Displacement(end, 1, way)
+        for end, way in zip(ends, ("-0.002 * p", "-0.004 * p"), strict=True)
+    ]
     scene = pressed((hhr.Equation(((ends[0], 1, 1.0), (ends[1], 1, -1.0)), right),))
     scene = replace(scene, displacements=(*scene.displacements, *driven), loads=())
     if right == "0.002 * p":
@@ -161,15 +195,38 @@ def test_equations_of_imposed_displacements_hold_or_are_refused(right):
 
 @pytest.mark.parametrize(
     ("constraints", "why"),
-    [((hhr.Equation(((TOP, 1, 1.0),)), hhr.Equation(((TOP, 1, 2.0),))), "follows by several equations"),
-     # the foot is imposed, the middle follows it, and the lid should determine the middle, too
-     ((hhr.Equation(((hhr.Nodes.near((0, 0)), 1, 1.0), (hhr.Nodes.near((0, 0.5)), 1, -1.0))),
-       hhr.Equation(((hhr.Nodes.near((0, 0.5)), 1, 1.0), (hhr.Nodes.near((0, 1)), 1, -1.0)))), "by several equations"),
-     ((hhr.Equation((("nowhere", 1, 1.0),)),), "'nowhere' is asked for"),
-     ((hhr.Periodic(TOP, LEFT),), "mesh both surfaces alike"),
-     ((hhr.Equation(((hhr.Nodes.near((0.5, 1)), 1, 1.0), (hhr.Nodes.near((0, 1)), 1, -1.0))),
-       hhr.Equation(((hhr.Nodes.near((0, 1)), 1, 1.0), (hhr.Nodes.near((0.5, 1)), 1, -1.0)))), "depend on each other")],
-)  # fmt: skip
+    [
+        (
+            (hhr.Equation(((TOP, 1, 1.0),)), hhr.Equation(((TOP, 1, 2.0),))),
+            "follows by several equations",
+        ),
+        # the foot is imposed, the middle follows it, and the lid should determine the middle, too
+        (
+            (
+                hhr.Equation(
+                    ((hhr.Nodes.near((0, 0)), 1, 1.0), (hhr.Nodes.near((0, 0.5)), 1, -1.0))
+                ),
+                hhr.Equation(
+                    ((hhr.Nodes.near((0, 0.5)), 1, 1.0), (hhr.Nodes.near((0, 1)), 1, -1.0))
+                ),
+            ),
+            "by several equations",
+        ),
+        ((hhr.Equation((("nowhere", 1, 1.0),)),), "'nowhere' is asked for"),
+        ((hhr.Periodic(TOP, LEFT),), "mesh both surfaces alike"),
+        (
+            (
+                hhr.Equation(
+                    ((hhr.Nodes.near((0.5, 1)), 1, 1.0), (hhr.Nodes.near((0, 1)), 1, -1.0))
+                ),
+                hhr.Equation(
+                    ((hhr.Nodes.near((0, 1)), 1, 1.0), (hhr.Nodes.near((0.5, 1)), 1, -1.0))
+                ),
+            ),
+            "depend on each other",
+        ),
+    ],
+)
 def test_equations_that_cannot_be_are_refused(constraints, why):
     with pytest.raises(SceneError, match=why):
         hhr.FullOrderModel(pressed(constraints))
@@ -177,7 +234,9 @@ def test_equations_that_cannot_be_are_refused(constraints, why):
 
 @dataclass(frozen=True)
 class Lever:
-    """A user's constraint: one corner of the lid goes down as the other one does, and by an amplitude more."""
+    """A user's constraint: one corner of the lid goes down as the other one does, and by an
+    amplitude more.
+    """
 
     amplitude: object
     changes: object = lambda given: {}
@@ -220,10 +279,14 @@ def test_broken_equations_of_a_user_are_refused(changes, why):
 
 
 def tied(dim=2, wall=1.5, cells=((3, 3), (4, 5)), box=None, bodies=None, apart=0.0, **ways):
-    """Two blocks one above the other, tied on meshes that do not match, pressed down beside a wall."""
+    """Two blocks one above the other, tied on meshes that do not match, pressed down beside a
+    wall.
+    """
     side, up = two_blocks.side, dim - 1
-    boxes = [([0.0] * dim, [1.0] * dim, (cells[0][0],) * up + cells[0][1:]),
-             ([0.0] * up + [1.0 + apart], [1.0] * up + [2.0], (cells[1][0],) * up + cells[1][1:])]  # fmt: skip
+    boxes = [
+        ([0.0] * dim, [1.0] * dim, (cells[0][0],) * up + cells[0][1:]),
+        ([0.0] * up + [1.0 + apart], [1.0] * up + [2.0], (cells[1][0],) * up + cells[1][1:]),
+    ]
     held = [hhr.Displacement(side(body, k, upper=False), k) for body in (1, 2) for k in range(up)]
     return hhr.Scene(
         name="tied",
@@ -252,7 +315,10 @@ def test_a_constant_stress_passes_a_tie_exactly(dim):
 def test_tied_bodies_in_all_models():
     """With the modulus of one of them as a parameter, too."""
     stiff = hhr.Body(1, young="E", poisson=0.3), hhr.Body(2, young=100.0, poisson=0.3)
-    for scene in (tied(wall=1.0005), tied(wall=1.0005, box={"p": (0.1, 1.0), "E": (50.0, 200.0)}, bodies=stiff)):
+    for scene in (
+        tied(wall=1.0005),
+        tied(wall=1.0005, box={"p": (0.1, 1.0), "E": (50.0, 200.0)}, bodies=stiff),
+    ):
         training = hhr.train(scene, hhr.Sobol(16), held_out=4)
         full = training.full_order
         for model in (training.condense(), training.build()):
@@ -262,7 +328,9 @@ def test_tied_bodies_in_all_models():
                 size = np.abs(exact.displacement()).max()
                 assert exact.forces().max() > 0
                 assert found.displacement() == pytest.approx(exact.displacement(), abs=2e-4 * size)
-                assert found.forces() == pytest.approx(exact.forces(), abs=1e-3 * exact.forces().max())
+                assert found.forces() == pytest.approx(
+                    exact.forces(), abs=1e-3 * exact.forces().max()
+                )
 
 
 @needs("mortar", "friction")
@@ -293,9 +361,13 @@ def test_a_tie_of_nodes_and_mistakes():
 
 
 def imposed_twice(young, box):
-    """The lid pressed down by a displacement, and the same by equations of one term: scenes with one answer."""
+    """The lid pressed down by a displacement, and the same by equations of one term: scenes with
+    one answer.
+    """
     outputs = hhr.ElasticEnergy("energy"), hhr.ContactForce("wall", 0, (1.0, 0.0))
-    one = pressed((), (hhr.Displacement(LEFT, 0), hhr.Displacement(TOP, 1, "-0.01 * p")), (), outputs=outputs)
+    one = pressed(
+        (), (hhr.Displacement(LEFT, 0), hhr.Displacement(TOP, 1, "-0.01 * p")), (), outputs=outputs
+    )
     other = pressed((hhr.Equation(((TOP, 1, 1.0),), "-0.01 * p"),), loads=(), outputs=outputs)
     bodies = (hhr.Body(block.SOLID, young, 0.3),)
     return [replace(scene, parameters=space(**box), bodies=bodies) for scene in (one, other)]
@@ -304,7 +376,9 @@ def imposed_twice(young, box):
 @needs("stress", "moduli")
 @pytest.mark.parametrize("young", [100.0, "E", "E + 20 * p"])
 def test_values_of_equations_act_as_imposed_displacements(young):
-    """In condensed models with moduli as parameters, and in the elastic energy, 0.01 p imposed either way."""
+    """In condensed models with moduli as parameters, and in the elastic energy, 0.01 p imposed
+    either way.
+    """
     box = {"p": (0.1, 1.0)} | ({} if young == 100.0 else {"E": (50.0, 200.0)})
     known, found = (hhr.FullOrderModel(scene) for scene in imposed_twice(young, box))
     point = [0.9, 190.0][: len(box)]
@@ -324,22 +398,32 @@ def test_relative_estimates_are_over_the_energy_of_the_exact_answer(young):
     box = {"p": (0.1, 1.0)} | ({} if young == 100.0 else {"E": (50.0, 200.0)})
     mean = hhr.MeanMotion(TOP, 0, "0.004 * p")
     scene = imposed_twice(young, box)[1]
-    scene = replace(scene, constraints=(*scene.constraints, mean), loads=(hhr.Pressure(RIGHT, "p"),))
+    scene = replace(
+        scene, constraints=(*scene.constraints, mean), loads=(hhr.Pressure(RIGHT, "p"),)
+    )
     training = hhr.train(scene, hhr.Sobol(8), held_out=2)
     point = [0.9, 190.0][: len(box)]
     size = np.sqrt(2 * training.full_order.solve(point).outputs()["energy"])
     estimate = training.build().solve(point).estimate()
-    # sizes of relative bounds are lower bounds of that of the exact answer, a little below where K varies
+    # sizes of relative bounds are lower bounds of that of the exact answer, a little below where K
+    # varies
     assert (
-        size * (0.98 if young == "E" else 1 - 1e-6) <= estimate.primal / estimate.primal_relative <= size * (1 + 1e-6)
+        size * (0.98 if young == "E" else 1 - 1e-6)
+        <= estimate.primal / estimate.primal_relative
+        <= size * (1 + 1e-6)
     )
 
 
 def test_a_rigid_lid_on_a_hinge():
-    """One edge of a rigid lid is held: it turns about it, as by equations, u_z = x times that of the far corner."""
+    """One edge of a rigid lid is held: it turns about it, as by equations, u_z = x times that of
+    the far corner.
+    """
     lid, foot = block.side(2, upper=True), block.side(2, upper=False)
     far = hhr.Nodes.near((1.0, 0.0, 1.0))
-    line = {x: hhr.Nodes(lambda y, x=x: np.isclose(y[0], x) & np.isclose(y[2], 1)) for x in (0.0, 0.5, 1.0)}
+    line = {
+        x: hhr.Nodes(lambda y, x=x: np.isclose(y[0], x) & np.isclose(y[2], 1))
+        for x in (0.0, 0.5, 1.0)
+    }
     rest = hhr.Nodes(lambda y: np.isclose(y[0], 1) & np.isclose(y[2], 1) & (y[1] > 0.1))
     plain = block_scene(
         "hinge",
@@ -354,9 +438,14 @@ def test_a_rigid_lid_on_a_hinge():
     )
     rigid = replace(plain, constraints=(hhr.RigidMotion(lid),))
     sides = tuple(hhr.Displacement(line[x], k) for x in (0.5, 1.0) for k in (0, 1))
-    turns = tuple(hhr.Equation(((place, 2, 1.0), (far, 2, -x))) for place, x in ((line[0.5], 0.5), (rest, 1.0)))
+    turns = tuple(
+        hhr.Equation(((place, 2, 1.0), (far, 2, -x)))
+        for place, x in ((line[0.5], 0.5), (rest, 1.0))
+    )
     by_hand = replace(plain, displacements=(*plain.displacements, *sides), constraints=turns)
-    found, known = (hhr.FullOrderModel(scene).solve(0.7).displacement() for scene in (rigid, by_hand))
+    found, known = (
+        hhr.FullOrderModel(scene).solve(0.7).displacement() for scene in (rigid, by_hand)
+    )
     assert np.abs(known).max() > 0.1
     assert found == pytest.approx(known, abs=1e-11)
 
@@ -364,7 +453,9 @@ def test_a_rigid_lid_on_a_hinge():
 def test_a_rigid_lid_that_is_pressed_down_by_a_displacement():
     """Its equations between imposed displacements hold to round-off, which breaks nothing."""
     down = hhr.Displacement(TOP, 1, "-0.01 * p")
-    scene = pressed((hhr.RigidMotion(TOP),), (hhr.Displacement(LEFT, 0), down), loads=(), cells=(7, 3))
+    scene = pressed(
+        (hhr.RigidMotion(TOP),), (hhr.Displacement(LEFT, 0), down), loads=(), cells=(7, 3)
+    )
     full = hhr.FullOrderModel(scene)
     lid = np.isclose(full.problem.points[:, 1], 1.0)
     assert full.solve(0.7).displacement().reshape(-1, 2)[lid] == pytest.approx(
@@ -397,20 +488,32 @@ def test_mistakes_of_periodic_surfaces(given, why):
 
 def test_a_meridian_does_not_turn_in_its_plane():
     with pytest.raises(SceneError, match="leave out the angle"):
-        hhr.FullOrderModel(replace(pressed((hhr.Periodic(LEFT, BOTTOM, np.pi / 2),)), hypothesis="axisymmetric"))
+        hhr.FullOrderModel(
+            replace(pressed((hhr.Periodic(LEFT, BOTTOM, np.pi / 2),)), hypothesis="axisymmetric")
+        )
 
 
 @needs("second_order")
 def test_a_mean_of_second_order_is_that_of_a_pressure():
-    """Its force is a traction of the surface: with lateral strain free all over, stress is the same everywhere."""
-    mean = replace(pressed((hhr.MeanMotion(TOP, 1, "-0.01 * p"),), loads=()), order=2, hypothesis="plane_stress")
-    answer = hhr.FullOrderModel(replace(mean, contacts=(hhr.Obstacle(RIGHT, (1, 0), 9.0),))).solve(0.5)
+    """Its force is a traction of the surface: with lateral strain free all over, stress is the same
+    everywhere.
+    """
+    mean = replace(
+        pressed((hhr.MeanMotion(TOP, 1, "-0.01 * p"),), loads=()),
+        order=2,
+        hypothesis="plane_stress",
+    )
+    answer = hhr.FullOrderModel(replace(mean, contacts=(hhr.Obstacle(RIGHT, (1, 0), 9.0),))).solve(
+        0.5
+    )
     assert answer.stress()[:, 1] == pytest.approx(-0.5 + 0 * answer.stress()[:, 1], rel=1e-9)
 
 
 @pytest.mark.parametrize("friction", [None, pytest.param(0.3, marks=needs("friction"))])
 def test_contact_up_to_the_edges_of_a_periodic_surface(friction):
-    """A strip pushed onto a plane: σ = λ + 2 μ times the strain, at its edges too, whose two nodes bear one force."""
+    """A strip pushed onto a plane: σ = λ + 2 μ times the strain, at its edges too, whose two nodes
+    bear one force.
+    """
     held = hhr.Displacement(hhr.Nodes.near((0.0, 0.0)), 0), hhr.Displacement(BOTTOM, 1, "0.002 * p")
     more = {} if friction is None else {"friction": friction}
     strip = replace(
@@ -429,8 +532,13 @@ def test_contact_up_to_the_edges_of_a_periodic_surface(friction):
 
 
 def test_a_cell_that_repeats_in_both_directions():
-    """Corners follow by two surfaces: forces on nodes that are one node in the lattice are in balance together."""
-    along, up = hhr.Periodic(RIGHT, LEFT, shift=(1.0, 0.0)), hhr.Periodic(TOP, BOTTOM, shift=(0.0, 1.0))
+    """Corners follow by two surfaces: forces on nodes that are one node in the lattice are in
+    balance together.
+    """
+    along, up = (
+        hhr.Periodic(RIGHT, LEFT, shift=(1.0, 0.0)),
+        hhr.Periodic(TOP, BOTTOM, shift=(0.0, 1.0)),
+    )
     force = hhr.NodalForce(hhr.Nodes.near((0.5, 0.25)), (1.0, 0.4), "p")
     held = hhr.Displacement.clamp(hhr.Nodes.near((0.0, 0.0)), 2)
     plain = replace(pressed(loads=(force,)), contacts=(hhr.Obstacle(TOP, (0, 1), 9.0),))
@@ -442,7 +550,10 @@ def test_a_cell_that_repeats_in_both_directions():
         lattice = replace(plain, displacements=held, constraints=constraints)
         u = hhr.FullOrderModel(lattice).solve(0.5).displacement().reshape(-1, 2)
         assert np.ptp(u, axis=0).min() > 1e-4
-        assert all(u[cell == k] == pytest.approx(np.tile(u[cell == k][0], ((cell == k).sum(), 1))) for k in cell)
+        assert all(
+            u[cell == k] == pytest.approx(np.tile(u[cell == k][0], ((cell == k).sum(), 1)))
+            for k in cell
+        )
         left = (free.stiffness @ u.ravel()).reshape(-1, 2)
         left[forced] -= 0.5 * np.array([1.0, 0.4])
         sums = np.stack([np.bincount(cell, left[:, k]) for k in range(2)], axis=1)
@@ -453,14 +564,19 @@ def test_a_cell_that_repeats_in_both_directions():
 
 @dataclass(frozen=True)
 class Unconstrained:
-    """A user-defined basis that does not know of constraints: modes and a few other fields of free dofs."""
+    """A user-defined basis that does not know of constraints: modes and a few other fields of free
+    dofs.
+    """
 
     pod: hhr.Pod
 
     def modes(self, problem, snapshots):
         """Columns of the POD and random ones."""
         modes = self.pod.modes(problem, snapshots)
-        others = np.random.default_rng(0).normal(size=(len(modes), 3)) * problem.prolongation.movable[:, None]
+        others = (
+            np.random.default_rng(0).normal(size=(len(modes), 3))
+            * problem.prolongation.movable[:, None]
+        )
         return np.linalg.qr(np.hstack([modes, others]))[0]
 
 
@@ -471,14 +587,17 @@ COARSE = hhr.Recipe(hhr.Pod(1e-4), enrichment=hhr.Enrich(1.5), bound=False).as_i
     ("constraint", "recipe", "order"),
     [
         pytest.param("equation", COARSE, None, id="enrichment"),
-        pytest.param("equation", replace(COARSE, basis=Unconstrained(hhr.Pod(1e-4))), None, id="own basis"),
+        pytest.param(
+            "equation", replace(COARSE, basis=Unconstrained(hhr.Pod(1e-4))), None, id="own basis"
+        ),
         pytest.param("serendipity", COARSE, 2, marks=needs("second_order"), id="serendipity"),
     ],
 )
 def test_bases_keep_constraints_that_contact_nodes_lead(constraint, recipe, order):
     """Answers keep the equations, and K~ is V^T K V with K of the same mesh without them.
 
-    A node inside moves half as far as one of the contact surface, or middles of sides as the mean of their ends.
+    A node inside moves half as far as one of the contact surface, or middles of sides as the mean
+    of their ends.
     """
     inner, corner = hhr.Nodes.near((0.5, 0.5)), hhr.Nodes.near((1.0, 0.5))
     lever = hhr.Equation(((inner, 0, 1.0), (corner, 0, -0.5)))
@@ -486,14 +605,19 @@ def test_bases_keep_constraints_that_contact_nodes_lead(constraint, recipe, orde
     near = {"contacts": (hhr.Obstacle(RIGHT, (1, 0), 1.0005),), "order": order}
     scene = replace(pressed(constraints), **near)
     training = hhr.train(scene, hhr.Sobol(8), held_out=2)
-    model = training.build(replace(recipe, nodes=(hhr.Zone(lambda problem: np.arange(len(problem.points))),)))
+    model = training.build(
+        replace(recipe, nodes=(hhr.Zone(lambda problem: np.arange(len(problem.points))),))
+    )
     follow = training.full_order.problem.prolongation
     assert follow.dependent.any()
     field = model.solve(0.93).displacement()
     assert np.abs(follow.broken(field[:, None])).max() < 1e-12 * np.abs(field).max()
     if constraint == "equation":
         points = training.full_order.problem.points
-        x = [2 * int(np.linalg.norm(points - place, axis=1).argmin()) for place in ((0.5, 0.5), (1.0, 0.5))]
+        x = [
+            2 * int(np.linalg.norm(points - place, axis=1).argmin())
+            for place in ((0.5, 0.5), (1.0, 0.5))
+        ]
         assert field[x[0]] == pytest.approx(0.5 * field[x[1]], rel=1e-10)
     basis = model.fields.basis
     plain = hhr.FullOrderModel(replace(pressed(), **near)).problem.stiffness
@@ -502,12 +626,20 @@ def test_bases_keep_constraints_that_contact_nodes_lead(constraint, recipe, orde
 
 @pytest.mark.parametrize("p", [0.3, 0.9])
 def test_the_energy_is_that_of_the_mesh_without_the_equation(p):
-    """J = U^T K U / 2 - F^T U, (1.10), with K and F of the same mesh, where the equation has a value."""
+    """J = U^T K U / 2 - F^T U, (1.10), with K and F of the same mesh, where the equation has a
+    value.
+    """
     one, other = hhr.Nodes.near((0.0, 1.0)), hhr.Nodes.near((1.0, 1.0))
-    full = hhr.FullOrderModel(pressed((hhr.Equation(((one, 1, 1.0), (other, 1, -2.0)), "0.02 * p"),)))
+    full = hhr.FullOrderModel(
+        pressed((hhr.Equation(((one, 1, 1.0), (other, 1, -2.0)), "0.02 * p"),))
+    )
     plain = hhr.FullOrderModel(pressed()).problem
     field = full.solve(p).displacement()
     known = 0.5 * field @ (plain.stiffness @ field) - (plain.external @ plain.theta(p)) @ field
-    assert energy_minimum(full.problem, field, full.problem.theta(p)) == pytest.approx(known, rel=1e-12)
-    given = full.problem.doubled_energy(field - full.problem.lifts @ full.problem.theta(p), full.problem.theta(p))
+    assert energy_minimum(full.problem, field, full.problem.theta(p)) == pytest.approx(
+        known, rel=1e-12
+    )
+    given = full.problem.doubled_energy(
+        field - full.problem.lifts @ full.problem.theta(p), full.problem.theta(p)
+    )
     assert given == pytest.approx(field @ (plain.stiffness @ field), rel=1e-12)

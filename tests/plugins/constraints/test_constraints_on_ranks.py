@@ -99,7 +99,9 @@ if comm.rank == 0:
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
     folder = str(tmp_path_factory.mktemp("decks"))
-    program = PROGRAM.format(laws=present("inelastic"), folders=[*SCENE_FOLDERS, HERE], folder=folder)
+    program = PROGRAM.format(
+        laws=present("inelastic"), folders=[*SCENE_FOLDERS, HERE], folder=folder
+    )
     known = {}
 
     def on(ranks):
@@ -113,16 +115,26 @@ def found(tmp_path_factory):
 @needs("nonmatching", "moduli", "places", "stress", "second_order")
 @pytest.mark.parametrize("ranks", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_ranks_do_not_change_constrained_answers(found, ranks):
-    """Round-off only: 1e-10, as factors order their sums in another way; 3e-6 between RIDs of other node numbers."""
+    """Round-off only: 1e-10, as factors order their sums in another way.
+
+    3e-6 between RIDs of other node numbers.
+    """
     serial, parallel = found(1), found(ranks)
-    assert {name for name in serial if ranks == 2 or not name.startswith(("preload", "force"))} == parallel.keys()
+    assert {
+        name for name in serial if ranks == 2 or not name.startswith(("preload", "force"))
+    } == parallel.keys()
     for name in parallel:
         value = serial[name]
         size = np.abs(np.concatenate([np.ravel(value), [0.0]])).max()
         near = 1e-5 if "reduced" in name else 1e-10
-        assert np.ravel(parallel[name]) == pytest.approx(np.ravel(value), rel=near, abs=near * size), name
+        assert np.ravel(parallel[name]) == pytest.approx(
+            np.ravel(value), rel=near, abs=near * size
+        ), name
     assert all(max(value) > 0 for name, value in serial.items() if name.endswith("forces"))
-    assert not present("inelastic") or min(serial["laws, flowed elastic"], serial["laws, flowed tangent"]) > 1e-3
+    assert (
+        not present("inelastic")
+        or min(serial["laws, flowed elastic"], serial["laws, flowed tangent"]) > 1e-3
+    )
 
 
 ENERGIES = """
@@ -170,7 +182,9 @@ if comm.rank == 0:
 
 @needs("differences", "fallback", "ranks")
 def test_energies_are_those_of_all_ranks(tmp_path):
-    """Estimates are the errors by K of the same mesh without the equation, alike on all ranks, and none waits."""
+    """Estimates are the errors by K of the same mesh without the equation, alike on all ranks, and
+    none waits.
+    """
     program = ENERGIES.format(folders=[*SCENE_FOLDERS, HERE], folder=str(tmp_path))
     ratios, fallen = json.loads(launch(2, ["-c", program]).splitlines()[-1])
     assert np.array(ratios) == pytest.approx(1.0, abs=0.1)

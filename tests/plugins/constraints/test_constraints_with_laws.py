@@ -19,7 +19,9 @@ BOX = {"p": (0.0, 1.0)}
 
 
 def whole(law, cells=4, ceiling=2.002):
-    """A block of 1 x 2 on a floor, held sideways, pressed on its left and pulled to a ceiling on its right."""
+    """A block of 1 x 2 on a floor, held sideways, pressed on its left and pulled to a ceiling on
+    its right.
+    """
     lower = (block.side(0, upper=False), block.side(1, upper=False))
     return block_scene(
         "whole",
@@ -30,8 +32,12 @@ def whole(law, cells=4, ceiling=2.002):
         contacts=(hhr.Obstacle(block.side(1, upper=True), (0, 1), ceiling),),
         displacements=tuple(hhr.Displacement(side, axis) for axis, side in enumerate(lower)),
         loads=(
-            hhr.NodalForce(hhr.Nodes(lambda x: np.isclose(x[1], 2) & (x[0] < 0.3)), (0.1, -0.5), "p"),
-            hhr.NodalForce(hhr.Nodes(lambda x: np.isclose(x[1], 2) & (x[0] > 0.9)), (0.1, 0.6), "p"),
+            hhr.NodalForce(
+                hhr.Nodes(lambda x: np.isclose(x[1], 2) & (x[0] < 0.3)), (0.1, -0.5), "p"
+            ),
+            hhr.NodalForce(
+                hhr.Nodes(lambda x: np.isclose(x[1], 2) & (x[0] > 0.9)), (0.1, 0.6), "p"
+            ),
         ),
     )
 
@@ -64,10 +70,17 @@ def ordered(full, displacement):
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("kind", ["Mortar", "NodeToSurface"])
 def test_tied_halves_are_one_body(kind, law):
-    """On meshes that match, with its displacements, contact forces and plastic strains, and in contact with a wall."""
-    one, two = hhr.FullOrderModel(whole(LAWS[law])), hhr.FullOrderModel(halves(LAWS[law], getattr(hhr, kind)))
+    """On meshes that match, with its displacements, contact forces and plastic strains, and in
+    contact with a wall.
+    """
+    one, two = (
+        hhr.FullOrderModel(whole(LAWS[law])),
+        hhr.FullOrderModel(halves(LAWS[law], getattr(hhr, kind))),
+    )
     for search in ("frozen", "tangent", "elastic"):
-        tight = hhr.MarchSettings(search=search, relative_stress=1e-11, floor_stress=1e-11, relative_force=1e-11)
+        tight = hhr.MarchSettings(
+            search=search, relative_stress=1e-11, floor_stress=1e-11, relative_force=1e-11
+        )
         known, found = one.march(PATH, tight).answers, two.march(PATH, tight).answers
         for here, there in zip(found, known, strict=True):
             u = ordered(one, there.displacement())
@@ -87,7 +100,10 @@ TIGHT = hhr.MarchSettings(
 def close(found, exact, near):
     """Two histories agree in displacement, contact forces and stress, over their largest values."""
     for name in ("displacement", "forces", "stress"):
-        pairs = [(getattr(a, name)(), getattr(b, name)()) for a, b in zip(found.answers, exact.answers, strict=True)]
+        pairs = [
+            (getattr(a, name)(), getattr(b, name)())
+            for a, b in zip(found.answers, exact.answers, strict=True)
+        ]
         size = max(np.abs(b).max() for _, b in pairs)
         assert max(np.abs(a - b).max() for a, b in pairs) <= near * size, name
 
@@ -115,7 +131,8 @@ def test_a_condensed_model_of_tied_halves(law):
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.filterwarnings("ignore")
 def test_a_reduced_model_of_tied_halves(law, tmp_path):
-    """It has the error of that of one body: round-off with plasticity, 6 % with creep on a RID of half of the mesh.
+    """It has the error of that of one body: round-off with plasticity, 6 % with creep on a RID of
+    half of the mesh.
 
     Some nodes of the RID follow others.
     """
@@ -127,7 +144,9 @@ def test_a_reduced_model_of_tied_halves(law, tmp_path):
         if law == "yields":
             close(found, history, 1e-7)
         left.append(found.signs[-1].imbalance)
-        wrong.append(ordered(full, found.answers[-1].displacement() - history.answers[-1].displacement()))
+        wrong.append(
+            ordered(full, found.answers[-1].displacement() - history.answers[-1].displacement())
+        )
     flow = reduced.equilibrium.flow
     assert flow.cells.size < 0.6 * len(full.problem.cell_nodes)
     dofs = full.equilibrium.operator.restricted(flow.cells)[1][flow.inner]
@@ -135,14 +154,21 @@ def test_a_reduced_model_of_tied_halves(law, tmp_path):
     hhr.save_model(tmp_path / "tied.npz", reduced)
     close(hhr.load_model(tmp_path / "tied.npz").march(PATH, TIGHT), found, 1e-9)
     assert left[1] == pytest.approx(left[0], rel=1e-5, abs=1e-8)
-    assert wrong[1] == pytest.approx(wrong[0], abs=1e-6 * np.abs(history.answers[-1].displacement()).max())
+    assert wrong[1] == pytest.approx(
+        wrong[0], abs=1e-6 * np.abs(history.answers[-1].displacement()).max()
+    )
 
 
 def bolt(path, law, loads=(), **changes):
-    """A bolt of this law between its foot and springs at its head, E A / L = 333 and k = 500, without its plate."""
+    """A bolt of this law between its foot and springs at its head, E A / L = 333 and k = 500,
+    without its plate.
+    """
     spring = hhr.Springs("HEAD", 2, SPRING, bedding=True)
     made = scene(path, (hhr.Preload("CUT", "0.03 * p"),), (spring,), gap=1.0, ways=("p", 0.0, 1.0))
-    return replace(made, **{"bodies": (hhr.Body("BOLT", YOUNG, 0.3, law),), "loads": (spring, *loads)} | changes)
+    return replace(
+        made,
+        **{"bodies": (hhr.Body("BOLT", YOUNG, 0.3, law),), "loads": (spring, *loads)} | changes,
+    )
 
 
 SPRING = 500.0
@@ -152,7 +178,9 @@ SPRING = 500.0
 @needs("inelastic", "places")
 @pytest.mark.filterwarnings("ignore")
 def test_a_preloaded_bolt_relaxes(tmp_path):
-    """In series with a spring: (1/E + A/(k L)) σ' = -(σ/K)^n, by the implicit Euler method and, closely, in time."""
+    """In series with a spring: (1/E + A/(k L)) σ' = -(σ/K)^n, by the implicit Euler method and,
+    closely, in time.
+    """
     limit, exponent = 10.0, 3.0
     full = hhr.FullOrderModel(bolt(column(tmp_path / "bolt.inp"), hhr.Norton(limit, exponent)))
     times = np.concatenate([[0.0], 1e-12 + np.linspace(0.0, 0.05, 41)])
@@ -164,7 +192,9 @@ def test_a_preloaded_bolt_relaxes(tmp_path):
         before = stress
         stress = brentq(lambda s: give * (s - before) + step * (s / limit) ** exponent, 0.0, before)
         assert exact.answers[k].stress()[:, 2] == pytest.approx(stress, rel=1e-7)
-    closed = (first ** (1 - exponent) + (exponent - 1) * 0.05 / (limit**exponent * give)) ** (1 / (1 - exponent))
+    closed = (first ** (1 - exponent) + (exponent - 1) * 0.05 / (limit**exponent * give)) ** (
+        1 / (1 - exponent)
+    )
     assert stress == pytest.approx(closed, rel=0.02) and stress < 0.6 * first
     for model in others:
         close(model.march(path, TIGHT), exact, 1e-6)
@@ -173,7 +203,10 @@ def test_a_preloaded_bolt_relaxes(tmp_path):
 @needs("inelastic", "places")
 @pytest.mark.filterwarnings("ignore")
 def test_a_bolt_that_yields_and_a_force_in_it(tmp_path):
-    """The shortening is that of bar and spring with hardening; a force F alone moves the head by F / k."""
+    """The shortening is that of bar and spring with hardening.
+
+    a force F alone moves the head by F / k.
+    """
     limit, slope = 3.0, 100.0
     path = column(tmp_path / "bolt.inp")
     full = hhr.FullOrderModel(bolt(path, hhr.Plasticity(limit, slope)))
@@ -195,9 +228,15 @@ def test_a_bolt_that_yields_and_a_force_in_it(tmp_path):
 
 @needs("inelastic", "places")
 def test_an_equation_is_a_displacement():
-    """Of a lid of a body that yields, imposed as an equation of each of its nodes or as a displacement."""
+    """Of a lid of a body that yields, imposed as an equation of each of its nodes or as a
+    displacement.
+    """
     lid = [hhr.Nodes.near((x, 2.0)) for x in np.linspace(0, 1, 5)]
-    made = replace(whole(LAWS["yields"]), loads=(), contacts=(hhr.Obstacle(block.side(0, True), (1, 0), 1.002),))
+    made = replace(
+        whole(LAWS["yields"]),
+        loads=(),
+        contacts=(hhr.Obstacle(block.side(0, True), (1, 0), 1.002),),
+    )
     driven = hhr.Displacement(block.side(1, True), 1, "-0.05 * p")
     one = hhr.FullOrderModel(replace(made, displacements=(*made.displacements, driven)))
     equations = tuple(hhr.Equation(((node, 1, 2.0),), "-0.1 * p") for node in lid)

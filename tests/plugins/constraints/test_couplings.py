@@ -1,4 +1,6 @@
-"""Reference points of rigid and distributing couplings: their motions and forces, against beams in closed form."""
+"""Reference points of rigid and distributing couplings: their motions and forces, against beams in
+closed form.
+"""
 
 from dataclasses import replace
 
@@ -17,7 +19,9 @@ END = block.side(0, upper=True)
 
 
 def beam(dim, constraints=(), loads=(), wall=9.0, cells=2, poisson=0.0, **more):
-    """A cantilever along x of 4 x 1 (x 1) about the axis y = z = 0 with elements of second order, a wall above it."""
+    """A cantilever along x of 4 x 1 (x 1) about the axis y = z = 0 with elements of second order, a
+    wall above it.
+    """
     low = (0.0,) + (-0.5,) * (dim - 1)
     given = {
         "contacts": (hhr.Obstacle(block.side(1, upper=True), (0.0, 1.0, 0.0)[:dim], wall),),
@@ -43,9 +47,11 @@ def beam(dim, constraints=(), loads=(), wall=9.0, cells=2, poisson=0.0, **more):
 @pytest.mark.parametrize("rigid", [True, False])
 @pytest.mark.parametrize("dim", [2, 3])
 def test_an_end_moment_and_an_eccentric_force_bend_a_cantilever(dim, rigid):
-    """At nu = 0 the displacement of a beam is exact, quadratic: w = M L^2 / 2 E I, and u = F L / E A + M L e / E I.
+    """At nu = 0 the displacement of a beam is exact, quadratic: w = M L^2 / 2 E I, and u = F L / E
+    A + M L e / E I.
 
-    A distributing coupling has nodal forces of the same resultant as that stress, which differ from it in two cells.
+    A distributing coupling has nodal forces of the same resultant as that stress, which differ from
+    it in two cells.
     """
     stiff = YOUNG / 12
     near = 1e-12 if rigid else 2e-3
@@ -68,7 +74,10 @@ def test_an_end_moment_and_an_eccentric_force_bend_a_cantilever(dim, rigid):
 @needs("second_order")
 @pytest.mark.parametrize("rigid", [True, False])
 def test_an_imposed_motion_of_the_point_is_that_of_its_force(rigid):
-    """The point moves by -w of the tip less 1.5 of its slope; all six components of it are imposed, the others as 0."""
+    """The point moves by -w of the tip less 1.5 of its slope.
+
+    All six components of it are imposed, the others as 0.
+    """
     stiff = YOUNG / 12
     point = (LENGTH + 1.5, 0.0, 0.0)
     curvature = 1.2 / stiff
@@ -100,10 +109,16 @@ def test_a_square_bar_twists():
     u = full.solve(0.5).displacement().reshape(-1, 3)
     points = full.problem.points
     # of the section in the middle less that of another one: far from both ends
-    angle = [np.mean(u[at, 2][points[at, 1] > 0.4] / 0.5) for at in (np.isclose(points[:, 0], s) for s in (4.0, 8.0))]
+    angle = [
+        np.mean(u[at, 2][points[at, 1] > 0.4] / 0.5)
+        for at in (np.isclose(points[:, 0], s) for s in (4.0, 8.0))
+    ]
     assert angle[1] - angle[0] == pytest.approx(0.2 * 4.0 / (shear * 0.1406), rel=0.01)
     imposed = (
-        twist((), (hhr.MeanMotion(END, 3, "0.1 * p", (length, 0.0, 0.0)),)).solve(0.5).displacement().reshape(-1, 3)
+        twist((), (hhr.MeanMotion(END, 3, "0.1 * p", (length, 0.0, 0.0)),))
+        .solve(0.5)
+        .displacement()
+        .reshape(-1, 3)
     )
     part = np.linalg.lstsq(u.reshape(-1, 1), imposed.ravel(), rcond=None)[0][0]
     assert imposed == pytest.approx(part * u, abs=1e-9 * np.abs(imposed).max())
@@ -113,7 +128,9 @@ def test_a_square_bar_twists():
 @pytest.mark.filterwarnings("ignore:kappa")
 @pytest.mark.parametrize("rigid", [True, False])
 def test_all_models_agree_where_the_end_meets_a_wall(rigid):
-    """A rigid or a free end is pulled and turned below a wall, in full, condensed and hyper-reduced models."""
+    """A rigid or a free end is pulled and turned below a wall, in full, condensed and hyper-reduced
+    models.
+    """
     point = (LENGTH + 1.0, 0.7)
     ties = (hhr.RigidMotion(END), hhr.MeanMotion(END, 2, "0.004 * p", point)) if rigid else ()
     loads = (hhr.CoupledForce(END, 0, "5 * p", point), hhr.CoupledForce(END, 2, "4 * p", point))
@@ -129,15 +146,23 @@ def test_all_models_agree_where_the_end_meets_a_wall(rigid):
 
 
 def test_what_imposed_displacements_imply_is_left_out():
-    """A rigid end on a plane of symmetry, held twice over, is that without its redundant equations."""
+    """A rigid end on a plane of symmetry, held twice over, is that without its redundant
+    equations.
+    """
     side = block.side(1, upper=False)
     force = (hhr.NodalForce(hhr.Nodes.near((LENGTH, 0.5)), (-1.0, 0.3), "p"),)
     held = (*hhr.Displacement.clamp(ROOT, 2), hhr.Displacement(side, 1))
     once, twice = (
-        hhr.FullOrderModel(beam(2, ties, force, order=1, displacements=held)).solve(0.7).displacement()
+        hhr.FullOrderModel(beam(2, ties, force, order=1, displacements=held))
+        .solve(0.7)
+        .displacement()
         for ties in (
             (hhr.RigidMotion(END),),
-            (hhr.RigidMotion(END), hhr.RigidMotion(END), hhr.MeanMotion(END, 1, point=(LENGTH, -0.5))),
+            (
+                hhr.RigidMotion(END),
+                hhr.RigidMotion(END),
+                hhr.MeanMotion(END, 1, point=(LENGTH, -0.5)),
+            ),
         )
     )
     assert twice == pytest.approx(once, abs=1e-13) and np.abs(once).max() > 1e-4

@@ -34,7 +34,9 @@ TOP = block.side(1, upper=True)
 
 
 def test_a_body_follows_an_inclined_guide():
-    """Held along a normal and driven along the guide at two nodes it moves as a whole, without strain."""
+    """Held along a normal and driven along the guide at two nodes it moves as a whole, without
+    strain.
+    """
     normal, along = (-np.sin(TURN), np.cos(TURN)), (np.cos(TURN), np.sin(TURN))
     corner, other = (hhr.Nodes.near(place) for place in ((0.0, 0.0), (0.0, 1.0)))
     held = (
@@ -50,15 +52,28 @@ def test_a_body_follows_an_inclined_guide():
 
 @needs("floating")
 def test_directions_about_an_axis_keep_the_distance():
-    """A face that turns about an axis by tangential motions of 0.01 r at all nodes has no radial ones."""
+    """A face that turns about an axis by tangential motions of 0.01 r at all nodes has no radial
+    ones.
+    """
     about = {"axis_point": (-1.0, 0.0, 0.5), "axis_direction": (0.0, 2.0, 0.0)}
     lower = hhr.Nodes(lambda x: np.isclose(x[1], 0.0))
-    held = (hhr.DirectedDisplacement(lower, "radial", **about), hhr.DirectedDisplacement(lower, "tangential", **about))
-    full = hhr.FullOrderModel(body(3, held, (hhr.Displacement(BOTTOM, 1),), (hhr.Pressure(TOP, "p"),)))
-    clamped = hhr.FullOrderModel(body(3, (), hhr.Displacement.clamp(BOTTOM, 3), (hhr.Pressure(TOP, "p"),)))
+    held = (
+        hhr.DirectedDisplacement(lower, "radial", **about),
+        hhr.DirectedDisplacement(lower, "tangential", **about),
+    )
+    full = hhr.FullOrderModel(
+        body(3, held, (hhr.Displacement(BOTTOM, 1),), (hhr.Pressure(TOP, "p"),))
+    )
+    clamped = hhr.FullOrderModel(
+        body(3, (), hhr.Displacement.clamp(BOTTOM, 3), (hhr.Pressure(TOP, "p"),))
+    )
     # both directions and the height are all of a node's displacement
-    assert full.solve(1.0).displacement() == pytest.approx(clamped.solve(1.0).displacement(), abs=1e-12)
-    free = hhr.FullOrderModel(body(3, held[:1], (hhr.Displacement(BOTTOM, 1),), (hhr.Pressure(TOP, "p"),)))
+    assert full.solve(1.0).displacement() == pytest.approx(
+        clamped.solve(1.0).displacement(), abs=1e-12
+    )
+    free = hhr.FullOrderModel(
+        body(3, held[:1], (hhr.Displacement(BOTTOM, 1),), (hhr.Pressure(TOP, "p"),))
+    )
     moved, points = free.solve(1.0).displacement().reshape(-1, 3), free.problem.points
     foot = np.isclose(points[:, 1], 0.0)
     away = points[foot] - (-1.0, 0.0, 0.5)

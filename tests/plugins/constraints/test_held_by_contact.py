@@ -19,7 +19,9 @@ CELLS = 4
 
 
 def halves():
-    """Two blocks of 1 x 1, one above the other, tied, in a corner: the lower one has a wall and a floor."""
+    """Two blocks of 1 x 1, one above the other, tied, in a corner: the lower one has a wall and a
+    floor.
+    """
     made = tied(cells=((CELLS, CELLS),) * 2, box=BOX)
     wall = hhr.Obstacle(two_blocks.side(1, 0, upper=False), (-1, 0), 0.01)
     return replace(
@@ -36,9 +38,13 @@ def halves():
 @needs("mortar", "nonmatching")
 @pytest.mark.parametrize("kind", ["Mortar", "NodeToSurface"])
 def test_tied_halves_in_a_corner(kind):
-    """They move as one in three ways; forces balance p on a width of 1 and q on a height of 2, and its moment."""
+    """They move as one in three ways; forces balance p on a width of 1 and q on a height of 2, and
+    its moment.
+    """
     two = halves()
-    full = hhr.FullOrderModel(replace(two, constraints=(replace(two.constraints[0], pairing=getattr(hhr, kind)),)))
+    full = hhr.FullOrderModel(
+        replace(two, constraints=(replace(two.constraints[0], pairing=getattr(hhr, kind)),))
+    )
     problem = full.problem
     assert problem.kernel.motions.shape[1] == 3
     for point in ([0.4, 0.15], [0.9, 0.12]):
@@ -46,14 +52,19 @@ def test_tied_halves_in_a_corner(kind):
         check_contact_conditions(problem, answer.displacement(), answer.forces(), point)
         wall = problem.contact_pairs == 0
         forces, places = answer.forces(), problem.contact_points
-        assert [forces[wall].sum(), forces[~wall].sum()] == pytest.approx([2 * point[1], point[0]], rel=1e-9)
+        assert [forces[wall].sum(), forces[~wall].sum()] == pytest.approx(
+            [2 * point[1], point[0]], rel=1e-9
+        )
         turning = forces[~wall] @ places[~wall, 0] - forces[wall] @ places[wall, 1]
         assert turning == pytest.approx(0.5 * point[0] - 2 * point[1], rel=1e-9)
         u = answer.displacement().reshape(-1, 2)
         (first, second) = (
-            u[np.flatnonzero(np.abs(problem.points - place).sum(axis=1) < 1e-9)] for place in ([0, 1], [1, 1])
+            u[np.flatnonzero(np.abs(problem.points - place).sum(axis=1) < 1e-9)]
+            for place in ([0, 1], [1, 1])
         )
-        assert first[0] == pytest.approx(first[1], abs=1e-12) and second[0] == pytest.approx(second[1], abs=1e-12)
+        assert first[0] == pytest.approx(first[1], abs=1e-12) and second[0] == pytest.approx(
+            second[1], abs=1e-12
+        )
 
 
 @pytest.mark.filterwarnings("ignore:kappa")
@@ -78,14 +89,21 @@ def test_gradients_of_joined_bodies_are_differences():
         exact = model.solve(at, gradient=True).gradient
         for k, step in enumerate(1e-5 * np.eye(2)):
             ahead, back = (model.solve(at + sign * step) for sign in (1, -1))
-            assert exact.multipliers[:, k] == pytest.approx((ahead.forces() - back.forces()) / 2e-5, abs=1e-6)
+            assert exact.multipliers[:, k] == pytest.approx(
+                (ahead.forces() - back.forces()) / 2e-5, abs=1e-6
+            )
 
 
 @pytest.mark.parametrize("order", [1, pytest.param(2, marks=needs("second_order"))])
 def test_a_force_apart_presses_a_plate(order, tmp_path):
-    """Between the sides of a section the upper part of a bolt is loose: the plate bears the force, a mechanism."""
+    """Between the sides of a section the upper part of a bolt is loose: the plate bears the force,
+    a mechanism.
+    """
     made = scene(
-        column(tmp_path / "bolt.inp", order), (hhr.ForcedSection("CUT"),), (hhr.BoltForce("CUT", "-2 * p"),), 0.1
+        column(tmp_path / "bolt.inp", order),
+        (hhr.ForcedSection("CUT"),),
+        (hhr.BoltForce("CUT", "-2 * p"),),
+        0.1,
     )
     full = hhr.FullOrderModel(made)
     assert full.problem.kernel.motions.shape[1] == 1
@@ -99,8 +117,15 @@ def test_a_force_apart_presses_a_plate(order, tmp_path):
 @pytest.mark.filterwarnings("ignore:kappa")
 @needs("moduli")
 def test_moduli_may_be_parameters(tmp_path):
-    """Of a bolt whose upper part is loose: its middle moves by the gap and the shortening above it, F / (E A)."""
-    made = scene(column(tmp_path / "bolt.inp"), (hhr.ForcedSection("CUT"),), (hhr.BoltForce("CUT", "-2 * p"),), 0.1)
+    """Of a bolt whose upper part is loose: its middle moves by the gap and the shortening above it,
+    F / (E A).
+    """
+    made = scene(
+        column(tmp_path / "bolt.inp"),
+        (hhr.ForcedSection("CUT"),),
+        (hhr.BoltForce("CUT", "-2 * p"),),
+        0.1,
+    )
     made = replace(
         made,
         bodies=(hhr.Body("BOLT", young="E", poisson=0.3),),
@@ -115,12 +140,21 @@ def test_moduli_may_be_parameters(tmp_path):
 
 
 def test_what_nothing_holds_is_named(tmp_path):
-    """A bolt that a force draws away from the plate; and joined halves without one of their walls."""
-    made = scene(column(tmp_path / "bolt.inp"), (hhr.ForcedSection("CUT"),), (hhr.BoltForce("CUT", "2 * p"),), 0.1)
+    """A bolt that a force draws away from the plate; and joined halves without one of their
+    walls.
+    """
+    made = scene(
+        column(tmp_path / "bolt.inp"),
+        (hhr.ForcedSection("CUT"),),
+        (hhr.BoltForce("CUT", "2 * p"),),
+        0.1,
+    )
     answer = hhr.FullOrderModel(made).solve(0.5, raise_on_failure=False)
     assert not answer.converged
     loose = halves()
-    with pytest.raises(NotSolvableError, match=r"body 1 .* with body 2 .* moves along axis 0.*loads drive"):
+    with pytest.raises(
+        NotSolvableError, match=r"body 1 .* with body 2 .* moves along axis 0.*loads drive"
+    ):
         hhr.FullOrderModel(replace(loose, contacts=loose.contacts[1:]))
 
 
@@ -134,9 +168,14 @@ def test_laws_of_tied_halves_that_contact_holds():
     answer = full.march([(0.0, 0.4 * point + 0.06), (1.0, point)]).answers[-1]
     wall, forces = full.problem.contact_pairs == 0, answer.forces()
     assert answer.plastic_strain().max() > 1e-3
-    assert [forces[wall].sum(), forces[~wall].sum()] == pytest.approx([2 * point[1], point[0]], rel=1e-9)
+    assert [forces[wall].sum(), forces[~wall].sum()] == pytest.approx(
+        [2 * point[1], point[0]], rel=1e-9
+    )
     u = answer.displacement().reshape(-1, 2)
     (first, second) = (
-        u[np.flatnonzero(np.abs(full.problem.points - place).sum(axis=1) < 1e-9)] for place in ([0, 1], [1, 1])
+        u[np.flatnonzero(np.abs(full.problem.points - place).sum(axis=1) < 1e-9)]
+        for place in ([0, 1], [1, 1])
     )
-    assert first[0] == pytest.approx(first[1], abs=1e-12) and second[0] == pytest.approx(second[1], abs=1e-12)
+    assert first[0] == pytest.approx(first[1], abs=1e-12) and second[0] == pytest.approx(
+        second[1], abs=1e-12
+    )

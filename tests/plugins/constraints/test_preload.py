@@ -16,14 +16,40 @@ def column(path, order=1, slope=0.0):
     """A column of 1 x 1 x 3 with 1 x 1 x 3 cells whose nodes in the middle are a set, CUT."""
     shift = lambda x, z: z + (slope * (x - 0.5) if 0.9 < z < 2.1 else 0.0)  # noqa: E731
     step = 1.0 / order
-    axes = [np.arange(0, 1 + step / 2, step), np.arange(0, 1 + step / 2, step), np.arange(0, LENGTH + step / 2, step)]
+    axes = [
+        np.arange(0, 1 + step / 2, step),
+        np.arange(0, 1 + step / 2, step),
+        np.arange(0, LENGTH + step / 2, step),
+    ]
     number, rows = {}, ["*NODE"]
     for place in ((x, y, z) for z in axes[2] for y in axes[1] for x in axes[0]):
         if sum(abs(c - round(c)) > 1e-9 for c in place) < 2:  # corners and middles of edges
             number[tuple(np.round(place, 6))] = len(number) + 1
             rows.append(f"{len(number)}, {place[0]}, {place[1]}, {shift(place[0], place[2])}")
-    corners = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 1), (1, 1, 1), (0, 1, 1)]
-    edges = [(0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)]
+    corners = [
+        (0, 0, 0),
+        (1, 0, 0),
+        (1, 1, 0),
+        (0, 1, 0),
+        (0, 0, 1),
+        (1, 0, 1),
+        (1, 1, 1),
+        (0, 1, 1),
+    ]
+    edges = [
+        (0, 1),
+        (1, 2),
+        (2, 3),
+        (3, 0),
+        (4, 5),
+        (5, 6),
+        (6, 7),
+        (7, 4),
+        (0, 4),
+        (1, 5),
+        (2, 6),
+        (3, 7),
+    ]
     rows.append(f"*ELEMENT, TYPE=C3D{8 if order == 1 else 20}, ELSET=BOLT")
     for k in range(3):
         own = [np.add(c, (0.0, 0.0, k)) for c in corners]
@@ -32,13 +58,17 @@ def column(path, order=1, slope=0.0):
     cut = [n for place, n in number.items() if place[2] == 1.0]
     rows += ["*NSET, NSET=CUT", ", ".join(map(str, cut))]
     for name, face, cell in (("FOOT", 1, 1), ("HEAD", 2, 3), ("LEFT", 6, None), ("FRONT", 3, None)):
-        rows += [f"*SURFACE, NAME={name}"] + [f"{n}, S{face}" for n in ([cell] if cell else (1, 2, 3))]
+        rows += [f"*SURFACE, NAME={name}"] + [
+            f"{n}, S{face}" for n in ([cell] if cell else (1, 2, 3))
+        ]
     path.write_text("\n".join(rows) + "\n")
     return path
 
 
 def scene(path, constraints=(), loads=(), gap=0.0, ways=("p", 0.1, 1.0), sections=("CUT",)):
-    """The column held at its foot, its sides sliding, below a plate at its head that is ``gap`` away; no friction."""
+    """The column held at its foot, its sides sliding, below a plate at its head that is ``gap``
+    away; no friction.
+    """
     sides = hhr.Displacement("LEFT", 0), hhr.Displacement("FRONT", 1), hhr.Displacement("FOOT", 2)
     name, low, high = ways
     return hhr.Scene(
@@ -51,9 +81,11 @@ def scene(path, constraints=(), loads=(), gap=0.0, ways=("p", 0.1, 1.0), section
         loads=loads,
         constraints=constraints,
         parameters=hhr.ParameterSpace((name,), (low,), (high,)),
-        outputs=(hhr.ContactForce("plate", contact=0, direction=(0.0, 0.0, 1.0)),
-                 hhr.DisplacementAt("head", (0.0, 0.0, LENGTH), 2)),
-    )  # fmt: skip
+        outputs=(
+            hhr.ContactForce("plate", contact=0, direction=(0.0, 0.0, 1.0)),
+            hhr.DisplacementAt("head", (0.0, 0.0, LENGTH), 2),
+        ),
+    )
 
 
 @pytest.mark.parametrize("order", [1, pytest.param(2, marks=needs("second_order"))])
@@ -69,19 +101,27 @@ def test_a_bolt_without_resistance_gets_shorter(order, tmp_path):
 @pytest.mark.filterwarnings("ignore:kappa")
 @pytest.mark.parametrize("order", [1, pytest.param(2, marks=needs("second_order"))])
 def test_a_bolt_pushed_apart_presses_the_plate(order, tmp_path):
-    """A negative shortening against a plate: force E A (δ - gap) / L, in full, condensed and hyper-reduced models."""
+    """A negative shortening against a plate: force E A (δ - gap) / L, in full, condensed and
+    hyper-reduced models.
+    """
     path = column(tmp_path / "bolt.inp", order)
-    training = hhr.train(scene(path, (hhr.Preload("CUT", "-0.01 * p"),), gap=0.002), hhr.Sobol(8), held_out=2)
+    training = hhr.train(
+        scene(path, (hhr.Preload("CUT", "-0.01 * p"),), gap=0.002), hhr.Sobol(8), held_out=2
+    )
     for model in (training.full_order, hhr.condense(training.full_order), training.build()):
         found = model.solve(0.8).outputs()
-        assert abs(found["plate"]) == pytest.approx(YOUNG * AREA * (0.008 - 0.002) / LENGTH, rel=1e-6)
+        assert abs(found["plate"]) == pytest.approx(
+            YOUNG * AREA * (0.008 - 0.002) / LENGTH, rel=1e-6
+        )
         assert model.solve(0.15).outputs()["plate"] == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.filterwarnings("ignore:kappa")
 @needs("moduli")
 def test_the_modulus_of_a_bolt_may_be_a_parameter(tmp_path):
-    """The force on the plate is E A (δ - gap) / L for any E, also with the modulus of a spring beside it."""
+    """The force on the plate is E A (δ - gap) / L for any E, also with the modulus of a spring
+    beside it.
+    """
     path = column(tmp_path / "bolt.inp")
     varied = {"parameters": hhr.ParameterSpace(("p", "E"), (0.1, 500.0), (1.0, 2000.0))}
     made = scene(path, (hhr.Preload("CUT", "-0.01 * p"),), gap=0.002)
@@ -91,12 +131,16 @@ def test_the_modulus_of_a_bolt_may_be_a_parameter(tmp_path):
         for model in (training.full_order, training.condense(), training.build()):
             for young in (700.0, 1900.0):
                 plate = young * AREA * (0.008 - 0.002) / LENGTH - spring * 0.002
-                assert abs(model.solve([0.8, young]).outputs()["plate"]) == pytest.approx(plate, rel=1e-6)
+                assert abs(model.solve([0.8, young]).outputs()["plate"]) == pytest.approx(
+                    plate, rel=1e-6
+                )
 
 
 @needs("elasticity")
 def test_a_force_draws_the_sides_together(tmp_path):
-    """The head is held by a spring: tension F everywhere, the shortening F L / (E A) + F / k, F a parameter."""
+    """The head is held by a spring: tension F everywhere, the shortening F L / (E A) + F / k, F a
+    parameter.
+    """
     path = column(tmp_path / "bolt.inp")
     spring = hhr.Springs("HEAD", 2, 50.0, bedding=True)
     loads = (hhr.BoltForce("CUT", "2 * p"), spring)
@@ -121,7 +165,9 @@ def test_a_section_that_is_no_section_is_refused(tmp_path):
     assert len(bent.surfaces["CUT"]) == 1  # an inclined plane is flat
 
 
-@pytest.mark.parametrize("constraints", [(), (hhr.Preload("CUT", 0.0),), (hhr.ForcedSection("OTHER"),)])
+@pytest.mark.parametrize(
+    "constraints", [(), (hhr.Preload("CUT", 0.0),), (hhr.ForcedSection("OTHER"),)]
+)
 def test_a_force_without_its_section_is_refused(constraints, tmp_path):
     """Else it would be a force at two nodes, or none at all."""
     with pytest.raises(SceneError, match="must follow: add ForcedSection"):

@@ -9,12 +9,18 @@ import hhr_dolfinx as hhr
 
 
 def mesh(path, cells):
-    """Blocks of 1 x 1 side by side on a base of 2 x 1, with surfaces low, up, l and r; cells along x of each."""
+    """Blocks of 1 x 1 side by side on a base of 2 x 1, with surfaces low, up, l and r.
+
+    Cells along x of each.
+    """
     gmsh.initialize()
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         made = {"left": (0, 0, 1), "right": (1, 0, 1), "base": (0, -1, 2)}
-        tags = {name: gmsh.model.occ.addRectangle(x, y, 0, wide, 1) for name, (x, y, wide) in made.items()}
+        tags = {
+            name: gmsh.model.occ.addRectangle(x, y, 0, wide, 1)
+            for name, (x, y, wide) in made.items()
+        }
         gmsh.model.occ.synchronize()
         for (name, tag), count in zip(tags.items(), cells, strict=True):
             gmsh.model.addPhysicalGroup(2, [tag], name=name)
@@ -34,15 +40,23 @@ def mesh(path, cells):
 
 
 @needs("constraints", "mortar", "nonmatching", "floating", "shared_nodes")
-@pytest.mark.parametrize(("pairing", "cells"), [
-    pytest.param(*MORTAR.values, (4, 5, 6), id="Mortar"), pytest.param(*NODE_TO_SURFACE.values, (4, 4, 8), id="nodes"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("pairing", "cells"),
+    [
+        pytest.param(*MORTAR.values, (4, 5, 6), id="Mortar"),
+        pytest.param(*NODE_TO_SURFACE.values, (4, 4, 8), id="nodes"),
+    ],
+)
 def test_slaves_that_a_tie_makes_one_have_one_condition(pairing, cells, tmp_path):
-    """Patch test: pressed by 10, each block bears 10 at the arms 0.5 and 1.5, on nodes of its own."""
+    """Patch test: pressed by 10, each block bears 10 at the arms 0.5 and 1.5, on nodes of its
+    own.
+    """
     mesh(tmp_path / "tied.msh", cells)
     press = hhr.Amplitude(slopes={"press": 1.0})
     scene = hhr.Scene(
-        name="tied", hypothesis="plane_strain", geometry=hhr.MeshFile(str(tmp_path / "tied.msh")),
+        name="tied",
+        hypothesis="plane_strain",
+        geometry=hhr.MeshFile(str(tmp_path / "tied.msh")),
         bodies=tuple(hhr.Body(name, young=1e3, poisson=0.0) for name in ("left", "right", "base")),
         contacts=tuple(pairing(f"{name}_low", "base_up") for name in ("left", "right")),
         constraints=(hhr.Tie("right_l", "left_r"),),
@@ -53,15 +67,19 @@ def test_slaves_that_a_tie_makes_one_have_one_condition(pairing, cells, tmp_path
             output
             for k in (0, 1)
             for output in (
-                hhr.ContactForce(f"force {k}", k, (0.0, 1.0)), hhr.ContactMoment(f"moment {k}", k, (0.0, 0.0)),
+                hhr.ContactForce(f"force {k}", k, (0.0, 1.0)),
+                hhr.ContactMoment(f"moment {k}", k, (0.0, 0.0)),
                 hhr.ContactWidth(f"width {k}", k),
             )
         ),
-    )  # fmt: skip
+    )
     full = hhr.FullOrderModel(scene)
     answer = full.solve({"press": 10.0})
     assert full.conditions == cells[0] + cells[1] + 1
     assert answer.pressure() == pytest.approx(np.full(full.conditions, 10.0), rel=1e-9)
-    halves = {f"{name} {k}": value for k, arm in enumerate((0.5, 1.5))
-              for name, value in (("force", 10.0), ("moment", 10.0 * arm), ("width", 1.0))}  # fmt: skip
+    halves = {
+        f"{name} {k}": value
+        for k, arm in enumerate((0.5, 1.5))
+        for name, value in (("force", 10.0), ("moment", 10.0 * arm), ("width", 1.0))
+    }
     assert dict(answer.outputs().items()) == pytest.approx(halves, rel=1e-9)

@@ -1,4 +1,6 @@
-"""A law of interfaces of a user's own: right where its facet is, refused by name everywhere else."""
+"""A law of interfaces of a user's own: right where its facet is, refused by name everywhere
+else.
+"""
 
 import dataclasses
 from functools import cache
@@ -36,7 +38,11 @@ OPENING = [*PATH, (7.0, 0.002), (8.0, 0.025), (8.5, 0.024)]
 
 def scene(**law):
     """A block pressed on an obstacle, whose pressure is the same everywhere."""
-    left, top, bottom = block.side(0, upper=False), block.side(1, upper=True), block.side(1, upper=False)
+    left, top, bottom = (
+        block.side(0, upper=False),
+        block.side(1, upper=True),
+        block.side(1, upper=False),
+    )
     return block_scene(
         "wearing",
         {"push": (0.0, 0.03)},
@@ -62,7 +68,9 @@ def pressures(path):
 
 
 def flowing_pressures(path, law):
-    """The same of a block that flows: p and the strain that leaves its sides free, by the law at one point."""
+    """The same of a block that flows: p and the strain that leaves its sides free, by the law at
+    one point.
+    """
     from hhr_dolfinx.plugins.inelastic.update import Group, Material
 
     material = Material([Group(np.zeros(1, dtype=np.int64), YOUNG, POISSON, law.at_points(4))], 4)
@@ -74,7 +82,9 @@ def flowing_pressures(path, law):
             strain = np.array([[x[0], (worn + CONSTANT * dt * x[1] - push) / HEIGHT, 0.0, 0.0]])
             return material.update(strain, state, dt, tangent=False)
 
-        solved = root(lambda x, update=update: update(x).stress[0, :2] + [0.0, x[1]], np.zeros(2), tol=1e-12)
+        solved = root(
+            lambda x, update=update: update(x).stress[0, :2] + [0.0, x[1]], np.zeros(2), tol=1e-12
+        )
         assert np.abs(solved.fun).max() < 1e-14 and solved.x[1] > 0
         state = update(solved.x).state
         worn += CONSTANT * dt * solved.x[1]
@@ -111,7 +121,11 @@ def test_histories_are_those_by_hand(full, tmp_path):
     expected, depths = pressures(PATH)
     condensed = hhr.condense(full)
     hhr.save_model(tmp_path / "model.npz", condensed)
-    for model in (full, condensed, hhr.load_model(tmp_path / "model.npz", known=[my_contact_law.Wearing])):
+    for model in (
+        full,
+        condensed,
+        hhr.load_model(tmp_path / "model.npz", known=[my_contact_law.Wearing]),
+    ):
         history = model.march(PATH)
         found = [answer.outputs()["force"] / WIDTH for answer in history.answers]
         np.testing.assert_allclose(found, expected, rtol=1e-9)
@@ -121,9 +135,13 @@ def test_histories_are_those_by_hand(full, tmp_path):
 
 
 def slopes(path):
-    """Derivatives of pressures and depths along the push of all steps, by the recurrence of :func:`pressures`."""
+    """Derivatives of pressures and depths along the push of all steps, by the recurrence of
+    :func:`pressures`.
+    """
     depth, found = 0.0, []
-    for (before, _), (time, _), pressure in zip(path[:-1], path[1:], pressures(path)[0], strict=True):
+    for (before, _), (time, _), pressure in zip(
+        path[:-1], path[1:], pressures(path)[0], strict=True
+    ):
         dt = time - before
         slope = (1.0 - depth) / (COMPLIANCE + CONSTANT * dt) if pressure > 0 else 0.0
         depth += CONSTANT * dt * slope
@@ -132,7 +150,9 @@ def slopes(path):
 
 
 def test_derivatives_of_histories_are_those_by_hand(full):
-    """Of contacts that open and close again: the depth keeps its derivative in the step without force."""
+    """Of contacts that open and close again: the depth keeps its derivative in the step without
+    force.
+    """
     expected, _ = pressures(OPENING)
     assert (expected == 0).tolist() == [False] * 4 + [True] + [False] * 2
     for model in (full, hhr.condense(full)):
@@ -144,7 +164,9 @@ def test_derivatives_of_histories_are_those_by_hand(full):
 
 
 def test_ranges_answer_as_increments_of_its_own(full, monkeypatch):
-    """Another solver, an active set, on the same backward Euler: equal but for round-off of S, cond(S) < 100."""
+    """Another solver, an active set, on the same backward Euler: equal but for round-off of S,
+    cond(S) < 100.
+    """
     exact = full.march(OPENING).answers
     own = hhr.FullOrderModel(scene(law=install(monkeypatch, toy_increments.PLUGIN)), MPI.COMM_SELF)
     assert type(own.law) is my_contact_law.Wearing and isinstance(full.law, Interface)
@@ -159,25 +181,42 @@ def test_ranges_answer_as_increments_of_its_own(full, monkeypatch):
 
 @needs("inelastic")
 def test_bodies_that_flow_wear_as_by_hand(wear, tmp_path):
-    """Facet ``range`` in the steps of full and condensed models, and of a file: to the tolerance of steps, 1e-10.
+    """Facet ``range`` in the steps of full and condensed models, and of a file: to the tolerance of
+    steps, 1e-10.
 
     Newton's slope of a condensed step has that of the forces, else it took more iterations.
     """
     from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 
     law = hhr.Plasticity(0.05, 0.5)
-    flowing = dataclasses.replace(scene(law=wear), bodies=(hhr.Body(block.SOLID, YOUNG, POISSON, law),))
+    flowing = dataclasses.replace(
+        scene(law=wear), bodies=(hhr.Body(block.SOLID, YOUNG, POISSON, law),)
+    )
     full = hhr.FullOrderModel(flowing, MPI.COMM_SELF)
-    tight = hhr.MarchSettings(relative_force=1e-11, relative_stress=1e-11, floor_stress=1e-11, outside="ignore")
+    tight = hhr.MarchSettings(
+        relative_force=1e-11, relative_stress=1e-11, floor_stress=1e-11, outside="ignore"
+    )
     pressure, depth, cumulated = flowing_pressures(PATH, law)
     assert cumulated[-1] > 1e-3
-    condensed = hhr.build(full, hhr.SnapshotSet.of_histories([full.march(PATH, tight)]), CorrectionSettings(trust=None))
+    condensed = hhr.build(
+        full,
+        hhr.SnapshotSet.of_histories([full.march(PATH, tight)]),
+        CorrectionSettings(trust=None),
+    )
     hhr.save_model(tmp_path / "model.npz", condensed)
-    for model in (full, condensed, hhr.load_model(tmp_path / "model.npz", known=[my_contact_law.Wearing])):
+    for model in (
+        full,
+        condensed,
+        hhr.load_model(tmp_path / "model.npz", known=[my_contact_law.Wearing]),
+    ):
         answers = model.march(PATH, tight).answers
         assert model is full or max(answer.iterations for answer in answers) <= 6
-        np.testing.assert_allclose([a.outputs()["force"] / WIDTH for a in answers], pressure, rtol=1e-8)
-        np.testing.assert_allclose([a.worn for a in answers], np.outer(depth, np.ones(5)), rtol=1e-8)
+        np.testing.assert_allclose(
+            [a.outputs()["force"] / WIDTH for a in answers], pressure, rtol=1e-8
+        )
+        np.testing.assert_allclose(
+            [a.worn for a in answers], np.outer(depth, np.ones(5)), rtol=1e-8
+        )
 
 
 def test_steps_are_cut_until_forces_decay_as_they_should(full):
@@ -186,13 +225,17 @@ def test_steps_are_cut_until_forces_decay_as_they_should(full):
     answer = hhr.condense(full).march(held, hhr.MarchSettings(time_tolerance=1e-3)).answers[-1]
     exact = 0.02 / COMPLIANCE * np.exp(-CONSTANT * 4.0 / COMPLIANCE)
     assert answer.parts > 4
-    assert answer.outputs()["force"] / WIDTH == pytest.approx(exact, rel=20 * answer.time_error) != 0
+    assert (
+        answer.outputs()["force"] / WIDTH == pytest.approx(exact, rel=20 * answer.time_error) != 0
+    )
     assert answer.time_error < 0.05
 
 
 def test_histories_are_kept_and_go_on(full, tmp_path):
     stores = (hhr.SnapshotStore(tmp_path, full) for _ in range(2))
-    known, again = (hhr.compute_snapshots(full, [PATH], store=store).histories[0] for store in stores)
+    known, again = (
+        hhr.compute_snapshots(full, [PATH], store=store).histories[0] for store in stores
+    )
     for one, other in zip(known.answers, again.answers, strict=True):
         np.testing.assert_array_equal(one.worn, other.worn)
     further = full.march(PATH, known=list(again.answers[:2]))
@@ -210,7 +253,9 @@ def fields(full, path):
 REFUSING = [
     pytest.param(fields, "not built in", marks=needs("checks")),
     pytest.param(OF_PLUGINS["studies"], "remember their path", marks=needs("studies")),
-    pytest.param(deck, r"a deck of contacts with wear .* it has no facet 'deck'", marks=needs("exporters")),
+    pytest.param(
+        deck, r"a deck of contacts with wear .* it has no facet 'deck'", marks=needs("exporters")
+    ),
 ]
 
 
@@ -223,7 +268,9 @@ def test_what_does_not_know_it_refuses_it(read, why, full, tmp_path):
 def test_a_facet_without_increments_refuses(by_steps, monkeypatch):
     full = hhr.FullOrderModel(scene(law=by_steps), MPI.COMM_SELF)
     monkeypatch.setattr(registry, "facet", lambda *_: LawSteps())
-    with pytest.raises(NotOfferedError, match="increments of elastic bodies are not built in with wear"):
+    with pytest.raises(
+        NotOfferedError, match="increments of elastic bodies are not built in with wear"
+    ):
         full.march(PATH)
 
 
@@ -247,18 +294,29 @@ def of_another(monkeypatch):
 
 def cut(monkeypatch):
     whole = Wear.attached.__func__
-    own = lambda cls, laws, scene, rows, pairs, *more: whole(cls, laws, scene, rows.take([0]), pairs[:1], *more)  # noqa: E731
+
+    def own(cls, laws, scene, rows, pairs, *more):
+        return whole(cls, laws, scene, rows.take([0]), pairs[:1], *more)
+
     monkeypatch.setattr(Wear, "attached", classmethod(own))
 
 
-@pytest.mark.parametrize(("change", "why"), [
-    (denying, r"Wearing says that it does not remember, and its increments read 'worn' of its memory"),
-    (unread, r"attached\(\) of Wear returned Unilateral.*would leave out wear 0.05"),
-    (of_another, r"of the plug-in 'my_contact_law', is needed"),
-    (cut, "must append rows to the conditions"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        (
+            denying,
+            r"Wearing says that it does not remember, and its increments read 'worn' of its memory",
+        ),
+        (unread, r"attached\(\) of Wear returned Unilateral.*would leave out wear 0.05"),
+        (of_another, r"of the plug-in 'my_contact_law', is needed"),
+        (cut, "must append rows to the conditions"),
+    ],
+)
 def test_a_law_is_in_the_problem_or_refused(change, why, wear, monkeypatch):
-    """No flag decides whether a law is read: a wear that models leave out would be a pressure that never falls."""
+    """No flag decides whether a law is read: a wear that models leave out would be a pressure that
+    never falls.
+    """
     change(monkeypatch)
     with pytest.raises(SceneError, match=why):
         hhr.FullOrderModel(scene(law=wear))
@@ -269,7 +327,9 @@ def test_a_law_need_not_say_that_it_remembers(wear):
     assert "remembers" not in vars(my_contact_law.Wearing)
     expected, _ = pressures(PATH)
     history = hhr.FullOrderModel(scene(law=wear)).march(PATH)
-    assert [answer.outputs()["force"] / WIDTH for answer in history.answers] == pytest.approx(expected, rel=1e-9)
+    assert [answer.outputs()["force"] / WIDTH for answer in history.answers] == pytest.approx(
+        expected, rel=1e-9
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -296,9 +356,13 @@ def test_a_law_of_a_pairing_of_ones_own_is_read_whatever_its_field(wear):
     made = scene()
     for pair in (Plane(bottom, law=wear), Plane(bottom, extra=wear)):
         history = hhr.FullOrderModel(dataclasses.replace(made, contacts=(pair,))).march(PATH)
-        assert [answer.outputs()["force"] / WIDTH for answer in history.answers] == pytest.approx(expected, rel=1e-9)
+        assert [answer.outputs()["force"] / WIDTH for answer in history.answers] == pytest.approx(
+            expected, rel=1e-9
+        )
     inside = Plane(bottom, inner=hhr.Obstacle(bottom, (0.0, -1.0), 0.0, law=wear))
-    with pytest.raises(SceneError, match=r"contact 0 .* has a law inside of its inner.*give the outer pairing"):
+    with pytest.raises(
+        SceneError, match=r"contact 0 .* has a law inside of its inner.*give the outer pairing"
+    ):
         dataclasses.replace(made, contacts=(inside,))
     with pytest.raises(SceneError, match=r"has law = 0.3, and no plug-in reads it"):
         dataclasses.replace(made, contacts=(Plane(bottom, law=0.3),))
@@ -321,7 +385,9 @@ def test_laws_of_several_classes_are_not_read_by_one_of_them(wear):
 
 @needs("floating", "friction", "shapes")
 def test_scenes_that_it_is_not_made_for_are_refused(wear, monkeypatch):
-    """Its rates are divided by areas of one shape, and without its range nothing solves for motions of bodies."""
+    """Its rates are divided by areas of one shape, and without its range nothing solves for motions
+    of bodies.
+    """
     with pytest.raises(SceneError, match="several laws, friction, law"):
         scene(law=wear, friction=0.3)
     made, lid = scene(law=wear), block.side(1, upper=True)
@@ -329,7 +395,10 @@ def test_scenes_that_it_is_not_made_for_are_refused(wear, monkeypatch):
     wide = hhr.Shape(block.SOLID, ("x * (1 + wide)", "y"))
     for changes, why in (
         (free, r"contact alone holds bodies .* wear, does not solve for their motions"),
-        ({"shapes": (wide,), "parameters": space(push=(0.0, 0.03), wide=(0.0, 0.05))}, "wear, which reads the areas of slave nodes"),
+        (
+            {"shapes": (wide,), "parameters": space(push=(0.0, 0.03), wide=(0.0, 0.05))},
+            "wear, which reads the areas of slave nodes",
+        ),
     ):
         every = {**registry.installed(), "my_contact_law": toy_increments.PLUGIN}
         with monkeypatch.context() as patched, pytest.raises(SceneError, match=why):
@@ -344,7 +413,9 @@ def test_pairs_that_slide_refuse_it_by_name(wear):
     with pytest.raises(SceneError, match="wear"):
         hhr.slide(scene(law=wear))
     pair = hhr.NodeToSurface(testing.LOWER_SURFACE, testing.UPPER_SURFACE, law=wear)
-    with pytest.raises(SceneError, match=r"has a law, wear 0.05, that is not built in where surfaces slide"):
+    with pytest.raises(
+        SceneError, match=r"has a law, wear 0.05, that is not built in where surfaces slide"
+    ):
         hhr.slide(testing.pressed_blocks(contacts=(pair,), openings=()))
 
 
@@ -359,12 +430,16 @@ class Untold(toy_increments.WearIncrements):
 
 
 @needs("conformance")
-@pytest.mark.parametrize(("variant", "wrong"), [(Absent, "off the loads"), (Untold, "a gradient is asked for")])
+@pytest.mark.parametrize(
+    ("variant", "wrong"), [(Absent, "off the loads"), (Untold, "a gradient is asked for")]
+)
 def test_the_contract_names_what_is_wrong_of_increments(variant, wrong, by_steps, monkeypatch):
     from hhr_dolfinx.testing import check_contact_law
 
     check_contact_law(by_steps)
-    monkeypatch.setattr(toy_increments.WearSteps, "increments", lambda self, model, settings: variant(model))
+    monkeypatch.setattr(
+        toy_increments.WearSteps, "increments", lambda self, model, settings: variant(model)
+    )
     with pytest.raises(AssertionError, match=wrong):
         check_contact_law(by_steps)
 
@@ -385,9 +460,13 @@ def test_the_contract_names_parts_that_are_missing(wear, monkeypatch):
 class Forgets(Reductor):
     def attempt(self, prepared, level):
         found = hhr.exact_condensation(prepared.full, prepared.snapshots.known_statuses())
-        return CondensedModel(found.parameters, found.eliminated, found.known, found.fields, found.pairs), None
+        return CondensedModel(
+            found.parameters, found.eliminated, found.known, found.fields, found.pairs
+        ), None
 
 
 def test_a_model_that_leaves_the_law_out_is_refused(full):
-    with pytest.raises(ReductionError, match=r"leaves out laws of scene 'wearing', of its contacts \(wear\)"):
+    with pytest.raises(
+        ReductionError, match=r"leaves out laws of scene 'wearing', of its contacts \(wear\)"
+    ):
         hhr.build(full, _store(full), Forgets())

@@ -1,4 +1,6 @@
-"""Derivatives of histories of bodies with laws whose contacts have laws on ranges, by differences."""
+"""Derivatives of histories of bodies with laws whose contacts have laws on ranges, by
+differences.
+"""
 
 import numpy as np
 import pytest
@@ -12,14 +14,21 @@ import hhr_dolfinx as hhr
 
 pytestmark = needs("inelastic", "friction")
 
-BOX = hhr.ParameterSpace(("push", "slide", "mu", "k1", "k3"), (0.0, -0.2, 0.1, 0.1, 1.0), (0.3, 0.2, 0.8, 5.0, 200.0))
+BOX = hhr.ParameterSpace(
+    ("push", "slide", "mu", "k1", "k3"), (0.0, -0.2, 0.1, 0.1, 1.0), (0.3, 0.2, 0.8, 5.0, 200.0)
+)
 PATH = [
     (0.0, (0.001, 0.0)), (1.0, (0.02, 0.0)), (2.0, (0.02, 0.004)), (3.5, (0.015, -0.002)),
     (4.5, (0.002, 0.001)), (5.0, (0.03, 0.002)), (6.0, (0.04, 0.01)),
 ]  # fmt: skip
 CONSTANTS = np.array([0.3, 1.0, 50.0])
 STEP = 1e-6
-SETTINGS = {"search": "tangent", "relative_stress": 1e-11, "relative_force": 1e-11, "floor_stress": 1e-10}
+SETTINGS = {
+    "search": "tangent",
+    "relative_stress": 1e-11,
+    "relative_force": 1e-11,
+    "floor_stress": 1e-10,
+}
 
 
 @pytest.fixture(autouse=True)
@@ -36,23 +45,36 @@ def path(changes=0.0):
 
 
 def answers(full, changes=0.0, **settings):
-    return full.march(path(changes), hhr.MarchSettings(outside="ignore", **SETTINGS, **settings)).answers
+    return full.march(
+        path(changes), hhr.MarchSettings(outside="ignore", **SETTINGS, **settings)
+    ).answers
 
 
 @pytest.mark.parametrize(
-    "law", [lambda: hhr.Norton(0.5, 3.0), lambda: hhr.Plasticity(0.02, 1.0)], ids=["creep", "yields"]
+    "law",
+    [lambda: hhr.Norton(0.5, 3.0), lambda: hhr.Plasticity(0.02, 1.0)],
+    ids=["creep", "yields"],
 )
-@pytest.mark.parametrize("ranges", [
-    (hhr.Coulomb("mu"), Gasket("k1", "k3"), Wear(0.05)), (Wear(0.05), Gasket("k1", "k3"), hhr.Coulomb("mu")),
-], ids=["slides", "wears"])  # fmt: skip
+@pytest.mark.parametrize(
+    "ranges",
+    [
+        (hhr.Coulomb("mu"), Gasket("k1", "k3"), Wear(0.05)),
+        (Wear(0.05), Gasket("k1", "k3"), hhr.Coulomb("mu")),
+    ],
+    ids=["slides", "wears"],
+)
 @pytest.mark.filterwarnings("ignore")
 def test_gradients_of_all_steps_are_those_of_differences(law, ranges):
-    """Along loads and constants of laws of contacts, where contacts slip, wear, and leave in between.
+    """Along loads and constants of laws of contacts, where contacts slip, wear, and leave in
+    between.
 
     Statuses are the same at both ends, so that differences meet no kink of contacts. Steps are 1e-6
-    of the box: errors are those of points that begin to yield within one, and 1e-11 / 1e-6 of solutions.
+    of the box: errors are those of points that begin to yield within one, and 1e-11 / 1e-6 of
+    solutions.
     """
-    full = hhr.FullOrderModel(stacked(*ranges, cells=2, parameters=BOX, bodies=bodies(law())), MPI.COMM_SELF)
+    full = hhr.FullOrderModel(
+        stacked(*ranges, cells=2, parameters=BOX, bodies=bodies(law())), MPI.COMM_SELF
+    )
     exact = answers(full, gradient=True)
     touching = np.array([answer.active for answer in exact])
     assert (touching[:-1] & ~touching[1:]).any() and any(answer.worn.any() for answer in exact)
@@ -62,7 +84,12 @@ def test_gradients_of_all_steps_are_those_of_differences(law, ranges):
     for number, width in enumerate(widths):
         ends = [answers(full, sign * STEP * width * np.eye(5)[number]) for sign in (1, -1)]
         for end in ends:
-            assert all(np.array_equal(one.active, other.active) for one, other in zip(end, exact, strict=True))
-        expected = np.subtract(*([answer.multipliers for answer in end] for end in ends)) / (2 * STEP)
+            assert all(
+                np.array_equal(one.active, other.active)
+                for one, other in zip(end, exact, strict=True)
+            )
+        expected = np.subtract(*([answer.multipliers for answer in end] for end in ends)) / (
+            2 * STEP
+        )
         change = found[:, :, number] * width
         assert np.abs(change - expected).max() <= 1e-4 * np.abs(change).max() + 1e-9 * largest

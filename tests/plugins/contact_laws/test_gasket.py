@@ -1,4 +1,6 @@
-"""Laws of contacts without memory, and in scenes with others: a gasket of the templates, by closed forms."""
+"""Laws of contacts without memory, and in scenes with others: a gasket of the templates, by closed
+forms.
+"""
 
 import dataclasses
 import shutil
@@ -36,7 +38,11 @@ def plugins(monkeypatch):
 
 def scene(law, **changes):
     """A block pressed on an obstacle, whose pressure is the same everywhere."""
-    left, top, bottom = block.side(0, upper=False), block.side(1, upper=True), block.side(1, upper=False)
+    left, top, bottom = (
+        block.side(0, upper=False),
+        block.side(1, upper=True),
+        block.side(1, upper=False),
+    )
     given = {
         "upper": (WIDTH, 1.0),
         "cells": (4, 2),
@@ -77,12 +83,16 @@ def test_pressures_closures_and_gradients_are_those_by_hand(tmp_path):
         slopes = stiffness * slopes + np.array([0.0, c, c**3])
         for model in (full, condensed, kept):
             answer = model.solve((push, linear, cubic), gradient=True)
-            assert answer.outputs()["force"] / WIDTH == pytest.approx(linear * c + cubic * c**3, rel=1e-9)
+            assert answer.outputs()["force"] / WIDTH == pytest.approx(
+                linear * c + cubic * c**3, rel=1e-9
+            )
             np.testing.assert_allclose(answer.memory["closure"], c, rtol=1e-9)
             forces = answer.gradient.multipliers.sum(axis=0) / WIDTH
             np.testing.assert_allclose(forces, slopes, rtol=1e-7)
             assert answer.iterations < 12 and not answer.gradient.one_sided
-        np.testing.assert_array_equal(condensed.solve((push, linear, cubic)).forces(), answer.forces())
+        np.testing.assert_array_equal(
+            condensed.solve((push, linear, cubic)).forces(), answer.forces()
+        )
     assert full.uniqueness(POINTS[0]) == "one answer"
     assert not full.law.path_dependent and full.law.of("my_gasket") is full.law.ranges[0].law
 
@@ -91,8 +101,12 @@ def test_it_depends_on_no_path():
     model = hhr.condense(full_of(Gasket(3.0, 200.0)))
     points = [0.0, 0.03, 0.01]
     history = model.march(list(enumerate(points)), hhr.MarchSettings(time_tolerance=1e-3))
-    assert [answer.parts for answer in history.answers] == [2, 2] and history.answers[-1].time_error <= 1e-9
-    np.testing.assert_allclose(history.answers[-1].forces(), model.solve(points[-1]).forces(), rtol=1e-12)
+    assert [answer.parts for answer in history.answers] == [2, 2] and history.answers[
+        -1
+    ].time_error <= 1e-9
+    np.testing.assert_allclose(
+        history.answers[-1].forces(), model.solve(points[-1]).forces(), rtol=1e-12
+    )
     many = model.solve_many(points[1:])
     np.testing.assert_allclose(many[1].forces(), model.solve(points[-1]).forces(), rtol=1e-12)
 
@@ -111,25 +125,33 @@ def test_resolvents_are_roots(stiffness, power):
     force, share, found = resolvent(curve, expected + closure, np.ones(5))
     np.testing.assert_allclose(force, expected, rtol=1e-13, atol=1e-300)
     np.testing.assert_allclose(found + force, closure + expected, rtol=1e-13)
-    np.testing.assert_allclose(share[1:], (slopes / (1.0 + slopes))[1:] if power > 0.9 else share[1:], rtol=1e-9)
+    np.testing.assert_allclose(
+        share[1:], (slopes / (1.0 + slopes))[1:] if power > 0.9 else share[1:], rtol=1e-9
+    )
 
 
 def test_a_seal_with_a_first_pressure():
     """f(0) > 0: up to it the seal touches without closing."""
-    force, share, closure = resolvent(lambda d: (2.0 + d, np.ones(3)), np.array([-1.0, 1.0, 4.0]), np.ones(3))
+    force, share, closure = resolvent(
+        lambda d: (2.0 + d, np.ones(3)), np.array([-1.0, 1.0, 4.0]), np.ones(3)
+    )
     np.testing.assert_array_equal(force, [0.0, 1.0, 3.0])
     np.testing.assert_array_equal(share, [0.0, 1.0, 0.5])
     np.testing.assert_allclose(closure, [0.0, 0.0, 1.0], rtol=1e-15)
 
 
 def test_a_law_that_softens_is_refused(monkeypatch):
-    """By the user's constants before anything is solved, and by the curve of any law where it is read."""
+    """By the user's constants before anything is solved, and by the curve of any law where it is
+    read.
+    """
     for law in (Gasket(-1.0), Gasket("k1", "k3 - 100")):
         with pytest.raises(SceneError, match="softens"):
             full_of(law)
     falls = lambda self, c: (self.linear * c * (1.0 - 40.0 * c), self.linear * (1.0 - 80.0 * c))  # noqa: E731
     monkeypatch.setattr(my_gasket.GasketStep, "curve", falls)
-    with pytest.raises(NotSolvableError, match=r"falls at the closure .* never falls while the gap closes"):
+    with pytest.raises(
+        NotSolvableError, match=r"falls at the closure .* never falls while the gap closes"
+    ):
         full_of(Gasket(3.0)).solve(0.03)
 
 
@@ -153,18 +175,26 @@ def other_plugin(**own):
 
 
 def test_laws_state_by_value_what_they_are(monkeypatch):
-    """No law is left out: for unilateral contact, for a memory that it denies, or for one of two names."""
+    """No law is left out: for unilateral contact, for a memory that it denies, or for one of two
+    names.
+    """
     other, plugin = other_plugin()
     with_plugins(monkeypatch, plugin)
-    with pytest.raises(SceneError, match="plug-ins 'my_contact_law' and 'other_wear', and both remember 'worn'"):
+    with pytest.raises(
+        SceneError, match="plug-ins 'my_contact_law' and 'other_wear', and both remember 'worn'"
+    ):
         hhr.FullOrderModel(stacked(Wear(0.05), other(0.05)))
     denies, plugin = other_plugin(remembers=False)
     with_plugins(monkeypatch, plugin)
-    with pytest.raises(SceneError, match="Others says that it does not remember, and its increments read 'worn'"):
+    with pytest.raises(
+        SceneError, match="Others says that it does not remember, and its increments read 'worn'"
+    ):
         hhr.FullOrderModel(stacked(None, denies(0.05)))
     monkeypatch.setattr(Gaskets, "remembers", True)
     with pytest.raises(SceneError, match=r"attached\(\) of Gasket returned Unilateral"):
-        monkeypatch.setattr(Gasket, "attached", classmethod(lambda cls, *given: (given[2], given[3], UNILATERAL)))
+        monkeypatch.setattr(
+            Gasket, "attached", classmethod(lambda cls, *given: (given[2], given[3], UNILATERAL))
+        )
         full_of(Gasket(3.0))
 
 
@@ -179,7 +209,9 @@ def test_a_law_that_forgets_to_deny_its_memory_is_solved_all_the_same(monkeypatc
 
 @needs("shared_nodes")
 def test_contacts_that_share_a_node_share_its_gasket():
-    """Two halves of an interface, E = 1e3 and height 1 on both sides: p = u / (2 h / E + 1 / k1), as of one face."""
+    """Two halves of an interface, E = 1e3 and height 1 on both sides: p = u / (2 h / E + 1 / k1),
+    as of one face.
+    """
     pairs = [
         hhr.NodeToNode(upper, lower, (0, -1), law=Gasket(500.0))
         for upper, lower in zip(split.UPPER, split.LOWER, strict=True)
@@ -188,9 +220,13 @@ def test_contacts_that_share_a_node_share_its_gasket():
     assert full.conditions == 9 and full.problem.shares is not None
     for answer in (full.solve({"press": 10.0}), hhr.condense(full).solve({"press": 10.0})):
         assert answer.pressure() == pytest.approx(np.full(9, 5.0), rel=1e-9)
-        assert dict(answer.outputs().items())["force 1"] == pytest.approx(0.5 * split.HALVES["force 1"], rel=1e-9)
+        assert dict(answer.outputs().items())["force 1"] == pytest.approx(
+            0.5 * split.HALVES["force 1"], rel=1e-9
+        )
     with pytest.raises(SceneError, match="their laws differ"):
-        hhr.FullOrderModel(split.scene((pairs[0], dataclasses.replace(pairs[1], law=Gasket(600.0)))))
+        hhr.FullOrderModel(
+            split.scene((pairs[0], dataclasses.replace(pairs[1], law=Gasket(600.0))))
+        )
 
 
 def fields(full, path):
@@ -200,7 +236,9 @@ def fields(full, path):
 REFUSING = [
     pytest.param(fields, "no facet 'report'", marks=needs("checks")),
     pytest.param(OF_PLUGINS["studies"], "remember their path", marks=needs("studies")),
-    pytest.param(deck, r"a deck of contacts with gasket .* it has no facet 'deck'", marks=needs("exporters")),
+    pytest.param(
+        deck, r"a deck of contacts with gasket .* it has no facet 'deck'", marks=needs("exporters")
+    ),
 ]
 
 
@@ -246,21 +284,48 @@ GASKET_LIES = [
     (my_gasket.GasketStep, "linearised", _half, "not Newton's rows"),
     (my_gasket.GasketStep, "linearised", _off, "two values at one"),
     (my_gasket.GasketStep, "curve", _twice, "not Newton's rows"),
-    (my_gasket.GasketStep, "curve", lambda self, c: (self.linear * np.sin(300 * c), 0 * c + 1.0), "must not fall"),
-    (my_gasket.GasketStep, "curve_slopes", lambda self, c: np.zeros((c.size, 4)), "`slopes` are not"),
+    (
+        my_gasket.GasketStep,
+        "curve",
+        lambda self, c: (self.linear * np.sin(300 * c), 0 * c + 1.0),
+        "must not fall",
+    ),
+    (
+        my_gasket.GasketStep,
+        "curve_slopes",
+        lambda self, c: np.zeros((c.size, 4)),
+        "`slopes` are not",
+    ),
     (my_gasket.GasketRange, "at_rest", _worn_of_all, "Gasket: .*memory of"),
     (Gaskets, "within", lambda self, conditions: self, "memory of"),
     (
         Gaskets,
         "within",
-        lambda self, rows: dataclasses.replace(self, area=self.area[: len(rows)], law=self.law[rows]),
+        lambda self, rows: dataclasses.replace(
+            self, area=self.area[: len(rows)], law=self.law[rows]
+        ),
         "`within`",
     ),
     (Gaskets, "within", _turned, "`within`"),
-    (Gaskets, "parts", lambda self: [self.area, self.law], "answers depend on `linear`, and its `parts` do not"),
-    (Gaskets, "stored", lambda self, memory: {"closure": 0.0 * memory["closure"]}, "do not keep its memory"),
+    (
+        Gaskets,
+        "parts",
+        lambda self: [self.area, self.law],
+        "answers depend on `linear`, and its `parts` do not",
+    ),
+    (
+        Gaskets,
+        "stored",
+        lambda self, memory: {"closure": 0.0 * memory["closure"]},
+        "do not keep its memory",
+    ),
     (Gaskets, "opened", lambda self, memory: 0.0, "bodies overlap"),
-    (my_gasket.GasketStep, "after", lambda self, forces, *at: my_gasket.Memory(closure=0.0 * forces), "bodies overlap"),
+    (
+        my_gasket.GasketStep,
+        "after",
+        lambda self, forces, *at: my_gasket.Memory(closure=0.0 * forces),
+        "bodies overlap",
+    ),
 ]
 
 
@@ -310,12 +375,16 @@ def test_the_contract_names_what_is_wrong_of_a_memory(name, value, wrong, monkey
 
 def _hardens(self, before, point, seconds):
     """The depth per force falls as the contact is worn: forces read the memory beside the shift."""
-    return my_contact_law.WearStep(self.law.rate * seconds / (1.0 + 100.0 * before["worn"]), before["worn"])
+    return my_contact_law.WearStep(
+        self.law.rate * seconds / (1.0 + 100.0 * before["worn"]), before["worn"]
+    )
 
 
 @needs("conformance")
 def test_a_memory_that_acts_beside_the_shift_has_no_gradient(monkeypatch):
-    """Derivatives of histories would leave it out, so that they are refused, or the contract says so."""
+    """Derivatives of histories would leave it out, so that they are refused, or the contract says
+    so.
+    """
     from hhr_dolfinx.testing import check_contact_law
 
     monkeypatch.setattr(my_contact_law.WearRange, "step", _hardens)

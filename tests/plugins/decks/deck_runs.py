@@ -35,18 +35,28 @@ def end(full, answer, place=(4.0, 0.0, 0.0)):
 
 
 def run_calculix(folder, text, asked):
-    """Rows of numbers that CalculiX prints for a request in the last step; none where it is not installed."""
+    """Rows of numbers that CalculiX prints for a request in the last step.
+
+    None where it is not installed.
+    """
     if shutil.which("ccx") is None:
         return []
     head, end, tail = text.rpartition("*END STEP")
     (folder / "again.inp").write_text(f"{head}{asked}\n{end}{tail}")
     subprocess.run(["ccx", "again"], cwd=folder, check=True, capture_output=True, timeout=WAIT)
     words = [line.split() for line in (folder / "again.dat").read_text().splitlines()]
-    return [[float(word) for word in row] for row in words if row and row[0].lstrip("-").replace(".", "")[:1].isdigit()]
+    return [
+        [float(word) for word in row]
+        for row in words
+        if row and row[0].lstrip("-").replace(".", "")[:1].isdigit()
+    ]
 
 
 def by_calculix(folder, text, nodes):
-    """Sum of the reactions at a set of nodes by CalculiX, (3,); the test is skipped where it is not installed."""
+    """Sum of the reactions at a set of nodes by CalculiX, (3,).
+
+    The test is skipped where it is not installed.
+    """
     rows = run_calculix(folder, text, f"*NODE PRINT, NSET={nodes}, TOTALS=ONLY\nRF")
     if not rows:
         pytest.skip("ccx, CalculiX, is not installed")
@@ -54,6 +64,9 @@ def by_calculix(folder, text, nodes):
 
 
 def moved_by_calculix(folder, text, nodes, number):
-    """Displacement of a node of a set by CalculiX, (3,), at the end of the last step; None without CalculiX."""
+    """Displacement of a node of a set by CalculiX, (3,), at the end of the last step.
+
+    None without CalculiX.
+    """
     rows = run_calculix(folder, text, f"*NODE PRINT, NSET={nodes}\nU")
     return next((np.array(row[1:]) for row in reversed(rows) if row[0] == number), None)

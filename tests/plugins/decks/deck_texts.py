@@ -11,13 +11,19 @@ def _mesh(first, low, high, cells):
     points = [(x, y, z) for z in axes[2] for y in axes[1] for x in axes[0]]
     number = np.arange(first, first + len(points)).reshape([n + 1 for n in cells[::-1]])
     corners = ((0, 0), (1, 0), (1, 1), (0, 1))
-    elements = [[int(number[k + c, j + b, i + a]) for c in (0, 1) for a, b in corners]
-                for k in range(cells[2]) for j in range(cells[1]) for i in range(cells[0])]  # fmt: skip
+    elements = [
+        [int(number[k + c, j + b, i + a]) for c in (0, 1) for a, b in corners]
+        for k in range(cells[2])
+        for j in range(cells[1])
+        for i in range(cells[0])
+    ]
     return dict(zip(number.ravel().tolist(), points, strict=True)), elements
 
 
 def block_lines(name, first, low, high, cells):
-    """Lines of one body, with sets NAME_X0, NAME_X1, ... of its sides, and surfaces NAME_TOP and NAME_BOTTOM."""
+    """Lines of one body, with sets NAME_X0, NAME_X1, ... of its sides, and surfaces NAME_TOP and
+    NAME_BOTTOM.
+    """
     points, elements = _mesh(first, low, high, cells)
     lines = ["*NODE, NSET=ALL", *(f"{k}, {x!r}, {y!r}, {z!r}" for k, (x, y, z) in points.items())]
     lines += [f"*ELEMENT, TYPE=C3D8, ELSET={name}"]
@@ -37,12 +43,33 @@ def bar(step, more="", poisson=0.3, cells=(4, 1, 1)):
     """A bar of 4 x 1 x 1 on rollers at x, y and z = 0; ``more`` are lines of its material."""
     lines = block_lines("BAR", 1, (0.0, 0.0, 0.0), (4.0, 1.0, 1.0), cells)
     lines += [STEEL.format(poisson=poisson, more=more), "*SOLID SECTION, ELSET=BAR, MATERIAL=STEEL"]
-    lines += ["*BOUNDARY", "BAR_X0, 1", "BAR_Y0, 2", "bar_z0, 3", "*STEP", "*STATIC", "1., 1.", step, "*END STEP"]
+    lines += [
+        "*BOUNDARY",
+        "BAR_X0, 1",
+        "BAR_Y0, 2",
+        "bar_z0, 3",
+        "*STEP",
+        "*STATIC",
+        "1., 1.",
+        step,
+        "*END STEP",
+    ]
     return "\n".join(lines) + "\n"
 
 
-def blocks(step, pair="UPPER_BOTTOM, LOWER_TOP", upper=(3, 3, 1), gap=0.0, interaction="", before="", kind=""):
-    """Two unit cubes on each other, on rollers at x, y and z = 0; ``kind`` is the TYPE of their pair."""
+def blocks(
+    step,
+    pair="UPPER_BOTTOM, LOWER_TOP",
+    upper=(3, 3, 1),
+    gap=0.0,
+    interaction="",
+    before="",
+    kind="",
+):
+    """Two unit cubes on each other, on rollers at x, y and z = 0.
+
+    ``kind`` is the TYPE of their pair.
+    """
     lines = block_lines("LOWER", 1, (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (2, 2, 1))
     lines += block_lines("UPPER", 1001, (0.0, 0.0, 1.0 + gap), (1.0, 1.0, 2.0 + gap), upper)
     lines += [STEEL.format(poisson=0.0, more=""), *(f"*SOLID SECTION, ELSET={name}, MATERIAL=STEEL"

@@ -1,6 +1,8 @@
-"""Each keyword of a command of code_aster has the outcome that the table of the reader says, and so has the page.
+"""Each keyword of a command of code_aster has the outcome that the table of the reader says, and so
+has the page.
 
-The expected outcomes are those of the table itself: it is what this package reads, and no other program owns that.
+The expected outcomes are those of the table itself: it is what this package reads, and no other
+program owns that.
 """
 
 from dataclasses import replace
@@ -59,18 +61,26 @@ def written(folder, name, key):
     return path, word, factor
 
 
-@pytest.mark.parametrize(("name", "key", "rule"), ROWS, ids=[f"{name} {key}" for name, key, _ in ROWS])
+@pytest.mark.parametrize(
+    ("name", "key", "rule"), ROWS, ids=[f"{name} {key}" for name, key, _ in ROWS]
+)
 def test_a_keyword_has_its_outcome(name, key, rule, tmp_path):
     path, word, factor = written(tmp_path, name, key)
     (command,) = commands_of(path)
-    said = [left for left in command.unread if left.keyword == name.replace("/", " ") and left.why.startswith(word)]
+    said = [
+        left
+        for left in command.unread
+        if left.keyword == name.replace("/", " ") and left.why.startswith(word)
+    ]
     assert bool(said) == (rule.outcome in (LEFT, OUT)) == bool(rule.why)
     inner = command.factors(factor) if factor else (command,)
     assert any(word in one.words for one in inner) == (rule.outcome == READ)
     assert all(left.source == "one.comm:1" for left in said)
 
 
-@pytest.mark.parametrize("name", [name for name, one in COMMANDS.items() if one.options and "*" not in one.options])
+@pytest.mark.parametrize(
+    "name", [name for name, one in COMMANDS.items() if one.options and "*" not in one.options]
+)
 def test_a_keyword_that_nobody_knows_is_named(name, tmp_path):
     (command,) = commands_of(written(tmp_path, name, "NOVEL")[0])
     assert [left.why for left in command.unread] == ["NOVEL=SOME: it is not read"]
@@ -90,16 +100,42 @@ def test_keywords_that_are_read_are_looked_up(tmp_path, monkeypatch):
     (tmp_path / "run.inp").write_text(text[: text.index("*MATERIAL")])
     of_steps = "CONTACT=touch, INCREMENT=_F(LIST_INST={}{})"
     for kind, solver, end, steps, curve in (
-        ("AFFE_CHAR_MECA", "STAT_NON_LINE", of_steps.format("steps", ""), "_F(LIST_INST=times)", "twice"),
-        ("AFFE_CHAR_MECA", "STAT_NON_LINE", of_steps.format("steps", ", INST_FIN=1.0"), "_F(VALE=(0.0, 1.0))", "whole"),
-        ("AFFE_CHAR_MECA", "STAT_NON_LINE", of_steps.format("steps", ""), "_F(VALE=(0.0, 1.0))", "twice"),
-        ("AFFE_CHAR_MECA", "STAT_NON_LINE", of_steps.format("some", ""), "_F(VALE=(0.0, 1.0))", "twice"),
+        (
+            "AFFE_CHAR_MECA",
+            "STAT_NON_LINE",
+            of_steps.format("steps", ""),
+            "_F(LIST_INST=times)",
+            "twice",
+        ),
+        (
+            "AFFE_CHAR_MECA",
+            "STAT_NON_LINE",
+            of_steps.format("steps", ", INST_FIN=1.0"),
+            "_F(VALE=(0.0, 1.0))",
+            "whole",
+        ),
+        (
+            "AFFE_CHAR_MECA",
+            "STAT_NON_LINE",
+            of_steps.format("steps", ""),
+            "_F(VALE=(0.0, 1.0))",
+            "twice",
+        ),
+        (
+            "AFFE_CHAR_MECA",
+            "STAT_NON_LINE",
+            of_steps.format("some", ""),
+            "_F(VALE=(0.0, 1.0))",
+            "twice",
+        ),
         ("AFFE_CHAR_CINE", "MECA_STATIQUE", "INST_FIN=1.0, LIST_INST=times", "None", "whole"),
         ("AFFE_CHAR_CINE", "MECA_STATIQUE", "INST=1.0", "None", "whole"),
         ("AFFE_CHAR_CINE", "MECA_STATIQUE", "LIST_INST=times", "None", "whole"),
     ):
         words = ALL.replace("{kind}", kind).replace("{solver}", solver).replace("{end}", end)
-        (tmp_path / "run.comm").write_text(words.replace("{steps}", steps).replace("{curve}", curve))
+        (tmp_path / "run.comm").write_text(
+            words.replace("{steps}", steps).replace("{curve}", curve)
+        )
         deck_of(tmp_path / "run.comm")
     read = {(name, key.partition("=")[0]) for name, key, rule in ROWS if rule.outcome == READ}
     # behaviour is only looked at by the table: there is one law that is read

@@ -1,4 +1,6 @@
-"""A deck with a contact pair for each face of a flat interface, as FreeCAD and PrePoMax write them."""
+"""A deck with a contact pair for each face of a flat interface, as FreeCAD and PrePoMax write
+them.
+"""
 
 import itertools
 
@@ -12,12 +14,19 @@ from hhr_dolfinx.command.loading import scene_of
 
 
 def faces(above):
-    """Two bars of C3D8, 20 x 10 x 10, nu = 0, on each other; two cells below and some ``above``, two pairs."""
+    """Two bars of C3D8, 20 x 10 x 10, nu = 0, on each other.
+
+    Two cells below and some ``above``, two pairs.
+    """
     lines = ["*NODE, NSET=NALL"]
     places = {}
     for body, low, count in ((0, 0.0, 2), (100, 10.0, above)):
         for k, j, i in itertools.product((0, 1), (0, 1), range(count + 1)):
-            places[body + 1 + i + (count + 1) * (j + 2 * k)] = (20.0 * i / count, 10.0 * j, low + 10.0 * k)
+            places[body + 1 + i + (count + 1) * (j + 2 * k)] = (
+                20.0 * i / count,
+                10.0 * j,
+                low + 10.0 * k,
+            )
     lines += [f"{node}, {x}, {y}, {z}" for node, (x, y, z) in places.items()]
     for body, name, first, count in ((0, "LOWER", 1, 2), (100, "UPPER", 3, above)):
         lines.append(f"*ELEMENT, TYPE=C3D8, ELSET={name}")
@@ -26,9 +35,16 @@ def faces(above):
             corners = [body + 1 + a + (count + 1) * (b + 2 * k) for k in (0, 1) for a, b in ring]
             lines.append(", ".join(map(str, [first + i, *corners])))
     for name, axis in (("FLOOR", 2), ("XS", 0), ("YS", 1)):
-        lines += [f"*NSET, NSET={name}", ", ".join(str(node) for node, at in places.items() if at[axis] == 0.0)]
+        lines += [
+            f"*NSET, NSET={name}",
+            ", ".join(str(node) for node, at in places.items() if at[axis] == 0.0),
+        ]
     for k in (1, 2):
-        lines += [f"*SURFACE, NAME=IND{k}, TYPE=ELEMENT", f"{k},S2", f"*SURFACE, NAME=DEP{k}, TYPE=ELEMENT"]
+        lines += [
+            f"*SURFACE, NAME=IND{k}, TYPE=ELEMENT",
+            f"{k},S2",
+            f"*SURFACE, NAME=DEP{k}, TYPE=ELEMENT",
+        ]
         lines += [f"{3 + (k - 1) * above // 2 + i},S1" for i in range(above // 2)]
     lines += ["*MATERIAL, NAME=M", "*ELASTIC", "1000., 0."]
     lines += [f"*SOLID SECTION, ELSET={name}, MATERIAL=M" for name in ("LOWER", "UPPER")]

@@ -21,7 +21,9 @@ START = "*INITIAL CONDITIONS, TYPE=TEMPERATURE\nALL, 20.\n"
 
 
 def test_a_bar_with_a_gradient(tmp_path):
-    """The end moves by alpha L times the mean rise of 60, by reciprocity with a uniform pressure there."""
+    """The end moves by alpha L times the mean rise of 60, by reciprocity with a uniform pressure
+    there.
+    """
     name, output = started_file(tmp_path, bar("*TEMPERATURE\n" + ALONG, EXPANSION + START))
     assert "TODO" not in output
     scene = scene_of(name)
@@ -35,14 +37,28 @@ def test_a_bar_with_a_gradient(tmp_path):
 
 @pytest.mark.skipif(shutil.which("ccx") is None, reason="ccx, CalculiX, is not installed")
 def test_as_calculix(tmp_path):
-    """Displacements of CalculiX on the same cells; in it the temperature of a cell of C3D8 is constant, its mean."""
-    places = [(x, y, z) for z in (0.0, 0.5, 1.0) for y in (0.0, 0.5, 1.0) for x in np.linspace(0.0, 4.0, 9).tolist()]
-    rows = "".join(f"{1 + k}, {20.0 + 10.0 * x * x + 8.0 * x * y!r}\n" for k, (x, y, _) in enumerate(places))
-    text = bar("*TEMPERATURE\n" + rows + "*NODE PRINT, NSET=ALL\nU", EXPANSION + START, cells=(8, 2, 2))
+    """Displacements of CalculiX on the same cells.
+
+    In it the temperature of a cell of C3D8 is constant, its mean.
+    """
+    places = [
+        (x, y, z)
+        for z in (0.0, 0.5, 1.0)
+        for y in (0.0, 0.5, 1.0)
+        for x in np.linspace(0.0, 4.0, 9).tolist()
+    ]
+    rows = "".join(
+        f"{1 + k}, {20.0 + 10.0 * x * x + 8.0 * x * y!r}\n" for k, (x, y, _) in enumerate(places)
+    )
+    text = bar(
+        "*TEMPERATURE\n" + rows + "*NODE PRINT, NSET=ALL\nU", EXPANSION + START, cells=(8, 2, 2)
+    )
     name, _ = started_file(tmp_path, text)
     subprocess.run(["ccx", "deck"], cwd=tmp_path, check=True, capture_output=True)
     lines = (tmp_path / "deck.dat").read_text().splitlines()
-    printed = np.array([line.split() for line in lines if len(line.split()) == 4], dtype=float)[:, 1:]
+    printed = np.array([line.split() for line in lines if len(line.split()) == 4], dtype=float)[
+        :, 1:
+    ]
     full = hhr.FullOrderModel(scene_of(name))
     moved = full.solve(full.parameters.middle).displacement().reshape(-1, 3)
     order = [np.abs(full.problem.points - place).sum(axis=1).argmin() for place in places]
@@ -51,7 +67,8 @@ def test_as_calculix(tmp_path):
 
 @pytest.mark.parametrize("kind", ["C3D20", "C3D10", "CPE8", "CPE6"])
 def test_nodes_on_edges_have_temperatures(kind, tmp_path):
-    """A bar at 10 x^2, of which corners alone have 3 % more: the end moves by alpha times the integral, by reciprocity.
+    """A bar at 10 x^2, of which corners alone have 3 % more: the end moves by alpha times the
+    integral, by reciprocity.
 
     Without Poisson's ratio also in the plane.
     """
@@ -63,7 +80,11 @@ def test_nodes_on_edges_have_temperatures(kind, tmp_path):
     deck.material(1000.0, 0.0, more="*EXPANSION/1e-4")
     deck.section()
     rows = zip(made.numbers.tolist(), made.points[:, 0].tolist(), strict=True)
-    deck.add("*BOUNDARY/" + "/".join(f"LOW{axis}, {axis + 1}" for axis in range(dim)) + "/*STEP/*STATIC/*TEMPERATURE")
+    deck.add(
+        "*BOUNDARY/"
+        + "/".join(f"LOW{axis}, {axis + 1}" for axis in range(dim))
+        + "/*STEP/*STATIC/*TEMPERATURE"
+    )
     deck.add("/".join(f"{node}, {10.0 * x * x!r}" for node, x in rows) + "/*END STEP")
     name, output = started_file(tmp_path, deck.text)
     assert "TODO" not in output
@@ -89,9 +110,14 @@ def test_a_set_with_membranes_too(tmp_path):
 
 @needs("floating")
 def test_one_body_of_two(tmp_path):
-    """A body with one temperature keeps a number; nodes that coincide with hot ones of the other body stay cold."""
+    """A body with one temperature keeps a number.
+
+    Nodes that coincide with hot ones of the other body stay cold.
+    """
     hot = "".join(f"{1001 + k}, {50.0 + k!r}\n" for k in range(32))
-    text = blocks("*TEMPERATURE\nLOWER_Z0, 0.\n" + hot).replace("1000., 0.0\n", "1000., 0.0\n*EXPANSION\n1e-4\n")
+    text = blocks("*TEMPERATURE\nLOWER_Z0, 0.\n" + hot).replace(
+        "1000., 0.0\n", "1000., 0.0\n*EXPANSION\n1e-4\n"
+    )
     name, _ = started_file(tmp_path, text)
     (load,) = scene_of(name).loads
     assert (load.tag, load.field.tag) == ("UPPER", "UPPER")
@@ -104,12 +130,16 @@ def test_a_course_over_steps(tmp_path):
     name, output = started_file(tmp_path, bar(step, EXPANSION + "*PLASTIC\n8., 0.\n12., 0.04\n"))
     assert "TODO" not in output
     path = beside(name, "PATHS")
-    assert [point[0] for _, point in path.path(path.own.middle)][::4] == pytest.approx([0.0, 140.0, 28.0])
+    assert [point[0] for _, point in path.path(path.own.middle)][::4] == pytest.approx(
+        [0.0, 140.0, 28.0]
+    )
 
 
 def test_a_distribution_that_changes(tmp_path):
     """It has no one field, and is said."""
-    step = "*TEMPERATURE\n" + ALONG + "*END STEP\n*STEP\n*STATIC\n1., 1.\n*TEMPERATURE\nBAR_X0, 140.\n"
+    step = (
+        "*TEMPERATURE\n" + ALONG + "*END STEP\n*STEP\n*STATIC\n1., 1.\n*TEMPERATURE\nBAR_X0, 140.\n"
+    )
     _, output = started_file(tmp_path, bar(step, EXPANSION + "*PLASTIC\n8., 0.\n12., 0.04\n"))
     assert "the distribution of the temperature of body 'BAR' changes with the steps" in output
 
@@ -120,18 +150,24 @@ def test_a_body_that_is_not_there(tmp_path):
     name, _ = started_file(tmp_path, bar("*TEMPERATURE\n" + ALONG, EXPANSION))
     scene = scene_of(name)
     field = hhr.DeckTemperatures(tmp_path / "deck.inp", "BEAM")
-    wrong = dataclasses.replace(scene, loads=(hhr.ThermalExpansion("BAR", 1e-4, "temperature", field=field),))
+    wrong = dataclasses.replace(
+        scene, loads=(hhr.ThermalExpansion("BAR", 1e-4, "temperature", field=field),)
+    )
     with pytest.raises(SceneError, match="has no body 'BEAM'"):
         hhr.FullOrderModel(wrong)
 
 
 def test_nodes_that_coincide_keep_their_temperatures(tmp_path):
-    """Two cubes of one set, of which the upper one is heated by 50 and held at its foot: only it expands."""
+    """Two cubes of one set, of which the upper one is heated by 50 and held at its foot: only it
+    expands.
+    """
     hot = "UPPER_Z0, 50.\nUPPER_Z1, 50.\nLOWER_Z0, 0.\nLOWER_Z1, 0.\n"
     text = blocks("*TEMPERATURE\n" + hot, before="UPPER_Z0, 3").replace(
         "1000., 0.0\n", "1000., 0.0\n*EXPANSION\n1e-4\n"
     )
-    sections = "*SOLID SECTION, ELSET=LOWER, MATERIAL=STEEL\n*SOLID SECTION, ELSET=UPPER, MATERIAL=STEEL\n"
+    sections = (
+        "*SOLID SECTION, ELSET=LOWER, MATERIAL=STEEL\n*SOLID SECTION, ELSET=UPPER, MATERIAL=STEEL\n"
+    )
     assert sections in text
     both = "*ELSET, ELSET=BOTH\nLOWER, UPPER\n*SOLID SECTION, ELSET=BOTH, MATERIAL=STEEL\n"
     name, output = started_file(tmp_path, text.replace(sections, both))

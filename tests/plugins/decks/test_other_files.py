@@ -93,7 +93,8 @@ FIN
 @needs("floating", "mesh_formats")
 @pytest.mark.parametrize("moved", [0.0, 0.05])
 def test_a_rigid_line_without_cells_is_an_obstacle(moved, tmp_path):
-    """A square falls by 0.1 less the motion of the line, and is shortened by p / E: the line bears p.
+    """A square falls by 0.1 less the motion of the line, and is shortened by p / E: the line bears
+    p.
 
     SSNV128 of code_aster has such a line, and a mesh of the same name beside its command file.
     """
@@ -106,7 +107,9 @@ def test_a_rigid_line_without_cells_is_an_obstacle(moved, tmp_path):
     full = hhr.FullOrderModel(scene)
     answer = full.solve(scene.parameters.middle)
     assert full.pressures(answer).sum() == pytest.approx(10.0, rel=1e-9)
-    assert answer.displacement().reshape(-1, 2)[:, 1].min() == pytest.approx(-(0.1 - moved) - 0.01, rel=1e-9)
+    assert answer.displacement().reshape(-1, 2)[:, 1].min() == pytest.approx(
+        -(0.1 - moved) - 0.01, rel=1e-9
+    )
 
 
 @needs("mesh_formats")
@@ -149,7 +152,9 @@ def test_mistakes_in_command_files(change, why, tmp_path, monkeypatch):
 
 @needs("floating")
 def test_a_mesh_without_physics(tmp_path):
-    """Two blocks: surfaces that face each other, a support below and a pressure of 1 above, which passes through."""
+    """Two blocks: surfaces that face each other, a support below and a pressure of 1 above, which
+    passes through.
+    """
     (tmp_path / "part.inp").write_text(mesh_of(blocks("", gap=0.001)))
     code, output = invoke("start", tmp_path / "part.inp")
     assert code == 0 and "TODO part.inp materials, support and pressure: a proposal" in output
@@ -162,10 +167,14 @@ def test_a_mesh_without_physics(tmp_path):
 
 
 def test_a_mesh_that_does_not_say_what_touches(tmp_path):
-    """One bar: a plane out of reach stands for the contact that is to be chosen, and the scene runs."""
+    """One bar: a plane out of reach stands for the contact that is to be chosen, and the scene
+    runs.
+    """
     (tmp_path / "part.inp").write_text(mesh_of(bar("")))
     code, output = invoke("start", tmp_path / "part.inp")
-    assert code == 0 and "TODO part.inp contact: no surfaces of two bodies face each other" in output
+    assert (
+        code == 0 and "TODO part.inp contact: no surfaces of two bodies face each other" in output
+    )
     code, output = invoke("check", tmp_path / "part.py", "--picture", tmp_path / "part.png")
     assert code == 0 and "mistake" not in output, output
 
@@ -183,20 +192,22 @@ STATED = {
         ["part.feb:2 <material", "part.feb:5 <bc", "part.feb:7 <contact"],
     ),
     "part.k": (
-        "*KEYWORD\n*MAT_ELASTIC\n1,7.8e-9,1000.,0.\n*NODE\n{nodes}\n*ELEMENT_SOLID\n1,1,1,2,3,4,5,6,7,8\n"
-        "*BOUNDARY_SPC_SET\n1,0,1,1,1\n*CONTACT_AUTOMATIC_SURFACE_TO_SURFACE\n1,2\n*END\n",
+        "*KEYWORD\n*MAT_ELASTIC\n1,7.8e-9,1000.,0.\n*NODE\n{nodes}\n*ELEMENT_SOLID\n1,1,1,2,3,4,5,6,7,8\n*BOUNDARY_SPC_SET\n1,0,1,1,1\n*CONTACT_AUTOMATIC_SURFACE_TO_SURFACE\n1,2\n*END\n",
         "{},{},{},{}\n",
         ["part.k:2 *MAT_ELASTIC", "*BOUNDARY_SPC_SET", "*CONTACT_AUTOMATIC"],
     ),
     "part.mdpa": (
-        "Begin Properties 1\nYOUNG_MODULUS 1000.0\nEnd Properties\nBegin Nodes\n{nodes}\nEnd Nodes\n"
-        "Begin Elements SmallDisplacementElement3D8N\n1 1 1 2 3 4 5 6 7 8\nEnd Elements\n"
-        "Begin NodalData DISPLACEMENT_Z\n5 1 -0.05\nEnd NodalData\n",
+        "Begin Properties 1\nYOUNG_MODULUS 1000.0\nEnd Properties\nBegin Nodes\n{nodes}\nEnd "
+        "Nodes\nBegin Elements SmallDisplacementElement3D8N\n1 1 1 2 3 4 5 6 7 8\nEnd "
+        "Elements\nBegin NodalData DISPLACEMENT_Z\n5 1 -0.05\nEnd NodalData\n",
         "{} {} {} {}\n",
         ["part.mdpa:2 YOUNG_MODULUS 1000.0", "NodalData DISPLACEMENT_Z"],
     ),
     "part.bdf": (
-        "BEGIN BULK\nMAT1,1,1000.,,0.\n{nodes}\nCHEXA,1,1,1,2,3,4,5,6,+\n+,7,8\nSPC1,1,123,1\nENDDATA\n",
+        (
+            "BEGIN "
+            "BULK\nMAT1,1,1000.,,0.\n{nodes}\nCHEXA,1,1,1,2,3,4,5,6,+\n+,7,8\nSPC1,1,123,1\nENDDATA\n"
+        ),
         "GRID,{},,{},{},{}\n",
         ["part.bdf:2 MAT1", "SPC1"],
     ),
@@ -206,10 +217,14 @@ STATED = {
 @needs("mesh_formats")
 @pytest.mark.parametrize("name", STATED)
 def test_physics_of_other_files_is_named_line_by_line(name, tmp_path):
-    """What a file states is not silently replaced by steel; the formats are those of their manuals."""
+    """What a file states is not silently replaced by steel; the formats are those of their
+    manuals.
+    """
     text, node, wanted = STATED[name]
     square = ((0, 0), (1, 0), (1, 1), (0, 1))
-    nodes = "".join(node.format(4 * z + k, x, y, z) for z in (0, 1) for k, (x, y) in enumerate(square, 1))
+    nodes = "".join(
+        node.format(4 * z + k, x, y, z) for z in (0, 1) for k, (x, y) in enumerate(square, 1)
+    )
     (tmp_path / name).write_text(text.replace("{nodes}", nodes.rstrip()))
     code, output = invoke("start", tmp_path / name)
     assert code == 0 and "which is not that of the file" in output, output
@@ -219,10 +234,13 @@ def test_physics_of_other_files_is_named_line_by_line(name, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("kind", "hypothesis"), [("CAX4", "axisymmetric"), ("CPS4", "plane_stress"), ("CPE4", "plane_strain")]
+    ("kind", "hypothesis"),
+    [("CAX4", "axisymmetric"), ("CPS4", "plane_stress"), ("CPE4", "plane_strain")],
 )
 def test_the_hypothesis_of_a_mesh_is_that_of_its_elements(kind, hypothesis, tmp_path):
-    """Manuals of CalculiX and Abaqus: CAX is axisymmetric, CPS plane stress, whether or not a material is there."""
+    """Manuals of CalculiX and Abaqus: CAX is axisymmetric, CPS plane stress, whether or not a
+    material is there.
+    """
     nodes = "*NODE\n1, 1., 0.\n2, 2., 0.\n3, 2., 1.\n4, 1., 1.\n"
     (tmp_path / "part.inp").write_text(f"{nodes}*ELEMENT, TYPE={kind}, ELSET=BODY\n7, 1, 2, 3, 4\n")
     code, output = invoke("start", tmp_path / "part.inp")
@@ -257,16 +275,25 @@ UNIT_TIME = CONTROL.format(10, 0.1)
 
 
 def febio(folder, *changes, more="", control=UNIT_TIME):
-    """Scene of two cubes of 10, .02 apart, and what ``hhr start`` says; texts of the file are exchanged in pairs."""
+    """Scene of two cubes of 10, .02 apart, and what ``hhr start`` says.
+
+    Texts of the file are exchanged in pairs.
+    """
     mesh = ""
     for part, z, first in ((1, 0.0, 1), (2, 10.02, 11)):
         square = ((0, 0), (10, 0), (10, 10), (0, 10))
         places = [(x, y, z + 10 * up) for up in (0, 1) for x, y in square]
-        rows = "".join(f'<node id="{first + k}">{x},{y},{h}</node>' for k, (x, y, h) in enumerate(places))
+        rows = "".join(
+            f'<node id="{first + k}">{x},{y},{h}</node>' for k, (x, y, h) in enumerate(places)
+        )
         corners = ",".join(str(first + k) for k in range(8))
         cell = f'<elem id="{part}">{corners}</elem>'
         mesh += f'<Nodes>{rows}</Nodes><Elements type="hex8" name="Part{part}">{cell}</Elements>'
-    text = FEBIO.replace("{mesh}", mesh).replace("{more}", more).replace("<Material>", control + "<Material>")
+    text = (
+        FEBIO.replace("{mesh}", mesh)
+        .replace("{more}", more)
+        .replace("<Material>", control + "<Material>")
+    )
     for old, new in zip(changes[::2], changes[1::2], strict=True):
         assert old in text
         text = text.replace(old, new)
@@ -283,7 +310,10 @@ def force(scene):
 @needs("mesh_formats")
 @pytest.mark.parametrize("more", ["", "<tension>1</tension>"])
 def test_physics_of_a_file_of_febio(more, tmp_path):
-    """Two cubes of 10, .02 apart, closed by half of .1: the force is E .03 / 20 times 100. Manual of FEBio 4."""
+    """Two cubes of 10, .02 apart, closed by half of .1: the force is E .03 / 20 times 100.
+
+    Manual of FEBio 4.
+    """
     scene, output = febio(tmp_path, more=more)
     assert ("TODO" in output) == bool(more) == ("<tension>" in output), output
     assert scene.contacts[0].slave == "Foot" and scene.contacts[0].friction == 0.1
@@ -317,12 +347,17 @@ WAVE = ((0, 0), (1, 1), (2, 0), (3, 2))
         (0.25, LINE, ("SMOOTH STEP",), 0.25**3 * (10 - 15 * 0.25 + 6 * 0.25**2)),
         (0.75, LINE, ("SMOOTH",), 0.75),
         (0.5, ((0, 0), (1, 1), (2, 0)), ("SMOOTH",), 0.75),  # 2 t - t^2
-        (1.5, WAVE, ("SMOOTH",), 0.4375),  # mean of 3/4 and 1/8, of parabolas through points 0 to 2 and 1 to 3
+        # mean of 3/4 and 1/8, of parabolas through points 0 to 2 and 1 to 3
+        (1.5, WAVE, ("SMOOTH",), 0.4375),
         (2.5, WAVE, ("smooth",), 0.625),  # parabola through the last three points
     ],
-)  # fmt: skip
-def test_a_load_curve_has_its_value_at_the_end_of_the_computation(end, points, words, value, tmp_path):
-    """Manual of FEBio 4, section LoadData, and FECore/PointCurve.cpp: time_steps times step_size is the end."""
+)
+def test_a_load_curve_has_its_value_at_the_end_of_the_computation(
+    end, points, words, value, tmp_path
+):
+    """Manual of FEBio 4, section LoadData, and FECore/PointCurve.cpp: time_steps times step_size is
+    the end.
+    """
     control = CONTROL.format(10, end / 10)
     scene, output = febio(tmp_path, OLD_CURVE, curve(points, *words), control=control)
     assert "TODO" not in output, output
@@ -332,14 +367,18 @@ def test_a_load_curve_has_its_value_at_the_end_of_the_computation(end, points, w
 
 @needs("mesh_formats")
 def test_the_force_at_the_end_of_a_load_curve(tmp_path):
-    """A curve from 0 to 1 that ends at .9: .09 less .02 is closed, which is E .07 / 20 times 100."""
+    """A curve from 0 to 1 that ends at .9: .09 less .02 is closed, which is E .07 / 20 times
+    100.
+    """
     scene, _ = febio(tmp_path, OLD_CURVE, curve(LINE), control=CONTROL.format(9, 0.1))
     assert force(scene) == pytest.approx(350.0, rel=1e-9)
 
 
 @needs("mesh_formats")
 def test_steps_of_febio_add_their_times(tmp_path):
-    """FEModelBuilder.cpp of FEBio: the first step takes over the Control outside of it, others have theirs."""
+    """FEModelBuilder.cpp of FEBio: the first step takes over the Control outside of it, others have
+    theirs.
+    """
     steps = f'<Step><step id="1"/><step id="2">{CONTROL.format(1, 0.5)}</step></Step></febio_spec>'
     changes = OLD_CURVE, curve(((0, 0), (2, 1))), "</febio_spec>", steps
     scene, output = febio(tmp_path, *changes, control=CONTROL.format(1, 0.7))
@@ -353,18 +392,30 @@ def test_steps_of_febio_add_their_times(tmp_path):
     [
         ((OLD_CURVE, '<load_controller id="1" type="math"><math>0.8*t</math>'), "is of type math"),
         ((OLD_CURVE, OLD_CURVE.replace('id="1"', 'id="2"')), "the file has no load_controller 1"),
-        ((OLD_CURVE, curve(((0, 0), (0.5, 1), (3, 2)), "CUBIC SPLINE")), "interpolate CUBIC SPLINE"),
+        (
+            (OLD_CURVE, curve(((0, 0), (0.5, 1), (3, 2)), "CUBIC SPLINE")),
+            "interpolate CUBIC SPLINE",
+        ),
         ((OLD_CURVE, curve(WAVE, "STEP")), "interpolate STEP"),  # jumps at the end
         ((OLD_CURVE, curve(((1, 0), (0, 1)))), "the points of load_controller 1 are not read"),
         (("<fric_coeff>0.1", '<fric_coeff lc="7">0.1'), "the file has no load_controller 7"),
-        (("<fric_coeff>0.1", '<fric_coeff type="math">X'), "<fric_coeff>: the file states it, and it is not read: X"),
+        (
+            ("<fric_coeff>0.1", '<fric_coeff type="math">X'),
+            "<fric_coeff>: the file states it, and it is not read: X",
+        ),
         (("<contact ", '<contact active="0" '), '<contact active="0">'),
-        (("</febio_spec>", '<Loads from="loads.feb"/></febio_spec>'), '<Loads from="loads.feb">: this section'),
-        (("</febio_spec>", "<Include>loads.feb</Include></febio_spec>"), '<Include from="loads.feb">: this section'),
+        (
+            ("</febio_spec>", '<Loads from="loads.feb"/></febio_spec>'),
+            '<Loads from="loads.feb">: this section',
+        ),
+        (
+            ("</febio_spec>", "<Include>loads.feb</Include></febio_spec>"),
+            '<Include from="loads.feb">: this section',
+        ),
         (("<E>1000", '<E lc="3">1000'), "the file states a material"),
         (("<time_steps>10", "<time_steps>ten"), "<Control>: the file does not say when"),
     ],
-)  # fmt: skip
+)
 def test_what_is_not_read_of_a_file_of_febio_is_a_todo_line(changes, todo, tmp_path):
     _, output = febio(tmp_path, *changes)
     assert "TODO part.feb" in output and todo in output, output
@@ -372,10 +423,14 @@ def test_what_is_not_read_of_a_file_of_febio_is_a_todo_line(changes, todo, tmp_p
 
 @needs("mesh_formats")
 def test_contact_in_a_step_of_febio_is_lost_with_a_word(tmp_path):
-    """A scene without the contact of its file has other answers: ``hhr start`` ends with its code for that."""
+    """A scene without the contact of its file has other answers: ``hhr start`` ends with its code
+    for that.
+    """
     febio(tmp_path)
     text = (tmp_path / "part.feb").read_text()
-    text = text.replace("<Contact>", '<Step><step id="1"><Contact>').replace("</Contact>", "</Contact></step></Step>")
+    text = text.replace("<Contact>", '<Step><step id="1"><Contact>').replace(
+        "</Contact>", "</Contact></step></Step>"
+    )
     (tmp_path / "part.feb").write_text(text)
     code, output = invoke("start", tmp_path / "part.feb", "--force")
     assert code == 3 and "states contact" in output, output
@@ -383,9 +438,18 @@ def test_contact_in_a_step_of_febio_is_lost_with_a_word(tmp_path):
 
 @needs("mesh_formats")
 def test_load_curves_of_materials_and_friction(tmp_path):
-    """All numbers of FEBio may have a curve: E is 2 * 1000 and the friction 2 * .1 at the end, which is t = 1."""
+    """All numbers of FEBio may have a curve: E is 2 * 1000 and the friction 2 * .1 at the end,
+    which is t = 1.
+    """
     more = '<load_controller id="2" type="loadcurve"><points><pt>0,1</pt><pt>1,2</pt></points></load_controller>'
-    changes = "<E>", '<E lc="2">', "<fric_coeff>", '<fric_coeff lc="2">', "</LoadData>", f"{more}</LoadData>"
+    changes = (
+        "<E>",
+        '<E lc="2">',
+        "<fric_coeff>",
+        '<fric_coeff lc="2">',
+        "</LoadData>",
+        f"{more}</LoadData>",
+    )
     scene, output = febio(tmp_path, *changes)
     assert "TODO" not in output and scene.contacts[0].friction == 0.2
     assert force(scene) == pytest.approx(300.0, rel=1e-9)

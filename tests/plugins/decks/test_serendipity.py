@@ -28,7 +28,10 @@ def block(kind, ends):
     deck.nset("MIDDLE", made.nodes(both(at(0, ends[0] / 2), *upper)))
     deck.material()
     deck.section()
-    deck.add(f"*BOUNDARY/LEFT, 1, {dim}/*STEP/*STATIC/*CLOAD/END, {dim}, 100./END, 2, 40./MIDDLE, {dim}, -300.")
+    deck.add(
+        f"*BOUNDARY/LEFT, 1, {dim}/*STEP/*STATIC/*CLOAD/END, {dim}, 100./END, 2, 40./MIDDLE, "
+        f"{dim}, -300."
+    )
     deck.add("*NODE PRINT, NSET=NALL/U/*END STEP")
     return deck.text
 
@@ -36,7 +39,11 @@ def block(kind, ends):
 def displacement(scene, place):
     full = hhr.FullOrderModel(scene)
     node = np.linalg.norm(full.problem.points - place, axis=1).argmin()
-    return full.solve(scene.parameters.middle).displacement().reshape(len(full.problem.points), -1)[node]
+    return (
+        full.solve(scene.parameters.middle)
+        .displacement()
+        .reshape(len(full.problem.points), -1)[node]
+    )
 
 
 @pytest.mark.parametrize(
@@ -47,7 +54,10 @@ def displacement(scene, place):
     ],
 )
 def test_a_block_under_forces_at_nodes(kind, ends, moved, tmp_path):
-    """The loaded end moves as in CalculiX, to all of its digits; elements with more nodes are 0.2 to 30 % off."""
+    """The loaded end moves as in CalculiX, to all of its digits.
+
+    Elements with more nodes are 0.2 to 30 % off.
+    """
     scene, _ = started(tmp_path, block(kind, ends))
     assert scene.constraints == TWENTY
     assert displacement(scene, ends) == pytest.approx(moved, rel=1e-6)
@@ -55,7 +65,10 @@ def test_a_block_under_forces_at_nodes(kind, ends, moved, tmp_path):
 
 
 def test_a_moment_on_a_distributing_coupling(tmp_path):
-    """CalculiX counts nodes by the functions of its elements; with those in the middle of faces they move 2 % off."""
+    """CalculiX counts nodes by the functions of its elements.
+
+    With those in the middle of faces they move 2 % off.
+    """
     text = block("C3D20", (3, 1, 1.2)).partition("*CLOAD")[0]
     faces = "*SURFACE, NAME=HEAD\n" + "".join(f"{cell}, S4\n" for cell in (21, 22, 23, 24))
     coupling = f"*NODE\n990, 4., 0.3, 0.9\n{faces}*COUPLING, REF NODE=990, SURFACE=HEAD, CONSTRAINT NAME=C\n"
@@ -86,7 +99,10 @@ def test_elements_with_fewer_integration_points_keep_27_nodes(tmp_path):
 
 @needs("floating", "friction")
 def test_a_body_that_contact_holds(tmp_path):
-    """A cube on another one, pressed and pulled at a corner; CalculiX has a penalty, and 27 nodes are 0.6 % off."""
+    """A cube on another one, pressed and pulled at a corner.
+
+    CalculiX has a penalty, and 27 nodes are 0.6 % off.
+    """
     entry = next(one for one in ENTRIES if one.source == "contact5")
     scene, _ = started(tmp_path, entry.write())
     assert scene.constraints == TWENTY
@@ -97,7 +113,9 @@ def leaves(cells, push):
     """A quarter of a leaf spring, whose lower leaves are shorter and press by their ends."""
     deck = Writer()
     made = [
-        deck.box("EALL", "C3D20", (count, 1, 1), (0, 0, 5 * row), (50 * (row + 1), 20, 5 * (row + 1)))
+        deck.box(
+            "EALL", "C3D20", (count, 1, 1), (0, 0, 5 * row), (50 * (row + 1), 20, 5 * (row + 1))
+        )
         for row, count in enumerate(cells)
     ]
     for row, (low, up) in enumerate(pairwise(made), 1):
@@ -120,9 +138,14 @@ def leaves(cells, push):
 @needs("nonmatching")
 @pytest.mark.parametrize(("cells", "force"), [((2, 3), 23.89021), ((1, 2, 4), 10.19377)])
 def test_a_leaf_spring_with_contact_at_nodes(cells, force, tmp_path):
-    """The force on the support, from the energy; its penalty makes CalculiX 0.02 % stiffer, and means are 2 % off."""
+    """The force on the support, from the energy.
+
+    Its penalty makes CalculiX 0.02 % stiffer, and means are 2 % off.
+    """
     scene, _ = started(tmp_path, leaves(cells, 0.1))
-    pairs = tuple(hhr.NodeToSurface(pair.slave, pair.master, at_nodes=True) for pair in scene.contacts)
+    pairs = tuple(
+        hhr.NodeToSurface(pair.slave, pair.master, at_nodes=True) for pair in scene.contacts
+    )
     energy = (hhr.ElasticEnergy("energy"),)
     found = replace(scene, contacts=pairs, constraints=TWENTY, outputs=energy)
     given = hhr.FullOrderModel(found).solve(scene.parameters.middle).outputs()["energy"]
@@ -133,7 +156,9 @@ def test_a_leaf_spring_with_contact_at_nodes(cells, force, tmp_path):
 
 
 def test_a_constant_pressure_passes(tmp_path):
-    """A cube without Poisson's ratio, pressed on a plane by 1 %: conditions at its nodes are independent."""
+    """A cube without Poisson's ratio, pressed on a plane by 1 %: conditions at its nodes are
+    independent.
+    """
     deck = Writer()
     cube = deck.box("EALL", "C3D20", (2, 2, 2), (0, 0, 0), (1, 1, 1))
     for axis, name in enumerate("XYZ"):
@@ -157,7 +182,9 @@ def test_a_constant_pressure_passes(tmp_path):
     full = hhr.FullOrderModel(scene)
     answer = full.solve(0.01)
     assert answer.forces().size == 21
-    assert answer.forces() / full.problem.contact_areas == pytest.approx(np.full(21, 2100.0), rel=1e-9)
+    assert answer.forces() / full.problem.contact_areas == pytest.approx(
+        np.full(21, 2100.0), rel=1e-9
+    )
 
 
 def test_cells_without_nodes_in_the_middle(tmp_path):
@@ -167,7 +194,9 @@ def test_cells_without_nodes_in_the_middle(tmp_path):
 
 
 def stacked(folder, contact, constraints, more):
-    """Two cubes whose meshes do not match, the upper one pressed down by 0.002 along z and held along x and y."""
+    """Two cubes whose meshes do not match, the upper one pressed down by 0.002 along z and held
+    along x and y.
+    """
     deck = Writer()
     low = deck.box("LOW", "C3D20", (2, 2, 2), (0, 0, 0), (1, 1, 1))
     up = deck.box("UP", "C3D20", (3, 3, 3), (0, 0, 1), (1, 1, 2))
@@ -199,7 +228,9 @@ NODES = hhr.NodeToSurface("UBOT", "LTOP", at_nodes=True)
 @needs("nonmatching", "mortar")
 @pytest.mark.parametrize("pair", [hhr.Mortar("UBOT", "LTOP"), NODES])
 def test_conditions_do_not_depend_on_the_order_of_constraints(pair, tmp_path):
-    """Another constraint may determine a node in the middle of a face: conditions count for edges all the same."""
+    """Another constraint may determine a node in the middle of a face: conditions count for edges
+    all the same.
+    """
     mean = hhr.MeanMotion("UBOT", 0)
     found = [stacked(tmp_path, pair, order, ())[1] for order in ((*TWENTY, mean), (mean, *TWENTY))]
     forces = [answer.outputs()["force"] for answer in found]
@@ -209,7 +240,10 @@ def test_conditions_do_not_depend_on_the_order_of_constraints(pair, tmp_path):
 
 @needs("mortar")
 def test_surfaces_that_are_held_along_an_axis(tmp_path):
-    """By symmetry it does not matter which; nodes in the middle of faces follow no others along an axis held."""
+    """By symmetry it does not matter which.
+
+    Nodes in the middle of faces follow no others along an axis held.
+    """
     pair = hhr.Mortar("UBOT", "LTOP")
     held = [tuple(hhr.Displacement(name, axis) for name in ("UBOT", "LTOP")) for axis in (0, 1)]
     found = [stacked(tmp_path, pair, TWENTY, more)[1] for more in held]

@@ -1,4 +1,6 @@
-"""Hyper-reduced contacts with laws of several plug-ins, or of one of an outsider: forces and memories everywhere."""
+"""Hyper-reduced contacts with laws of several plug-ins, or of one of an outsider: forces and
+memories everywhere.
+"""
 
 import my_contact_law
 import numpy as np
@@ -55,8 +57,13 @@ def paths(space, count, seed, steps=9):
         points = low + random.random((5, 2)) * (high - low)
         points[0] = 0.0
         moved = np.array([np.interp(fine, np.arange(5), column) for column in points.T]).T
-        rest = space.lower[2:] + random.random(len(space.names) - 2) * np.subtract(space.upper, space.lower)[2:]
-        found.append([(float(time), np.append(point, rest)) for time, point in zip(fine, moved, strict=True)])
+        rest = (
+            space.lower[2:]
+            + random.random(len(space.names) - 2) * np.subtract(space.upper, space.lower)[2:]
+        )
+        found.append(
+            [(float(time), np.append(point, rest)) for time, point in zip(fine, moved, strict=True)]
+        )
     return found
 
 
@@ -72,7 +79,10 @@ def trained(name, count=8, recipe=None, **changes):
     """A full model and a hyper-reduced one, by the default recipe without another one."""
     scene = scene_of(name, **changes)
     training = hhr.train(
-        scene, paths(scene.parameters, count, 1), held_out=paths(scene.parameters, 2, 2), comm=MPI.COMM_SELF
+        scene,
+        paths(scene.parameters, count, 1),
+        held_out=paths(scene.parameters, 2, 2),
+        comm=MPI.COMM_SELF,
     )
     return training.full_order, training.build(recipe)
 
@@ -81,13 +91,19 @@ def arrays(law, answer):
     return {"forces": answer.forces(), **law.stored(answer.memory)}
 
 
-@pytest.mark.parametrize(("name", "tolerance"), [("three", 1e-20), ("wear", 1e-20), ("gasket", 1e-16)])
+@pytest.mark.parametrize(
+    ("name", "tolerance"), [("three", 1e-20), ("wear", 1e-20), ("gasket", 1e-16)]
+)
 def test_on_the_whole_mesh_it_is_the_full_order(name, tolerance):
-    """On its own training, which its modes hold up to the root of the tolerance: forces, fields and all memories."""
+    """On its own training, which its modes hold up to the root of the tolerance: forces, fields and
+    all memories.
+    """
     full = full_of(name)
     known = [full.march(path) for path in paths(full.parameters, 2, 7)]
     everywhere = hhr.Zone(lambda problem: np.arange(len(problem.points)))
-    recipe = hhr.Recipe.of_paths(basis=hhr.Pod(tolerance), nodes=(everywhere,), enrichment=hhr.Enrich(1.0))
+    recipe = hhr.Recipe.of_paths(
+        basis=hhr.Pod(tolerance), nodes=(everywhere,), enrichment=hhr.Enrich(1.0)
+    )
     model = hhr.build(full, hhr.SnapshotSet.of_histories(known), recipe.as_it_is())
     assert model.own_conditions == full.conditions and model.law.plugins == full.law.plugins
     for history in known:
@@ -100,15 +116,24 @@ def test_on_the_whole_mesh_it_is_the_full_order(name, tolerance):
 
 
 def check_unseen(name, cells, count, most, recipe=None):
-    """Largest errors of forces and of memories on paths that were not trained, each over its largest value."""
+    """Largest errors of forces and of memories on paths that were not trained, each over its
+    largest value.
+    """
     full, model = trained(name, count, recipe, cells=cells)
     assert 0 < model.own_conditions < full.conditions
     pairs = [(full.march(path), model.march(path)) for path in paths(full.parameters, 4, 3)]
-    kept = [[arrays(full.law, answer) for answer in history.answers] for pair in pairs for history in pair]
+    kept = [
+        [arrays(full.law, answer) for answer in history.answers]
+        for pair in pairs
+        for history in pair
+    ]
     for key in kept[0][0]:
         if key == "statuses":
             continue
-        one, other = (np.array([[values[key] for values in history] for history in kept[k::2]]) for k in (0, 1))
+        one, other = (
+            np.array([[values[key] for values in history] for history in kept[k::2]])
+            for k in (0, 1)
+        )
         off = np.linalg.norm(other - one, axis=-1).max() / np.linalg.norm(one, axis=-1).max()
         assert off < most, key
     return full, model, pairs
@@ -116,7 +141,10 @@ def check_unseen(name, cells, count, most, recipe=None):
 
 @pytest.mark.parametrize("name", ["wear", "gasket"])
 def test_unseen_paths_of_one_law(name):
-    """An outsider's law alone, with memory and without; forces outside the RID too, 9e-4 and 1e-4 measured."""
+    """An outsider's law alone, with memory and without.
+
+    Forces outside the RID too, 9e-4 and 1e-4 measured.
+    """
     check_unseen(name, 4, 6, 0.01)
 
 
@@ -145,7 +173,9 @@ def test_unseen_paths_of_three_laws_by_the_default_recipe():
 
 
 def check_file(model, history, folder):
-    """A file answers as the model to round-off, since it has other factors, and as the file of that one exactly."""
+    """A file answers as the model to round-off, since it has other factors, and as the file of that
+    one exactly.
+    """
     first, second = folder / "first.npz", folder / "second.npz"
     hhr.save_model(first, model)
     kept = hhr.load_model(first, known=KNOWN)
@@ -155,7 +185,9 @@ def check_file(model, history, folder):
     for here, there, third in zip(*ends, strict=True):
         for key, value in arrays(model.fields.interface.whole, there).items():
             own = arrays(model.fields.interface.whole, here)[key]
-            assert np.abs(value - own).max(initial=0.0) <= 1e-9 * max(np.abs(own).max(initial=0.0), 1e-3)
+            assert np.abs(value - own).max(initial=0.0) <= 1e-9 * max(
+                np.abs(own).max(initial=0.0), 1e-3
+            )
             np.testing.assert_array_equal(value, arrays(model.fields.interface.whole, third)[key])
         np.testing.assert_array_equal(there.displacement(), third.displacement())
         assert there.estimate() == third.estimate()
@@ -183,7 +215,8 @@ def test_gradients_are_those_of_differences(small):
     """Of all forces along the path, constants of laws among the parameters."""
     _, model = small
     path = [
-        (time, point + np.array([1e-3, 0.0, 0.0, 0.0])) for time, point in paths(model.parameters, 1, 11)[0][:6]
+        (time, point + np.array([1e-3, 0.0, 0.0, 0.0]))
+        for time, point in paths(model.parameters, 1, 11)[0][:6]
     ]  # within the box
     answer = model.march(path, hhr.MarchSettings(gradient=True, cuts=0)).answers[-1]
     assert not answer.gradient.one_sided
@@ -193,13 +226,18 @@ def test_gradients_are_those_of_differences(small):
         ends = []
         for sign in (1.0, -1.0):
             moved = [(time, point + sign * shift) for time, point in path]
-            ends.append(model.march(moved, hhr.MarchSettings(outside="ignore", cuts=0)).answers[-1].forces())
+            ends.append(
+                model.march(moved, hhr.MarchSettings(outside="ignore", cuts=0)).answers[-1].forces()
+            )
         expected = (ends[0] - ends[1]) / (2.0 * step)
         assert np.abs(found[:, number] - expected).max() <= 1e-4 * np.abs(found).max()
 
 
 def test_laws_limit_what_is_fitted(small):
-    """By hand: a pressure below 0 is none, and a tangential force goes down to its bound; in each range by its own."""
+    """By hand: a pressure below 0 is none, and a tangential force goes down to its bound.
+
+    In each range by its own.
+    """
     full, model = small
     fields = model.fields.interface
     friction, point = full.law.of("friction"), np.array([0.05, 0.0, 0.3, 1.0])
@@ -222,17 +260,25 @@ def test_laws_limit_what_is_fitted(small):
 
 
 def test_weak_laws_are_not_taken_for_open():
-    """A gasket whose forces are 1e-4 of the others: over their own largest, outside the RID; 2e-2 measured."""
+    """A gasket whose forces are 1e-4 of the others: over their own largest, outside the RID.
+
+    2e-2 measured.
+    """
     full, model = trained("soft", 6, few(), cells=8)
     rows = next(part.rows for part in full.law.ranges if part.law.plugin == "my_gasket")
     assert not np.isin(rows, model.fields.A_lambda).all()
     for path in paths(full.parameters, 2, 3):
-        pairs = [[answer.forces()[rows] for answer in one.march(path).answers] for one in (full, model)]
+        pairs = [
+            [answer.forces()[rows] for answer in one.march(path).answers] for one in (full, model)
+        ]
         assert np.abs(np.subtract(*pairs)).max() <= 0.05 * np.abs(pairs[0]).max()
 
 
 def test_what_closes_outside_without_forces_inside_is_unknown(small):
-    """Overlap of a gasket is its closure; a worn depth is none. Nothing else shows contact that has left the RID."""
+    """Overlap of a gasket is its closure; a worn depth is none.
+
+    Nothing else shows contact that has left the RID.
+    """
     full, model = small
     indicator, scale = model.fields.interface, model.fields.gap_scale
     outside = np.setdiff1d(np.arange(full.conditions), model.fields.A_lambda)
@@ -255,7 +301,9 @@ def test_worn_depths_are_no_overlap():
     worn = np.zeros(wearing.size)
     assert indicator.overlap(slack, scale, NO_MEMORY | {"worn": worn}) == pytest.approx(0.5)
     worn[wearing == row] = 0.5 * scale[row]
-    assert indicator.overlap(slack, scale, NO_MEMORY | {"worn": worn}) == pytest.approx(0.0, abs=1e-12)
+    assert indicator.overlap(slack, scale, NO_MEMORY | {"worn": worn}) == pytest.approx(
+        0.0, abs=1e-12
+    )
 
 
 def test_what_is_not_solved_by_ranges_is_refused(monkeypatch):
@@ -263,7 +311,10 @@ def test_what_is_not_solved_by_ranges_is_refused(monkeypatch):
     with_plugins(monkeypatch, toy_increments.PLUGIN)
     full = full_of("wear")
     known = hhr.SnapshotSet.of_histories([full.march(paths(full.parameters, 1, 1)[0])])
-    with pytest.raises(NotOfferedError, match=r"wear next to .*, or hyper-reduced, is not built in.* no facet 'range'"):
+    with pytest.raises(
+        NotOfferedError,
+        match=r"wear next to .*, or hyper-reduced, is not built in.* no facet 'range'",
+    ):
         hhr.build(full, known)
 
 
@@ -271,7 +322,9 @@ def test_without_what_completes_forces_it_is_refused(monkeypatch):
     full = full_of("gasket")
     known = hhr.SnapshotSet.of_histories([full.march(paths(full.parameters, 1, 1)[0])])
     with_plugins(monkeypatch, Plugin(name="differences"))
-    with pytest.raises(NotOfferedError, match="hyper-reduction of contacts with a gasket needs a plug-in"):
+    with pytest.raises(
+        NotOfferedError, match="hyper-reduction of contacts with a gasket needs a plug-in"
+    ):
         hhr.build(full, known)
 
 
@@ -280,7 +333,8 @@ def test_inelastic_bodies_are_refused():
     """Full models answer them."""
     bodies = hhr.Body(1, 2.0, 0.3), hhr.Body(2, 5.0, 0.3, hhr.Plasticity(0.1, 1.0))
     with pytest.raises(
-        NotOfferedError, match="and of inelastic bodies, is not built in: a step starts from the memory"
+        NotOfferedError,
+        match="and of inelastic bodies, is not built in: a step starts from the memory",
     ):
         completed(full_of("three", bodies=bodies))
 
@@ -292,10 +346,19 @@ def test_a_safe_model_falls_back_and_knows_its_scene(small):
     safe = hhr.FallbackModel(model, full, 0.02, of="forces")
     path = paths(model.parameters, 1, 5)[0]
     for one, other in zip(full.march(path).answers, safe.march(path).answers, strict=True):
-        assert np.linalg.norm(one.forces() - other.forces()) <= 0.02 * np.linalg.norm(one.forces()) + 1e-12
+        assert (
+            np.linalg.norm(one.forces() - other.forces())
+            <= 0.02 * np.linalg.norm(one.forces()) + 1e-12
+        )
     stiffer = hhr.Body(1, 2.01, 0.3), hhr.Body(2, 5.0, 0.3)
     laws = hhr.Coulomb("mu"), Gasket("k", 51.0), Wear(RATE)
     fewer = stacked(hhr.Coulomb("mu"), Gasket("k", 50.0), parameters=full.parameters)
-    for scene in (scene_of("three", bodies=stiffer), stacked(*laws, parameters=full.parameters), fewer):
-        with pytest.raises(ReductionError, match=r"of another scene or mesh|unlike the reduced one"):
+    for scene in (
+        scene_of("three", bodies=stiffer),
+        stacked(*laws, parameters=full.parameters),
+        fewer,
+    ):
+        with pytest.raises(
+            ReductionError, match=r"of another scene or mesh|unlike the reduced one"
+        ):
             hhr.FallbackModel(model, hhr.FullOrderModel(scene, MPI.COMM_SELF), of="forces")

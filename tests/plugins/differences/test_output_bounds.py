@@ -42,7 +42,9 @@ def check(full, model, points):
         values, said = answer.outputs(), answer.estimate().outputs
         assert set(said) <= set(values)
         for name, one in said.items():
-            found.setdefault(name, []).append([abs(values[name] - exact[name]), one, abs(exact[name])])
+            found.setdefault(name, []).append(
+                [abs(values[name] - exact[name]), one, abs(exact[name])]
+            )
     medians = {}
     for name, rows in found.items():
         error, one, size = np.array(rows).T
@@ -65,7 +67,10 @@ def test_outputs_of_the_pellet(pellet):
         medians = check(full, model, full.parameters.random(60, 0))
         assert set(medians) == names
         # the contact that is lost, and the area under load, jump: they are right at most points
-        assert model is not poor or min(medians[name] for name in set(medians) - {"area", "lost"}) > 1e-6
+        assert (
+            model is not poor
+            or min(medians[name] for name in set(medians) - {"area", "lost"}) > 1e-6
+        )
 
 
 @needs("fallback")
@@ -74,7 +79,9 @@ def test_outputs_with_too_many_rows_have_none(pellet, monkeypatch):
     monkeypatch.setattr(output_difference, "MOST_ENTRIES", 400)
     model = hhr.build(pellet.full_order, pellet.snapshots, POOR)
     medians = check(pellet.full_order, model, pellet.full_order.parameters.random(5, 1))
-    left_out = [output.name for output in pellet.full_order.scene.outputs if output.name not in medians]
+    left_out = [
+        output.name for output in pellet.full_order.scene.outputs if output.name not in medians
+    ]
     assert {"largest", "mean"} <= set(left_out) and "peak" in medians
     assert model.known_error.endswith(f". No bound of {', '.join(left_out)}")
     with pytest.raises(ParameterError, match="'largest': it reads more"):
@@ -83,7 +90,10 @@ def test_outputs_with_too_many_rows_have_none(pellet, monkeypatch):
 
 @pytest.mark.parametrize("hypothesis", ["plane_stress", "axisymmetric", "solid"])
 def test_outputs_of_pairs_of_blocks(hypothesis):
-    """Imposed motions, loads and gaps as parameters; few points of training, so that errors are large."""
+    """Imposed motions, loads and gaps as parameters.
+
+    Few points of training, so that errors are large.
+    """
     full = hhr.FullOrderModel(with_outputs(hypothesis))
     model = hhr.build(full, hhr.compute_snapshots(full, hhr.Sobol(4).points(full.parameters)), POOR)
     medians = check(full, model, full.parameters.random(40, 3))

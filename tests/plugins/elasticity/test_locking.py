@@ -1,4 +1,6 @@
-"""Bodies that keep their volume do not lock: limit loads, creep and nearly incompressible tubes by closed forms."""
+"""Bodies that keep their volume do not lock: limit loads, creep and nearly incompressible tubes by
+closed forms.
+"""
 
 import dataclasses
 
@@ -23,10 +25,16 @@ from hhr_dolfinx.plugins.elasticity.locking import gauss_degree
 @pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])
 @pytest.mark.parametrize("order", [1, 2])
 def test_rules_of_the_stiffness_have_positive_weights(cell, order):
-    """Energies of Gauss points would not be positive otherwise; of degree 3 on tetrahedra one weight is negative."""
+    """Energies of Gauss points would not be positive otherwise.
+
+    Of degree 3 on tetrahedra one weight is negative.
+    """
     from hhr_dolfinx.plugins.shapes.reshaped import stiffness_degree
 
-    degrees = gauss_degree(cell, order), *(stiffness_degree(cell, name, order) for name in ("solid", "axisymmetric"))
+    degrees = (
+        gauss_degree(cell, order),
+        *(stiffness_degree(cell, name, order) for name in ("solid", "axisymmetric")),
+    )
     assert min(compat.quadrature(cell, degree)[1].min() for degree in degrees) > 0
 
 
@@ -44,18 +52,29 @@ def triangles(comm):
 
 @needs("inelastic")
 @pytest.mark.filterwarnings("error::hhr_dolfinx.errors.LockingWarning")
-@pytest.mark.parametrize(("poisson", "mesh", "order", "shares"), [
-    (0.3, {"cells": 16}, 1, FIRST), (0.49, {"cells": 16}, 1, FIRST),
-    *(pytest.param(0.3, mesh, 2, SECOND, marks=needs("second_order"))
-      for mesh in ({"cells": 8}, {"geometry": triangles})),
-], ids=["quadrilaterals", "nearly incompressible", "second order", "triangles of second order"])  # fmt: skip
+@pytest.mark.parametrize(
+    ("poisson", "mesh", "order", "shares"),
+    [
+        (0.3, {"cells": 16}, 1, FIRST),
+        (0.49, {"cells": 16}, 1, FIRST),
+        *(
+            pytest.param(0.3, mesh, 2, SECOND, marks=needs("second_order"))
+            for mesh in ({"cells": 8}, {"geometry": triangles})
+        ),
+    ],
+    ids=["quadrilaterals", "nearly incompressible", "second order", "triangles of second order"],
+)
 def test_a_tube_bears_its_limit_load_and_no_more(poisson, mesh, order, shares):
     """Perfect plasticity in plane strain: p = 2/√3 σ0 ln(b/a); a locked tube bears any pressure."""
     limit = 2 / np.sqrt(3) * np.log(2)
     scene = tube(hhr.Plasticity(1.0), 2.0, poisson=poisson, contacts=(FAR,), order=order, **mesh)
     last = len(shares) - 1
-    with pytest.raises(ConvergenceError, match=f"step {last} to t = {last} s did not converge") as caught:
-        hhr.FullOrderModel(scene).march([(time, np.array([share * limit])) for time, share in enumerate(shares)])
+    with pytest.raises(
+        ConvergenceError, match=f"step {last} to t = {last} s did not converge"
+    ) as caught:
+        hhr.FullOrderModel(scene).march(
+            [(time, np.array([share * limit])) for time, share in enumerate(shares)]
+        )
     done = caught.value.history.answers
     assert done[-1].parameter / limit == pytest.approx(0.99)
     assert done[-1].unknown.max() < 0.02
@@ -65,7 +84,10 @@ def test_a_tube_bears_its_limit_load_and_no_more(poisson, mesh, order, shares):
 @pytest.mark.parametrize("poisson", [0.3, 0.49])
 @pytest.mark.parametrize("exponent", [3.0, 5.0, 20.0])
 def test_a_tube_creeps_as_fast_as_norton_says(exponent, poisson):
-    """u_r grows by C / r, p = (m / √3) K (2 C / √3)^(1/m) (1 - 2^(-2/m)); a locked tube is 8 to 76 % too slow."""
+    """u_r grows by C / r, p = (m / √3) K (2 C / √3)^(1/m) (1 - 2^(-2/m)).
+
+    a locked tube is 8 to 76 % too slow.
+    """
     rate, resistance = 0.01, 2.0
     power = (2 * rate / np.sqrt(3)) ** (1 / exponent)
     pressure = exponent / np.sqrt(3) * resistance * power * (1 - 2 ** (-2 / exponent))
@@ -83,7 +105,9 @@ PUNCH = 99
 
 
 def punched(per_unit, thickness=None):
-    """A rigid smooth punch, 1 wide, on half of a block 4 x 2 of perfect plasticity, plane strain or one cell thick."""
+    """A rigid smooth punch, 1 wide, on half of a block 4 x 2 of perfect plasticity, plane strain or
+    one cell thick.
+    """
     layer = () if thickness is None else (0.0, thickness)
     cells = (4 * per_unit, 2 * per_unit, *(1 for _ in layer[1:]))
 
@@ -104,7 +128,9 @@ def punched(per_unit, thickness=None):
         hypothesis="solid" if layer else "plane_strain",
         bodies=(hhr.Body(block.SOLID, YOUNG, 0.3, hhr.Plasticity(1.0)),),
         contacts=(hhr.Obstacle(PUNCH, (0.0, 1.0, *layer[:1]), 2.0),),
-        displacements=tuple(hhr.Displacement(block.side(axis, upper), component) for axis, upper, component in held),
+        displacements=tuple(
+            hhr.Displacement(block.side(axis, upper), component) for axis, upper, component in held
+        ),
         openings=(hhr.Opening(0, slope("push", -1.0)),),
     )
 
@@ -115,10 +141,16 @@ def pushed(full, depth, steps):
 
 @needs("inelastic")
 def test_a_punch_reaches_the_load_of_prandtl():
-    """(2 + π) σ0 / √3 however deep, where the force of cells that lock grows; the error is of first order."""
+    """(2 + π) σ0 / √3 however deep, where the force of cells that lock grows.
+
+    The error is of first order.
+    """
     prandtl, plateaus = (2 + np.pi) / np.sqrt(3), []
     for per_unit in (8, 16):
-        forces = [answer.forces().sum() for answer in pushed(hhr.FullOrderModel(punched(per_unit)), 0.1, 20).answers]
+        forces = [
+            answer.forces().sum()
+            for answer in pushed(hhr.FullOrderModel(punched(per_unit)), 0.1, 20).answers
+        ]
         plateaus.append(forces[-1])
         assert forces[-1] == pytest.approx(prandtl, rel=0.05)
         # the last tenth of the way; 0.5 % when locked
@@ -130,7 +162,9 @@ def test_a_punch_reaches_the_load_of_prandtl():
 def test_hexahedra_in_plane_strain_are_the_quadrilaterals():
     """One layer held on both sides: the same history."""
     plane, space = (hhr.FullOrderModel(punched(4, thickness)) for thickness in (None, 0.5))
-    for ours, theirs in zip(pushed(space, 0.1, 6).answers, pushed(plane, 0.1, 6).answers, strict=True):
+    for ours, theirs in zip(
+        pushed(space, 0.1, 6).answers, pushed(plane, 0.1, 6).answers, strict=True
+    ):
         # both to a residual of 1e-5
         assert ours.forces().sum() / 0.5 == pytest.approx(theirs.forces().sum(), rel=1e-3)
         assert ours.plastic_strain().max() == pytest.approx(theirs.plastic_strain().max(), rel=2e-2)
@@ -138,7 +172,9 @@ def test_hexahedra_in_plane_strain_are_the_quadrilaterals():
 
 def distorted(dim):
     cells = ((4, 3), (7, 3)) if dim == 2 else ((2, 2, 2), (3, 3, 2))
-    return patch.scene(hhr.NodeToSurface, *cells, poisson=0.3, angle=1.0, bulge=0.04, by_normal=dim == 2)
+    return patch.scene(
+        hhr.NodeToSurface, *cells, poisson=0.3, angle=1.0, bulge=0.04, by_normal=dim == 2
+    )
 
 
 def answers(scene, pressure):
@@ -157,15 +193,21 @@ def test_a_nearly_incompressible_tube():
         exact = lame_displacement(A, C, points[:, 0], 0.4999)
         assert displacement.reshape(-1, 2)[:, 0] == pytest.approx(exact, rel=1e-3)
         middles = points[model.problem.cell_nodes].mean(axis=1)[:, 0]
-        # sigma_r, sigma_theta and sigma_z, whose size is 5/3 at the bore: pressures are constant in each cell
-        exact = np.stack([A - C / middles**2, A + C / middles**2, 2 * 0.4999 * A + 0 * middles], axis=1)
+        # sigma_r, sigma_theta and sigma_z, whose size is 5/3 at the bore: pressures are constant in
+        # each cell
+        exact = np.stack(
+            [A - C / middles**2, A + C / middles**2, 2 * 0.4999 * A + 0 * middles], axis=1
+        )
         assert model.stress_of(displacement)[:, [0, 2, 1]] == pytest.approx(exact, abs=5e-3)
 
 
 @needs("inelastic", "nonmatching")
 @pytest.mark.parametrize("dim", [2, 3])
 def test_stresses_of_cells_have_the_pressure_of_their_points(dim):
-    """One for all Gauss points of a cell, and that of its middle, on distorted cells; round-off times 5000."""
+    """One for all Gauss points of a cell, and that of its middle, on distorted cells.
+
+    round-off times 5000.
+    """
     full = in_time(with_bodies(distorted(dim), poisson=0.4999))
     # any field will do
     displacement = np.sin(3 * full.problem.points + 1).ravel()
@@ -173,7 +215,9 @@ def test_stresses_of_cells_have_the_pressure_of_their_points(dim):
     points = material.update(operator.strain(displacement), material.at_rest(), 1.0, tangent=False)
     pressures = points.stress[:, :3].sum(axis=1).reshape(-1, operator.per_cell)
     middles = full.stress_of(displacement)[:, :3].sum(axis=1)
-    assert pressures == pytest.approx(np.tile(middles[:, None], pressures.shape[1]), abs=1e-11 * np.abs(middles).max())
+    assert pressures == pytest.approx(
+        np.tile(middles[:, None], pressures.shape[1]), abs=1e-11 * np.abs(middles).max()
+    )
 
 
 def test_a_nearly_incompressible_shrink_fit():
@@ -192,7 +236,10 @@ def test_linear_fields_keep_their_strain_on_distorted_cells(dim):
     gradient = np.random.default_rng(0).standard_normal((dim, dim))
     strain = np.zeros((3, 3))
     strain[:dim, :dim] = (gradient + gradient.T) / 2
-    kelvin = [*np.diag(strain), *(2**0.5 * strain[pair] for pair in [(0, 1), (0, 2), (1, 2)][: 2 * dim - 3])]
+    kelvin = [
+        *np.diag(strain),
+        *(2**0.5 * strain[pair] for pair in [(0, 1), (0, 2), (1, 2)][: 2 * dim - 3]),
+    ]
     operator = full.equilibrium.operator
     found = operator.strain((full.problem.points @ gradient.T).ravel())
     assert found == pytest.approx(np.tile(kelvin, (len(found), 1)), abs=1e-12)
@@ -234,14 +281,21 @@ def test_the_elastic_model_and_that_in_time_have_one_stiffness(hypothesis):
 def test_cells_that_lock_are_named(hypothesis, cell, remedy):
     scene = pressed_block(hypothesis, simplices=True, cells=2)
     if present("inelastic"):
-        with pytest.warns(LockingWarning, match=rf"body 1 .* has a law.* {cell}.* Mesh it with {remedy}"):
+        with pytest.warns(
+            LockingWarning, match=rf"body 1 .* has a law.* {cell}.* Mesh it with {remedy}"
+        ):
             hhr.FullOrderModel(with_bodies(scene, law=hhr.Plasticity(1.0)))
-    with pytest.warns(LockingWarning, match=rf"body 1 .* nu = 0\.46.* {cell}.* Mesh it with {remedy}"):
+    with pytest.warns(
+        LockingWarning, match=rf"body 1 .* nu = 0\.46.* {cell}.* Mesh it with {remedy}"
+    ):
         hhr.FullOrderModel(with_bodies(scene, poisson=0.46))
 
 
 def test_what_does_not_lock_is_not_warned_of():
-    """Moderate ratios, and plane stress, where the thickness gives way; warnings are errors in these tests."""
+    """Moderate ratios, and plane stress, where the thickness gives way.
+
+    Warnings are errors in these tests.
+    """
     hhr.FullOrderModel(pressed_block("plane_strain", simplices=True, poisson=0.44))
     free = hhr.FullOrderModel(pressed_block("plane_stress", poisson=0.4999))
     assert free.discretisation.mean_dilatation == (False,)
@@ -250,17 +304,23 @@ def test_what_does_not_lock_is_not_warned_of():
 
 @needs("inelastic")
 def test_blocks_of_mumps_are_the_columns_of_petsc(monkeypatch):
-    """Both factorisations, in several blocks and for a single column, against one solve after the other."""
+    """Both factorisations, in several blocks and for a single column, against one solve after the
+    other.
+    """
     full = in_time(pressed_block("solid", cells=4))
     problem, factors = full.problem, full.store.first
     assert factors._factors._ksp.getPC().getFactorSolverType() == "mumps"
     monkeypatch.setattr(cholesky, "BLOCK", 7)  # 25 columns
-    own = cholesky.FreeCholesky(problem.stiffness, problem.free, slice(0, len(problem.free)), "block", "nd", full.comm)
+    own = cholesky.FreeCholesky(
+        problem.stiffness, problem.free, slice(0, len(problem.free)), "block", "nd", full.comm
+    )
     expected = np.stack([own.solve(row).copy() for row in problem.contact.toarray()], axis=1)
     size = np.abs(expected).max()
     for solver in (own, factors):
         assert solver.solve_columns(problem.contact.T) == pytest.approx(expected, abs=1e-12 * size)
-        assert solver.solve_columns(problem.contact[:1].T)[:, 0] == pytest.approx(expected[:, 0], abs=1e-12 * size)
+        assert solver.solve_columns(problem.contact[:1].T)[:, 0] == pytest.approx(
+            expected[:, 0], abs=1e-12 * size
+        )
 
 
 @needs("inelastic")
@@ -272,7 +332,9 @@ def test_a_history_in_space_without_mumps(monkeypatch):
     second = hhr.FullOrderModel(scene)
     made = (model.store.first._factors._ksp.getPC() for model in (first, second))
     assert [factors.getFactorSolverType() for factors in made] == ["mumps", "petsc"]
-    for ours, theirs in zip(pushed(first, 0.05, 5).answers, pushed(second, 0.05, 5).answers, strict=True):
+    for ours, theirs in zip(
+        pushed(first, 0.05, 5).answers, pushed(second, 0.05, 5).answers, strict=True
+    ):
         # round-off, where the tangents are nearly singular
         assert ours.unknown == pytest.approx(theirs.unknown, abs=1e-8)
         assert np.array_equal(ours.active, theirs.active)

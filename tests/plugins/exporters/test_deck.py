@@ -39,7 +39,9 @@ def pressed(hypothesis, simplices):
 
 
 def by_calculix(path, count, dim):
-    subprocess.run(["ccx", path.stem], cwd=path.parent, capture_output=True, check=True, timeout=WAIT)
+    subprocess.run(
+        ["ccx", path.stem], cwd=path.parent, capture_output=True, check=True, timeout=WAIT
+    )
     moved, time = np.zeros((count, dim)), 0.0
     for line in path.with_suffix(".dat").read_text().splitlines():
         words = line.split()
@@ -52,13 +54,23 @@ def by_calculix(path, count, dim):
 
 
 SECOND = needs("second_order")
-KINDS = [("plane_strain", True), ("plane_strain", False), ("axisymmetric", False), ("solid", True), ("solid", False)]
+KINDS = [
+    ("plane_strain", True),
+    ("plane_strain", False),
+    ("axisymmetric", False),
+    ("solid", True),
+    ("solid", False),
+]
 
 
-# of second order simplices alone: the others have nodes in the middle of faces, which decks have no elements for
+# of second order simplices alone: the others have nodes in the middle of faces, which decks have no
+# elements for
 @pytest.mark.parametrize(
     ("hypothesis", "simplices", "order"),
-    [*((*kind, 1) for kind in KINDS), *(pytest.param(*kind, 2, marks=SECOND) for kind in KINDS if kind[1])],
+    [
+        *((*kind, 1) for kind in KINDS),
+        *(pytest.param(*kind, 2, marks=SECOND) for kind in KINDS if kind[1]),
+    ],
 )
 def test_a_deck_is_the_scene_again_and_calculix_agrees(hypothesis, simplices, order, tmp_path):
     scene = dataclasses.replace(pressed(hypothesis, simplices), order=order)
@@ -72,15 +84,24 @@ def test_a_deck_is_the_scene_again_and_calculix_agrees(hypothesis, simplices, or
 
     contacts = (hhr.NodeToSurface(*(f"tag_{tag}" for tag in scene.contacts[0].tags)),)
     parts = {what: named(getattr(scene, what)) for what in ("bodies", "displacements", "loads")}
-    read = dataclasses.replace(scene, geometry=hhr.MeshFile(path), contacts=contacts, order=None, **parts)
+    read = dataclasses.replace(
+        scene, geometry=hhr.MeshFile(path), contacts=contacts, order=None, **parts
+    )
     again = hhr.FullOrderModel(read, MPI.COMM_SELF)
     orders = [np.lexsort(one.problem.contact_points.round(8).T) for one in (model, again)]
     found = again.solve(5.0).forces()[orders[1]]
-    np.testing.assert_allclose(found, answer.forces()[orders[0]], atol=1e-10 * answer.forces().max())
+    np.testing.assert_allclose(
+        found, answer.forces()[orders[0]], atol=1e-10 * answer.forces().max()
+    )
     if shutil.which("ccx"):
         dim = model.problem.block_size
-        moved, own = by_calculix(path, len(model.problem.points), dim), answer.displacement().reshape(-1, dim)
-        assert np.linalg.norm(moved - own) < 5e-3 * np.linalg.norm(own)  # of penalty and of large displacements
+        moved, own = (
+            by_calculix(path, len(model.problem.points), dim),
+            answer.displacement().reshape(-1, dim),
+        )
+        assert np.linalg.norm(moved - own) < 5e-3 * np.linalg.norm(
+            own
+        )  # of penalty and of large displacements
 
 
 def test_a_deck_is_written(tmp_path):
@@ -93,6 +114,8 @@ def test_a_deck_is_written(tmp_path):
     code, output = invoke("export", tmp_path / "closed.py", "--at", "travel=0.5", "--out", path)
     assert code == 0 and output == f"{path}\n"
     deck = path.read_text().upper()
-    assert all(word in deck for word in ("*NODE", "*ELEMENT", "*CONTACT PAIR", "*BOUNDARY", "*STEP"))
+    assert all(
+        word in deck for word in ("*NODE", "*ELEMENT", "*CONTACT PAIR", "*BOUNDARY", "*STEP")
+    )
     code, output = invoke("export", DEMO, *AT, "--out", path)
     assert code == 3 and "gaps are added" in output

@@ -1,4 +1,7 @@
-"""A model as a C header and as a unit for co-simulation: compiled and asked here, beside Python; what is refused."""
+"""A model as a C header and as a unit for co-simulation: compiled and asked here, beside Python.
+
+What is refused.
+"""
 
 import ctypes
 import dataclasses
@@ -16,7 +19,17 @@ import test_moduli
 import test_pages
 from needs import needs
 from shell import invoke
-from test_pages import MORE, OF_FRICTION, OF_PELLET, RUBBING, SCENES, check_increment, marked, rubbed, tour_of
+from test_pages import (
+    MORE,
+    OF_FRICTION,
+    OF_PELLET,
+    RUBBING,
+    SCENES,
+    check_increment,
+    marked,
+    rubbed,
+    tour_of,
+)
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import MissingPackageError, ModelFileWarning, NotOfferedError
@@ -51,7 +64,9 @@ def built(folder, model, program):
     """The library of a program that includes the header of a model, compiled without a warning."""
     c_header.write_c_header(folder / "press.h", model)
     (folder / "press.c").write_text(program)
-    done = subprocess.run([CC, *WORDS, "-o", "press.so", "press.c", "-lm"], cwd=folder, capture_output=True, text=True)
+    done = subprocess.run(
+        [CC, *WORDS, "-o", "press.so", "press.c", "-lm"], cwd=folder, capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
     return ctypes.CDLL(str(folder / "press.so"))
 
@@ -66,13 +81,17 @@ def outputs_of(model):
 
 
 def library(folder, model):
-    """A function of points, (n, P), and of whether contacts are open at first: status, forces, outputs, slopes."""
+    """A function of points, (n, P), and of whether contacts are open at first: status, forces,
+    outputs, slopes.
+    """
     ask, count = built(folder, model, CALLED).ask, len(outputs_of(model))
 
     def asked(points, opened=False):
         points = np.ascontiguousarray(points, dtype=float)
         n, p = points.shape
-        found = [np.full(shape, np.nan) for shape in ((n, model.conditions), (n, count), (n, count, p))]
+        found = [
+            np.full(shape, np.nan) for shape in ((n, model.conditions), (n, count), (n, count, p))
+        ]
         return ask(n, opened, *at(points, *found)), *found
 
     return asked
@@ -90,7 +109,13 @@ class Instance:
         self.variables = list(described.find("ModelVariables"))
         self.made, pointer = ctypes.CDLL(str(binary)), ctypes.c_void_p
         self.made.fmi3InstantiateCoSimulation.restype = pointer
-        self.made.fmi3DoStep.argtypes = [pointer, ctypes.c_double, ctypes.c_double, ctypes.c_bool, *[pointer] * 4]
+        self.made.fmi3DoStep.argtypes = [
+            pointer,
+            ctypes.c_double,
+            ctypes.c_double,
+            ctypes.c_bool,
+            *[pointer] * 4,
+        ]
         rest = [None, False, False, False, False, None, ctypes.c_size_t(0), None, log, None]
         assert not self.made.fmi3InstantiateCoSimulation(b"one", b"another token", *rest)
         token = described.get("instantiationToken").encode()
@@ -100,11 +125,20 @@ class Instance:
         self.inputs = len(kinds) - 1 - self.outputs
 
     def put(self, point):
-        places, count = (ctypes.c_uint32 * self.inputs)(*range(1, self.inputs + 1)), ctypes.c_size_t(self.inputs)
-        return self.made.fmi3SetFloat64(self.at, places, count, (ctypes.c_double * self.inputs)(*point), count)
+        places, count = (
+            (ctypes.c_uint32 * self.inputs)(*range(1, self.inputs + 1)),
+            ctypes.c_size_t(self.inputs),
+        )
+        return self.made.fmi3SetFloat64(
+            self.at, places, count, (ctypes.c_double * self.inputs)(*point), count
+        )
 
     def read(self, status=0):
-        first, count, found = self.inputs + 1, ctypes.c_size_t(self.outputs), (ctypes.c_double * self.outputs)()
+        first, count, found = (
+            self.inputs + 1,
+            ctypes.c_size_t(self.outputs),
+            (ctypes.c_double * self.outputs)(),
+        )
         places = (ctypes.c_uint32 * self.outputs)(*range(first, first + self.outputs))
         assert self.made.fmi3GetFloat64(self.at, places, count, found, count) == status
         return np.array(found)
@@ -129,7 +163,9 @@ DISCARD = 2
 def test_a_header_has_the_digits_of_python(name, tmp_path):
     """Whether it starts from the answer before or from open contacts, where springs hold bodies."""
     model = hhr.condense((SCENES | MORE)[name](), fields=True)
-    points = np.vstack([model.parameters.random(30, 4), [model.parameters.lower, model.parameters.upper]])
+    points = np.vstack(
+        [model.parameters.random(30, 4), [model.parameters.lower, model.parameters.upper]]
+    )
     asked, many = library(tmp_path, model), model.solve_many(points)
     exact = np.array([answer.forces() for answer in many])
     for opened in (True, False):
@@ -138,11 +174,15 @@ def test_a_header_has_the_digits_of_python(name, tmp_path):
         np.testing.assert_allclose(forces, exact, rtol=0, atol=1e-10 * np.abs(exact).max())
     for k, name_of_output in enumerate(outputs_of(model)):
         known = many.outputs()[name_of_output]
-        np.testing.assert_allclose(outputs[:, k], known, rtol=1e-8, atol=1e-10 * np.abs(known).max())
+        np.testing.assert_allclose(
+            outputs[:, k], known, rtol=1e-8, atol=1e-10 * np.abs(known).max()
+        )
         for point, found in zip(points[:5], slopes[:5, k], strict=True):
             gradient = model.outputs(point, gradient=True).gradient[name_of_output]
             # by central differences of a hundred-thousandth of the box
-            np.testing.assert_allclose(found, gradient, rtol=0, atol=1e-5 * np.abs(gradient).max() + 1e-9)
+            np.testing.assert_allclose(
+                found, gradient, rtol=0, atol=1e-5 * np.abs(gradient).max() + 1e-9
+            )
 
 
 def narrow():
@@ -150,7 +190,9 @@ def narrow():
     model = hhr.condense(contract.blocks())
     space = model.parameters
     lower, middle = np.array(space.lower), np.array(space.middle)
-    return model.changed(trained=TrainedRange(space.names, lower, middle)), np.array([space.upper[0], lower[1]])
+    return model.changed(trained=TrainedRange(space.names, lower, middle)), np.array(
+        [space.upper[0], lower[1]]
+    )
 
 
 @compiled
@@ -174,16 +216,22 @@ def test_a_unit_says_which_input_it_refuses(tmp_path):
     assert unit.put(model.trained.lower) == 0 and unit.begin() == 0 and not said
     assert unit.put(beyond) == 0
     assert unit.begin() == DISCARD
-    assert said == [(DISCARD, "push = 0.06 is outside of what the model was made for, 0.005 to 0.0325")]
+    assert said == [
+        (DISCARD, "push = 0.06 is outside of what the model was made for, 0.005 to 0.0325")
+    ]
 
 
 @compiled
 def test_formulas_of_all_kinds_mean_the_same_in_c(tmp_path):
     formulas = [c_header.formula(steps_of(scalar)) for scalar in test_pages.FORMULAS]
-    own = "\n".join(f"double f{k}(const double *p) {{ return {text}; }}" for k, text in enumerate(formulas))
+    own = "\n".join(
+        f"double f{k}(const double *p) {{ return {text}; }}" for k, text in enumerate(formulas)
+    )
     helpers = kernel_file("kernel.h").partition("/*DATA*/")[0]
     (tmp_path / "f.c").write_text(f"{helpers}\n{own}\n#endif\n")
-    subprocess.run([CC, "-std=c99", "-shared", "-fPIC", "-o", "f.so", "f.c", "-lm"], cwd=tmp_path, check=True)
+    subprocess.run(
+        [CC, "-std=c99", "-shared", "-fPIC", "-o", "f.so", "f.c", "-lm"], cwd=tmp_path, check=True
+    )
     made = ctypes.CDLL(str(tmp_path / "f.so"))
     points, exact = test_pages.values_of_formulas()
     for k, known in enumerate(exact.T):
@@ -198,16 +246,27 @@ def test_what_is_not_finite_has_no_answer(tmp_path, monkeypatch):
     """A formula that nobody has looked at; Python says the same."""
     monkeypatch.setattr("hhr_dolfinx.plugins.tables.matrices.check_over_box", lambda *_: None)
     space = hhr.ParameterSpace(("a", "b"), (0.0, -1.0), (1.0, 1.0))
-    given = {"stiffness": [[2.0, -1.0], [-1.0, 2.0]], "contact": [[0.0, 1.0]], "gaps": [[0.1, 0.0]], "areas": [1.0]}
-    for number, text in enumerate(("sqrt(b)", "1 / b", "min(1, sqrt(b))", "exp(1000 * b)", "table(b, 0, 1, 1, 2)")):
-        made = hhr.condense_matrices(space, loads=[[0.0, 1.0], [0.0, 0.0]], amplitudes=[1.0, text], **given)
+    given = {
+        "stiffness": [[2.0, -1.0], [-1.0, 2.0]],
+        "contact": [[0.0, 1.0]],
+        "gaps": [[0.1, 0.0]],
+        "areas": [1.0],
+    }
+    for number, text in enumerate(
+        ("sqrt(b)", "1 / b", "min(1, sqrt(b))", "exp(1000 * b)", "table(b, 0, 1, 1, 2)")
+    ):
+        made = hhr.condense_matrices(
+            space, loads=[[0.0, 1.0], [0.0, 0.0]], amplitudes=[1.0, text], **given
+        )
         folder = tmp_path / str(number)  # a library is loaded once by its path
         folder.mkdir()
         asked = library(folder, made)
         bad = [0.5, 1.0 if "exp" in text else 0.0 if "/" in text else -0.5]
         assert asked([bad])[0] == NO_ANSWER, text
         status, forces, *_ = asked([[0.5, 0.5]])
-        assert status == DONE and forces[0] == pytest.approx(made.solve([0.5, 0.5]).forces(), rel=1e-12)
+        assert status == DONE and forces[0] == pytest.approx(
+            made.solve([0.5, 0.5]).forces(), rel=1e-12
+        )
 
 
 def test_outputs_that_stay_out_are_named():
@@ -227,7 +286,13 @@ def test_outputs_of_shapes_stay_out():
 
 
 @pytest.mark.parametrize(
-    ("name", "said"), [("time", "there twice"), ("push", "there twice"), ("pe\x01ak", "printed"), ("pe\nak", "printed")]
+    ("name", "said"),
+    [
+        ("time", "there twice"),
+        ("push", "there twice"),
+        ("pe\x01ak", "printed"),
+        ("pe\nak", "printed"),
+    ],
 )
 def test_names_that_fmi_does_not_know_are_refused(name, said, tmp_path):
     scene = dataclasses.replace(contract.blocks(), outputs=(hhr.LargestPressure(name, 0),))
@@ -237,9 +302,16 @@ def test_names_that_fmi_does_not_know_are_refused(name, said, tmp_path):
 
 def test_names_are_those_of_the_file_and_of_the_scene(tmp_path):
     scene = contract.blocks()
-    odd = dataclasses.replace(scene, outputs=(hhr.LargestPressure('a "peak"\\ of ?? µ', 0, unit="N/mm²"),))
+    odd = dataclasses.replace(
+        scene, outputs=(hhr.LargestPressure('a "peak"\\ of ?? µ', 0, unit="N/mm²"),)
+    )
     text, _ = c_header.c_header(hhr.condense(odd), "press")
-    assert "press_solve" in text and "PRESS_DONE" in text and "model_" not in text and "MODEL_" not in text
+    assert (
+        "press_solve" in text
+        and "PRESS_DONE" in text
+        and "model_" not in text
+        and "MODEL_" not in text
+    )
     kept = dataclasses.replace(scene, outputs=(hhr.LargestPressure("model_MODEL_peak", 0),))
     text_of_kept, _ = c_header.c_header(hhr.condense(kept), "my_model")
     assert '"model_MODEL_peak"' in text_of_kept and "my_model_solve" in text_of_kept
@@ -289,11 +361,17 @@ def test_a_unit_answers_as_python_does(name, unit_of, tmp_path):
     """Called as an importer does, by its functions alone; by fmpy below."""
     model, _, path = unit_of(name)
     unit, names = Instance(tmp_path, path), list(model.outputs(model.parameters.middle).values)
-    assert [item.get("name") for item in unit.variables] == ["time", *model.parameters.names, *names]
+    assert [item.get("name") for item in unit.variables] == [
+        "time",
+        *model.parameters.names,
+        *names,
+    ]
     assert [int(item.get("valueReference")) for item in unit.variables] == [*range(3 + len(names))]
     for point in model.parameters.random(20, 6):
         assert unit.put(point) == 0
-        np.testing.assert_allclose(unit.read(), list(model.outputs(point).values.values()), rtol=1e-10)
+        np.testing.assert_allclose(
+            unit.read(), list(model.outputs(point).values.values()), rtol=1e-10
+        )
     assert unit.put([1e9, 1.0]) == 0
     unit.read(DISCARD)
     unit.made.fmi3FreeInstance(unit.at)
@@ -305,9 +383,14 @@ ACCURACY = dict.fromkeys(UNITS, (1e-10, 1e-10)) | {"outputs": (1e-7, 1e-8)}
 
 @needs("floating", "elasticity")
 @compiled
-@pytest.mark.parametrize("name", [*marked(*UNITS), *FEW, pytest.param("outputs", marks=needs("inelastic", "moduli"))])
+@pytest.mark.parametrize(
+    "name", [*marked(*UNITS), *FEW, pytest.param("outputs", marks=needs("inelastic", "moduli"))]
+)
 def test_a_unit_runs_in_fmpy(name, unit_of):
-    """Steps are increments, moduli and laws parameters; a step ends with what its inputs were as it began."""
+    """Steps are increments, moduli and laws parameters.
+
+    a step ends with what its inputs were as it began.
+    """
     fmpy = pytest.importorskip("fmpy")
     validation = pytest.importorskip("fmpy.validation")
     model, path, unit = unit_of(name)
@@ -315,10 +398,14 @@ def test_a_unit_runs_in_fmpy(name, unit_of):
     names, fixed = model.parameters.names, model.law.fixed if name in RUBBING else ()
     moving = [place for place in range(len(names)) if place not in fixed]
     kinds = [("time", float), *((names[place], float) for place in moving)]
-    signals = np.array([(float(time), *point[moving]) for time, point in enumerate(path)], dtype=kinds)
+    signals = np.array(
+        [(float(time), *point[moving]) for time, point in enumerate(path)], dtype=kinds
+    )
     start = {} if name in UNITS else dict(zip(names, path[0], strict=True))
     stop = float(len(path) - 1)
-    found = fmpy.simulate_fmu(str(unit), input=signals, start_values=start, stop_time=stop, output_interval=1.0)
+    found = fmpy.simulate_fmu(
+        str(unit), input=signals, start_values=start, stop_time=stop, output_interval=1.0
+    )
     if name in UNITS:
         known = [model.outputs(point) for point in path]
     else:
@@ -336,7 +423,9 @@ def test_a_unit_needs_outputs_and_a_compiler(tmp_path):
     with pytest.raises(NotOfferedError, match="has no outputs"):
         fmu.write_fmu(tmp_path / "press.fmu", bare)
     with pytest.raises(MissingPackageError, match="no-such-compiler"):
-        fmu.write_fmu(tmp_path / "press.fmu", hhr.condense(contract.blocks()), compiler="no-such-compiler")
+        fmu.write_fmu(
+            tmp_path / "press.fmu", hhr.condense(contract.blocks()), compiler="no-such-compiler"
+        )
     assert not list(tmp_path.iterdir())
 
 
@@ -347,7 +436,9 @@ def test_a_unit_keeps_to_what_was_trained_within_the_box():
     tree |= {"lower": [0.0, 0.0], "upper": [1.0, 1.0], "trained": [[0.25, -1.0], [2.0, 0.5]]}
     found = ElementTree.fromstring(fmu.description(tree, "press", "token")).find("ModelVariables")
     ends = {
-        item.get("name"): [float(item.get(key)) for key in ("min", "max", "start")] for item in found if item.get("min")
+        item.get("name"): [float(item.get(key)) for key in ("min", "max", "start")]
+        for item in found
+        if item.get("min")
     }
     assert ends == {"push": [0.25, 1.0, 0.625], "load": [0.0, 0.5, 0.25]}
 
@@ -408,11 +499,15 @@ def marched(model, path):
 
 
 def increments(folder, model):
-    """The functions above, and arrays for nine steps: forces, outputs, slip or cumulated strain, and statuses."""
+    """The functions above, and arrays for nine steps: forces, outputs, slip or cumulated strain,
+    and statuses.
+    """
     contacts = model.law.normal.size if model.law.plugin else 0
     flows = getattr(model, "flow", None)
     reached = (contacts, 3) if flows is None else (len(flows.parts),)
-    room = [np.zeros((9, *shape)) for shape in ((model.conditions,), (len(outputs_of(model)),), reached)]
+    room = [
+        np.zeros((9, *shape)) for shape in ((model.conditions,), (len(outputs_of(model)),), reached)
+    ]
     return built(folder, model, STEPPED), [*room, np.zeros((9, contacts), dtype=np.int32)]
 
 
@@ -436,7 +531,9 @@ def test_increments_in_c_are_those_of_python(name, tmp_path):
         assert made.begin(*at(point, forces, outputs)) == DONE
         exact = model.solve(point)
         scale = np.abs(exact.multipliers).max()
-        np.testing.assert_allclose(forces[0], exact.multipliers, rtol=0, atol=1e-8 * max(scale, 1e-3 * largest))
+        np.testing.assert_allclose(
+            forces[0], exact.multipliers, rtol=0, atol=1e-8 * max(scale, 1e-3 * largest)
+        )
 
 
 @needs("friction", "floating", "inelastic")
@@ -455,7 +552,11 @@ def test_bodies_that_friction_holds_are_in_c_those_of_python(dimension, tmp_path
     largest = max(np.abs(answer.multipliers).max() for answer in answers)
     for k, answer in enumerate(answers):
         found = dict(zip(("path", "work", "wear"), slips[k].T, strict=True))
-        check_increment(found | {"forces": forces[k], "outputs": outputs[k], "statuses": statuses[k]}, answer, largest)
+        check_increment(
+            found | {"forces": forces[k], "outputs": outputs[k], "statuses": statuses[k]},
+            answer,
+            largest,
+        )
     assert {1, 2} <= set(statuses.ravel().tolist())
     # loads that friction does not bear have no answer, and those before have one again
     lost = np.array([path[0], path[1], [path[1][0], 0.009, *path[1][2:]]])
@@ -469,7 +570,10 @@ def test_bodies_that_friction_holds_are_in_c_those_of_python(dimension, tmp_path
 @compiled
 @pytest.mark.parametrize("name", ["in the plane", "in space", "creep"])
 def test_bodies_that_flow_and_rub_are_in_c_those_of_python(name, tmp_path):
-    """Both march with the same residual, to 1e-11 of the correction; a law changes with no increment."""
+    """Both march with the same residual, to 1e-11 of the correction.
+
+    a law changes with no increment.
+    """
     from test_rubbing_pages import EXACT, rubbing_flow, tour
 
     model = rubbing_flow(name)[0]
@@ -483,7 +587,9 @@ def test_bodies_that_flow_and_rub_are_in_c_those_of_python(name, tmp_path):
     assert flowed > 1e-3
     for k, answer in enumerate(answers):
         np.testing.assert_allclose(forces[k], answer.multipliers, rtol=0, atol=1e-8 * largest)
-        np.testing.assert_allclose(cumulated[k], answer.state().state.cumulated, rtol=0, atol=1e-8 * flowed)
+        np.testing.assert_allclose(
+            cumulated[k], answer.state().state.cumulated, rtol=0, atol=1e-8 * flowed
+        )
         known = [answer.outputs()[output] for output in outputs_of(model)]
         np.testing.assert_allclose(told[k], known, rtol=1e-8, atol=1e-10)
     if name != "in space":
@@ -499,7 +605,10 @@ FLOW = pytest.param("flow", marks=needs("inelastic", "moduli"))
 @compiled
 @pytest.mark.parametrize("name", [FLOW, FEW[0]])
 def test_paths_in_c_end_where_those_of_python_do(name, tmp_path):
-    """Outside of the box, and where a law or a modulus changes on the way; the path stays where it was."""
+    """Outside of the box, and where a law or a modulus changes on the way.
+
+    The path stays where it was.
+    """
     model, path = flowing("moduli") if name == "flow" else rubbing_model(name)
     place = 1 if name == "flow" else model.law.fixed[0]
     made, room = increments(tmp_path, model)
@@ -521,7 +630,13 @@ def test_a_unit_with_friction_steps_as_python_does(name, unit_of, tmp_path):
     unit, fixed = Instance(tmp_path, path), model.law.fixed.size > 0
     kinds = {item.get("name"): item.get("causality") for item in unit.variables}
     outputs = [item.name for item in model.fields.functionals.items]
-    words = ("independent", "input", "input", "parameter" if fixed else "input", *["output"] * len(outputs))
+    words = (
+        "independent",
+        "input",
+        "input",
+        "parameter" if fixed else "input",
+        *["output"] * len(outputs),
+    )
     assert kinds == dict(zip(("time", *model.parameters.names, *outputs), words, strict=True))
     history = model.march(list(enumerate(tour)))
     for _ in range(2):  # a unit that is reset begins anew
@@ -531,7 +646,9 @@ def test_a_unit_with_friction_steps_as_python_does(name, unit_of, tmp_path):
             assert unit.put(point) == 0
             np.testing.assert_array_equal(unit.read(), before)  # until the step is made
             assert unit.step(number) == 0
-            np.testing.assert_allclose(unit.read(), list(answer.outputs().values.values()), rtol=1e-8, atol=1e-11)
+            np.testing.assert_allclose(
+                unit.read(), list(answer.outputs().values.values()), rtol=1e-8, atol=1e-11
+            )
         if fixed:
             assert unit.put([*tour[-1][:2], 0.6]) == 0 and unit.step(20) == DISCARD  # another law
         assert unit.made.fmi3Reset(unit.at) == 0
@@ -541,7 +658,17 @@ def test_a_unit_with_friction_steps_as_python_does(name, unit_of, tmp_path):
 @needs("inelastic", "moduli")
 @compiled
 @pytest.mark.parametrize(
-    "name", ["moduli", "outputs", "back stresses, creep", "cone, heat", "wood, heat", "fibres", "graded", *LAST_LAWS]
+    "name",
+    [
+        "moduli",
+        "outputs",
+        "back stresses, creep",
+        "cone, heat",
+        "wood, heat",
+        "fibres",
+        "graded",
+        *LAST_LAWS,
+    ],
 )
 def test_increments_of_flow_in_c_are_those_of_python(name, tmp_path):
     model, path = flowing(name)
@@ -554,13 +681,19 @@ def test_increments_of_flow_in_c_are_those_of_python(name, tmp_path):
     assert flowed > 0
     for k, answer in enumerate(history.answers):
         np.testing.assert_allclose(forces[k], answer.forces(), rtol=0, atol=1e-9 * largest)
-        np.testing.assert_allclose(cumulated[k], answer.state().state.cumulated, rtol=0, atol=1e-9 * flowed)
+        np.testing.assert_allclose(
+            cumulated[k], answer.state().state.cumulated, rtol=0, atol=1e-9 * flowed
+        )
         known = [answer.outputs()[output] for output in outputs_of(model)]
         np.testing.assert_allclose(told[k], known, rtol=1e-8, atol=1e-10)
     if name == "moduli":  # and a first load in proportion, in increments of a fortieth of the box
         rest, point = np.array([model.parameters.lower[0], 3.1]), np.array([0.04, 3.1])
         assert made.begin(*at(point, forces, told)) == DONE
-        last = marched(model, rest + np.linspace(0, 1, 28)[:, None] * (point - rest)).answers[-1].forces()
+        last = (
+            marched(model, rest + np.linspace(0, 1, 28)[:, None] * (point - rest))
+            .answers[-1]
+            .forces()
+        )
         np.testing.assert_allclose(forces[0], last, rtol=0, atol=1e-9 * last.max())
 
 
@@ -577,7 +710,9 @@ def test_a_unit_creeps_while_its_inputs_stay(unit_of, tmp_path):
     for number in range(3):
         assert unit.step(number) == 0
         found.append(unit.read()[0])
-    loaded = [(k / 20, np.array([0.03 * k / 20, 3.0])) for k in range(21)]  # in fortieths of the box, 0.06
+    loaded = [
+        (k / 20, np.array([0.03 * k / 20, 3.0])) for k in range(21)
+    ]  # in fortieths of the box, 0.06
     history = model.march([*loaded, *((1.0 + k, loaded[-1][1]) for k in (1, 2, 3))], FINE)
     exact = [answer.outputs()["force"] for answer in history.answers[-4:]]
     assert found == pytest.approx(exact, rel=1e-6) and np.diff(np.abs(exact)).max() < 0
@@ -590,7 +725,9 @@ def test_a_unit_steps_as_python_does_where_a_law_states_the_elasticity(unit_of, 
     model, path, made = unit_of("wood, heat")
     unit = Instance(tmp_path, made)
     assert unit.put(path[0]) == 0 and unit.begin() == 0
-    for number, (point, answer) in enumerate(zip(path[1:], marched(model, path).answers, strict=True)):
+    for number, (point, answer) in enumerate(
+        zip(path[1:], marched(model, path).answers, strict=True)
+    ):
         assert unit.put(point) == 0 and unit.step(number) == 0
         np.testing.assert_allclose(unit.read(), [answer.outputs()["force"]], rtol=1e-8, atol=1e-10)
     unit.made.fmi3FreeInstance(unit.at)
@@ -624,7 +761,9 @@ int main(void) {{
 @compiled
 @pytest.mark.parametrize("name", [FLOW, FEW[0]])
 def test_outputs_that_are_read_before_a_path_begins_do_not_begin_it(name, unit_of, tmp_path):
-    """In initialization mode inputs may be set and outputs read over and over, laws and moduli too."""
+    """In initialization mode inputs may be set and outputs read over and over, laws and moduli
+    too.
+    """
     _, path, made = unit_of("outputs" if name == "flow" else name)
     unit = Instance(tmp_path, made)
     first, second = path[4], path[2]
@@ -652,13 +791,18 @@ def test_a_header_has_no_answer_where_an_elastic_constant_is_impossible(bodies, 
     asked = library(tmp_path, model)
     status, forces, *_ = asked(beside)
     assert status == DONE
-    np.testing.assert_allclose(forces[0], model.solve(beside[0]).forces(), rtol=0, atol=1e-10 * forces.max())
+    np.testing.assert_allclose(
+        forces[0], model.solve(beside[0]).forces(), rtol=0, atol=1e-10 * forces.max()
+    )
     assert asked(point)[0] == NO_ANSWER and asked(np.vstack([beside, point]))[0] == NO_ANSWER
 
 
 def test_a_condensed_model_beside_a_refused_one_is_named(tmp_path):
     hhr.save_model(tmp_path / "model.npz", contract.training("constant").build(contract.AS_IT_IS))
-    for words in (("page", tmp_path / "model.npz"), ("embed", tmp_path / "model.npz", "--out", tmp_path / "m.h")):
+    for words in (
+        ("page", tmp_path / "model.npz"),
+        ("embed", tmp_path / "model.npz", "--out", tmp_path / "m.h"),
+    ):
         code, said = invoke(*words)
         assert code == 3 and "condensed.npz" not in said
     hhr.save_model(tmp_path / "condensed.npz", hhr.condense(contract.blocks()))

@@ -1,4 +1,6 @@
-"""Laws of users in the kernel, alone and next to others: pages, C headers and units of their scenes, as in Python."""
+"""Laws of users in the kernel, alone and next to others: pages, C headers and units of their
+scenes, as in Python.
+"""
 
 import dataclasses
 
@@ -13,7 +15,18 @@ from stacked import PATH, stacked, with_plugins
 from test_embedded import DONE, Instance, at, built, compiled
 from test_kernel import ZIG
 from test_page_shown import THERE, rows_of, said, shown
-from test_pages import CHROMIUM, ENDED, LOADED, MODEL, TOUR, data_of, dumped, in_node, in_space, node
+from test_pages import (
+    CHROMIUM,
+    ENDED,
+    LOADED,
+    MODEL,
+    TOUR,
+    data_of,
+    dumped,
+    in_node,
+    in_space,
+    node,
+)
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError
@@ -26,7 +39,10 @@ from hhr_dolfinx.plugins.pages.kernel import page_sources
 from hhr_dolfinx.plugins.pages.laws import Laws, check_law
 
 WORN = 0.05
-SOFT, SOLID = Gasket("2.0 + push", 50.0), Gasket(2.0, 50.0)  # constants of friction's scenes do not change on a path
+SOFT, SOLID = (
+    Gasket("2.0 + push", 50.0),
+    Gasket(2.0, 50.0),
+)  # constants of friction's scenes do not change on a path
 CASES = {
     "wear alone": lambda: stacked(Wear(WORN)),
     "gasket alone": lambda: stacked(SOFT),
@@ -36,15 +52,25 @@ CASES = {
 }
 CASES |= {
     "bodies that a gasket and friction hold": lambda: loose(hhr.Coulomb(0.3), SOLID),
-    "bodies that a gasket holds": lambda: loose(None, SOFT, hhr.Displacement(two_blocks.side(1, 0, False), 0)),
+    "bodies that a gasket holds": lambda: loose(
+        None, SOFT, hhr.Displacement(two_blocks.side(1, 0, False), 0)
+    ),
     "friction in space, gasket": lambda: in_space_at_a_wall(),
 }
-HELD = [(0.0, (0.001, 0.0)), (1.0, (0.02, 0.0)), (2.0, (0.02, 0.001)), (3.5, (0.01, -0.001)), (4.0, (0.04, 0.001))]
+HELD = [
+    (0.0, (0.001, 0.0)),
+    (1.0, (0.02, 0.0)),
+    (2.0, (0.02, 0.001)),
+    (3.5, (0.01, -0.001)),
+    (4.0, (0.04, 0.001)),
+]
 NEEDED = {name: [needs("friction")] for name in CASES if "friction" in name}
 for name in CASES:
     NEEDED[name] = [*NEEDED.get(name, []), *([needs("floating")] if "hold" in name else [])]
 # the wall stands where the upper edge is moved to: no force acts at its nodes
-AT_WALL = pytest.mark.filterwarnings("ignore:at 4 places of contacts:hhr_dolfinx.errors.SceneWarning")
+AT_WALL = pytest.mark.filterwarnings(
+    "ignore:at 4 places of contacts:hhr_dolfinx.errors.SceneWarning"
+)
 NEEDED["friction in space, gasket"].append(AT_WALL)
 EVERY = [pytest.param(name, marks=NEEDED.get(name, ())) for name in CASES]
 with_zig = pytest.mark.skipif(not ZIG, reason="ziglang is not there")
@@ -109,11 +135,15 @@ int begin(const double *point, double *forces) {
 def loose(between, floor, *held):
     """The lower block lies on the floor, held by nothing else."""
     scene = stacked(between, floor)
-    return dataclasses.replace(scene, displacements=(*held, *scene.displacements[2:]), contacts=scene.contacts[:2])
+    return dataclasses.replace(
+        scene, displacements=(*held, *scene.displacements[2:]), contacts=scene.contacts[:2]
+    )
 
 
 def in_space_at_a_wall():
-    """Blocks in space with friction, of which the upper one is pressed against a gasket as it is sheared."""
+    """Blocks in space with friction, of which the upper one is pressed against a gasket as it is
+    sheared.
+    """
     scene = in_space(0.3, cells=3)
     wall = hhr.Obstacle(side(SECOND, 0, True), (1.0, 0.0, 0.0), 1.01, law=SOLID)
     return dataclasses.replace(scene, contacts=(*scene.contacts, wall))
@@ -156,13 +186,22 @@ def seconds_of(path):
 
 
 def check(model, found, answers):
-    """Forces and outputs of a path, to 1e-11 of the largest, where all searches stop; each law is at work."""
+    """Forces and outputs of a path, to 1e-11 of the largest, where all searches stop.
+
+    Each law is at work.
+    """
     largest = max(np.abs(answer.multipliers).max() for answer in answers)
     for part in ranged(model.law, model.conditions).ranges:
-        assert max(np.abs(answer.multipliers[part.rows]).max() for answer in answers) > 1e-3 * largest > 0
+        assert (
+            max(np.abs(answer.multipliers[part.rows]).max() for answer in answers)
+            > 1e-3 * largest
+            > 0
+        )
     for (forces, outputs), answer in zip(found, answers, strict=True):
         np.testing.assert_allclose(forces, answer.multipliers, rtol=0, atol=1e-11 * largest)
-        np.testing.assert_allclose(outputs, list(answer.outputs().values.values()), rtol=1e-9, atol=1e-11)
+        np.testing.assert_allclose(
+            outputs, list(answer.outputs().values.values()), rtol=1e-9, atol=1e-11
+        )
 
 
 @with_zig
@@ -176,12 +215,18 @@ def test_pages_are_those_of_python(name):
     told = node(ALONG, MODEL, page=text, **given)
     answers = answers_of(model, path)
     check(model, [(item["forces"], item["outputs"]) for item in told["found"]], answers)
-    assert (data_of(text)["tree"]["path"] is not None) == model.law.path_dependent == (told["begun"] is not None)
+    assert (
+        (data_of(text)["tree"]["path"] is not None)
+        == model.law.path_dependent
+        == (told["begun"] is not None)
+    )
     if told["begun"] is None:
         for item, answer in zip(told["found"], answers, strict=True):
             gradient = np.array([*answer.outputs().gradient.values()])
             # by central differences of answers
-            np.testing.assert_allclose(item["slopes"], gradient, rtol=0, atol=1e-5 * np.abs(gradient).max())
+            np.testing.assert_allclose(
+                item["slopes"], gradient, rtol=0, atol=1e-5 * np.abs(gradient).max()
+            )
         return
     # loaded in proportion within a second, in the increments of Python
     exact = model.solve(path[2][1]).multipliers
@@ -198,7 +243,9 @@ def test_headers_are_those_of_python(name, tmp_path):
     path = path_of(name)
     points = np.array([point for _, point in path])
     count = len(path) - 1
-    forces, outputs, slopes = (np.zeros((count, *shape)) for shape in ((model.conditions,), (2,), (2, points.shape[1])))
+    forces, outputs, slopes = (
+        np.zeros((count, *shape)) for shape in ((model.conditions,), (2,), (2, points.shape[1]))
+    )
     assert library.ask(len(path), *at(points, seconds_of(path), forces, outputs, slopes)) == DONE
     answers = answers_of(model, path)
     check(model, zip(forces, outputs, strict=True), answers)
@@ -236,10 +283,14 @@ def test_a_unit_answers_as_python_does(name, tmp_path):
     path = list(enumerate(points))
     assert unit.put(points[0]) == 0 and unit.begin() == 0
     remembers = model.law.path_dependent
-    answers = model.march(path).answers if remembers else [model.solve(point) for point in points[1:]]
+    answers = (
+        model.march(path).answers if remembers else [model.solve(point) for point in points[1:]]
+    )
     for number, (point, answer) in enumerate(zip(points[1:], answers, strict=True)):
         assert unit.put(point) == 0 and unit.step(number) == 0
-        np.testing.assert_allclose(unit.read(), list(answer.outputs().values.values()), rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(
+            unit.read(), list(answer.outputs().values.values()), rtol=1e-9, atol=1e-12
+        )
     unit.made.fmi3FreeInstance(unit.at)
 
 
@@ -250,24 +301,34 @@ def test_laws_without_c_are_refused(monkeypatch):
     from hhr_dolfinx import registry
 
     model, scenery = made("gasket alone")
-    with pytest.raises(NotOfferedError, match=r"a page solves inelastic bodies .* not with a gasket: ask in Python"):
+    with pytest.raises(
+        NotOfferedError, match=r"a page solves inelastic bodies .* not with a gasket: ask in Python"
+    ):
         check_law(model.law, "a page", flows=True)
     bare = dataclasses.replace(my_gasket.PLUGIN, facets={"range": "my_gasket:GasketRange"})
     every = registry.installed() | {"my_gasket": bare}
     monkeypatch.setattr(registry, "installed", lambda: every)
     registry.facet.cache_clear()
-    with pytest.raises(NotOfferedError, match=r"contacts with a gasket is not built in .* no facet 'kernel'"):
+    with pytest.raises(
+        NotOfferedError, match=r"contacts with a gasket is not built in .* no facet 'kernel'"
+    ):
         hhr.write_model_page("never.html", model, scenery)
 
 
 @with_zig
 @pytest.mark.skipif(not THERE, reason="node or its package jsdom is not there")
 def test_a_page_of_wear_holds_its_loads():
-    """For the seconds that are given, along which forces fall; what a page copies is a path of Python."""
+    """For the seconds that are given, along which forces fall.
+
+    What a page copies is a path of Python.
+    """
     model, scenery = made("wear alone")
     acts = (("set", "seconds", "4"), ("click", "hold"), ("click", "keep"))
     first, _, held, copied = shown(page.page_text(model, scenery), "push=0.03&slide=0.01", *acts)
-    assert "pace" not in first["hidden"] and "What has changed in contacts is remembered" in first["texts"]["memory"]
+    assert (
+        "pace" not in first["hidden"]
+        and "What has changed in contacts is remembered" in first["texts"]["memory"]
+    )
     lines = [list(map(float, line.split("\t"))) for line in copied["copied"].splitlines()[1:]]
     path = [(time, np.array(point)) for time, *point in lines]
     assert path[-2][0] == pytest.approx(1.0) and path[-1][0] == pytest.approx(5.0)

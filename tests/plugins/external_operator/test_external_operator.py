@@ -32,7 +32,9 @@ def sigma_external(derivatives):
     CALLS.append(derivatives)
     if derivatives == (1, 0, 0):
         return return_mapping
-    raise NotImplementedError(f"No external function is defined for the requested derivative {derivatives}.")
+    raise NotImplementedError(
+        f"No external function is defined for the requested derivative {derivatives}."
+    )
 
 
 def with_constants(derivatives):
@@ -54,7 +56,9 @@ NAMED = {
 
 
 def relaxing(derivatives):
-    """Maxwell's body by its whole strain: a viscous strain that is remembered, and a count of steps."""
+    """Maxwell's body by its whole strain: a viscous strain that is remembered, and a count of
+    steps.
+    """
     assert derivatives == (1, 0, 0, 0)
 
     def mapped(strain, viscous, steps, dt):
@@ -86,7 +90,10 @@ def test_histories_are_those_of_the_law_in_ufl_and_what_holds_no_code_refuses(tm
 
 
 def test_derivatives_of_condensed_histories_are_those_of_the_law_in_ufl():
-    """Central differences of code beside exact slopes of a program: 1e-5 of the box, so 1e-6. A kink is refused."""
+    """Central differences of code beside exact slopes of a program: 1e-5 of the box, so 1e-6.
+
+    A kink is refused.
+    """
     full, histories, _ = outside.reference()
     exact = condensed(full, histories)
     model = outside.other_law(exact, hhr.ExternalOperator(sigma_external))
@@ -95,16 +102,23 @@ def test_derivatives_of_condensed_histories_are_those_of_the_law_in_ufl():
     histories = [item.march(path, settings).answers for item in (model, exact)]
     assert histories[1][-1].plastic_strain().any()
     for name in ("multipliers", "unknown"):
-        found, expected = (np.array([getattr(answer.gradient, name) for answer in answers]) for answers in histories)
+        found, expected = (
+            np.array([getattr(answer.gradient, name) for answer in answers])
+            for answers in histories
+        )
         assert np.abs(expected[-1]).max() > 1e-3
         np.testing.assert_allclose(found, expected, atol=1e-6 * np.abs(expected).max())
-    with pytest.raises(NotOfferedError, match=r"sigma_external is code, whose derivatives are differences, .* kink"):
+    with pytest.raises(
+        NotOfferedError, match=r"sigma_external is code, whose derivatives are differences, .* kink"
+    ):
         model.march(cycle(0.7), settings)  # loaded again to the same load
 
 
 @needs("friction")
 def test_code_beside_friction():
-    """Condensed histories of friction are those of the law in UFL, with sliding and plastic strain: steps of 1e-10."""
+    """Condensed histories of friction are those of the law in UFL, with sliding and plastic strain:
+    steps of 1e-10.
+    """
     law = hhr.Plasticity(0.06, 0.5)
     bodies = hhr.Body(FIRST, 3.0, 0.3), hhr.Body(SECOND, 5.0, 0.2, law)
     full = hhr.FullOrderModel(rubbing(0.3, cells=4, bodies=bodies), MPI.COMM_SELF)
@@ -114,19 +128,29 @@ def test_code_beside_friction():
     code = hhr.ExternalOperator(with_constants, {"strength": 0.06, "slope": 0.5}, **NAMED)
     one, other = (item.march(path, settings) for item in (outside.other_law(exact, code), exact))
     assert max(apart(one, other, outside.FIELDS)) < 1e-9
-    assert {1, 2} <= {status for answer in other.answers for status in answer.slip.statuses.tolist()}
+    assert {1, 2} <= {
+        status for answer in other.answers for status in answer.slip.statuses.tolist()
+    }
     assert other.answers[-1].plastic_strain().max() > 1e-2
     for found, expected in zip(one.answers, other.answers, strict=True):
-        np.testing.assert_allclose(found.slip.work, expected.slip.work, atol=1e-9 * expected.slip.work.max() + 1e-15)
+        np.testing.assert_allclose(
+            found.slip.work, expected.slip.work, atol=1e-9 * expected.slip.work.max() + 1e-15
+        )
 
 
 def test_constants_are_operands_and_may_be_formulas_of_parameters_and_places():
     box = {"s": (0.5, 1.5), "H": (1.0, 10.0)}
     formulas = {"strength": "s * (1 - 0.1 * r)", "slope": "H"}
-    laws = hhr.Plasticity(*formulas.values()), hhr.ExternalOperator(with_constants, formulas, **NAMED)
+    laws = (
+        hhr.Plasticity(*formulas.values()),
+        hhr.ExternalOperator(with_constants, formulas, **NAMED),
+    )
     fulls = [hhr.FullOrderModel(walled_tube(law, **box)) for law in laws]
     expected, found = (full.march(up(0.9, constants=(1.2, 6.0)), TIGHT) for full in fulls)
-    assert max(apart(found, expected, outside.FIELDS)) < 1e-12 and found.answers[-1].plastic_strain().any()
+    assert (
+        max(apart(found, expected, outside.FIELDS)) < 1e-12
+        and found.answers[-1].plastic_strain().any()
+    )
     numbers = {"strength": outside.YIELD, "slope": outside.SLOPE}
     for components in (4, 6):
         outside.check_points(hhr.ExternalOperator(with_constants, numbers, **NAMED), components)
@@ -143,7 +167,9 @@ def test_memory_and_durations():
         found = material.update(strain, state, 0.5, tangent=True)
         state = found.state
         assert np.allclose(found.stress, 200.0 / 1.3 * strain / 1.5**step, rtol=1e-12)
-        assert np.allclose(np.einsum("nij,nj->ni", found.tangents, strain), 200.0 / 1.3 / 1.5 * strain, rtol=1e-12)
+        assert np.allclose(
+            np.einsum("nij,nj->ni", found.tangents, strain), 200.0 / 1.3 / 1.5 * strain, rtol=1e-12
+        )
         flowed = np.sqrt(2 / 3) * np.linalg.norm(strain[0]) * (1 - 1 / 1.5**step)
         assert np.allclose(state.cumulated, flowed, rtol=1e-12)
         assert np.allclose(state.memory[:, -1], step)
@@ -170,7 +196,9 @@ def test_points_without_an_answer_cut_the_step_and_are_named(monkeypatch):
     cut = full.march(once, QUIET).answers[-1]
     assert cut.converged and cut.parts > exact.parts == 1
     monkeypatch.setitem(LARGEST, "increment", 1e-7)
-    with pytest.raises(ConvergenceError, match=r"fails has no answer at \d+ points, such as for the strain \("):
+    with pytest.raises(
+        ConvergenceError, match=r"fails has no answer at \d+ points, such as for the strain \("
+    ):
         full.march(once, QUIET)
 
 
@@ -183,14 +211,21 @@ def test_condensed_steps_are_cut_where_code_has_no_answer(monkeypatch):
     cut = model.march(once, QUIET).answers[-1]
     assert cut.converged and cut.parts > exact.parts == 1
     monkeypatch.setitem(LARGEST, "increment", 1e-7)
-    with pytest.raises(ConvergenceError, match=r"fails has no answer at \d+ points, such as for the strain \("):
+    with pytest.raises(
+        ConvergenceError, match=r"fails has no answer at \d+ points, such as for the strain \("
+    ):
         model.march(once, QUIET)
 
 
 def test_stores_know_source_and_constants(tmp_path):
-    law, other = (hhr.ExternalOperator(with_constants, {"strength": 1.0, "slope": h}, **NAMED) for h in (5.0, 6.0))
+    law, other = (
+        hhr.ExternalOperator(with_constants, {"strength": 1.0, "slope": h}, **NAMED)
+        for h in (5.0, 6.0)
+    )
     outside.check_store(law, other, tmp_path / "constants")
-    outside.check_store(hhr.ExternalOperator(sigma_external), hhr.ExternalOperator(fails), tmp_path / "sources")
+    outside.check_store(
+        hhr.ExternalOperator(sigma_external), hhr.ExternalOperator(fails), tmp_path / "sources"
+    )
     one = hhr.ExternalOperator(lambda orders: return_mapping)
     other = hhr.ExternalOperator(lambda orders: None)
     assert one.name == other.name and one.at_points(4).identity != other.at_points(4).identity
@@ -221,12 +256,21 @@ def test_a_function_that_returns_something_else_is_refused():
 
 @pytest.mark.parametrize(
     ("found", "given"),
-    [(lambda *_: None, {}), (lambda *_: ("a", "b", "c"), {}), (lambda e, *_: (e, e, e), {}),
-     (None, {"constants": {"cumulated": 1.0}}), (None, {"constants": {"dt": 1.0}}), (None, {"operands": ()}),
-     (None, {"memory": {"stress": 1}}), (None, {"results": ("+tangents", "stress")})],
-)  # fmt: skip
+    [
+        (lambda *_: None, {}),
+        (lambda *_: ("a", "b", "c"), {}),
+        (lambda e, *_: (e, e, e), {}),
+        (None, {"constants": {"cumulated": 1.0}}),
+        (None, {"constants": {"dt": 1.0}}),
+        (None, {"operands": ()}),
+        (None, {"memory": {"stress": 1}}),
+        (None, {"results": ("+tangents", "stress")}),
+    ],
+)
 def test_results_and_names_that_cannot_be_are_refused(found, given):
-    """By words at the door, and not by an exception of arrays, or by a constant that replaces a variable."""
+    """By words at the door, and not by an exception of arrays, or by a constant that replaces a
+    variable.
+    """
     with pytest.raises(SceneError):
         law = hhr.ExternalOperator(lambda orders: found, **given)
         assert not given

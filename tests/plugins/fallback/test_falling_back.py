@@ -21,7 +21,9 @@ def pellet():
 
 
 def test_no_answer_is_off_by_more_than_allowed(pellet):
-    """In energy and in the S norm; from nine snapshots of the pellet, 50 random points, of which 60 % fall back."""
+    """In energy and in the S norm; from nine snapshots of the pellet, 50 random points, of which 60
+    % fall back.
+    """
     full = pellet.full_order
     model, fell = hhr.FallbackModel(pellet.build(POOR, checked=False), full, 0.01), 0
     for point in full.parameters.random(50, 0):
@@ -54,19 +56,28 @@ def test_batches_report_how_many_fell_back(pellet, tmp_path, capsys):
     answers = hhr.answer_points(model, table)
     names = ("displacement", "forces", "pressure", "forces in energy", "peak [MPa]", "area")
     assert list(answers.estimates) == [f"bound of {name}" for name in names]
-    column, bounds = answers.columns["fell_back"], {name: answers.estimates[f"bound of {name}"][:8] for name in names}
+    column, bounds = (
+        answers.columns["fell_back"],
+        {name: answers.estimates[f"bound of {name}"][:8] for name in names},
+    )
     fell = column[:8] == 1
     assert 0 < fell.sum() == model.fallen < 8 and np.isnan(column[8])
     errors = np.maximum(bounds["displacement"], bounds["forces in energy"])
     assert (errors <= 0.05).all() and (errors[fell] == 0).all()
     assert (bounds["peak [MPa]"][~fell] > 0).all() and (bounds["area"] >= 0).all()
     said = [model.reduced.solve(point, outside="ignore").estimate() for point in points[~fell]]
-    assert bounds["displacement"][~fell] == pytest.approx([each.primal_relative for each in said], rel=1e-6)
-    assert bounds["peak [MPa]"][~fell] == pytest.approx([each.outputs["peak"] for each in said], rel=1e-6)
+    assert bounds["displacement"][~fell] == pytest.approx(
+        [each.primal_relative for each in said], rel=1e-6
+    )
+    assert bounds["peak [MPa]"][~fell] == pytest.approx(
+        [each.outputs["peak"] for each in said], rel=1e-6
+    )
     assert hhr.write_answers(tmp_path / "answers.csv", model.parameters, answers) == 1
     said = [row["fell_back"] for row in read_csv(tmp_path / "answers.csv")]
     assert said == [*(str(int(one)) for one in fell), ""]
-    (tmp_path / "points.csv").write_text("P1,h1\n" + "\n".join(f"{a},{b}" for a, b in points.tolist()) + "\n")
+    (tmp_path / "points.csv").write_text(
+        "P1,h1\n" + "\n".join(f"{a},{b}" for a, b in points.tolist()) + "\n"
+    )
     given = hhr.read_points(tmp_path / "points.csv", model.parameters)
     assert hhr.answer_table(model, given, tmp_path / "again.csv", make_console()) == 0
     assert f"8 answers ({fell.sum()} by the full model)" in capsys.readouterr().out

@@ -1,4 +1,6 @@
-"""Bodies held by contact alone, attacked: stacks, corners, light beside heavy, what tips over or turns, estimates."""
+"""Bodies held by contact alone, attacked: stacks, corners, light beside heavy, what tips over or
+turns, estimates.
+"""
 
 import copy
 import dataclasses
@@ -29,7 +31,9 @@ pytestmark = pytest.mark.filterwarnings("ignore:.*no contact resists and no load
 
 
 def stack(size=1.0, stiffer=1.0, cells=4, lowest=0.0, **changes):
-    """A free block on a free block on a floor, pressed by p on the upper and by q on the top of the lower one."""
+    """A free block on a free block on a floor, pressed by p on the upper and by q on the top of the
+    lower one.
+    """
     boxes = (
         ((0, 0), (size, size), (cells, cells)),
         ((0.25 * size, size), (0.75 * size, 1.5 * size), (cells // 2, cells // 2)),
@@ -37,22 +41,35 @@ def stack(size=1.0, stiffer=1.0, cells=4, lowest=0.0, **changes):
     given = {
         "contacts": (UNDER_ALL, hhr.NodeToSurface(side(2, 1, False), side(1, 1, True))),
         "displacements": (),
-        "loads": (hhr.Pressure(side(2, 1, True), slope("p")), hhr.Pressure(side(1, 1, True), slope("q"))),
+        "loads": (
+            hhr.Pressure(side(2, 1, True), slope("p")),
+            hhr.Pressure(side(1, 1, True), slope("q")),
+        ),
     }
     box = dict.fromkeys("pq", (lowest, 1.0))
-    return pair_scene("stack", box, *boxes, ((1000.0, 0.3), (1000.0 * stiffer, 0.3)), **given | changes)
+    return pair_scene(
+        "stack", box, *boxes, ((1000.0, 0.3), (1000.0 * stiffer, 0.3)), **given | changes
+    )
 
 
 def lone(contacts, loads, names, **changes):
     """A block of edge 1."""
-    given = {"cells": (6, 6), "young": 1000.0, "contacts": contacts, "displacements": (), "loads": loads}
+    given = {
+        "cells": (6, 6),
+        "young": 1000.0,
+        "contacts": contacts,
+        "displacements": (),
+        "loads": loads,
+    }
     return block_scene("lone", dict.fromkeys(names, (0.0, 1.0)), **given | changes)
 
 
 @pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])
 @pytest.mark.parametrize("stiffer", [1e-6, 1.0, 1e6])
 def test_a_light_body_on_a_heavy_one_is_balanced_too(size, stiffer):
-    """Loads of the upper block a thousand million times smaller: they are its own, not round-off of the other's."""
+    """Loads of the upper block a thousand million times smaller: they are its own, not round-off of
+    the other's.
+    """
     full = hhr.FullOrderModel(stack(size, stiffer), MPI.COMM_SELF)
     for p, q in ((1.0, 0.0), (1e-9, 1.0), (1.0, 1.0), (0.3, 0.9)):
         forces = kkt(full, (p, q), 1e-7).forces()
@@ -71,7 +88,9 @@ def test_a_motion_that_only_round_off_drives_is_the_least():
         return mesh, *tags
 
     walls = (0, False, -ways[0], 0.0), (0, True, ways[0], 2.0), (1, True, ways[1], 1.01)
-    contacts = tuple(hhr.Obstacle(block.side(axis, upper), tuple(way), at) for axis, upper, way, at in walls)
+    contacts = tuple(
+        hhr.Obstacle(block.side(axis, upper), tuple(way), at) for axis, upper, way, at in walls
+    )
     scene = lone(contacts, (hhr.Pressure(block.side(0, True), slope("p")),), "p", geometry=turned)
     for model in (hhr.FullOrderModel(scene), hhr.condense(scene)):
         with pytest.warns(UndeterminedWarning):
@@ -84,7 +103,8 @@ def test_what_pulls_apart_is_adrift_and_named():
     for mu in ((1.0, -0.6), (-0.1, 1.0), (1e-3, -1e-3)):
         assert full.solve(mu, raise_on_failure=False).status is Status.ADRIFT
     with pytest.raises(
-        NotSolvableError, match=r"away.*(body 2 of scene 'stack'.*body 1|body 1 of scene 'stack'.*body 2)"
+        NotSolvableError,
+        match=r"away.*(body 2 of scene 'stack'.*body 1|body 1 of scene 'stack'.*body 2)",
     ):
         full.solve((-0.1, 1.0))
 
@@ -108,21 +128,45 @@ def test_a_cube_tips_over_when_the_force_leaves_its_base():
 def test_loads_that_only_shear_are_refused_however_small_their_slope():
     top = side(2, 1, True)
     shear, box = hhr.Traction(top, (1e-12, 0), slope("q")), space(p=(0.0, 1.0), q=(0.0, 1e12))
-    for changes in ({"loads": (shear,)}, {"loads": (hhr.Pressure(top, slope("p", 1e3)), shear), "parameters": box}):
-        with pytest.raises(NotSolvableError, match=r"body 2 .* moves along axis 0, which loads drive"):
+    for changes in (
+        {"loads": (shear,)},
+        {"loads": (hhr.Pressure(top, slope("p", 1e3)), shear), "parameters": box},
+    ):
+        with pytest.raises(
+            NotSolvableError, match=r"body 2 .* moves along axis 0, which loads drive"
+        ):
             hhr.FullOrderModel(stack(**changes), MPI.COMM_SELF)
 
 
 PRESSED = hhr.Pressure(block.side(1, True), slope("s"))
 CASES = {
-    "corner": (lone((FLOOR, WALL), (PRESSED, hhr.Pressure(block.side(0, False), slope("t"))), ("s", "t")),
-               ((1, 1), (1, 1e-6), (1e-6, 1), (1, 0), (0, 1))),
-    "squeezed": (lone((FLOOR, CEILING), (), ("s",), openings=(hhr.Opening(1, slope("s", -0.01)),)), (0.5, 1.0)),
-    "pushed across": (lone((FLOOR, CEILING), (hhr.Traction(block.side(0, True), (0, 1), slope("s")),), ("s",),
-                           openings=(hhr.Opening(1, 0.1),)), (0.5, 1.0)),
-    "one component": (lone((FLOOR,), (PRESSED, hhr.Traction(block.side(0, True), (0, -1), slope("t"))), ("s", "t"),
-                           displacements=(hhr.Displacement(block.side(0, False), 0),)), ((1, 1), (1, 0), (0, 1))),
-}  # fmt: skip
+    "corner": (
+        lone((FLOOR, WALL), (PRESSED, hhr.Pressure(block.side(0, False), slope("t"))), ("s", "t")),
+        ((1, 1), (1, 1e-6), (1e-6, 1), (1, 0), (0, 1)),
+    ),
+    "squeezed": (
+        lone((FLOOR, CEILING), (), ("s",), openings=(hhr.Opening(1, slope("s", -0.01)),)),
+        (0.5, 1.0),
+    ),
+    "pushed across": (
+        lone(
+            (FLOOR, CEILING),
+            (hhr.Traction(block.side(0, True), (0, 1), slope("s")),),
+            ("s",),
+            openings=(hhr.Opening(1, 0.1),),
+        ),
+        (0.5, 1.0),
+    ),
+    "one component": (
+        lone(
+            (FLOOR,),
+            (PRESSED, hhr.Traction(block.side(0, True), (0, -1), slope("t"))),
+            ("s", "t"),
+            displacements=(hhr.Displacement(block.side(0, False), 0),),
+        ),
+        ((1, 1), (1, 0), (0, 1)),
+    ),
+}
 if present("volume_loads"):
     HEATED = hhr.ThermalExpansion(block.SOLID, expansion=1e-3, temperature="T")
     CASES["heated"] = lone((FLOOR,), (HEATED, PRESSED), ("T", "s")), ((1, 1), (0, 1), (1, 1e-9))
@@ -151,7 +195,11 @@ def test_without_loads_nothing_touches():
 @needs("fallback", "local", "nonmatching")
 @pytest.mark.parametrize("how", ["node to surface", pytest.param("mortar", marks=needs("mortar"))])
 def test_small_models_of_a_stack(how, tmp_path):
-    contacts = {"contacts": (UNDER_ALL, hhr.Mortar(side(2, 1, False), side(1, 1, True)))} if how == "mortar" else {}
+    contacts = (
+        {"contacts": (UNDER_ALL, hhr.Mortar(side(2, 1, False), side(1, 1, True)))}
+        if how == "mortar"
+        else {}
+    )
     made = stack(cells=8, parameters=space(p=(0.1, 1.0), q=(0.0, 1.0)), **contacts)
     training = hhr.train(made, hhr.Sobol(32), comm=MPI.COMM_SELF)
     full = training.full_order
@@ -191,10 +239,14 @@ def test_a_ring_whose_facets_alone_resist_its_turn_is_warned_of():
 @pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.PairingWarning")
 @pytest.mark.parametrize("loaded", [True, False])
 def test_a_load_along_a_surface_that_is_not_quite_flat_is_warned_of(loaded):
-    """As along the axis of a meshed cylinder: only the slopes of a ripple, 0.03, hold the upper block."""
+    """As along the axis of a meshed cylinder: only the slopes of a ripple, 0.03, hold the upper
+    block.
+    """
 
     def warp(points, body):
-        return points + np.stack([0 * points[:, 0], 0.005 * np.cos(2 * np.pi * points[:, 0])], axis=1)
+        return points + np.stack(
+            [0 * points[:, 0], 0.005 * np.cos(2 * np.pi * points[:, 0])], axis=1
+        )
 
     push = hhr.Traction(side(2, 1, True), (1.0, 0.0) if loaded else (0.0, -1.0), slope("q"))
     blocks = {"first": ((0, 0), (3, 1), (30, 4)), "second": ((1, 1), (2, 2), (10, 4))}
@@ -225,11 +277,15 @@ def training():
 
 @pytest.fixture(scope="module", params=[1e-13, 1e-4, 1e-2])
 def model(request, training):
-    return training.build(hhr.Recipe(hhr.Pod(request.param, relative=True)).as_it_is(), checked=False)
+    return training.build(
+        hhr.Recipe(hhr.Pod(request.param, relative=True)).as_it_is(), checked=False
+    )
 
 
 def balanced_sizes(full):
-    """S norm of the part of exact forces that balances itself, in the place of that of all: see :func:`check`."""
+    """S norm of the part of exact forces that balances itself, in the place of that of all: see
+    :func:`check`.
+    """
     along = np.linalg.qr(full.problem.kernel.contact_of_motions)[0]
     return lambda field, forces: (
         sizes_of(full, field, forces) * [1, 0, 1, 1]
@@ -245,23 +301,34 @@ def test_estimates_are_the_differences(training, model):
 
 
 def test_few_columns_leave_part_of_the_displacement(training):
-    """Fewer than conditions: what they leave out of what forces make is the error of the displacement."""
+    """Fewer than conditions: what they leave out of what forces make is the error of the
+    displacement.
+    """
     full = training.full_order
     made = field_response(full, training.snapshots.forces, 4)
     model = training.build(hhr.Recipe().as_it_is(), checked=False)
     how = {"basis": made.columns, "contact_basis": full.problem.contact_rows_times(made.columns)}
-    fields = dataclasses.replace(model.fields, response=made.response, bound=made.bound, output_bound=None, **how)
-    parts = check(full, model.changed(fields=fields), full.parameters.random(20, 7), balanced_sizes(full))
+    fields = dataclasses.replace(
+        model.fields, response=made.response, bound=made.bound, output_bound=None, **how
+    )
+    parts = check(
+        full, model.changed(fields=fields), full.parameters.random(20, 7), balanced_sizes(full)
+    )
     assert np.median(parts[:, 0]) > 1e-3
 
 
 def test_fields_close_the_gaps_and_move_bodies_as_the_full_model_does(training, model):
-    """S and K^-1 loads leave an error of round-off, of the rigid motions too, where forces are off by 15 %."""
+    """S and K^-1 loads leave an error of round-off, of the rigid motions too, where forces are off
+    by 15 %.
+    """
     full = training.full_order
     points = full.parameters.random(20, 6)
     check_alike(full, model, points, displacement=1e-8)
     for point in points:
-        said = [again.solve(point, outside="ignore").estimate() for again in (copy.deepcopy(model), model)]
+        said = [
+            again.solve(point, outside="ignore").estimate()
+            for again in (copy.deepcopy(model), model)
+        ]
         assert said[0] == said[1]
 
 
@@ -274,13 +341,17 @@ def test_derivatives_of_what_is_read_of_fields_are_differences(model):
 def test_the_worst_of_many_points_is_warned_of(training):
     """Five solutions held out show nothing; of 200 points some are off by tens of per cent."""
     recipe = hhr.Recipe(hhr.Pod(1e-13, relative=True))
-    with pytest.warns(StabilityWarning, match="contact force error.*of [12].. solutions compared; the worst is at"):
+    with pytest.warns(
+        StabilityWarning, match="contact force error.*of [12].. solutions compared; the worst is at"
+    ):
         hhr.build(training.full_order, training.snapshots, recipe, training.held_out)
 
 
 @needs("nonmatching")
 def test_a_stack_of_free_blocks():
     """Two bodies with three motions each, one of them left at rest; few points."""
-    training = hhr.train(stack(cells=8, parameters=space(p=(0.1, 1.0), q=(0.0, 1.0))), hhr.Sobol(6), held_out=0)
+    training = hhr.train(
+        stack(cells=8, parameters=space(p=(0.1, 1.0), q=(0.0, 1.0))), hhr.Sobol(6), held_out=0
+    )
     full, model = training.full_order, training.build(hhr.Recipe().as_it_is(), checked=False)
     check(full, model, full.parameters.random(60, 1), balanced_sizes(full))

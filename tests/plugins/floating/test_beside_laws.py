@@ -1,4 +1,6 @@
-"""Bodies that contact alone holds, with laws of their own and beside laws, shapes, moduli and laws of contacts."""
+"""Bodies that contact alone holds, with laws of their own and beside laws, shapes, moduli and laws
+of contacts.
+"""
 
 from dataclasses import replace
 from functools import cache
@@ -21,9 +23,19 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore:parameters .* have no effect"),
 ]
 TIGHT = hhr.MarchSettings("tangent", relative_stress=1e-10, relative_force=1e-10, floor_stress=1e-8)
-ON_SPRINGS = hhr.MarchSettings("tangent", relative_stress=1e-8, relative_force=1e-8, floor_stress=1e-8)
-"""Tolerances that a body on a spring of 1e-6 of its stiffness reaches; tighter ones are below its round-off."""
-PATH = [(0.0, np.array([1.0])), (1.0, np.array([4.0])), (2.0, np.array([9.0])), (3.0, np.array([6.0]))]
+ON_SPRINGS = hhr.MarchSettings(
+    "tangent", relative_stress=1e-8, relative_force=1e-8, floor_stress=1e-8
+)
+"""Tolerances that a body on a spring of 1e-6 of its stiffness reaches.
+
+Tighter ones are below its round-off.
+"""
+PATH = [
+    (0.0, np.array([1.0])),
+    (1.0, np.array([4.0])),
+    (2.0, np.array([9.0])),
+    (3.0, np.array([6.0])),
+]
 LAWS = {
     "plasticity": lambda: hhr.Plasticity(6.0, 100.0),
     "creep": lambda: hhr.Norton(300.0, 3.0),
@@ -32,16 +44,23 @@ HELD, LOOSE, BOTH = (True, False), (False, True), (True, True)
 
 
 def flowing(law, which, **changes):
-    """The block that lies on another one; the laws of the lower one, of the loose one, or of both."""
+    """The block that lies on another one; the laws of the lower one, of the loose one, or of
+    both.
+    """
     made = lying(tilt=0.2, cells=(6, 3), **({"parameters": space(p=(0.5, 12.0))} | changes))
     bodies = zip(made.bodies, which, strict=True)
-    return replace(made, bodies=tuple(replace(body, law=LAWS[law]()) if own else body for body, own in bodies))
+    return replace(
+        made, bodies=tuple(replace(body, law=LAWS[law]()) if own else body for body, own in bodies)
+    )
 
 
 def on_springs(made, stiffness):
-    """The scene with springs below the side of the loose block, so that displacements hold everything."""
+    """The scene with springs below the side of the loose block, so that displacements hold
+    everything.
+    """
     springs = tuple(
-        hhr.Springs(blocks.interface(blocks.UPPER, 2), component, stiffness, bedding=True) for component in (0, 1)
+        hhr.Springs(blocks.interface(blocks.UPPER, 2), component, stiffness, bedding=True)
+        for component in (0, 1)
     )
     return replace(made, loads=(*made.loads, *springs))
 
@@ -50,10 +69,12 @@ def on_springs(made, stiffness):
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("which", [HELD, LOOSE, BOTH], ids=["held", "loose", "both"])
 def test_histories_are_the_limit_of_weak_springs(law, which):
-    """Forces and their moment balance the loads to 1e-10, and answers are what two springs extrapolate to.
+    """Forces and their moment balance the loads to 1e-10, and answers are what two springs
+    extrapolate to.
 
-    Springs of 1e-5 and 1e-6 of Young's modulus change answers in proportion: their line ends at no spring, up to the
-    square of 1e-5 and to round-off over 1e-6. Weaker ones lose the digits of S: 1e-8 alone is 7e-8 off, 1e-10 4e-6.
+    Springs of 1e-5 and 1e-6 of Young's modulus change answers in proportion: their line ends at no
+    spring, up to the square of 1e-5 and to round-off over 1e-6. Weaker ones lose the digits of S:
+    1e-8 alone is 7e-8 off, 1e-10 4e-6.
     """
     made = flowing(law, which)
     full = hhr.FullOrderModel(made, MPI.COMM_SELF)
@@ -63,12 +84,16 @@ def test_histories_are_the_limit_of_weak_springs(law, which):
     for (_, point), answer in zip(PATH[1:], found, strict=True):
         forces = answer.forces()
         width = 1 - 0.05
-        assert forces.min() >= 0 and forces.sum() == pytest.approx(point[0] + 0.2 * width, rel=1e-10)
+        assert forces.min() >= 0 and forces.sum() == pytest.approx(
+            point[0] + 0.2 * width, rel=1e-10
+        )
         assert places @ forces == pytest.approx(0.5 * point[0], rel=1e-10)
         assert answer.undetermined is None
     assert found[-1].plastic_strain().max() > 1e-4
     (weak, weaker) = (
-        hhr.FullOrderModel(on_springs(made, ratio * 1000.0), MPI.COMM_SELF).march(PATH, ON_SPRINGS).answers
+        hhr.FullOrderModel(on_springs(made, ratio * 1000.0), MPI.COMM_SELF)
+        .march(PATH, ON_SPRINGS)
+        .answers
         for ratio in (1e-5, 1e-6)
     )
     for answer, one, other in zip(found, weak, weaker, strict=True):
@@ -79,7 +104,10 @@ def test_histories_are_the_limit_of_weak_springs(law, which):
 
 @needs("friction", "places")
 def test_friction_of_flowing_bodies_is_the_limit_of_weak_springs():
-    """Tangential forces hold the third motion; the law of the contacts is any that solves for a slack."""
+    """Tangential forces hold the third motion.
+
+    The law of the contacts is any that solves for a slack.
+    """
     made = flowing("plasticity", BOTH)
     surfaces = (blocks.interface(body, 2) for body in (blocks.LOWER, blocks.UPPER))
     pressed = hhr.Traction(blocks.outer_end(blocks.UPPER, 2), (0.15, -1.0), slope("p"))
@@ -89,7 +117,10 @@ def test_friction_of_flowing_bodies_is_the_limit_of_weak_springs():
     assert full.problem.kernel.motions.shape[1] == 3
     found, weak, weaker = (
         one.march(PATH[:3], ON_SPRINGS).answers
-        for one in (full, *(hhr.FullOrderModel(on_springs(made, k), MPI.COMM_SELF) for k in (1e-2, 1e-3)))
+        for one in (
+            full,
+            *(hhr.FullOrderModel(on_springs(made, k), MPI.COMM_SELF) for k in (1e-2, 1e-3)),
+        )
     )
     for (_, point), answer, one, other in zip(PATH[1:], found, weak, weaker, strict=False):
         pressing = full.law.pressing(answer.forces().size)
@@ -99,7 +130,9 @@ def test_friction_of_flowing_bodies_is_the_limit_of_weak_springs():
 
 
 def block_on_a_floor(law, *, held):
-    """A block under a pressure on a floor: alone, or with displacements in the place of the floor, which is far off."""
+    """A block under a pressure on a floor: alone, or with displacements in the place of the floor,
+    which is far off.
+    """
     over, bottom = blocks.UPPER, blocks.interface(blocks.UPPER, 2)
     made = lying(bulge=0.0, cells=(4, 4))
     lower, upper = made.bodies
@@ -129,29 +162,42 @@ def _height():
 @needs("places")
 @pytest.mark.parametrize("law", LAWS)
 def test_a_loose_block_flows_under_a_pressure_as_one_that_is_held(law):
-    """All of it is pressed alike: supports of its side are the floor, and each force is the pressure of its node.
+    """All of it is pressed alike: supports of its side are the floor, and each force is the
+    pressure of its node.
 
     The stress is -p across and zero along, whatever the law.
     """
-    loose, held = (hhr.FullOrderModel(block_on_a_floor(LAWS[law](), held=one), MPI.COMM_SELF) for one in (False, True))
+    loose, held = (
+        hhr.FullOrderModel(block_on_a_floor(LAWS[law](), held=one), MPI.COMM_SELF)
+        for one in (False, True)
+    )
     assert loose.problem.held_by_contact and not held.problem.held_by_contact
     for (_, point), one, other in zip(
         PATH[1:], loose.march(PATH, TIGHT).answers, held.march(PATH, TIGHT).answers, strict=True
     ):
         assert one.forces() == pytest.approx(point[0] * loose.problem.contact_areas, rel=1e-10)
         stress = one.stress()[np.abs(one.stress()).max(axis=1) > 1e-6]
-        assert stress[:, 1] == pytest.approx(-point[0], rel=1e-9) and np.abs(stress[:, 0]).max() < 1e-8 * point[0]
+        assert (
+            stress[:, 1] == pytest.approx(-point[0], rel=1e-9)
+            and np.abs(stress[:, 0]).max() < 1e-8 * point[0]
+        )
         assert one.stress() == pytest.approx(other.stress(), abs=1e-8 * point[0])
         assert one.plastic_strain() == pytest.approx(other.plastic_strain(), abs=1e-9)
 
 
 @pytest.mark.parametrize("law", LAWS)
 def test_gradients_of_histories_are_those_of_differences(law):
-    """Along a shift of the whole path; statuses are the same on both sides, and both points are off any kink."""
+    """Along a shift of the whole path.
+
+    Statuses are the same on both sides, and both points are off any kink.
+    """
     full = hhr.FullOrderModel(flowing(law, BOTH), MPI.COMM_SELF)
     answers = full.march(PATH, replace(TIGHT, gradient=True)).answers
     step = 1e-5
-    ends = [full.march([(t, p + sign * step) for t, p in PATH], TIGHT).answers[-1] for sign in (1.0, -1.0)]
+    ends = [
+        full.march([(t, p + sign * step) for t, p in PATH], TIGHT).answers[-1]
+        for sign in (1.0, -1.0)
+    ]
     assert all(np.array_equal(end.active, answers[-1].active) for end in ends)
     gradient = answers[-1].gradient
     for read, change in (("multipliers", gradient.multipliers), ("unknown", gradient.unknown)):
@@ -169,17 +215,24 @@ def test_hyper_reduced_histories(law, tmp_path):
     assert model.problem.motions == 2
     path = [(t, 0.95 * p) for t, p in PATH]
     hhr.save_model(tmp_path / "model.npz", model)
-    every = [one.march(path).answers for one in (model, hhr.load_model(tmp_path / "model.npz"), training.full_order)]
+    every = [
+        one.march(path).answers
+        for one in (model, hhr.load_model(tmp_path / "model.npz"), training.full_order)
+    ]
     for (_, point), one, again, exact in zip(path[1:], *every, strict=True):
         assert one.forces().sum() == pytest.approx(point[0] + 0.2 * 0.95, rel=1e-9)
         assert np.array_equal(one.multipliers, again.multipliers)
         assert np.linalg.norm(one.forces() - exact.forces()) < 0.02 * np.linalg.norm(exact.forces())
-    with pytest.raises(NotOfferedError, match="forces of a condensed step follow from its slack alone"):
+    with pytest.raises(
+        NotOfferedError, match="forces of a condensed step follow from its slack alone"
+    ):
         training.condense()
 
 
 def test_motions_that_nothing_determines_are_least_and_warned_of():
-    """A block on two nodes of a corner may turn: a history says so, as a single answer of elastic bodies does."""
+    """A block on two nodes of a corner may turn: a history says so, as a single answer of elastic
+    bodies does.
+    """
     made = lying(bulge=0.5, cells=(6, 3))
     one, other = made.bodies
     with pytest.warns(UndeterminedWarning, match="neither loads nor contact determine") as elastic:
@@ -187,12 +240,18 @@ def test_motions_that_nothing_determines_are_least_and_warned_of():
     assert elastic
     scene = replace(made, bodies=(one, replace(other, law=hhr.Plasticity(1e6, 1.0))))
     with pytest.warns(UndeterminedWarning, match="neither loads nor contact determine"):
-        (answer,) = hhr.FullOrderModel(scene, MPI.COMM_SELF).march([(0.0, [1.0]), (1.0, [1.0])], TIGHT).answers
+        (answer,) = (
+            hhr.FullOrderModel(scene, MPI.COMM_SELF)
+            .march([(0.0, [1.0]), (1.0, [1.0])], TIGHT)
+            .answers
+        )
     assert answer.undetermined.shape[1] == expected.undetermined.shape[1]
 
 
 def test_a_loose_block_wears_a_floor(monkeypatch):
-    """The template of a law that solves for no motions by itself does by its range: depth = constant p t, by hand."""
+    """The template of a law that solves for no motions by itself does by its range: depth =
+    constant p t, by hand.
+    """
     import my_contact_law
 
     every = {**registry.installed(), "my_contact_law": my_contact_law.PLUGIN}
@@ -215,12 +274,15 @@ def test_a_loose_block_wears_a_floor(monkeypatch):
 
 @needs("moduli")
 def test_a_foundation_that_may_vanish():
-    """At k = 0 it holds no body and K is singular: S grows without limit there, and nothing interpolates it."""
+    """At k = 0 it holds no body and K is singular: S grows without limit there, and nothing
+    interpolates it.
+    """
     made = replace(lying(parameters=space(p=(1.0, 10.0), k=(0.0, 0.5))), system=Parted)
     full = hhr.FullOrderModel(made, MPI.COMM_SELF)
     assert full.solve([4.0, 0.1]).converged
     with pytest.raises(
-        NotSolvableError, match=r"k = 0 nothing but contact holds body 2 .* moves along axis 1.* Narrow the box"
+        NotSolvableError,
+        match=r"k = 0 nothing but contact holds body 2 .* moves along axis 1.* Narrow the box",
     ):
         hhr.condense(full)
     narrow = replace(made, parameters=space(p=(1.0, 10.0), k=(0.1, 0.5)))
@@ -231,9 +293,14 @@ def test_a_foundation_that_may_vanish():
 
 
 @needs("moduli")
-@pytest.mark.parametrize("moduli", [("E", 0.3), (1000.0, "0.25 + E / 10000")], ids=["young", "poisson"])
+@pytest.mark.parametrize(
+    "moduli", [("E", 0.3), (1000.0, "0.25 + E / 10000")], ids=["young", "poisson"]
+)
 def test_condensed_moduli(moduli, tmp_path):
-    """Forces, displacement and gradients are those of the full model; a factor is exact, and the rest interpolated."""
+    """Forces, displacement and gradients are those of the full model.
+
+    a factor is exact, and the rest interpolated.
+    """
     made = lying(cells=(8, 4), tilt=0.2, parameters=space(p=(1.0, 10.0), E=(500.0, 2000.0)))
     lower, upper = made.bodies
     made = replace(made, bodies=(lower, replace(upper, young=moduli[0], poisson=moduli[1])))
@@ -244,9 +311,13 @@ def test_condensed_moduli(moduli, tmp_path):
     exact = 1e-9 if moduli[0] == "E" else 1e-5
     for point in full.parameters.random(6, seed=2):
         found, expected = model.solve(point), full.solve(point)
-        assert np.linalg.norm(found.forces() - expected.forces()) < exact * np.linalg.norm(expected.forces())
+        assert np.linalg.norm(found.forces() - expected.forces()) < exact * np.linalg.norm(
+            expected.forces()
+        )
         moved = expected.displacement()
-        assert np.linalg.norm(found.displacement() - moved) < 10 * max(exact, 1e-7) * np.linalg.norm(moved)
+        assert np.linalg.norm(found.displacement() - moved) < 10 * max(
+            exact, 1e-7
+        ) * np.linalg.norm(moved)
         assert found.forces().sum() == pytest.approx(point[0] + 0.2 * 0.95, rel=1e-10)
         assert np.array_equal(again.solve(point).multipliers, found.multipliers)
     assert slope_errors(model, [5.0, 900.0], step=1e-4).max() < 1e-5
@@ -254,20 +325,29 @@ def test_condensed_moduli(moduli, tmp_path):
 
 @needs("shapes", "moduli")
 def test_beside_a_shape(tmp_path):
-    """On the mesh of a shape the answer is that of a scene with this mesh; a body that changes itself is refused."""
+    """On the mesh of a shape the answer is that of a scene with this mesh.
+
+    a body that changes itself is refused.
+    """
     crowned = hhr.Shape(blocks.LOWER, ("x", "y * (1 + c * (x - 0.5)**2)"))
-    made = lying(cells=(6, 3), tilt=0.2, parameters=space(p=(1.0, 10.0), c=(-0.02, 0.02)), shapes=(crowned,))
+    made = lying(
+        cells=(6, 3), tilt=0.2, parameters=space(p=(1.0, 10.0), c=(-0.02, 0.02)), shapes=(crowned,)
+    )
     full = hhr.FullOrderModel(made, MPI.COMM_SELF)
     model = hhr.condense(full, fields=True)
     for point in ([3.0, 0.015], [8.0, -0.01]):
         expected = hhr.FullOrderModel(meshed(made, point), MPI.COMM_SELF).solve(point)
         for one, tolerance in ((full, 1e-9), (model, 1e-4)):
             found = one.solve(point)
-            assert found.forces() == pytest.approx(expected.forces(), abs=tolerance * expected.forces().max())
+            assert found.forces() == pytest.approx(
+                expected.forces(), abs=tolerance * expected.forces().max()
+            )
             moved = expected.displacement()
             assert np.abs(found.displacement() - moved).max() < 10 * tolerance * np.abs(moved).max()
             assert found.forces().sum() == pytest.approx(point[0] + 0.2 * 0.95, rel=1e-10)
     assert slope_errors(full, [5.0, 0.01], step=1e-4).max() < 1e-5
     itself = replace(made, shapes=(hhr.Shape(blocks.UPPER, ("x", "y * (1 + 0.1 * c)")),))
-    with pytest.raises(SceneError, match=r"contacts that alone hold a body .* for bodies that keep their shape"):
+    with pytest.raises(
+        SceneError, match=r"contacts that alone hold a body .* for bodies that keep their shape"
+    ):
         hhr.FullOrderModel(itself, MPI.COMM_SELF)

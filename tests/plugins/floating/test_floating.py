@@ -1,4 +1,6 @@
-"""Bodies that nothing but contact holds: equilibrium, what they rest on, what is free after that, reduced models."""
+"""Bodies that nothing but contact holds: equilibrium, what they rest on, what is free after that,
+reduced models.
+"""
 
 import warnings
 
@@ -26,9 +28,15 @@ pytestmark = pytest.mark.filterwarnings("ignore:body 2 .* moves along axis 0")
 
 
 def kkt(full, mu, rounding=1e-10):
-    """The conditions of the quadratic program, which is convex: whoever satisfies them has solved it."""
+    """The conditions of the quadratic program, which is convex: whoever satisfies them has solved
+    it.
+    """
     problem, answer = full.problem.at(mu), full.solve(mu)
-    theta, forces, moved = problem.amplitudes(answer.parameter), answer.forces(), answer.displacement()
+    theta, forces, moved = (
+        problem.amplitudes(answer.parameter),
+        answer.forces(),
+        answer.displacement(),
+    )
     acting, given = problem.contact.T @ forces, problem.external @ theta
     left = (problem.stiffness @ moved + acting - given)[problem.free]
     size = max(np.abs(acting).max(), np.abs(given).max())
@@ -42,7 +50,8 @@ def kkt(full, mu, rounding=1e-10):
 @pytest.mark.parametrize("tilt", [0.0, 0.3, -0.3])
 @pytest.mark.parametrize("bulge", [0.0, 0.05, 0.5])
 def test_forces_hold_the_body_and_nothing_else_does(bulge, tilt):
-    """The force is known from balance alone: p on a width of 1, and tilt on a side that the gap makes shorter.
+    """The force is known from balance alone: p on a width of 1, and tilt on a side that the gap
+    makes shorter.
 
     Along the interface, where nothing drives it, the body stays at rest.
     """
@@ -52,8 +61,12 @@ def test_forces_hold_the_body_and_nothing_else_does(bulge, tilt):
     for p in (1.0, 4.0, 10.0):
         answer = kkt(full, p)
         forces = answer.forces()
-        assert forces.min() >= 0 and forces.sum() == pytest.approx(p + tilt * (1 - bulge), rel=1e-10)
-        assert (full.problem.gaps @ full.problem.theta(p) - full.problem.contact @ answer.unknown).min() > -1e-12
+        assert forces.min() >= 0 and forces.sum() == pytest.approx(
+            p + tilt * (1 - bulge), rel=1e-10
+        )
+        assert (
+            full.problem.gaps @ full.problem.theta(p) - full.problem.contact @ answer.unknown
+        ).min() > -1e-12
         # the resultant stands where the loads do
         assert places @ forces == pytest.approx(0.5 * p, abs=1e-9 * p)
         assert abs(kernel.idle.T @ answer.displacement()).max() < 1e-12
@@ -72,11 +85,15 @@ def test_what_nothing_holds_is_named_with_its_motion():
             hhr.FullOrderModel(made, MPI.COMM_SELF)
 
 
-LEFT, RIGHT, FLOOR, LID = (block.side(axis, upper=upper) for axis in (0, 1) for upper in (False, True))
+LEFT, RIGHT, FLOOR, LID = (
+    block.side(axis, upper=upper) for axis in (0, 1) for upper in (False, True)
+)
 
 
 def pulled(left, right, young=50.0):
-    """A block of 2 by 1 on a floor, pressed by ``q`` and pulled on both sides, which nothing holds along the floor."""
+    """A block of 2 by 1 on a floor, pressed by ``q`` and pulled on both sides, which nothing holds
+    along the floor.
+    """
     return block_scene(
         "pulled",
         {"p": (0.0, 2.0), "q": (1.0, 3.0)},
@@ -96,15 +113,23 @@ def test_loads_that_balance_each_other_are_judged_by_their_sum(other):
     ends = [np.isclose(full.problem.points[:, 0], x) for x in (0.0, 2.0)]
     left, right = (answer.displacement().reshape(-1, 2)[end, 0] for end in ends)
     strain = ((1 - 0.3**2) * 1.5 + 0.3 * 1.3 * 2.0) / 50.0
-    np.testing.assert_allclose(right, strain, rtol=1e-9)  # at rest in the mean: both ends move by half of the stretch
+    np.testing.assert_allclose(
+        right, strain, rtol=1e-9
+    )  # at rest in the mean: both ends move by half of the stretch
     np.testing.assert_allclose(left, -strain, rtol=1e-9)
-    model = exact_condensation(full, hhr.compute_snapshots(full, full.parameters.random(4, 1)).known_statuses())
-    np.testing.assert_allclose(model.solve((1.5, 2.0)).displacement(), answer.displacement(), atol=1e-12)
+    model = exact_condensation(
+        full, hhr.compute_snapshots(full, full.parameters.random(4, 1)).known_statuses()
+    )
+    np.testing.assert_allclose(
+        model.solve((1.5, 2.0)).displacement(), answer.displacement(), atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("other", [slope("p", -1.001), "-p - 1e-6 * q", 0.5])
 def test_loads_whose_sum_drives_a_free_body_are_refused(other):
-    with pytest.raises(NotSolvableError, match="moves along axis 0, which loads drive and no contact resists"):
+    with pytest.raises(
+        NotSolvableError, match="moves along axis 0, which loads drive and no contact resists"
+    ):
         hhr.FullOrderModel(pulled(slope("p", -1.0), other), MPI.COMM_SELF)
 
 
@@ -119,7 +144,9 @@ def test_gradients_are_those_of_differences(young):
         assert slope_errors(model, at, step=1e-4).max() < 1e-6
 
 
-@pytest.mark.parametrize("young", [1000.0, pytest.param("1000 * (1 + p / 20)", marks=needs("moduli"))])
+@pytest.mark.parametrize(
+    "young", [1000.0, pytest.param("1000 * (1 + p / 20)", marks=needs("moduli"))]
+)
 def test_reduced_models_and_condensation_answer_alike(young, tmp_path):
     made = lying(cells=(16, 8), young=young, tilt=0.2)
     training = hhr.train(made, [16], comm=MPI.COMM_SELF)
@@ -143,7 +170,8 @@ def test_reduced_models_and_condensation_answer_alike(young, tmp_path):
 @given(seed=st.integers(0, 10_000), m=st.integers(3, 12), r=st.integers(1, 3))
 @settings(max_examples=60, deadline=None)
 def test_the_active_set_finds_what_a_quadratic_program_does(seed, m, r):
-    """Of random problems, from random statuses: forces are those of min 1/2 λ S λ + g λ with G^T λ = e, λ >= 0.
+    """Of random problems, from random statuses: forces are those of min 1/2 λ S λ + g λ with G^T λ
+    = e, λ >= 0.
 
     It is convex: whoever satisfies its conditions has solved it.
     """
@@ -162,7 +190,9 @@ def test_the_active_set_finds_what_a_quadratic_program_does(seed, m, r):
 
 
 def ring_on_shaft(pairing):
-    """A ring pressed on a shaft by a pressure around it, on meshes whose nodes do not face each other."""
+    """A ring pressed on a shaft by a pressure around it, on meshes whose nodes do not face each
+    other.
+    """
 
     def geometry(comm):
         def make():
@@ -189,7 +219,10 @@ def ring_on_shaft(pairing):
         contacts=(pairing("ring_in", "shaft_out"),),
         parameters=space(p=(1.0, 10.0), down=(0.0, 0.5)),
         displacements=hhr.Displacement.clamp("shaft_in", 2),
-        loads=(hhr.Pressure("ring_out", slope("p")), hhr.BodyForce("ring", (0.0, -1.0), slope("down"))),
+        loads=(
+            hhr.Pressure("ring_out", slope("p")),
+            hhr.BodyForce("ring", (0.0, -1.0), slope("down")),
+        ),
     )
 
 
@@ -197,8 +230,13 @@ def ring_on_shaft(pairing):
 @pytest.mark.parametrize("pairing", [MORTAR, NODE_TO_SURFACE])
 @pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.PairingWarning")
 def test_a_ring_on_a_shaft_is_held_and_its_turn_left_at_rest(pairing):
-    """Free to turn, it would open every gap between facets; of the pressure of 10 mortar passes 9.7 on."""
-    with pytest.warns(SceneWarning, match="body ring .* turns, which .* no load drives: it is left at rest"):
+    """Free to turn, it would open every gap between facets.
+
+    Of the pressure of 10 mortar passes 9.7 on.
+    """
+    with pytest.warns(
+        SceneWarning, match="body ring .* turns, which .* no load drives: it is left at rest"
+    ):
         full = hhr.FullOrderModel(ring_on_shaft(pairing), MPI.COMM_SELF)
     assert full.problem.kernel.motions.shape[1] == 2 and full.problem.kernel.idle.shape[1] == 1
     answer = full.solve((10.0, 0.0))
@@ -207,13 +245,18 @@ def test_a_ring_on_a_shaft_is_held_and_its_turn_left_at_rest(pairing):
     if pairing is mortar:
         assert np.ptp(pressure) < 0.05 * pressure.mean()
     heavy, effects = full.solve((5.0, 0.5)), full.problem.contact @ full.problem.kernel.motions
-    driving = full.problem.kernel.motions.T @ (full.problem.loads @ full.problem.amplitudes(heavy.parameter))
+    driving = full.problem.kernel.motions.T @ (
+        full.problem.loads @ full.problem.amplitudes(heavy.parameter)
+    )
     size = (np.abs(effects).T @ heavy.forces()).max()
     assert np.abs(driving - effects.T @ heavy.forces()).max() < 1e-10 * size
 
 
 def between_walls():
-    """A block on a floor, pressed down, between walls that it need not touch; the left one may come near."""
+    """A block on a floor, pressed down, between walls that it need not touch.
+
+    The left one may come near.
+    """
     left = block.side(0, False)
     return block_scene(
         "between_walls",
@@ -228,9 +271,15 @@ def between_walls():
             hhr.Obstacle(block.side(0, True), (1.0, 0.0), 2.5),
         ),
         openings=(hhr.Opening(1, slope("wall", -1.0)),),
-        loads=(hhr.Pressure(block.side(1, True), slope("press")), hhr.Traction(left, (1.0, 0.0), slope("side"))),
+        loads=(
+            hhr.Pressure(block.side(1, True), slope("press")),
+            hhr.Traction(left, (1.0, 0.0), slope("side")),
+        ),
         outputs=(
-            *(hhr.DisplacementAt(name, (1.0, 1.0), axis) for axis, name in enumerate(("across", "down"))),
+            *(
+                hhr.DisplacementAt(name, (1.0, 1.0), axis)
+                for axis, name in enumerate(("across", "down"))
+            ),
             hhr.ContactForce("weight", contact=0, direction=(0.0, -1.0)),
         ),
     )
@@ -240,7 +289,11 @@ def between_walls():
 def walled():
     training = hhr.train(between_walls(), [2, 3, 2])
     full = training.full_order
-    return {"full": full, "condensed": hhr.condense(full), "HHR": training.build(hhr.Recipe().as_it_is())}
+    return {
+        "full": full,
+        "condensed": hhr.condense(full),
+        "HHR": training.build(hhr.Recipe().as_it_is()),
+    }
 
 
 KINDS = pytest.mark.parametrize("kind", ["full", "condensed", "HHR"])
@@ -250,7 +303,10 @@ KINDS = pytest.mark.parametrize("kind", ["full", "condensed", "HHR"])
 @KINDS
 @pytest.mark.parametrize(("wall", "across"), [(0.0, 0.0), (0.1, 0.0), (0.3, 0.2)])
 def test_a_motion_that_contact_leaves_open_is_the_least_one(walled, kind, wall, across):
-    """The block stays where it is, or where the wall moves it without a force; no model picks a motion of its own."""
+    """The block stays where it is, or where the wall moves it without a force.
+
+    No model picks a motion of its own.
+    """
     said = r"moves along \[-?1.0, .?0.0\] at press = 4, .* least motion"
     with pytest.warns(UndeterminedWarning, match=said):
         answer = walled[kind].solve((4.0, wall, 0.0))
@@ -259,7 +315,9 @@ def test_a_motion_that_contact_leaves_open_is_the_least_one(walled, kind, wall, 
     assert outputs["across"] == pytest.approx(across, abs=1e-8)
     assert outputs["down"] == pytest.approx(-4.0 / 1000.0, abs=1e-8)
     assert outputs["weight"] == pytest.approx(-8.0, rel=1e-9)
-    assert answer.forces()[walled["full"].problem.contact_pairs != 0] == pytest.approx(0.0, abs=1e-8)
+    assert answer.forces()[walled["full"].problem.contact_pairs != 0] == pytest.approx(
+        0.0, abs=1e-8
+    )
     estimate = answer.estimate()
     assert "across" not in (estimate.outputs if estimate else {})
     if kind != "HHR":
@@ -285,10 +343,13 @@ def test_the_least_motion_is_that_of_a_quadratic_program(seed):
     rows, limits, target = rng.normal(size=(6, 2)), rng.uniform(0.0, 1.0, 6), 2 * rng.normal(size=2)
     found = _nearest(rows, limits, target)
     program = minimize(
-        lambda w: ((w - target) ** 2).sum(), np.zeros(2), jac=lambda w: 2 * (w - target), method="SLSQP",
+        lambda w: ((w - target) ** 2).sum(),
+        np.zeros(2),
+        jac=lambda w: 2 * (w - target),
+        method="SLSQP",
         constraints={"type": "ineq", "fun": lambda w: limits - rows @ w, "jac": lambda w: -rows},
         options={"ftol": 1e-14},
-    )  # fmt: skip
+    )
     assert (rows @ found <= limits + 1e-10).all()
     assert found == pytest.approx(program.x, abs=1e-5)
 

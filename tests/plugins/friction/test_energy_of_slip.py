@@ -20,7 +20,9 @@ def made():
 
 @needs("conformance", "stress")
 def test_energy_along_a_path_with_friction():
-    """Half u K u, by the stiffness, and its derivatives beside central differences, whose error is 1e-6 of a range."""
+    """Half u K u, by the stiffness, and its derivatives beside central differences, whose error is
+    1e-6 of a range.
+    """
     full, path = made()
     condensed = hhr.condense(full)
     stiffness = full.problem.stiffness
@@ -41,6 +43,10 @@ def test_energy_along_a_path_with_friction():
     box = full.parameters
     for k, width in enumerate(np.diag(np.subtract(box.upper, box.lower))):
         step = 1e-5 * width
-        ends = [energy([(time, point + sign * step) for time, point in path]) for sign in (1.0, -1.0)]
+        ends = [
+            energy([(time, point + sign * step) for time, point in path]) for sign in (1.0, -1.0)
+        ]
         expected = np.subtract(*ends) / 2e-5
-        assert gradient[k] * width[k] == pytest.approx(expected, abs=1e-5 * energy(path)), box.names[k]
+        assert gradient[k] * width[k] == pytest.approx(expected, abs=1e-5 * energy(path)), (
+            box.names[k]
+        )

@@ -19,14 +19,21 @@ from hhr_dolfinx.plugins.inelastic.equilibrium import Goal
 from hhr_dolfinx.plugins.inelastic.state import flowed
 
 PATH = [
-    (0.0, (0.0, 0.0)), (1.0, (0.01, 0.0)), (2.0, (0.02, 0.02)), (3.0, (0.03, 0.06)), (4.0, (0.02, 0.0)),
-    (5.0, (0.0, -0.02)), (6.0, (0.03, 0.03)),
-]  # fmt: skip
+    (0.0, (0.0, 0.0)),
+    (1.0, (0.01, 0.0)),
+    (2.0, (0.02, 0.02)),
+    (3.0, (0.03, 0.06)),
+    (4.0, (0.02, 0.0)),
+    (5.0, (0.0, -0.02)),
+    (6.0, (0.03, 0.03)),
+]
 """Pressed, sheared, turned round, opened, and pressed again."""
 
 
 LIMITS = hhr.FlowLimits.of_histories(warn_plastic=0.3, warn_estimate=0.1)
-"""At the edge of contact a few points flow by strains that eight histories tell to 14 to 20 %, whatever the model."""
+"""At the edge of contact a few points flow by strains that eight histories tell to 14 to 20 %,
+whatever the model.
+"""
 
 
 def bodies(yield_stress: float) -> tuple[hhr.Body, ...]:
@@ -38,33 +45,53 @@ def test_where_nothing_yields_it_is_friction_of_elastic_bodies():
     """Nearly incompressible, so that elastic bodies too take the mean dilatation: S is the same."""
     elastic, plastic = (
         hhr.FullOrderModel(
-            rubbing(0.3, bodies=(hhr.Body(FIRST, 3.0, 0.46), hhr.Body(SECOND, 5.0, 0.46, law))), MPI.COMM_SELF
+            rubbing(0.3, bodies=(hhr.Body(FIRST, 3.0, 0.46), hhr.Body(SECOND, 5.0, 0.46, law))),
+            MPI.COMM_SELF,
         )
         for law in (None, hhr.Plasticity(1e6, 0.5))
     )
     for found, one in zip(plastic.march(PATH).answers, elastic.march(PATH).answers, strict=True):
-        np.testing.assert_allclose(found.multipliers, one.multipliers, atol=1e-9 * np.abs(plastic.schur).max())
+        np.testing.assert_allclose(
+            found.multipliers, one.multipliers, atol=1e-9 * np.abs(plastic.schur).max()
+        )
         pressed = one.slip.pressure > 1e-6 * elastic.problem.contact_areas[elastic.law.normal]
         np.testing.assert_array_equal(found.slip.statuses[pressed], one.slip.statuses[pressed])
         np.testing.assert_allclose(found.slip.work, one.slip.work, atol=1e-12)
 
 
 def test_all_searches_find_the_same():
-    """Newton's method, old tangents and the elastic operator, to the tolerance of steps; 1e-9 was measured."""
+    """Newton's method, old tangents and the elastic operator, to the tolerance of steps.
+
+    1e-9 was measured.
+    """
     full = hhr.FullOrderModel(rubbing(0.3, bodies=bodies(0.08)), MPI.COMM_SELF)
-    tight = {"relative_stress": 1e-8, "floor_stress": 1e-8, "relative_force": 1e-8, "iterations": 200}
-    found = [full.march(PATH, hhr.MarchSettings(search=search, **tight)) for search in ("tangent", "frozen", "elastic")]
+    tight = {
+        "relative_stress": 1e-8,
+        "floor_stress": 1e-8,
+        "relative_force": 1e-8,
+        "iterations": 200,
+    }
+    found = [
+        full.march(PATH, hhr.MarchSettings(search=search, **tight))
+        for search in ("tangent", "frozen", "elastic")
+    ]
     assert found[0].answers[-1].plastic_strain().max() > 0.01
-    assert {1, 2} <= set(np.concatenate([answer.slip.statuses for answer in found[0].answers]).tolist())
+    assert {1, 2} <= set(
+        np.concatenate([answer.slip.statuses for answer in found[0].answers]).tolist()
+    )
     for other in found[1:]:
         for one, two in zip(found[0].answers, other.answers, strict=True):
-            np.testing.assert_allclose(two.multipliers, one.multipliers, atol=1e-7 * np.abs(one.multipliers).max())
+            np.testing.assert_allclose(
+                two.multipliers, one.multipliers, atol=1e-7 * np.abs(one.multipliers).max()
+            )
             np.testing.assert_array_equal(two.slip.statuses, one.slip.statuses)
             np.testing.assert_allclose(two.slip.path, one.slip.path, atol=1e-8)
 
 
 def test_friction_of_a_single_parameter_is_that_of_the_point():
-    """Parts of a step that is cut have the coefficient of its end, and none is outside what was trained."""
+    """Parts of a step that is cut have the coefficient of its end, and none is outside what was
+    trained.
+    """
     box = {"f": (0.0, 0.6)}
     creeping = hhr.Body(FIRST, 3.0, 0.3), hhr.Body(SECOND, 5.0, 0.2, hhr.Norton(0.05, 5.0))
     named, plain = (
@@ -84,7 +111,9 @@ def test_what_slips_as_a_whole_bears_coulomb_however_it_flows():
     full = hhr.FullOrderModel(rubbing(0.1, bodies=bodies(0.06)), MPI.COMM_SELF)
     pressed = [(0.0, (0.0, 0.0)), (1.0, (0.03, 0.0))]
     coarse, fine = (
-        full.march([*pressed, *((1 + k / steps, (0.03, 0.1 * k / steps)) for k in range(1, steps + 1))]).answers[-1]
+        full.march(
+            [*pressed, *((1 + k / steps, (0.03, 0.1 * k / steps)) for k in range(1, steps + 1))]
+        ).answers[-1]
         for steps in (1, 10)
     )
     for answer in (coarse, fine):
@@ -97,7 +126,13 @@ def test_what_slips_as_a_whole_bears_coulomb_however_it_flows():
 
 @pytest.fixture(scope="module")
 def training():
-    scene = rubbing("f", geometry=round_block, box=BOX | {"shear": (-0.05, 0.05)}, outputs=OUTPUTS, bodies=bodies(0.1))
+    scene = rubbing(
+        "f",
+        geometry=round_block,
+        box=BOX | {"shear": (-0.05, 0.05)},
+        outputs=OUTPUTS,
+        bodies=bodies(0.1),
+    )
     every = paths(10, 1, scene.parameters)
     return hhr.train(scene, every[:8], held_out=every[8:])
 
@@ -114,10 +149,16 @@ def condensed(training):
 
 @pytest.mark.parametrize(
     ("kind", "count", "off", "off_in_work"),
-    [pytest.param("model", 3, 0.02, 0.01, marks=needs("differences")), ("condensed", 4, 0.003, 0.005)],
+    [
+        pytest.param("model", 3, 0.02, 0.01, marks=needs("differences")),
+        ("condensed", 4, 0.003, 0.005),
+    ],
 )
 def test_unseen_paths(training, kind, count, off, off_in_work, request):
-    """Measured: .9 and .4 %, condensed .15 and .24 %; where a contact opens within a step its path is 4 % off."""
+    """Measured: .9 and .4 %, condensed .15 and .24 %.
+
+    Where a contact opens within a step its path is 4 % off.
+    """
     full, model = training.full_order, request.getfixturevalue(kind)
     assert flowed(training.snapshots)
     assert len(model.problem.stiffness) < 120 if kind == "model" else model.equilibrium.modes < 40
@@ -130,17 +171,24 @@ def test_unseen_paths(training, kind, count, off, off_in_work, request):
             if kind == "condensed":
                 assert np.abs(other.slip.path - one.slip.path).max() < 0.06 * longest
         last, ours = exact.answers[-1], found.answers[-1]
-        assert np.linalg.norm(ours.slip.work - last.slip.work) < off_in_work * np.linalg.norm(last.slip.work)
+        assert np.linalg.norm(ours.slip.work - last.slip.work) < off_in_work * np.linalg.norm(
+            last.slip.work
+        )
         if kind == "model":
             for name in ("normal", "shear", "slip", "work"):
                 assert ours.outputs()[name] == pytest.approx(last.outputs()[name], rel=0.02)
         else:
-            assert ours.plastic_strain().max() == pytest.approx(last.plastic_strain().max(), rel=0.03, abs=1e-6)
+            assert ours.plastic_strain().max() == pytest.approx(
+                last.plastic_strain().max(), rel=0.03, abs=1e-6
+            )
         assert ours.estimate().kind == "indicator of the stress"
 
 
 def test_condensed_flow_of_its_training_is_the_full_order(training, condensed):
-    """Of four of eight histories the forces; modes and points are those of all of them. 1e-5 was measured."""
+    """Of four of eight histories the forces.
+
+    Modes and points are those of all of them. 1e-5 was measured.
+    """
     for history in training.snapshots.histories[:4]:
         largest = max(np.linalg.norm(answer.forces()) for answer in history.answers)
         for one, other in zip(history.answers, condensed.march(history.path).answers, strict=True):
@@ -152,9 +200,11 @@ def test_newtons_slope_is_that_of_the_residual(condensed):
     equilibrium = condensed.equilibrium
     answers = condensed.march(paths(1, 37, condensed.parameters)[0]).answers
     before, here = next(
-        (one, other) for one, other in itertools.pairwise(answers)
-        if other.slip.statuses.max() == 2 and other.plastic_strain().max() > one.plastic_strain().max() + 1e-4
-    )  # fmt: skip
+        (one, other)
+        for one, other in itertools.pairwise(answers)
+        if other.slip.statuses.max() == 2
+        and other.plastic_strain().max() > one.plastic_strain().max() + 1e-4
+    )
     stepper = equilibrium.stepper(hhr.MarchSettings())
     load = stepper.load(before, Goal(before.time + 1.0, here.parameter))
     correction = here.unknown[: equilibrium.modes]
@@ -179,22 +229,31 @@ SHARP = {
 
 @pytest.mark.parametrize("kind", ["full", "model", "condensed"])
 def test_derivatives_of_histories_that_flow_and_rub(kind, request):
-    """Central differences of whole histories in which no status changes, along loads and the coefficient.
+    """Central differences of whole histories in which no status changes, along loads and the
+    coefficient.
 
-    Histories are solved to 1e-11, and parameters change by 1e-6: 2e-9 of the largest derivative was measured. Contacts
-    slip, stick again and open: what slipped before has a derivative too.
+    Histories are solved to 1e-11, and parameters change by 1e-6: 2e-9 of the largest derivative was
+    measured. Contacts slip, stick again and open: what slipped before has a derivative too.
     """
     if kind == "full":
-        one = hhr.FullOrderModel(rubbing("f", bodies=bodies(0.08), box=BOX, outputs=OUTPUTS), MPI.COMM_SELF)
+        one = hhr.FullOrderModel(
+            rubbing("f", bodies=bodies(0.08), box=BOX, outputs=OUTPUTS), MPI.COMM_SELF
+        )
     else:
         one = request.getfixturevalue(kind)
     corners = [
-        np.array([push + 0.002, (0.4 if kind == "model" else 0.8) * shear + 0.001, 0.3]) for _, (push, shear) in PATH
+        np.array([push + 0.002, (0.4 if kind == "model" else 0.8) * shear + 0.001, 0.3])
+        for _, (push, shear) in PATH
     ]
     parts = 2 if kind == "model" else 1
     times = np.arange((len(corners) - 1) * parts + 1) / parts
     path = [
-        (time, np.array([np.interp(time, range(len(corners)), part) for part in np.transpose(corners)]))
+        (
+            time,
+            np.array(
+                [np.interp(time, range(len(corners)), part) for part in np.transpose(corners)]
+            ),
+        )
         for time in times
     ]
     how = {"search": "frozen" if kind == "model" else "tangent"} | SHARP
@@ -204,7 +263,9 @@ def test_derivatives_of_histories_that_flow_and_rub(kind, request):
     for axis in range(3):
         shift = step * (np.arange(3) == axis)
         sides = [
-            one.march([(time, point + sign * shift) for time, point in path], hhr.MarchSettings(**how)).answers
+            one.march(
+                [(time, point + sign * shift) for time, point in path], hhr.MarchSettings(**how)
+            ).answers
             for sign in (1, -1)
         ]
         for answer, more, less in zip(history.answers, *sides, strict=True):
@@ -215,7 +276,9 @@ def test_derivatives_of_histories_that_flow_and_rub(kind, request):
             np.testing.assert_allclose(found, difference, rtol=0, atol=1e-5 * size)
             for name in ("normal", "shear"):
                 slope = (more.outputs()[name] - less.outputs()[name]) / (2 * step)
-                assert answer.outputs().gradient[name][axis] == pytest.approx(slope, rel=1e-5, abs=1e-5 * size + 1e-9)
+                assert answer.outputs().gradient[name][axis] == pytest.approx(
+                    slope, rel=1e-5, abs=1e-5 * size + 1e-9
+                )
     counts = [answer.slip.statuses for answer in history.answers]
     assert {0, 1, 2} == set(np.concatenate(counts).tolist())
     assert any(((one == 2) & (other == 1)).any() for one, other in itertools.pairwise(counts))
@@ -230,7 +293,9 @@ def test_a_file_of_condensed_flow_keeps_it(condensed, tmp_path):
 
 
 def test_what_slides_far_is_told_of():
-    full = hhr.FullOrderModel(rubbing(0.1, bodies=bodies(1e6), box={"shear": (-0.4, 0.4)}), MPI.COMM_SELF)
+    full = hhr.FullOrderModel(
+        rubbing(0.1, bodies=bodies(1e6), box={"shear": (-0.4, 0.4)}), MPI.COMM_SELF
+    )
     with pytest.warns(FarSlidingWarning, match="contact .* has slid by") as caught:
         full.march([(0.0, (0.0, 0.0)), (1.0, (0.01, 0.0)), (2.0, (0.01, 0.2)), (3.0, (0.01, 0.4))])
     assert len([item for item in caught if item.category is FarSlidingWarning]) == 1
@@ -240,7 +305,9 @@ def test_what_slides_far_is_told_of():
 def test_what_is_not_built_in_is_refused_by_name(training, model, condensed):
     path = paths(1, 37, model.parameters)[0]
     for one in (training.full_order, model, condensed):
-        with pytest.raises(NotOfferedError, match="limit of small increments are not built in where bodies flow"):
+        with pytest.raises(
+            NotOfferedError, match="limit of small increments are not built in where bodies flow"
+        ):
             one.march(path, hhr.MarchSettings(gradient=True, limit=True))
     with pytest.raises(NotOfferedError, match="a correction of forces is not built in"):
         training.force_correction()

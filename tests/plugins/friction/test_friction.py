@@ -1,4 +1,6 @@
-"""Contact with friction: the solver beside its conditions in words, models beside closed forms and each other."""
+"""Contact with friction: the solver beside its conditions in words, models beside closed forms and
+each other.
+"""
 
 from __future__ import annotations
 
@@ -89,19 +91,28 @@ def test_increments_that_differ_little_share_factors(directions, monkeypatch):
     monkeypatch.setattr(SlidingSystem, "_assembled", lambda self: made.append(1) or assembled(self))
     friction, m = layout(20, directions)
     schur = definite(rng, m, m)
-    model, slack, forces, solved = SlidingContact(schur, friction), schur @ rng.normal(size=m), np.zeros(m), 0
+    model, slack, forces, solved = (
+        SlidingContact(schur, friction),
+        schur @ rng.normal(size=m),
+        np.zeros(m),
+        0,
+    )
     for _ in range(60):
         slack = slack + 0.03 * m * rng.normal(size=m)
         given = Increment(slack, np.full(20, 0.4), np.full(20, np.inf), NONE)
         found = model.increment(given, forces)
         forces, solved = found.forces, solved + found.iterations
-        assert found.status is Status.CONVERGED and violation(schur, friction, given, forces) < 1e-10
+        assert (
+            found.status is Status.CONVERGED and violation(schur, friction, given, forces) < 1e-10
+        )
     # 2 of 70 and 29 of 437 were measured
     assert len(made) < 0.1 * solved
 
 
 def test_friction_in_space_knows_no_directions():
-    """Turning the tangents of every contact turns its forces, and nothing else: a cone, not a pyramid."""
+    """Turning the tangents of every contact turns its forces, and nothing else: a cone, not a
+    pyramid.
+    """
     rng = np.random.default_rng(2)
     friction, m = layout(6, 2)
     schur = definite(rng, m, m)
@@ -113,10 +124,14 @@ def test_friction_in_space_knows_no_directions():
         turn[np.ix_(rows, rows)] = [[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]
     rest = np.full(6, 0.4), np.full(6, np.inf), NONE
     one = SlidingContact(schur, friction).increment(Increment(slack, *rest), np.zeros(m))
-    other = SlidingContact(turn @ schur @ turn.T, friction).increment(Increment(turn @ slack, *rest), np.zeros(m))
+    other = SlidingContact(turn @ schur @ turn.T, friction).increment(
+        Increment(turn @ slack, *rest), np.zeros(m)
+    )
     statuses = friction.statuses(one.active)
     assert {1, 2} <= set(statuses.tolist())
-    np.testing.assert_allclose(other.forces, turn @ one.forces, atol=1e-9 * np.abs(one.forces).max())
+    np.testing.assert_allclose(
+        other.forces, turn @ one.forces, atol=1e-9 * np.abs(one.forces).max()
+    )
     assert (friction.statuses(other.active) == statuses).all()
 
 
@@ -144,19 +159,28 @@ def resultants(full, answer):
 )
 def test_all_that_slips_bears_coulomb_whatever_the_pairing(kind):
     normal = {"normal": (0.0, 1.0)} if kind == "NodeToNode" else {}
-    pairing = getattr(hhr, kind)(side(FIRST, 1, True), side(SECOND, 1, False), friction=0.3, **normal)
+    pairing = getattr(hhr, kind)(
+        side(FIRST, 1, True), side(SECOND, 1, False), friction=0.3, **normal
+    )
     full = hhr.FullOrderModel(rubbing(pairing=pairing), MPI.COMM_SELF)
-    for answer, sign in zip(full.march([*PULLED, (3.0, (0.02, -0.1))]).answers[1:], (1.0, -1.0), strict=True):
+    for answer, sign in zip(
+        full.march([*PULLED, (3.0, (0.02, -0.1))]).answers[1:], (1.0, -1.0), strict=True
+    ):
         pressure, shear = resultants(full, answer)
         assert set(answer.slip.statuses.tolist()) <= {0, 2}
         # the upper body drags the lower one, the slave, along
         assert shear == pytest.approx(sign * 0.3 * pressure, rel=1e-10)
-        np.testing.assert_allclose(answer.slip.work, 0.3 * answer.slip.wear * full.problem.law.area, rtol=1e-9)
+        np.testing.assert_allclose(
+            answer.slip.work, 0.3 * answer.slip.wear * full.problem.law.area, rtol=1e-9
+        )
 
 
 @needs("floating")
 def test_a_plate_on_a_plane():
-    """SSNV128 of code_aster (V6.04.128), a mean of several codes, which it gives to 5 %; 0.2 % at these places."""
+    """SSNV128 of code_aster (V6.04.128), a mean of several codes, which it gives to 5 %.
+
+    0.2 % at these places.
+    """
     full = hhr.FullOrderModel(benchmark.plate(32), MPI.COMM_SELF)
     answer = full.solve(1.0)
     moved, points = answer.displacement().reshape(-1, 2)[:, 0], full.problem.points
@@ -167,14 +191,21 @@ def test_a_plate_on_a_plane():
     assert {0, 1, 2} == set(statuses.tolist())
     # the load grows in proportion, and so do forces: one increment is enough
     alone = full.march([(0.0, [0.0]), (1.0, [1.0])]).answers[-1]
-    np.testing.assert_allclose(alone.multipliers, answer.multipliers, atol=1e-9 * answer.multipliers.max())
+    np.testing.assert_allclose(
+        alone.multipliers, answer.multipliers, atol=1e-9 * answer.multipliers.max()
+    )
     assert answer.time_error < 1e-3
 
 
 def test_cylinders_and_a_punch_beside_closed_forms():
-    """Mindlin and Ciavarella on coarse meshes; of cells of .075 mm the half width that sticks is known to .04 of .7."""
+    """Mindlin and Ciavarella on coarse meshes.
+
+    Of cells of .075 mm the half width that sticks is known to .04 of .7.
+    """
     errors = {(line["case"], line["quantity"]): line["error"] for line in benchmark.cattaneo(80)}
-    errors |= {(line["case"], line["quantity"]): line["error"] for line in benchmark.rounded_punch(60)}
+    errors |= {
+        (line["case"], line["quantity"]): line["error"] for line in benchmark.rounded_punch(60)
+    }
     for (_, quantity), error in errors.items():
         assert error < (0.06 if "stick" in quantity else 0.01), quantity
 
@@ -185,8 +216,12 @@ def test_the_fretting_demo_closes_its_loop(tmp_path):
     assert (tmp_path / "fretting.png").stat().st_size > 10_000
     assert {"sizes", "times", "ratios"} <= set(report)
     assert set(found["errors"]) == {"normal", "tangential", "slip"}
-    assert max(error["max"] for error in found["errors"].values()) < 1e-9 and found["fallbacks"] == 0
-    assert found["cycles"]["dissipated"] == pytest.approx(found["cycles"]["area of the loop"], rel=0.02)
+    assert (
+        max(error["max"] for error in found["errors"].values()) < 1e-9 and found["fallbacks"] == 0
+    )
+    assert found["cycles"]["dissipated"] == pytest.approx(
+        found["cycles"]["area of the loop"], rel=0.02
+    )
     tractions = [line["error"] for line in found["reference"] if "traction" in line["quantity"]]
     assert len(tractions) == 2 and max(tractions) < 0.01
 
@@ -227,27 +262,38 @@ def inclined(friction) -> hhr.Scene:
 
 def worst(one, other, name="multipliers"):
     """Largest difference of two histories, by the largest value."""
-    found, expected = (np.array([getattr(answer, name) for answer in history.answers]) for history in (one, other))
+    found, expected = (
+        np.array([getattr(answer, name) for answer in history.answers]) for history in (one, other)
+    )
     return np.abs(found - expected).max() / np.abs(expected).max()
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_condensed_answers_as_the_full_order_does(dimension):
-    full = hhr.FullOrderModel(rubbing(cells=8 if dimension == 2 else 3, dimension=dimension), MPI.COMM_SELF)
+    full = hhr.FullOrderModel(
+        rubbing(cells=8 if dimension == 2 else 3, dimension=dimension), MPI.COMM_SELF
+    )
     model = hhr.condense(full)
     history, expected = model.march(PATH), full.march(PATH)
     assert worst(history, expected) < 1e-11
     for one, other in zip(history.answers, expected.answers, strict=True):
         np.testing.assert_allclose(one.displacement(), other.displacement(), atol=1e-13)
         np.testing.assert_allclose(one.slip.path, other.slip.path, atol=1e-13)
-    assert model.solve((0.03, 0.05)).multipliers == pytest.approx(full.solve((0.03, 0.05)).multipliers, abs=1e-10)
+    assert model.solve((0.03, 0.05)).multipliers == pytest.approx(
+        full.solve((0.03, 0.05)).multipliers, abs=1e-10
+    )
 
 
 OUTPUTS = (
-    hhr.FrictionForce("friction", 0, (1.0, 0.0)), hhr.LargestSlip("slip", 0), hhr.DissipatedWork("work", 0),
-    hhr.StickArea("sticks", 0), hhr.SlipArea("slips", 0), hhr.LargestWear("wear", 0, 2.0),
-    hhr.LargestPressure("peak", 0), hhr.ContactForce("force", 0, (1.0, 0.0)),
-)  # fmt: skip
+    hhr.FrictionForce("friction", 0, (1.0, 0.0)),
+    hhr.LargestSlip("slip", 0),
+    hhr.DissipatedWork("work", 0),
+    hhr.StickArea("sticks", 0),
+    hhr.SlipArea("slips", 0),
+    hhr.LargestWear("wear", 0, 2.0),
+    hhr.LargestPressure("peak", 0),
+    hhr.ContactForce("force", 0, (1.0, 0.0)),
+)
 
 
 @needs("moduli")
@@ -266,7 +312,9 @@ def test_moduli_and_the_coefficient_are_parameters():
         # 3e-7 was measured
         assert worst(history, expected) < 1e-5
         for one, other in zip(history.answers, expected.answers, strict=True):
-            assert dict(one.outputs().values) == pytest.approx(dict(other.outputs().values), rel=1e-4, abs=1e-7)
+            assert dict(one.outputs().values) == pytest.approx(
+                dict(other.outputs().values), rel=1e-4, abs=1e-7
+            )
     _, shear = resultants(full, expected.answers[-1])
     values = expected.answers[-1].outputs()
     assert values["friction"] == pytest.approx(shear) == values["force"]
@@ -282,14 +330,21 @@ def test_the_shape_is_a_parameter(dimension):
     maps = (*"xyz"[: dimension - 1], f"{height} - {height} * {bulge}")
     bodies = hhr.Body(FIRST, "E", 0.3), hhr.Body(SECOND, 5.0, 0.2)
     shapes = (hhr.Shape(FIRST, maps),)
-    scene = rubbing("mu", 8 if dimension == 2 else 3, dimension=dimension, box=box, bodies=bodies, shapes=shapes)
+    scene = rubbing(
+        "mu", 8 if dimension == 2 else 3, dimension=dimension, box=box, bodies=bodies, shapes=shapes
+    )
     full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
     model = hhr.condense(full)
     fixed = (0.3, 0.04, 2.5)
     path = [(time, (*point, *fixed)) for time, point in PATH]
     # 1e-6 was measured
     assert worst(model.march(path), full.march(path)) < 1e-5
-    assert worst(model.march(path), model.march([(time, (*point[:3], 0.0, 2.5)) for time, point in path])) > 0.01
+    assert (
+        worst(
+            model.march(path), model.march([(time, (*point[:3], 0.0, 2.5)) for time, point in path])
+        )
+        > 0.01
+    )
     with pytest.raises(ParameterError, match="crown changes along the path"):
         model.march([path[0], (1.0, (0.03, 0.0, 0.3, 0.02, 2.5))])
     with pytest.raises(SceneError, match="limit of its stress"):
@@ -299,19 +354,29 @@ def test_the_shape_is_a_parameter(dimension):
 @needs("elasticity")
 @pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=needs("moduli"))])
 def test_derivatives_are_those_of_differences(dimension):
-    """Along a path that slips back and forth, and of a single parameter; E, the coefficient, and loads."""
+    """Along a path that slips back and forth, and of a single parameter.
+
+    E, the coefficient, and loads.
+    """
     box = {"E": (1.0, 6.0), "mu": (0.0, 0.8)}
     bodies = hhr.Body(FIRST, "E", 0.3), hhr.Body(SECOND, 5.0, 0.2)
     cells = 8 if dimension == 2 else 2
     along_x = tuple(np.eye(dimension)[0])
-    outputs = hhr.FrictionForce("friction", 0, along_x), hhr.ContactForce("force", 0, along_x), OUTPUTS[1]
+    outputs = (
+        hhr.FrictionForce("friction", 0, along_x),
+        hhr.ContactForce("force", 0, along_x),
+        OUTPUTS[1],
+    )
     scene = rubbing("mu", box=box, bodies=bodies, outputs=outputs, dimension=dimension, cells=cells)
     full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
     model = hhr.condense(full) if dimension == 3 else full
 
     def along(shift):
         points = [(0.0, 0.0), (0.03, 0.0), (0.028, 0.05), (0.033, 0.01), (0.03, -0.04)]
-        shifted = [(float(k), np.array([*point, 2.5, 0.15]) + (k > 0) * shift) for k, point in enumerate(points)]
+        shifted = [
+            (float(k), np.array([*point, 2.5, 0.15]) + (k > 0) * shift)
+            for k, point in enumerate(points)
+        ]
         shifted[0][1][2:] += shift[2:]
         return shifted
 
@@ -319,13 +384,20 @@ def test_derivatives_are_those_of_differences(dimension):
     statuses = {status for one in history.answers for status in one.slip.statuses.tolist()}
     assert statuses == {1, 2} and not any(answer.gradient.one_sided for answer in history.answers)
     for axis, step in enumerate((1e-6, 1e-6, 1e-4, 1e-5)):
-        ahead, behind = (model.march(along(sign * step * np.eye(4)[axis])).answers for sign in (1, -1))
+        ahead, behind = (
+            model.march(along(sign * step * np.eye(4)[axis])).answers for sign in (1, -1)
+        )
         for one, high, low in zip(history.answers, ahead, behind, strict=True):
-            found, expected = one.gradient.multipliers[:, axis], (high.multipliers - low.multipliers) / (2 * step)
+            found, expected = (
+                one.gradient.multipliers[:, axis],
+                (high.multipliers - low.multipliers) / (2 * step),
+            )
             np.testing.assert_allclose(found, expected, atol=1e-5 * np.abs(expected).max() + 1e-9)
             if model is full and axis > 1:  # lifts do not change with these
                 moved = (high.displacement() - low.displacement()) / (2 * step)
-                np.testing.assert_allclose(one.gradient.unknown[:, axis], moved, atol=1e-5 * np.abs(moved).max())
+                np.testing.assert_allclose(
+                    one.gradient.unknown[:, axis], moved, atol=1e-5 * np.abs(moved).max()
+                )
     lone = np.array([0.03, 0.06, 2.5, 0.15])
     assert slope_errors(model, lone).max() < 1e-5
     slopes = model.solve(lone, gradient=True).outputs().gradient
@@ -333,7 +405,9 @@ def test_derivatives_are_those_of_differences(dimension):
 
 
 def test_work_of_a_closed_loop_is_what_friction_dissipates():
-    """Work of the driven edge over a cycle that comes back to where it was: trapezoidal rule, steps of 1/40."""
+    """Work of the driven edge over a cycle that comes back to where it was: trapezoidal rule, steps
+    of 1/40.
+    """
     full = hhr.FullOrderModel(rubbing(outputs=OUTPUTS), MPI.COMM_SELF)
     angles = np.linspace(0, 4 * np.pi, 161)
     loop = [(2.0 + k, (0.03, 0.06 * np.sin(angle))) for k, angle in enumerate(angles)]
@@ -364,22 +438,33 @@ def test_no_friction_is_contact_without_it():
 
 
 def test_a_contact_that_closes_on_the_way_sticks_where_it_closes():
-    """One cell .25 above a rough plane, lowered and sheared at once: what sheared it in the air strains nothing."""
+    """One cell .25 above a rough plane, lowered and sheared at once: what sheared it in the air
+    strains nothing.
+    """
     scene = on_floor(
         lambda comm: block.block(comm, lower=(0.0, 0.25), upper=(1.0, 1.25), cells=(1, 1)),
         hhr.Obstacle(block.side(1, False), (0.0, -1.0), 0.0, friction=5.0),
         young=1.0,
         poisson=0.0,
-        displacements=tuple(hhr.Displacement(block.side(1, True), k, slope("down", (1.0, -1.0)[k])) for k in (0, 1)),
+        displacements=tuple(
+            hhr.Displacement(block.side(1, True), k, slope("down", (1.0, -1.0)[k])) for k in (0, 1)
+        ),
         parameters=hhr.ParameterSpace(("down",), (0.0,), (1.0,)),
     )
     model = hhr.condense(hhr.FullOrderModel(scene, MPI.COMM_SELF))
     for depth in (0.5, 0.8):
         path = [(0.0, (0.0,)), (1.0, (depth,))]
         history = model.march(path, hhr.MarchSettings(time_tolerance=1e-3))
-        fine = model.march([(float(t), (t * depth,)) for t in np.linspace(0, 1, 2001)]).answers[-1].multipliers
-        found, exact = (forces[model.law.tangential].sum() for forces in (history.answers[-1].multipliers, fine))
-        # without a look at what closes both a step and its halves stick it to the start: off by .78 of the shear
+        fine = (
+            model.march([(float(t), (t * depth,)) for t in np.linspace(0, 1, 2001)])
+            .answers[-1]
+            .multipliers
+        )
+        found, exact = (
+            forces[model.law.tangential].sum() for forces in (history.answers[-1].multipliers, fine)
+        )
+        # without a look at what closes both a step and its halves stick it to the start: off by .78
+        # of the shear
         assert abs(found - exact) / np.linalg.norm(fine) < history.time_error[-1] < 2e-2
         assert abs(found - exact) < 0.02 * abs(exact)
 
@@ -387,7 +472,9 @@ def test_a_contact_that_closes_on_the_way_sticks_where_it_closes():
 @needs("floating")
 @pytest.mark.parametrize("last", [False, True])
 def test_a_pair_that_never_touches_takes_no_friction(last):
-    """Another pair names the same nodes, a tangent of one is the normal of the other: an open contact bears nothing."""
+    """Another pair names the same nodes, a tangent of one is the normal of the other: an open
+    contact bears nothing.
+    """
     floor = hhr.Obstacle(block.side(1, False), (0.0, -1.0), 0.0, friction=0.3)
     stop = hhr.Obstacle(block.side(1, False), (1.0, 0.0), 3.0, friction=0.1)
     pairs = (floor, stop) if last else (stop, floor)
@@ -405,12 +492,19 @@ def test_a_pair_that_never_touches_takes_no_friction(last):
     )
     full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
     assert full.law.twice.size == 18
-    outputs = full.march([(0.0, (0.0, 0.0)), (1.0, (1.0, 0.0)), (2.0, (1.0, 0.1))]).answers[-1].outputs()
-    assert -outputs["along"] / outputs["up"] == pytest.approx(0.3, rel=1e-9) and outputs["sticks"] == 0.0
+    outputs = (
+        full.march([(0.0, (0.0, 0.0)), (1.0, (1.0, 0.0)), (2.0, (1.0, 0.1))]).answers[-1].outputs()
+    )
+    assert (
+        -outputs["along"] / outputs["up"] == pytest.approx(0.3, rel=1e-9)
+        and outputs["sticks"] == 0.0
+    )
 
 
 def test_a_singular_problem_is_never_answered_by_its_round_off():
-    """S of rank one, hundreds of increments on one model: corrections of systems must not hide what is singular."""
+    """S of rank one, hundreds of increments on one model: corrections of systems must not hide what
+    is singular.
+    """
     rng = np.random.default_rng(3)
     friction, m = layout(2, 1)
     for _ in range(40):
@@ -434,7 +528,9 @@ def test_trescas_law_bears_its_stress():
 
 
 def test_increments_are_cut_until_their_error_is_small():
-    """A round block is pressed and sheared at once: what comes into contact later starts to slip from elsewhere."""
+    """A round block is pressed and sheared at once: what comes into contact later starts to slip
+    from elsewhere.
+    """
     full = hhr.condense(hhr.FullOrderModel(rubbing(cells=24, geometry=round_block), MPI.COMM_SELF))
     steps = [(0.0, (0.0, 0.0)), (1.0, (0.04, 0.015)), (2.0, (0.02, 0.03)), (3.0, (0.05, -0.02))]
     exact = full.march(steps, hhr.MarchSettings(time_tolerance=1e-4))
@@ -442,7 +538,11 @@ def test_increments_are_cut_until_their_error_is_small():
     cut = full.march(steps, hhr.MarchSettings(time_tolerance=5e-3))
     size = max(np.linalg.norm(answer.multipliers) for answer in exact.answers)
     errors = [
-        max(np.linalg.norm(found.answers[k].multipliers - exact.answers[k].multipliers) for k in range(3)) / size
+        max(
+            np.linalg.norm(found.answers[k].multipliers - exact.answers[k].multipliers)
+            for k in range(3)
+        )
+        / size
         for found in (plain, cut)
     ]
     # .034 and .006 were measured
@@ -452,7 +552,14 @@ def test_increments_are_cut_until_their_error_is_small():
     assert np.isnan(plain.time_error).all()
 
 
-BAD = {-0.1: "not negative", np.nan: "friction", "mu": "mu", "shear": "negative", (): "unknown", True: "unknown"}
+BAD = {
+    -0.1: "not negative",
+    np.nan: "friction",
+    "mu": "mu",
+    "shear": "negative",
+    (): "unknown",
+    True: "unknown",
+}
 
 
 @pytest.mark.parametrize("friction", BAD)
@@ -463,7 +570,10 @@ def test_bad_friction_is_refused_at_the_door(friction):
 
 @needs("checks", "tables")
 def test_the_command_knows_friction(tmp_path):
-    """check, train --model condensed, answer and solve of a scene in a file; the sum of forces is that of pressures."""
+    """check, train --model condensed, answer and solve of a scene in a file.
+
+    The sum of forces is that of pressures.
+    """
     runner = CliRunner()
 
     def said(*words: str) -> str:
@@ -477,13 +587,28 @@ def test_the_command_knows_friction(tmp_path):
     told = said("train", scene, "--model", "condensed", "--out", tmp_path / "out")
     assert "exact condensation has no reduction error" in told
     (tmp_path / "asked.csv").write_text("push,shear,friction\n0.004,0.002,0.1\n")
-    said("answer", tmp_path / "out/condensed.npz", tmp_path / "asked.csv", "--out", tmp_path / "found.csv")
+    said(
+        "answer",
+        tmp_path / "out/condensed.npz",
+        tmp_path / "asked.csv",
+        "--out",
+        tmp_path / "found.csv",
+    )
     head, row = ((line.split(",")) for line in (tmp_path / "found.csv").read_text().splitlines())
     found = dict(zip(head, row, strict=True))
     model = hhr.load_model(tmp_path / "out/condensed.npz")
     answer = model.solve((0.004, 0.002, 0.1))
-    assert float(found["total_force"]) == pytest.approx(answer.forces()[model.law.normal].sum(), rel=1e-9)
-    words = said("solve", scene, "--at", "push=0.004,shear=0.002,friction=0.1", "--out", tmp_path / "fields.vtu")
+    assert float(found["total_force"]) == pytest.approx(
+        answer.forces()[model.law.normal].sum(), rel=1e-9
+    )
+    words = said(
+        "solve",
+        scene,
+        "--at",
+        "push=0.004,shear=0.002,friction=0.1",
+        "--out",
+        tmp_path / "fields.vtu",
+    )
     assert "contacts that slip" in words
     grid = pyvista.read(tmp_path / "fields.vtu")
     statuses = answer.slip.statuses
@@ -493,17 +618,28 @@ def test_the_command_knows_friction(tmp_path):
 
 @pytest.mark.filterwarnings("ignore:.*more than rubber has")
 @pytest.mark.parametrize(
-    ("coefficient", "said"), [(0.05, "one answer"), (30.0, "several answers possible")], ids=["little", "much"]
+    ("coefficient", "said"),
+    [(0.05, "one answer"), (30.0, "several answers possible")],
+    ids=["little", "much"],
 )
 def test_models_say_whether_there_is_one_answer(coefficient, said, tmp_path):
-    """By the coupling, which grows with the coefficient; errors are said to be those of one answer of several."""
+    """By the coupling, which grows with the coefficient.
+
+    Errors are said to be those of one answer of several.
+    """
     model = hhr.condense(rubbing(coefficient))
     middle = model.parameters.middle
-    assert (model.coupling(middle) < 1) == (said == "one answer") and model.uniqueness(middle) == said
+    assert (model.coupling(middle) < 1) == (said == "one answer") and model.uniqueness(
+        middle
+    ) == said
     assert "of one answer, of several unless uniqueness(mu)" in model.known_error
     assert hhr.condense(rubbing(None)).uniqueness(middle) == "one answer"
     hhr.save_model(tmp_path / "model.npz", model)
-    at = [word for item in zip(model.parameters.names, middle, strict=True) for word in ("--at", "{}={}".format(*item))]
+    at = [
+        word
+        for item in zip(model.parameters.names, middle, strict=True)
+        for word in ("--at", "{}={}".format(*item))
+    ]
     shown = CliRunner().invoke(hhr_command, ["solve", str(tmp_path / "model.npz"), *at])
     assert shown.exit_code == 0 and f"answers with friction: {said}\n" in shown.output
 
@@ -540,20 +676,30 @@ def test_along_what_is_held_nothing_slips():
     """Nodes of a plane of symmetry move neither across it, nor bear friction there."""
     scene = rubbing(dimension=3, cells=3)
     held = tuple(hhr.Displacement(side(body, 1, False), 1) for body in (FIRST, SECOND))
-    full = hhr.FullOrderModel(dataclasses.replace(scene, displacements=(*scene.displacements, *held)), MPI.COMM_SELF)
+    full = hhr.FullOrderModel(
+        dataclasses.replace(scene, displacements=(*scene.displacements, *held)), MPI.COMM_SELF
+    )
     friction = full.problem.law
     rows = np.bincount(friction.owner, minlength=friction.normal.size)
     on_plane = full.problem.contact_points[friction.normal, 1] < 1e-9
     assert (rows[on_plane] == 1).all() and (rows[~on_plane] == 2).all()
-    assert np.abs(friction.tangents[np.isin(friction.owner, np.flatnonzero(on_plane)), 1]).max() < 1e-12
+    assert (
+        np.abs(friction.tangents[np.isin(friction.owner, np.flatnonzero(on_plane)), 1]).max()
+        < 1e-12
+    )
     answer = full.march(PULLED).answers[-1]
     pressure, shear = resultants(full, answer)
-    assert shear == pytest.approx(0.3 * pressure, rel=0.02)  # part of it across where Poisson's ratios differ
+    assert shear == pytest.approx(
+        0.3 * pressure, rel=0.02
+    )  # part of it across where Poisson's ratios differ
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_friction_counts_where_both_sides_are_imposed(dimension, tmp_path):
-    """All slips with its coefficient, in each model and back; what acts on no unknown gives 1e-4 as it sticks."""
+    """All slips with its coefficient, in each model and back.
+
+    What acts on no unknown gives 1e-4 as it sticks.
+    """
     first, *_, last = np.eye(dimension)
     outputs = hhr.ContactForce("pull", 0, tuple(first)), hhr.ContactForce("press", 0, tuple(last))
     scene = driven(dimension, outputs=outputs)
@@ -566,7 +712,9 @@ def test_friction_counts_where_both_sides_are_imposed(dimension, tmp_path):
     exact = [full, hhr.condense(scene)]
     models = list(exact)
     if dimension == 2 and present("differences"):
-        training = [[(t, (0.03 * p, s * x)) for t, (p, x) in path] for p in (0.5, 1.0) for s in (1.0, 0.8)]
+        training = [
+            [(t, (0.03 * p, s * x)) for t, (p, x) in path] for p in (0.5, 1.0) for s in (1.0, 0.8)
+        ]
         models.append(hhr.train(scene, training, held_out=[path]).build())
     for model in models:
         rest, there, back = model.march(path).answers
@@ -574,17 +722,23 @@ def test_friction_counts_where_both_sides_are_imposed(dimension, tmp_path):
         for answer, sign in ((there, -1.0), (back, 1.0)):
             assert (answer.slip.statuses[on_side] == 2).all()
             found = answer.outputs()
-            # in space slip is turned by two hundredths, as the block widens: half of its square is not along the pull
+            # in space slip is turned by two hundredths, as the block widens: half of its square is
+            # not along the pull
             least = (1e-8 if dimension == 2 else 2e-4) if model in exact else 1e-3
             assert found["pull"] == pytest.approx(sign * 0.3 * found["press"], rel=least)
-            assert abs(found["pull"]) <= 0.3 * abs(found["press"]) * (1 + (1e-8 if model in exact else 1e-3))
+            assert abs(found["pull"]) <= 0.3 * abs(found["press"]) * (
+                1 + (1e-8 if model in exact else 1e-3)
+            )
         # the side is driven by .1 and back by .2, less what it gives before it slips
         assert back.slip.path[on_side] == pytest.approx(0.3, rel=2e-3)
 
 
 @pytest.mark.parametrize("directions", [1, 2])
 def test_the_coupling_bounds_what_friction_couples(directions):
-    """f κ |e|_S^2 is at least the sum of f_c |e_n| |(S e)_t|; of one contact it is twice the maximum of that."""
+    """f κ |e|_S^2 is at least the sum of f_c |e_n| |(S e)_t|.
+
+    Of one contact it is twice the maximum of that.
+    """
     rng = np.random.default_rng(directions)
     for _ in range(300):
         friction, m = layout(rng.integers(1, 6), directions)
@@ -593,13 +747,22 @@ def test_the_coupling_bounds_what_friction_couples(directions):
         found = coupling(schur, friction, coefficient)
         for e in rng.normal(size=(20, m)):
             slipped = friction.lengths((schur @ e)[friction.tangential])
-            assert coefficient @ (np.abs(e[friction.normal]) * slipped) <= found * (e @ schur @ e) * (1 + 1e-12)
+            assert coefficient @ (np.abs(e[friction.normal]) * slipped) <= found * (
+                e @ schur @ e
+            ) * (1 + 1e-12)
         if friction.normal.size == 1:
-            inverse, along = np.linalg.inv(schur)[friction.normal], schur[friction.tangential][:, friction.tangential]
+            inverse, along = (
+                np.linalg.inv(schur)[friction.normal],
+                schur[friction.tangential][:, friction.tangential],
+            )
             value, vectors = np.linalg.eigh(along)
             e = inverse[0] / np.sqrt(inverse[0, friction.normal[0]])
             e[friction.tangential] += vectors[:, -1] / np.sqrt(value[-1])
-            most = coefficient[0] * abs(e[friction.normal[0]]) * friction.lengths((schur @ e)[friction.tangential])[0]
+            most = (
+                coefficient[0]
+                * abs(e[friction.normal[0]])
+                * friction.lengths((schur @ e)[friction.tangential])[0]
+            )
             assert found == pytest.approx(2 * most / (e @ schur @ e), rel=1e-9)
 
 
@@ -610,7 +773,9 @@ def test_below_one_there_is_one_answer_and_far_above_there_may_be_two():
     for case in range(300):
         friction, m = layout(3, 1)
         schur = definite(rng, m, 0.02)
-        given = Increment(schur @ rng.normal(size=m), rng.random(3) * (1, 4)[case % 2], np.full(3, np.inf), NONE)
+        given = Increment(
+            schur @ rng.normal(size=m), rng.random(3) * (1, 4)[case % 2], np.full(3, np.inf), NONE
+        )
         answers = by_enumeration(schur, friction, given)
         size = max(np.abs(one).max() for one in answers) or 1.0
         if max(np.abs(one - answers[0]).max() for one in answers) > 1e-6 * size:
@@ -638,9 +803,14 @@ def test_surfaces_that_slide_far_are_told_of(tmp_path):
     box = {"shear": (-0.4, 0.4)}
     faces = side(FIRST, 1, True), side(SECOND, 1, False)
     far = [(0.0, (0.0, 0.0)), (1.0, (0.02, 0.0)), (2.0, (0.02, 0.4)), (3.0, (0.02, -0.4))]
-    for pairing in (hhr.NodeToSurface(*faces, friction=0.3), hhr.NodeToNode(*faces, (0.0, 1.0), friction=0.3)):
+    for pairing in (
+        hhr.NodeToSurface(*faces, friction=0.3),
+        hhr.NodeToNode(*faces, (0.0, 1.0), friction=0.3),
+    ):
         model = hhr.condense(rubbing(pairing=pairing, box=box))
-        with pytest.warns(FarSlidingWarning, match=r"shear = 0.4: contact \d has slid by .* hhr.slide") as caught:
+        with pytest.warns(
+            FarSlidingWarning, match=r"shear = 0.4: contact \d has slid by .* hhr.slide"
+        ) as caught:
             model.march(far)
         assert len(caught) == 1
         hhr.save_model(tmp_path / "model.npz", model)
@@ -649,7 +819,10 @@ def test_surfaces_that_slide_far_are_told_of(tmp_path):
         with warnings.catch_warnings(action="error"):
             model.march(PULLED)
             model.march([(0.0, (0.0, 0.0)), (1.0, (0.02, 0.0)), (2.0, (0.0, 0.4))])
-    below = tuple(hhr.Displacement(side(FIRST, 1, False), k, slope(name)) for k, name in enumerate(("shear", "push")))
+    below = tuple(
+        hhr.Displacement(side(FIRST, 1, False), k, slope(name))
+        for k, name in enumerate(("shear", "push"))
+    )
     plane = rubbing(
         box=box,
         contacts=(hhr.Obstacle(side(FIRST, 1, True), (0.0, 1.0), 1.0, friction=0.3),),
@@ -662,7 +835,10 @@ def test_surfaces_that_slide_far_are_told_of(tmp_path):
 
 @needs("nonmatching")
 def test_cells_of_either_side_say_what_is_far():
-    """A coarse slave on fine masters slides over several of these; the other pass of a double one is no neighbour."""
+    """A coarse slave on fine masters slides over several of these.
+
+    The other pass of a double one is no neighbour.
+    """
 
     faces = side(SECOND, 1, False), side(FIRST, 1, True)
     for first, second, far in ((16, 4, True), (4, 16, True), (4, 4, False)):
@@ -687,7 +863,10 @@ def test_cells_of_either_side_say_what_is_far():
 @needs("floating")
 @pytest.mark.parametrize("make", [hhr.FullOrderModel, hhr.condense], ids=["full", "condensed"])
 def test_a_motion_that_friction_leaves_open_has_no_bound(make):
-    """Held by contact alone a block hangs in the air; pushed down and a little aside it sticks: nothing is open."""
+    """Held by contact alone a block hangs in the air.
+
+    Pushed down and a little aside it sticks: nothing is open.
+    """
     scene = on_floor(
         lambda comm: block.block(comm, lower=(0.0, 0.0), upper=(2.0, 1.0), cells=(4, 2)),
         hhr.Obstacle(block.side(1, False), (0.0, -1.0), 0.1, friction=0.3),
@@ -697,7 +876,10 @@ def test_a_motion_that_friction_leaves_open_has_no_bound(make):
             hhr.Pressure(block.side(1, True), slope("push")),
             hhr.Traction(block.side(0, False), (1.0, 0.0), slope("aside")),
         ),
-        outputs=(hhr.DisplacementAt("down", place=(1.0, 0.0), component=1), hhr.ContactForce("weight", 0, (0.0, 1.0))),
+        outputs=(
+            hhr.DisplacementAt("down", place=(1.0, 0.0), component=1),
+            hhr.ContactForce("weight", 0, (0.0, 1.0)),
+        ),
     )
     model = make(scene)
     with pytest.warns(UndeterminedWarning, match="neither loads nor contact determine"):
@@ -713,5 +895,7 @@ def test_a_motion_that_friction_leaves_open_has_no_bound(make):
 def test_a_coefficient_that_may_be_an_angle_is_warned_of(given):
     block_scene = pressed_block("plane_strain")
     contacts = (dataclasses.replace(block_scene.contacts[0], friction=given),)
-    with pytest.warns(SceneWarning, match="coefficient of friction of (30|15) .*no angle .*(0.577|0.268)"):
+    with pytest.warns(
+        SceneWarning, match="coefficient of friction of (30|15) .*no angle .*(0.577|0.268)"
+    ):
         dataclasses.replace(block_scene, contacts=contacts)

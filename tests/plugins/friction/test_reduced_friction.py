@@ -14,7 +14,13 @@ from needs import needs, present
 from sheared import FIRST, SECOND, round_block, rubbing
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ParameterError, ReductionError, StudyError
+from hhr_dolfinx.errors import (
+    NotOfferedError,
+    NotSolvableError,
+    ParameterError,
+    ReductionError,
+    StudyError,
+)
 from hhr_dolfinx.memory import NO_MEMORY
 from hhr_dolfinx.models.eliminations.block import BlockElimination
 from hhr_dolfinx.models.model import AnsweringModel
@@ -23,15 +29,22 @@ from hhr_dolfinx.timing import StageLog
 
 pytestmark = needs("differences")
 OUTPUTS = (
-    hhr.ContactForce("normal", 0, (0.0, 1.0)), hhr.ContactForce("shear", 0, (1.0, 0.0)), hhr.LargestSlip("slip", 0),
-    hhr.DissipatedWork("work", 0), hhr.StickArea("sticks", 0), hhr.SlipArea("slips", 0),
-)  # fmt: skip
+    hhr.ContactForce("normal", 0, (0.0, 1.0)),
+    hhr.ContactForce("shear", 0, (1.0, 0.0)),
+    hhr.LargestSlip("slip", 0),
+    hhr.DissipatedWork("work", 0),
+    hhr.StickArea("sticks", 0),
+    hhr.SlipArea("slips", 0),
+)
 
 BOX = {"f": (0.1, 0.6)}
 
 
 def paths(count: int, seed: int, space: hhr.ParameterSpace) -> list:
-    """Through random points of the box of loads, with what else varies the same along each; pushed first."""
+    """Through random points of the box of loads, with what else varies the same along each.
+
+    Pushed first.
+    """
     rng = np.random.default_rng(seed)
     low, high = np.array(space.lower), np.array(space.upper)
     found = []
@@ -41,7 +54,12 @@ def paths(count: int, seed: int, space: hhr.ParameterSpace) -> list:
         points[0, :2] = 0.0
         corners = np.arange(len(points))
         fine = np.linspace(0, len(points) - 1, 25)
-        found.append([(float(t), np.array([np.interp(t, corners, column) for column in points.T])) for t in fine])
+        found.append(
+            [
+                (float(t), np.array([np.interp(t, corners, column) for column in points.T]))
+                for t in fine
+            ]
+        )
     return found
 
 
@@ -77,8 +95,12 @@ def test_unseen_paths(training, model, unseen):
     for (name, value), most in zip(values.items(), (0.025, 0.01, 0.02), strict=True):
         errors = []
         for pair in unseen:
-            wanted, ours = (np.array([value(answer) for answer in history.answers]) for history in pair)
-            errors.extend(np.linalg.norm(ours - wanted, axis=1) / np.linalg.norm(wanted, axis=1).max())
+            wanted, ours = (
+                np.array([value(answer) for answer in history.answers]) for history in pair
+            )
+            errors.extend(
+                np.linalg.norm(ours - wanted, axis=1) / np.linalg.norm(wanted, axis=1).max()
+            )
         assert np.quantile(errors, 0.95) < most, name
 
 
@@ -94,8 +116,13 @@ def test_outputs_and_what_is_known_of_errors(model, unseen):
             assert estimate.kind == "indicator of the forces" and np.isinf(estimate.primal_relative)
             said.append(estimate.forces_euclid_relative)
         wanted, ours = (dict(history.answers[-1].outputs().values) for history in (exact, found))
-        # 5e-6 of forces, 1e-4 of work and 2e-4 of slip were measured; of areas two contacts of 24, and none
-        least = {"normal": 1e-4 * abs(wanted["normal"]), "work": 1e-3 * wanted["work"], "slip": 2e-3 * wanted["slip"]}
+        # 5e-6 of forces, 1e-4 of work and 2e-4 of slip were measured; of areas two contacts of 24,
+        # and none
+        least = {
+            "normal": 1e-4 * abs(wanted["normal"]),
+            "work": 1e-3 * wanted["work"],
+            "slip": 2e-3 * wanted["slip"],
+        }
         least |= {"shear": least["normal"], "sticks": 2 / 24, "slips": 2 / 24}
         for name, value in wanted.items():
             assert ours[name] == pytest.approx(value, abs=least[name]), name
@@ -106,11 +133,15 @@ def test_outputs_and_what_is_known_of_errors(model, unseen):
 
 
 def test_with_all_modes_on_the_whole_mesh_it_is_the_full_order():
-    """On its own training: whatever the modes, they hold these answers, and tests see all of the mesh."""
+    """On its own training: whatever the modes, they hold these answers, and tests see all of the
+    mesh.
+    """
     full = hhr.FullOrderModel(rubbing(0.3, geometry=round_block), MPI.COMM_SELF)
     known = [full.march(path) for path in paths(2, 7, full.parameters)]
     everywhere = hhr.Zone(lambda problem: np.arange(len(problem.points)))
-    recipe = hhr.Recipe.with_friction(basis=hhr.Pod(1e-28), nodes=(everywhere,), enrichment=hhr.Enrich(1.0))
+    recipe = hhr.Recipe.with_friction(
+        basis=hhr.Pod(1e-28), nodes=(everywhere,), enrichment=hhr.Enrich(1.0)
+    )
     model = hhr.build(full, hhr.SnapshotSet.of_histories(known), recipe.as_it_is())
     assert model.own_conditions == full.conditions
     for history in known:
@@ -118,7 +149,9 @@ def test_with_all_modes_on_the_whole_mesh_it_is_the_full_order():
             np.testing.assert_allclose(other.forces(), one.forces(), atol=1e-8)
             np.testing.assert_allclose(other.displacement(), one.displacement(), atol=1e-9)
             for name in one.slip._fields:
-                np.testing.assert_allclose(getattr(other.slip, name), getattr(one.slip, name), atol=1e-8)
+                np.testing.assert_allclose(
+                    getattr(other.slip, name), getattr(one.slip, name), atol=1e-8
+                )
 
 
 def test_laws_hold_outside_the_domain_too(training, model, unseen):
@@ -149,7 +182,9 @@ def test_derivatives_along_a_path_are_those_of_differences(model):
         moved = [model.march(end, plain).answers[-1] for end in ends]
         for name in ("normal", "shear"):
             difference = (moved[1].outputs()[name] - moved[0].outputs()[name]) / (2 * step[axis])
-            assert slopes[name][axis] == pytest.approx(difference, rel=1e-3, abs=1e-5 * np.abs(slopes[name]).max())
+            assert slopes[name][axis] == pytest.approx(
+                difference, rel=1e-3, abs=1e-5 * np.abs(slopes[name]).max()
+            )
         forces = (moved[1].forces() - moved[0].forces()) / (2 * step[axis])
         own = model.fields._all_force_changes(answer, np.zeros((0, 3)))[:, axis]
         np.testing.assert_allclose(own, forces, atol=1e-4 * np.abs(forces).max())
@@ -164,12 +199,17 @@ def test_a_table_has_its_answers(model):
 
 
 def test_moduli_are_eliminated_once_along_a_path():
-    """Where K~ is not smooth enough to be interpolated; what points of a path share is what each has for itself."""
+    """Where K~ is not smooth enough to be interpolated.
+
+    What points of a path share is what each has for itself.
+    """
     bodies = hhr.Body(FIRST, "E", 0.3), hhr.Body(SECOND, 5.0, 0.2)
     scene = rubbing(0.3, geometry=round_block, box={"E": (3.0, 6.0)}, bodies=bodies)
     full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
     known = [full.march(path) for path in paths(6, 1, full.parameters)]
-    model = hhr.build(full, hhr.SnapshotSet.of_histories(known), hhr.Recipe.with_friction().as_it_is())
+    model = hhr.build(
+        full, hhr.SnapshotSet.of_histories(known), hhr.Recipe.with_friction().as_it_is()
+    )
     alone = BlockElimination(model.problem, model.fields.amplitudes)
     made = alone.along_path()
     forces = np.ones(model.own_conditions)
@@ -189,9 +229,11 @@ def test_moduli_are_eliminated_once_along_a_path():
 
 @needs("floating")
 def test_too_few_modes_for_what_sticks_are_refused(monkeypatch):
-    """A body that contact alone holds: modes without its motions must tell the forces of all rows apart.
+    """A body that contact alone holds: modes without its motions must tell the forces of all rows
+    apart.
 
-    The usual recipe takes the enrichment that it advises then, and the model answers as the full order.
+    The usual recipe takes the enrichment that it advises then, and the model answers as the full
+    order.
     """
     full, path = contract.rubbing("floating"), [(0.0, [0.01]), (1.0, [0.05])]
     histories = hhr.SnapshotSet.of_histories([full.march(path)] * 2)
@@ -201,7 +243,9 @@ def test_too_few_modes_for_what_sticks_are_refused(monkeypatch):
     usual = lambda **changes: dataclasses.replace(small, **changes)  # noqa: E731
     monkeypatch.setattr("hhr_dolfinx.plugins.contact_laws.reduction.of_paths", usual)
     model = Training(full, histories, None, StageLog()).build()
-    assert model.offline.recipe.enrichment == hhr.Enrich(2.0) and len(model.offline.log.refused) == 1
+    assert (
+        model.offline.recipe.enrichment == hhr.Enrich(2.0) and len(model.offline.log.refused) == 1
+    )
     exact, found = (item.march(path).answers[-1].forces() for item in (full, model))
     # a path of training, which its modes span
     assert np.linalg.norm(found - exact) < 1e-8 * np.linalg.norm(exact)
@@ -209,9 +253,13 @@ def test_too_few_modes_for_what_sticks_are_refused(monkeypatch):
 
 @needs("greedy", "studies")
 def test_what_is_not_built_in_is_refused_by_name(scene, training):
-    with pytest.raises(StudyError, match="depend on the path that leads to them: train on a list of paths"):
+    with pytest.raises(
+        StudyError, match="depend on the path that leads to them: train on a list of paths"
+    ):
         hhr.train(scene, hhr.Sobol(8))
-    with pytest.raises(NotOfferedError, match="a training that chooses such histories itself is not built in"):
+    with pytest.raises(
+        NotOfferedError, match="a training that chooses such histories itself is not built in"
+    ):
         hhr.train(scene, hhr.Greedy(budget=3))
     points = training.snapshots.take(np.arange(4))
     with pytest.raises(ReductionError, match="with friction must be histories"):
@@ -223,7 +271,10 @@ def test_what_is_not_built_in_is_refused_by_name(scene, training):
 
 
 def test_nothing_is_known_of_forces_where_bodies_overlap_outside_the_domain(training, model):
-    """No force in the RID would be explained by any modes; contact that has left it shows in the displacement."""
+    """No force in the RID would be explained by any modes.
+
+    Contact that has left it shows in the displacement.
+    """
     fields = model.fields
     frictional, scale = fields.interface, fields.gap_scale
     friction = frictional.whole
@@ -241,7 +292,10 @@ def test_nothing_is_known_of_forces_where_bodies_overlap_outside_the_domain(trai
 
 
 def test_what_grazes_when_held_out_does_not_spoil_the_indicator(training):
-    """Relative to its own forces nothing of such a history is right; what other histories say counts."""
+    """Relative to its own forces nothing of such a history is right.
+
+    What other histories say counts.
+    """
     full = training.full_order
     grazing = [(0.0, np.array([0.0, 0.0, 0.3])), (1.0, np.array([1e-12, 0.0, 0.3]))]
     held_out = [full.march(grazing), *training.held_out.histories]
@@ -257,7 +311,10 @@ def test_what_grazes_when_held_out_does_not_spoil_the_indicator(training):
 
 @pytest.mark.parametrize(("flows", "tolerance"), [(False, None), (False, 5e-3), (True, None)])
 def test_a_training_that_was_interrupted_goes_on(flows, tolerance, tmp_path):
-    """Steps are read, with what friction remembers; a tolerance may cut them otherwise. Other friction asks anew."""
+    """Steps are read, with what friction remembers; a tolerance may cut them otherwise.
+
+    Other friction asks anew.
+    """
     law = hhr.Plasticity(0.06, 0.5) if flows else None
     bodies = hhr.Body(FIRST, 3.0, 0.3), hhr.Body(SECOND, 5.0, 0.2, law)
     scene = rubbing("f", box=BOX, bodies=bodies)
@@ -268,14 +325,20 @@ def test_a_training_that_was_interrupted_goes_on(flows, tolerance, tmp_path):
         hhr.train(scene, [every[0], every[1][:3]], march=settings, folder=tmp_path)
         again = hhr.train(scene, every, march=settings, folder=tmp_path)
         assert again.read == len(every[0]) - 1 + 2
-        other = hhr.train(rubbing("0.9 * f", box=BOX, bodies=bodies), every, march=settings, folder=tmp_path)
+        other = hhr.train(
+            rubbing("0.9 * f", box=BOX, bodies=bodies), every, march=settings, folder=tmp_path
+        )
     assert other.read == 0
     off = 1e-9 if tolerance is None else tolerance
-    np.testing.assert_allclose(again.snapshots.forces, wanted.forces, atol=off * np.abs(wanted.forces).max())
+    np.testing.assert_allclose(
+        again.snapshots.forces, wanted.forces, atol=off * np.abs(wanted.forces).max()
+    )
     for one, two in zip(wanted.histories, again.snapshots.histories, strict=True):
         for first, second in zip(one.answers, two.answers, strict=True):
             assert second.time == first.time
-            assert second.slip.work.sum() == pytest.approx(first.slip.work.sum(), rel=2 * off, abs=1e-12)
+            assert second.slip.work.sum() == pytest.approx(
+                first.slip.work.sum(), rel=2 * off, abs=1e-12
+            )
             if tolerance is None:
                 np.testing.assert_allclose(second.slip.work, first.slip.work, atol=1e-12)
                 np.testing.assert_array_equal(second.slip.statuses, first.slip.statuses)
@@ -285,7 +348,9 @@ def test_a_training_that_was_interrupted_goes_on(flows, tolerance, tmp_path):
 
 @needs("fallback", "tables")
 def test_a_path_of_which_too_little_is_known_is_answered_in_full(training, model):
-    """By the indicator of any increment: two of eight paths fell back, and the largest error was .038."""
+    """By the indicator of any increment: two of eight paths fell back, and the largest error was
+    .038.
+    """
     full = training.full_order
     safe = training.safe_model(0.05, of="forces")
     fell, off = [], []
@@ -294,7 +359,10 @@ def test_a_path_of_which_too_little_is_known_is_answered_in_full(training, model
         fell.append(safe.fell_back(history.answers[-1]))
         assert all(safe.fell_back(answer) is fell[-1] for answer in history.answers)
         pairs = zip(history.answers, exact.answers, strict=True)
-        errors = [np.linalg.norm(one.forces() - two.forces()) / np.linalg.norm(two.forces()) for one, two in pairs]
+        errors = [
+            np.linalg.norm(one.forces() - two.forces()) / np.linalg.norm(two.forces())
+            for one, two in pairs
+        ]
         if fell[-1]:
             assert max(errors) < 1e-12
         off += errors
@@ -330,12 +398,18 @@ def test_what_is_no_safe_model(training, model):
         training.safe_model(of="pressure")
     second = hhr.Body(SECOND, 5.0, 0.2)
     others = (
-        ("0.5 * f", {}), ("f", {"bodies": (hhr.Body(FIRST, 3.01, 0.3), second)}), ("f", {"hypothesis": "plane_stress"}),
-    )  # fmt: skip
+        ("0.5 * f", {}),
+        ("f", {"bodies": (hhr.Body(FIRST, 3.01, 0.3), second)}),
+        ("f", {"hypothesis": "plane_stress"}),
+    )
     if present("inelastic"):
-        others += (("f", {"bodies": (hhr.Body(FIRST, 3.0, 0.3, hhr.Plasticity(0.06, 0.5)), second)}),)
+        others += (
+            ("f", {"bodies": (hhr.Body(FIRST, 3.0, 0.3, hhr.Plasticity(0.06, 0.5)), second)}),
+        )
     for law, how in others:
-        other = hhr.FullOrderModel(rubbing(law, geometry=round_block, box=BOX, **how), MPI.COMM_SELF)
+        other = hhr.FullOrderModel(
+            rubbing(law, geometry=round_block, box=BOX, **how), MPI.COMM_SELF
+        )
         with pytest.raises(ReductionError, match=r"of another scene|bodies that flow"):
             hhr.FallbackModel(model, other, of="forces")
 
@@ -344,10 +418,14 @@ def test_what_is_no_safe_model(training, model):
 def test_what_a_safe_model_cannot_answer_is_of_the_full_one(training, model, monkeypatch):
     full = training.full_order
     safe = hhr.FallbackModel(model, full, of="forces")
-    monkeypatch.setattr(AnsweringModel, "follow", Mock(side_effect=NotSolvableError("a body is pulled off")))
+    monkeypatch.setattr(
+        AnsweringModel, "follow", Mock(side_effect=NotSolvableError("a body is pulled off"))
+    )
     answer = safe.solve(full.parameters.middle, raise_on_failure=False)
     assert safe.fell_back(answer) and not answer.converged
-    assert answer.displacement().shape == (len(full.problem.free),) and np.isnan(answer.forces()).all()
+    assert (
+        answer.displacement().shape == (len(full.problem.free),) and np.isnan(answer.forces()).all()
+    )
 
 
 @needs("fallback")

@@ -20,7 +20,9 @@ def scene(friction):
 
 @pytest.mark.parametrize("endless", [float("inf"), np.float64("inf"), "inf", "Infinity", "rough"])
 def test_an_infinite_coefficient_names_the_large_one(endless):
-    with pytest.raises(SceneError, match=r"must be finite: surfaces that never slip .* a large number, such as 1e6"):
+    with pytest.raises(
+        SceneError, match=r"must be finite: surfaces that never slip .* a large number, such as 1e6"
+    ):
         scene(endless)
     with pytest.raises(SceneError, match=r"must be finite: .* take a Tie"):
         scene(hhr.Coulomb(0.3, endless))
@@ -34,12 +36,18 @@ def test_a_parameter_may_have_the_name():
 
 
 def test_large_coefficients_stick_with_the_same_digits():
-    """A sheared pair sticks: with nu = 0 the blocks are one column, whose shear is that of all answers."""
-    pull = hhr.Displacement(split.side(split.SECOND, 1, upper=True), 0, hhr.Amplitude(slopes={"press": 1e-3}))
+    """A sheared pair sticks: with nu = 0 the blocks are one column, whose shear is that of all
+    answers.
+    """
+    pull = hhr.Displacement(
+        split.side(split.SECOND, 1, upper=True), 0, hhr.Amplitude(slopes={"press": 1e-3})
+    )
     found = []
     for friction in (1e3, 1e9):
         made = scene(friction)
-        made = dataclasses.replace(made, displacements=(*made.displacements[:2], made.displacements[3], pull))
+        made = dataclasses.replace(
+            made, displacements=(*made.displacements[:2], made.displacements[3], pull)
+        )
         answer = hhr.FullOrderModel(made).march([(0.0, 0.0), (1.0, 10.0)]).answers[-1]
         assert (answer.slip.statuses[answer.slip.pressure > 0] == 1).all()
         found.append(answer.displacement())

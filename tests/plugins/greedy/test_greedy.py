@@ -30,7 +30,13 @@ from hhr_dolfinx.plugins.greedy.greedy import independent
 from hhr_dolfinx.plugins.greedy.indicators import CellStiffness
 from hhr_dolfinx.study.training.train import silent, train
 
-QUICK = hhr.Greedy(tolerance=1e-9, budget=30, start=hhr.Sobol(4), candidates=hhr.Lattice(100, levels=10), together=6)
+QUICK = hhr.Greedy(
+    tolerance=1e-9,
+    budget=30,
+    start=hhr.Sobol(4),
+    candidates=hhr.Lattice(100, levels=10),
+    together=6,
+)
 PELLET = pellet_cladding.scene(radial_cells=6, axial_cells=12, cladding_radial_cells=2)
 """On a coarse mesh; no few answers span all."""
 
@@ -67,9 +73,13 @@ def test_it_spends_its_budget_on_new_points(case):
 
 
 def test_it_stops_where_nothing_is_left():
-    """Two blocks on each other, of which some answers span all: no candidate is worse than round-off."""
+    """Two blocks on each other, of which some answers span all: no candidate is worse than
+    round-off.
+    """
     found = trained(pressed_pair("plane_strain", ((1.0, 0.3), (2.0, 0.25))))
-    assert len(found.choice.points) < QUICK.budget and found.choice.rounds[-1].worst <= QUICK.tolerance
+    assert (
+        len(found.choice.points) < QUICK.budget and found.choice.rounds[-1].worst <= QUICK.tolerance
+    )
 
 
 def test_an_answer_is_told_its_error(case):
@@ -80,7 +90,10 @@ def test_an_answer_is_told_its_error(case):
     told = hhr.ForceError().prepared(full)(model, case.snapshots, answers)
     exact = [full.solve(point).forces() for point in points]
     sizes = np.maximum(np.linalg.norm(exact, axis=1), force_floor(full.problem, case.snapshots))
-    errors = np.array([np.linalg.norm(a.forces() - b) for a, b in zip(answers, exact, strict=True)]) / sizes
+    errors = (
+        np.array([np.linalg.norm(a.forces() - b) for a, b in zip(answers, exact, strict=True)])
+        / sizes
+    )
     assert np.abs(np.linalg.norm(told, axis=1) - errors).max() <= 1e-9
 
 
@@ -92,10 +105,15 @@ def test_what_is_wrong_in_the_same_way_is_mended_once():
 
 @pytest.mark.parametrize(("indicator", "rank"), [(hhr.Eta(), 0.2), (hhr.Eta2(), 0.4)])
 def test_indicators_of_the_thesis(case, half, indicator, rank):
-    """They vanish where the model was trained; elsewhere they follow errors of V gamma, eta less (section 2.6.3.e)."""
+    """They vanish where the model was trained.
+
+    Elsewhere they follow errors of V gamma, eta less (section 2.6.3.e).
+    """
     full, (model, known) = case.full_order, half
     points, score = full.parameters.random(40, 7), indicator.prepared(full)
-    there, elsewhere = (list(model.solve_many(some, outside="ignore")) for some in (known.points, points))
+    there, elsewhere = (
+        list(model.solve_many(some, outside="ignore")) for some in (known.points, points)
+    )
     told = score(model, known, elsewhere)
     exact = np.array([full.solve(point).displacement() for point in points])
     errors = np.linalg.norm([answer.displacement() for answer in elsewhere] - exact, axis=1)
@@ -109,7 +127,9 @@ VARIED = pressed_pair("plane_strain", (("E", 0.3), (2.0, 0.25)), {"E": (0.5, 2.0
 @needs("moduli")
 @pytest.mark.parametrize("indicator", [None, hhr.Eta2()])
 def test_indicators_follow_a_stiffness_of_parameters(indicator):
-    both = hhr.Recipe(basis=hhr.Pod(1e-13, relative=True))  # modes of one body each would span all at once
+    both = hhr.Recipe(
+        basis=hhr.Pod(1e-13, relative=True)
+    )  # modes of one body each would span all at once
     found = trained(VARIED, indicator=indicator, budget=10, recipe=both)
     assert len(found.choice.points) == 10 and 0 < found.choice.rounds[-1].worst < np.inf
 
@@ -118,7 +138,9 @@ def test_indicators_follow_a_stiffness_of_parameters(indicator):
 def test_a_stiffness_of_parameters_is_trained_on_spread_points_and_body_by_body():
     found = trained(VARIED, hhr.Greedy(tolerance=2e6, budget=8, candidates=hhr.Sobol(16)))
     assert np.array_equal(found.choice.points, hhr.Sobol(4).points(VARIED.parameters))
-    assert found.choice.recipe.basis.by_body and len(found.choice.rounds) == 1  # it stops at the wished error
+    assert (
+        found.choice.recipe.basis.by_body and len(found.choice.rounds) == 1
+    )  # it stops at the wished error
 
 
 def test_a_killed_training_goes_on(tmp_path, monkeypatch, case):
@@ -148,12 +170,19 @@ def test_a_killed_training_goes_on(tmp_path, monkeypatch, case):
 
 @needs("inelastic", "nonmatching", "paths")
 def test_histories():
-    """Paths of a family are chosen by the part of the stress of their worst step that training does not explain."""
+    """Paths of a family are chosen by the part of the stress of their worst step that training does
+    not explain.
+    """
     import pellet_cladding_plastic as demo
 
     family = families(4)["loading"]
     greedy = hhr.Greedy(
-        tolerance=1e-9, budget=4, start=hhr.Sobol(2), candidates=hhr.Sobol(4, seed=3), together=1, family=family
+        tolerance=1e-9,
+        budget=4,
+        start=hhr.Sobol(2),
+        candidates=hhr.Sobol(4, seed=3),
+        together=1,
+        family=family,
     )
     found = train(demo.scene(**SMALL_MESH), greedy, comm=MPI.COMM_SELF)
     assert len(found.snapshots.histories) == 4 and found.choice.points.shape == (4, 2)
@@ -165,14 +194,25 @@ def test_histories():
     steps = [[answer.estimate() for answer in history.answers] for history in own]
     assert {step.kind for history in steps for step in history} == {"indicator of the stress"}
     told = hhr.LargestEstimate().prepared(found.full_order)(model, found.snapshots, [*own, None])
-    assert told.tolist() == [*(max(step.primal_relative for step in history) for history in steps), np.inf]
+    assert told.tolist() == [
+        *(max(step.primal_relative for step in history) for history in steps),
+        np.inf,
+    ]
     assert told[0] < 0.25 * told[1]
 
 
-WORDS = {"start": 16, "candidates": [1, 2], "indicator": "eta", "recipe": "usual", "family": "paths"}
+WORDS = {
+    "start": 16,
+    "candidates": [1, 2],
+    "indicator": "eta",
+    "recipe": "usual",
+    "family": "paths",
+}
 
 
-@pytest.mark.parametrize(("word", "bad"), [*WORDS.items(), ("tolerance", 0.0), ("budget", 2.5), ("together", 0)])
+@pytest.mark.parametrize(
+    ("word", "bad"), [*WORDS.items(), ("tolerance", 0.0), ("budget", 2.5), ("together", 0)]
+)
 def test_what_is_no_greedy_is_refused(word, bad):
     with pytest.raises(StudyError, match=f"^{word} = "):
         hhr.Greedy(**{word: bad})
@@ -191,11 +231,16 @@ def test_what_does_not_suit_a_scene_is_refused_before_anything_is_solved():
 
 @needs("floating", "elasticity")
 def test_a_body_held_by_contact_alone_whose_modulus_varies_is_refused_at_the_door(monkeypatch):
-    """Nothing there says how wrong forces are: the indicators that would answer are 1e6 times too large."""
+    """Nothing there says how wrong forces are: the indicators that would answer are 1e6 times too
+    large.
+    """
     bodies = hhr.Body(stacked_blocks.LOWER, "E", 0.3), hhr.Body(stacked_blocks.UPPER, 9, 0.3)
     scene = lying(bodies=bodies, parameters=space(p=(1.0, 10.0), E=(1e3, 4e3)))
     monkeypatch.setattr("hhr_dolfinx.study.training.train.spread_snapshots", None)
-    with pytest.warns(SceneWarning, match="no contact resists"), pytest.raises(StudyError, match="--sobol 128"):
+    with (
+        pytest.warns(SceneWarning, match="no contact resists"),
+        pytest.raises(StudyError, match="--sobol 128"),
+    ):
         train(scene, hhr.Greedy())
 
 
@@ -217,7 +262,10 @@ def test_a_lattice_shares_coordinates():
     drawn = hhr.Lattice(50, levels=11).points(space)
     assert drawn.shape == (50, 2) and len(np.unique(drawn, axis=0)) == 50
     assert np.array_equal(drawn[:4], space.grid((2, 2)))
-    assert np.allclose(np.round(drawn[:, 0] * 10) / 10, drawn[:, 0]) and len(np.unique(drawn[:, 1])) == 11
+    assert (
+        np.allclose(np.round(drawn[:, 0] * 10) / 10, drawn[:, 0])
+        and len(np.unique(drawn[:, 1])) == 11
+    )
     for bad, why in (
         *((given, r"^Lattice\(") for given in ({"count": 0}, {"levels": 1}, {"seed": -1})),
         ({"levels": (3, 3, 3)}, "one for each"),
@@ -229,7 +277,9 @@ def test_a_lattice_shares_coordinates():
 def test_a_choice_of_another_box_is_another_one(tmp_path):
     """The box is no part of a problem, and the answers in the folder are the same."""
     box = PELLET.parameters
-    narrow = dataclasses.replace(box, upper=tuple(box.lower + 0.3 * np.subtract(box.upper, box.lower)))
+    narrow = dataclasses.replace(
+        box, upper=tuple(box.lower + 0.3 * np.subtract(box.upper, box.lower))
+    )
     trained(dataclasses.replace(PELLET, parameters=narrow), budget=10, folder=tmp_path)
     wide = trained(budget=10, folder=tmp_path)
     assert (wide.choice.points.max(axis=0) > narrow.upper).all()
@@ -252,7 +302,10 @@ class Shifted:
 
 
 def samplings(value):
-    """Points of which ``repr``, of arrays above a thousand entries, does not show the middle; an object, a function."""
+    """Points of which ``repr``, of arrays above a thousand entries, does not show the middle.
+
+    An object, a function.
+    """
     points = np.linspace(0, 1, 2001)[:, None]
     points[1000] = value
     return Fixed(points), Fixed([[value]]), Shifted(lambda points: points + value)
@@ -262,15 +315,38 @@ def test_what_has_no_values_is_refused_by_name():
     circle = []
     circle.append(circle)
     locked = r"holds <.*lock.*no digest .* frozen dataclass"
-    for start, why in ((Fixed(LOCK), locked), (Shifted(guarded), locked), (Fixed(circle), "50 deep, or itself")):
+    for start, why in (
+        (Fixed(LOCK), locked),
+        (Shifted(guarded), locked),
+        (Fixed(circle), "50 deep, or itself"),
+    ):
         with pytest.raises(StudyError, match=why):
             digest_of_values(start, "it")
 
 
 def test_digests_tell_types_shapes_and_order_apart():
-    """The ``repr`` of an object is another one in each run: nothing that was chosen was ever found again."""
-    values = [1, 1.0, "1", (1,), [1], {"a": 1}, {"a": 1.0}, np.array([1]), np.array([1.0]), np.array([[1.0]]), None,
-              [[1], 2], [1, [2]], np.float64, math.sin, csr_matrix([[0.0, 1.0]]), csr_matrix([[1.0, 0.0]])]  # fmt: skip
+    """The ``repr`` of an object is another one in each run: nothing that was chosen was ever found
+    again.
+    """
+    values = [
+        1,
+        1.0,
+        "1",
+        (1,),
+        [1],
+        {"a": 1},
+        {"a": 1.0},
+        np.array([1]),
+        np.array([1.0]),
+        np.array([[1.0]]),
+        None,
+        [[1], 2],
+        [1, [2]],
+        np.float64,
+        math.sin,
+        csr_matrix([[0.0, 1.0]]),
+        csr_matrix([[1.0, 0.0]]),
+    ]
     values += [*samplings(0.0), *samplings(0.1), Shifted(lambda points: points * 2)]
     digests = [digest_of_values(value, "it") for value in values]
     assert len(set(digests)) == len(values)
@@ -282,7 +358,10 @@ def test_digests_tell_types_shapes_and_order_apart():
 @pytest.mark.parametrize("young", [1.0, "E"])
 @pytest.mark.parametrize("poisson", [0.3, 0.48])
 def test_cells_have_the_energy_of_their_strain(poisson, young):
-    """Area times density of a uniform strain, with a mean dilatation too (nu = 0.48); none of a rigid motion."""
+    """Area times density of a uniform strain, with a mean dilatation too (nu = 0.48).
+
+    None of a rigid motion.
+    """
     box = {"E": (0.5, 2.0)} if young == "E" else {}
     full = hhr.FullOrderModel(pressed_pair("plane_strain", ((young, poisson), (2.0, 0.25)), box))
     problem = full.problem
@@ -302,11 +381,15 @@ def test_cells_have_the_energy_of_their_strain(poisson, young):
 
 
 def test_eta2_is_the_bound_of_the_thesis(case, half, monkeypatch):
-    """(2.124) written out, and (2.122): with true values on the interface no less than the error on the RID."""
+    """(2.124) written out, and (2.122): with true values on the interface no less than the error on
+    the RID.
+    """
     full, (model, known) = case.full_order, half
     answers = list(model.solve_many(full.parameters.random(20, 7), outside="ignore"))
     exact = np.array([full.solve(answer.parameter).unknown for answer in answers])
-    monkeypatch.setattr(indicators, "_interpolated", lambda problem, known, answers, dofs: exact[:, dofs])
+    monkeypatch.setattr(
+        indicators, "_interpolated", lambda problem, known, answers, dofs: exact[:, dofs]
+    )
     told = hhr.Eta2().prepared(full)(model, known, answers)
     stiffness = CellStiffness.of(full, model.offline.sets.cells).at(full.problem.middle)
 
@@ -321,14 +404,21 @@ def test_eta2_is_the_bound_of_the_thesis(case, half, monkeypatch):
     for said, answer, true in zip(told, answers, exact, strict=True):
         field = model.offline.basis @ answer.unknown
         pulled = full.problem.contact[model.offline.sets.A_lambda].T @ answer.multipliers
-        left = full.problem.loads @ full.problem.theta(answer.parameter) - full.problem.stiffness @ field - pulled
+        left = (
+            full.problem.loads @ full.problem.theta(answer.parameter)
+            - full.problem.stiffness @ field
+            - pulled
+        )
         printed = np.sqrt(left[inner] @ solve(left[inner])) + 2 * size(outer * (true - field))
         assert said == pytest.approx(printed / size(field), rel=1e-8)
         assert said >= size(field - true) / size(field)
 
 
 def test_the_algorithm_of_the_thesis_as_printed():
-    """Each time the parameter with the largest indicator, one at a time; the one at which it stops is selected too."""
+    """Each time the parameter with the largest indicator, one at a time.
+
+    The one at which it stops is selected too.
+    """
     full = hhr.FullOrderModel(PELLET)
     grid = full.parameters.grid([3] * len(full.parameters.names))
     first = [0, len(grid) // 2, len(grid) - 1]
@@ -377,15 +467,26 @@ HERE = sys.modules[__name__]
 @pytest.mark.parametrize(
     ("value", "holder", "name", "other"),
     [
-        *((value, HERE, "LIMIT", 2)
-          for value in (limited, lambda points: limited(points), Choosing(), Choosing, [Shifted(limited)])),
+        *(
+            (value, HERE, "LIMIT", 2)
+            for value in (
+                limited,
+                lambda points: limited(points),
+                Choosing(),
+                Choosing,
+                [Shifted(limited)],
+            )
+        ),
         (limited, HERE, "STEP", {"of": [0.25]}),
         (Choosing(), Choosing, "count", 5),
         (Choosing(), Choosing, "points", lambda self, space: space.random(3, 0)),
     ],
-)  # fmt: skip
+)
 def test_a_digest_knows_what_functions_read(value, holder, name, other, monkeypatch):
-    """Globals of a module, of functions that are called too, attributes and methods; and nothing that is not read."""
+    """Globals of a module, of functions that are called too, attributes and methods.
+
+    And nothing that is not read.
+    """
     before, unread = (digest_of_values(item, "it") for item in (value, stepped))
     assert digest_of_values(value, "it") == before
     with monkeypatch.context() as changed:

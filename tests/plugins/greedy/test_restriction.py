@@ -27,7 +27,9 @@ def case(request, hertz):
     slaves = full.problem.contact_slaves
     sets = reduced_domain(full.problem, slaves[len(slaves) // 2 : len(slaves) // 2 + 2], layers=1)
     assert open_conditions(full.problem, sets).size == 0
-    assert 0 < len(sets.A_lambda) < len(slaves) and len(sets.cells) < 0.5 * len(full.problem.cell_nodes)
+    assert 0 < len(sets.A_lambda) < len(slaves) and len(sets.cells) < 0.5 * len(
+        full.problem.cell_nodes
+    )
     return full, mu, sets
 
 
@@ -55,7 +57,9 @@ def test_a_rid_with_the_interface_of_the_full_solution_has_the_full_solution_ins
     answer = full.solve(mu)
     domain = _Domain(full.problem, sets)
     assert np.array_equal(domain.inner, sets.A) and not np.setdiff1d(sets.I, domain.interface).size
-    field, forces = domain.at(answer.parameter).solved(answer.unknown[domain.interface], answer.parameter)
+    field, forces = domain.at(answer.parameter).solved(
+        answer.unknown[domain.interface], answer.parameter
+    )
     assert answer.forces()[sets.A_lambda].any()
     assert forces == pytest.approx(answer.forces()[sets.A_lambda], abs=1e-8 * answer.forces().max())
     assert field == pytest.approx(answer.unknown[sets.A], abs=1e-9 * np.abs(answer.unknown).max())
@@ -66,10 +70,15 @@ def test_a_rid_with_the_interface_of_the_full_solution_has_the_full_solution_ins
 
 def test_parts_of_the_stiffness_are_restricted_one_by_one(case):
     problem, sets = case[0].problem, case[2]
-    parts = dataclasses.replace(problem, stiffness_terms=(0.25 * problem.stiffness, 0.75 * problem.stiffness))
+    parts = dataclasses.replace(
+        problem, stiffness_terms=(0.25 * problem.stiffness, 0.75 * problem.stiffness)
+    )
     one, two = restricted(problem, sets), restricted(parts, sets)
     assert len(two.problem.stiffness_terms) == 2
-    assert abs(one.problem.stiffness - two.problem.stiffness).max() < 1e-12 * abs(problem.stiffness).max()
+    assert (
+        abs(one.problem.stiffness - two.problem.stiffness).max()
+        < 1e-12 * abs(problem.stiffness).max()
+    )
 
 
 def test_rows_of_one_rank_are_not_enough(hertz):
@@ -77,5 +86,7 @@ def test_rows_of_one_rank_are_not_enough(hertz):
     terms, mass = (problem.stiffness[half:],), problem.node_mass[half // 2 :]
     own = dataclasses.replace(problem, stiffness_terms=terms, node_mass=mass, first=half)
     assert own.rows == slice(half, problem.free.size) and not own.whole
-    with pytest.raises(SceneError, match=rf"rows 500 to {problem.free.size - 1} of {problem.free.size} are held"):
+    with pytest.raises(
+        SceneError, match=rf"rows 500 to {problem.free.size - 1} of {problem.free.size} are held"
+    ):
         restricted(own, whole_domain(problem))

@@ -1,4 +1,6 @@
-"""Thesis Alg. 1.3 as printed, in one file: one snapshot at a time, where the indicator is largest."""
+"""Thesis Alg. 1.3 as printed, in one file: one snapshot at a time, where the indicator is
+largest.
+"""
 
 import numpy as np
 
@@ -6,15 +8,17 @@ import hhr_dolfinx as hhr
 
 
 def printed_greedy(full, grid, first, n_max, eta_max, indicator, recipe):
-    """Places in the grid of what is selected, in this order, and the indicators of each iteration on the whole grid.
+    """Places in the grid of what is selected, in this order, and the indicators of each iteration
+    on the whole grid.
 
-    As printed the worst parameter is added before the tolerance is looked at. Parameters that are selected already do
-    not compete, and get -inf.
+    As printed the worst parameter is added before the tolerance is looked at. Parameters that are
+    selected already do not compete, and get -inf.
 
     Args:
         full: the full model.
         grid: P_grid, (n, P).
-        first: places in it of the snapshots of the first model, "quelques snapshots pré-sélectionnés".
+        first: places in it of the snapshots of the first model, "quelques snapshots
+            pré-sélectionnés".
         n_max: most snapshots that are selected besides.
         eta_max: indicator below which it stops.
         indicator: eta, as ``hhr.Eta2()``.

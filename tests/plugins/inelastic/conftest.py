@@ -29,7 +29,9 @@ def demo_pellet():
 
 @pytest.fixture(scope="session")
 def cantilever():
-    """A block held on its left over a floor, pressed on its lid by A and pulled to its right by B."""
+    """A block held on its left over a floor, pressed on its lid by A and pulled to its right by
+    B.
+    """
     left, right = block.side(0, False), block.side(0, True)
     return hhr.FullOrderModel(
         block_scene(
@@ -40,6 +42,9 @@ def cantilever():
             bodies=(hhr.Body(block.SOLID, 200.0, 0.3, hhr.Plasticity(1.0, 5.0)),),
             contacts=(hhr.Obstacle(block.side(1, False), (0, -1), 0.002),),
             displacements=hhr.Displacement.clamp(left, 2),
-            loads=(hhr.Pressure(block.side(1, True), slope("A")), hhr.Traction(right, (0.0, 1.0), slope("B"))),
+            loads=(
+                hhr.Pressure(block.side(1, True), slope("A")),
+                hhr.Traction(right, (0.0, 1.0), slope("B")),
+            ),
         )
     )

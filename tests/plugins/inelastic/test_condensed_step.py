@@ -36,7 +36,9 @@ def contact_load(slack):
 
 
 def test_statuses_are_those_of_the_active_set():
-    """P-matrices of three kinds, one slack after another from the statuses before, some of them zero."""
+    """P-matrices of three kinds, one slack after another from the statuses before, some of them
+    zero.
+    """
     rng, worst = np.random.default_rng(0), 0.0
     for case in range(150):
         size = int(rng.integers(1, 40))
@@ -51,22 +53,37 @@ def test_statuses_are_those_of_the_active_set():
         arrays, work = contact_arrays(schur)
         for query in range(6):
             slack = rng.standard_normal(size) * np.sqrt(np.diag(schur))
-            slack = (slack, slack, slack, abs(slack), -abs(slack), np.where(np.arange(size) % 3, slack, 0.0))[query]
+            slack = (
+                slack,
+                slack,
+                slack,
+                abs(slack),
+                -abs(slack),
+                np.where(np.arange(size) % 3, slack, 0.0),
+            )[query]
             assert touch(arrays, contact_load(slack), work)
             expected = active_set(SchurEqualities.symmetric(schur), slack, slack < 0)
             assert expected.status is Status.CONVERGED
-            worst = max(worst, np.abs(work.forces - expected.forces).max() / max(expected.forces.max(), 1e-300))
+            worst = max(
+                worst,
+                np.abs(work.forces - expected.forces).max() / max(expected.forces.max(), 1e-300),
+            )
             # a rigid motion along with the gaps changes nothing: slack + moved g with g = 1
             shifted = arrays._replace(moved=np.outer(slack, [1.0, 0.0]))
             work.there[:] = (-0.5, 0.0)
             assert touch(shifted, contact_load(slack / 2), work)
-            assert work.forces == pytest.approx(expected.forces, abs=1e-9 * expected.forces.max(initial=1e-300))
+            assert work.forces == pytest.approx(
+                expected.forces, abs=1e-9 * expected.forces.max(initial=1e-300)
+            )
             work.there[:] = 0.0
     assert worst < 1e-10
 
 
 def test_dependent_conditions_never_let_bodies_overlap():
-    """Some rows twice, mostly with other gaps: found, or not found; never a solution with a condition forgotten."""
+    """Some rows twice, mostly with other gaps: found, or not found.
+
+    Never a solution with a condition forgotten.
+    """
     rng, outcomes = np.random.default_rng(1), []
     for _ in range(200):
         size = int(rng.integers(2, 12))
@@ -98,12 +115,16 @@ def derivative_error(model, laws, seed):
     """J of a compiled step beside central differences of R, at a random state and correction."""
     rng, arrays = np.random.default_rng(seed), model.step_model
     points, components, conditions = model.points.size, model.flow.components, model.conditions
-    work, elastic = (Work.of(model.modes, conditions, points, components, components + 1) for _ in range(2))
+    work, elastic = (
+        Work.of(model.modes, conditions, points, components, components + 1) for _ in range(2)
+    )
     plastic = 1e-3 * rng.standard_normal((components, points))
     plastic[:3] -= plastic[:3].mean(axis=0)
     slack = rng.standard_normal(conditions) * np.abs(model.flow.moved).max() * 1e-2
     strain = 5e-3 * rng.standard_normal(components * points)
-    load = StepLoad(strain, np.zeros(conditions), slack, np.vstack([plastic, np.abs(plastic[:1])]), 0.1)
+    load = StepLoad(
+        strain, np.zeros(conditions), slack, np.vstack([plastic, np.abs(plastic[:1])]), 0.1
+    )
     assert touch(arrays, load, elastic)
     load = load._replace(forces=elastic.forces)
     size = 5e-3 / np.abs(model.flow.per_mode).max()
@@ -132,7 +153,10 @@ def derivative_error(model, laws, seed):
 @needs("nonmatching")
 @pytest.mark.parametrize("which", ["tube", "pellet"])
 def test_newtons_matrix_is_the_derivative_of_the_residual(tubes, pellet, which):
-    """Several statuses, plasticity and creep; a difference may cross the onset of flow at some point."""
+    """Several statuses, plasticity and creep.
+
+    a difference may cross the onset of flow at some point.
+    """
     model = (tubes if which == "tube" else pellet)[2].equilibrium
     laws = laws_of(model.material)
     errors, counts = zip(*(derivative_error(model, laws, seed) for seed in range(12)), strict=True)
@@ -141,7 +165,9 @@ def test_newtons_matrix_is_the_derivative_of_the_residual(tubes, pellet, which):
 
 
 def test_first_yield_to_round_off_converges(tubes):
-    """Where the first point yields by 1e-15 to 1e-1 of the pressure, with usual and with small tolerances."""
+    """Where the first point yields by 1e-15 to 1e-1 of the pressure, with usual and with small
+    tolerances.
+    """
     model = tubes[2]
     low, high = 0.3, 0.9
     for _ in range(60):
@@ -151,7 +177,8 @@ def test_first_yield_to_round_off_converges(tubes):
     for part in (0.0, *10.0 ** np.arange(-15, 0)):
         for settings in (QUIET, TIGHT):
             history = model.march(
-                [*up(high * (1 + part), 1), (1.0, np.array([high])), (2.0, np.array([0.0]))], settings
+                [*up(high * (1 + part), 1), (1.0, np.array([high])), (2.0, np.array([0.0]))],
+                settings,
             )
             assert len(history.answers) == 3 and history.cuts == 0
 
@@ -180,26 +207,44 @@ def test_steps_of_all_sizes_are_solved(pellet):
     ids=["perfect plasticity", "creep", "both"],
 )  # fmt: skip
 def test_what_is_handed_out_is_in_balance(first, second, monkeypatch):
-    """Random walks through the box at any pace: R, gaps and signs of forces, by other code than that of the steps."""
-    monkeypatch.setattr(small_strains, "MOST", small_strains.RUNAWAY)  # some creep farther than small strains mean
-    bodies = hhr.Body(two_blocks.FIRST, "E1", 0.3, first), hhr.Body(two_blocks.SECOND, "2 * E2", 0.35, second)
+    """Random walks through the box at any pace: R, gaps and signs of forces, by other code than
+    that of the steps.
+    """
+    monkeypatch.setattr(
+        small_strains, "MOST", small_strains.RUNAWAY
+    )  # some creep farther than small strains mean
+    bodies = (
+        hhr.Body(two_blocks.FIRST, "E1", 0.3, first),
+        hhr.Body(two_blocks.SECOND, "2 * E2", 0.35, second),
+    )
     full = hhr.FullOrderModel(pressed_pair("plane_strain", bodies, MATERIALS, cells=3))
     rng = np.random.default_rng(0)
-    corners = [full.march(push(*moduli, steps=5), TIGHT) for moduli in ((2.0, 2.0), (4.0, 9.0), (2.0, 9.0))]
+    corners = [
+        full.march(push(*moduli, steps=5), TIGHT) for moduli in ((2.0, 2.0), (4.0, 9.0), (2.0, 9.0))
+    ]
     model = condensed(full, corners)
     low, high = np.array(full.parameters.lower), np.array(full.parameters.upper)
     for _ in range(20):
         count, largest = int(rng.integers(2, 15)), 1e-9
         points = rng.uniform(low, high, (count, low.size))
         points[:, 4:] = points[0, 4:]
-        history = model.march(list(zip(np.cumsum(10 ** rng.uniform(-3, 3, count)), points, strict=True)), QUIET)
+        history = model.march(
+            list(zip(np.cumsum(10 ** rng.uniform(-3, 3, count)), points, strict=True)), QUIET
+        )
         for answer in history.answers:
             equilibrium = model.equilibrium.at(answer.parameter)
-            theta, correction = equilibrium.amplitudes(answer.parameter), answer.unknown[: equilibrium.modes]
+            theta, correction = (
+                equilibrium.amplitudes(answer.parameter),
+                answer.unknown[: equilibrium.modes],
+            )
             largest = max(largest, np.linalg.norm(correction))
             residual, _ = equilibrium.residual(answer.unknown, answer.gauss, theta)
             assert np.linalg.norm(residual) <= 1.01e-5 * largest
-            slack = equilibrium.gaps(theta) + equilibrium.schur @ answer.multipliers - model.flow.moved @ correction
+            slack = (
+                equilibrium.gaps(theta)
+                + equilibrium.schur @ answer.multipliers
+                - model.flow.moved @ correction
+            )
             forces, length = answer.multipliers, np.abs(equilibrium.gaps(theta)).max()
             assert slack.min() > -1e-10 * length and forces.min() >= -1e-10 * forces.max()
             assert np.abs(forces * slack).max() <= 1e-10 * length * forces.max()
@@ -208,27 +253,38 @@ def test_what_is_handed_out_is_in_balance(first, second, monkeypatch):
 
 
 def test_a_load_that_is_not_borne_is_outside():
-    """Perfect plasticity beyond its limit load 2/√3 ln 2: modes that never showed it bear it, but the door speaks."""
+    """Perfect plasticity beyond its limit load 2/√3 ln 2: modes that never showed it bear it, but
+    the door speaks.
+    """
     scene = tube(hhr.Plasticity("s"), 1.0, cells=6)
     full = hhr.FullOrderModel(
-        dataclasses.replace(scene, parameters=hhr.ParameterSpace(("p", "s"), (0.0, 0.5), (2.0, 1.5)))
+        dataclasses.replace(
+            scene, parameters=hhr.ParameterSpace(("p", "s"), (0.0, 0.5), (2.0, 1.5))
+        )
     )
     model = condensed(full, [full.march(up(0.7 * s, constants=(s,)), TIGHT) for s in (0.8, 1.2)])
     path = up(0.95, constants=(1.0,))
     with pytest.raises(OutsideTrainingError, match=r"step \d, to t = .* s") as caught:
-        model.march([(1.25 * time, point) for time, point in path], hhr.MarchSettings(outside="refuse"))
+        model.march(
+            [(1.25 * time, point) for time, point in path], hhr.MarchSettings(outside="refuse")
+        )
     assert len(caught.value.history.answers) < 8
 
 
 def test_a_step_that_fails_says_what_was_tried(tubes):
     """Too few iterations: what was tried last, and the steps before, all of them solved."""
     model, few = tubes[2], hhr.MarchSettings(outside="ignore", iterations=1, cuts=1)
-    said = r"step 5 to t = 0.5 s did not converge: the iterations allowed are spent, with a residual of .* of the " \
-        r"correction after 2 iterations. Take smaller steps; the 4 steps before are kept"  # fmt: skip
+    said = (
+        r"step 5 to t = 0.5 s did not converge: the iterations allowed are spent, with a residual of .* of the "
+        r"correction after 2 iterations. Take smaller steps; the 4 steps before are kept"
+    )
     with pytest.raises(ConvergenceError, match=said) as caught:
         model.march(up(0.9), few)
     done, exact = caught.value.history.answers, model.march(up(0.9), QUIET).answers
-    assert all(np.array_equal(one.unknown, other.unknown) for one, other in zip(done, exact[:4], strict=True))
+    assert all(
+        np.array_equal(one.unknown, other.unknown)
+        for one, other in zip(done, exact[:4], strict=True)
+    )
     # cut in parts they suffice for
     history = model.march(up(0.9, 2), hhr.MarchSettings(outside="ignore", iterations=4))
     assert history.cuts > 0 and len(history.answers) == 2

@@ -1,4 +1,6 @@
-"""Stress and forces of models trained at full loads: exact where nothing flows, errors are said, forces corrected."""
+"""Stress and forces of models trained at full loads: exact where nothing flows, errors are said,
+forces corrected.
+"""
 
 import pickle
 
@@ -21,7 +23,9 @@ from hhr_dolfinx.plugins.inelastic.state import state_modes
 from hhr_dolfinx.study.training.train import Training
 
 LOADS = [(1.6, 0.05), (1.2, -0.1), (0.8, 0.1), (1.5, 0.14), (0.4, 0.0)]
-"""Largest A and B of unseen paths of the cantilever: between those of its training, and parts of them."""
+"""Largest A and B of unseen paths of the cantilever: between those of its training, and parts of
+them.
+"""
 
 
 def up_and_down(a, b, steps):
@@ -48,9 +52,15 @@ def known(trained):
 
 @pytest.mark.parametrize("share", [0.02, 0.1])
 def test_part_loads_without_flow_are_exact(trained, share):
-    """From training at full loads, where everything flows; gappy POD of the stress was up to 46 % wrong there."""
+    """From training at full loads, where everything flows.
+
+    Gappy POD of the stress was up to 46 % wrong there.
+    """
     full, model, _ = trained
-    here, there = (item.march(legs((0, 0), (1.6 * share, 0.15 * share), steps=4), QUIET) for item in (model, full))
+    here, there = (
+        item.march(legs((0, 0), (1.6 * share, 0.15 * share), steps=4), QUIET)
+        for item in (model, full)
+    )
     for one, other in zip(here.answers, there.answers, strict=True):
         assert not other.plastic_strain().any()
         # the tolerance of steps is 1e-5 of forces
@@ -65,7 +75,9 @@ def test_each_point_is_foretold_by_the_others(trained):
     answer = model.march(legs((0, 0), (1.2, 0.1), steps=6), QUIET).answers[-1]
     plastic = answer.state().state.inelastic
     components = plastic.shape[1]
-    rows = (np.searchsorted(flow.flowed, flow.points)[:, None] * components + np.arange(components)).ravel()
+    rows = (
+        np.searchsorted(flow.flowed, flow.points)[:, None] * components + np.arange(components)
+    ).ravel()
     modes, found = flow.plastic.modes[rows], flow.unforeseen(plastic)
     checked = 0
     for point in range(0, len(plastic), 3):
@@ -82,7 +94,10 @@ def test_each_point_is_foretold_by_the_others(trained):
 
 
 def test_errors_of_stress_are_said_in_their_size(trained):
-    """On part loads, unloading and other ways; no path with an error above 5 % of a step's own stress is silent."""
+    """On part loads, unloading and other ways.
+
+    No path with an error above 5 % of a step's own stress is silent.
+    """
     full, model, _ = trained
     errors, said = [], []
     for share in (0.2, 0.4, 0.6, 0.8, 1.0):
@@ -90,7 +105,10 @@ def test_errors_of_stress_are_said_in_their_size(trained):
             path = legs((0, 0), (1.6 * share, 0.15 * way * share), (0, 0), steps=8)
             here, there = model.march(path, QUIET), full.march(path)
             sizes = np.array([np.linalg.norm(item.stress()) for item in there.answers])
-            off = [np.linalg.norm(a.stress() - b.stress()) for a, b in zip(here.answers, there.answers, strict=True)]
+            off = [
+                np.linalg.norm(a.stress() - b.stress())
+                for a, b in zip(here.answers, there.answers, strict=True)
+            ]
             errors.append(np.where(sizes > 1e-5 * sizes.max(), off / sizes, 0.0))
             said.append([answer.estimate().primal_relative for answer in here.answers])
     errors, said = np.array(errors), np.array(said)
@@ -102,30 +120,46 @@ def test_errors_of_stress_are_said_in_their_size(trained):
 
 
 def test_the_full_order_needs_no_correction(known):
-    """Its forces are those of its own plastic strain; moduli that vary, heat and strains without stress besides."""
+    """Its forces are those of its own plastic strain.
+
+    Moduli that vary, heat and strains without stress besides.
+    """
     hot = varied.full()
     corrected = Training(hot, None, None, None).force_correction()
-    for correction, history in ((known[0], known[2][0]), (corrected, hot.march(varied.path(7.0, 210e3)))):
+    for correction, history in (
+        (known[0], known[2][0]),
+        (corrected, hot.march(varied.path(7.0, 210e3))),
+    ):
         largest = max(np.linalg.norm(answer.forces()) for answer in history.answers)
         found = correction.of(history)
         assert largest > 0 and len(found) == len(history.answers)
-        assert max(item.error for item in found) < 1e-4 * largest  # steps are solved to 1e-5 of their forces
+        assert (
+            max(item.error for item in found) < 1e-4 * largest
+        )  # steps are solved to 1e-5 of their forces
 
 
 @pytest.mark.parametrize("method", ["condensed flow", "HHR"])
 def test_the_correction_ranks_errors_of_forces_and_lessens_them(trained, known, method):
-    """Where the misfit of the stress says little: rank correlations of 0.2 and 0.8 with the same errors."""
+    """Where the misfit of the stress says little: rank correlations of 0.2 and 0.8 with the same
+    errors.
+    """
     correction, training, histories = known
     if method == "HHR":
-        model = hhr.build(trained[0], hhr.SnapshotSet.of_histories(training), hhr.Recipe.flowing().as_it_is())
+        model = hhr.build(
+            trained[0], hhr.SnapshotSet.of_histories(training), hhr.Recipe.flowing().as_it_is()
+        )
     else:
         model = trained[1]
     rows = []
     for exact in histories:
         found = model.march(exact.path, QUIET)
-        for here, there, better in zip(found.answers, exact.answers, correction.of(found), strict=True):
+        for here, there, better in zip(
+            found.answers, exact.answers, correction.of(found), strict=True
+        ):
             if there.forces().any():
-                wrong, left = (np.linalg.norm(item - there.forces()) for item in (here.forces(), better.forces))
+                wrong, left = (
+                    np.linalg.norm(item - there.forces()) for item in (here.forces(), better.forces)
+                )
                 rows.append((better.error, wrong, left))
                 assert better.error == pytest.approx(np.linalg.norm(better.forces - here.forces()))
     indicator, wrong, left = np.array(rows).T
@@ -156,7 +190,9 @@ def test_what_the_correction_is_not_for(known):
 def test_modes_hold_small_states_and_no_round_off(chunk, monkeypatch):
     monkeypatch.setattr(module, "CHUNK", chunk)
     ways = np.linalg.qr(np.random.default_rng(0).normal(size=(50, 4)))[0]
-    large, small, tiny, noise = (size * way for size, way in zip((1.0, 1e-2, 1e-4, 1e-9), ways.T, strict=True))
+    large, small, tiny, noise = (
+        size * way for size, way in zip((1.0, 1e-2, 1e-4, 1e-9), ways.T, strict=True)
+    )
     modes = state_modes([large, large + small, small, tiny, noise, np.zeros(50)], 1e-6)
     assert modes.T @ modes == pytest.approx(np.eye(modes.shape[1]), abs=1e-12)
     left = [np.linalg.norm(way - modes @ (modes.T @ way)) for way in ways.T]
@@ -166,7 +202,9 @@ def test_modes_hold_small_states_and_no_round_off(chunk, monkeypatch):
 
 
 def test_what_stays_behind_trained_part_loads(trained):
-    """Trained at full load, and at 30 and 50 % of it: by their sizes, 90 and 20 % of that stress were wrong."""
+    """Trained at full load, and at 30 and 50 % of it: by their sizes, 90 and 20 % of that stress
+    were wrong.
+    """
     full, _, known = trained
     parts = (0.5, -0.03), (0.5, 0.03), (0.8, -0.05), (0.8, 0.05)
     known = known + [full.march(up_and_down(*load, 10)) for load in parts]
@@ -174,7 +212,10 @@ def test_what_stays_behind_trained_part_loads(trained):
     for exact in known:
         here, there = model.march(exact.path, condensing.QUIET).answers[-1], exact.answers[-1]
         for name in ("stress", "plastic_strain"):
-            assert relative_error(*(getattr(answer, name)().ravel() for answer in (here, there))) < 0.05
+            assert (
+                relative_error(*(getattr(answer, name)().ravel() for answer in (here, there)))
+                < 0.05
+            )
 
 
 @pytest.mark.parametrize("name", ["stress", "plastic strain"])
@@ -184,11 +225,16 @@ def test_limits_look_at_stress_and_plastic_strain(name, error, outcome):
     none, wrong = np.full(2, 1e-3), np.array([1e-3, error])
     fields = (wrong, none) if name == "stress" else (none, wrong)
     rows = list(zip(["path 1", "path 2"], none, none, *fields, strict=True))
-    comparison, limits = Comparison.of(rows, ("stress", "plastic strain")), FlowLimits.of(TrustLimits.of_histories())
+    comparison, limits = (
+        Comparison.of(rows, ("stress", "plastic strain")),
+        FlowLimits.of(TrustLimits.of_histories()),
+    )
     if outcome is None:
         check_comparison(comparison, limits)
     elif outcome == "warned":
-        with pytest.warns(StabilityWarning, match=f"the {name} error, .* is 12.0% at 95 % .* at path 2"):
+        with pytest.warns(
+            StabilityWarning, match=f"the {name} error, .* is 12.0% at 95 % .* at path 2"
+        ):
             check_comparison(comparison, limits)
     else:
         with pytest.raises(UnstableModelError, match=f"the {name} error"):

@@ -1,4 +1,6 @@
-"""Cubature: points and weights beside scipy's non-negative least squares, and histories on them beside full ones."""
+"""Cubature: points and weights beside scipy's non-negative least squares, and histories on them
+beside full ones.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,10 @@ def smooth(rows: int, points: int, seed: int = 0) -> np.ndarray:
     """Waves on random points of a square, with the weights of a quadrature."""
     generator = np.random.default_rng(seed)
     places, weights = generator.random((points, 2)), generator.uniform(0.3, 1, points) / points
-    waves = [np.cos(places @ generator.normal(size=2) * 8 + generator.uniform(0, 6)) + 0.3 for _ in range(rows)]
+    waves = [
+        np.cos(places @ generator.normal(size=2) * 8 + generator.uniform(0, 6)) + 0.3
+        for _ in range(rows)
+    ]
     return np.array([wave / (1 + number / 20) for number, wave in enumerate(waves)]) * weights
 
 
@@ -29,20 +34,28 @@ def noisy(rows: int, points: int, seed: int = 0) -> np.ndarray:
 def misfit_of(rows: np.ndarray, found: Cubature) -> float:
     """|A w - A 1| / |A 1|."""
     wanted = rows.sum(axis=1)
-    return float(np.linalg.norm(rows[:, found.points] @ found.weights - wanted) / np.linalg.norm(wanted))
+    return float(
+        np.linalg.norm(rows[:, found.points] @ found.weights - wanted) / np.linalg.norm(wanted)
+    )
 
 
 def sound(rows: np.ndarray, found: Cubature) -> bool:
     """Whether points increase, weights are positive, and the misfit is what it says."""
     increasing = np.diff(found.points).min(initial=1) > 0
-    return bool(increasing and (found.weights > 0).all()) and found.misfit == pytest.approx(misfit_of(rows, found))
+    return bool(increasing and (found.weights > 0).all()) and found.misfit == pytest.approx(
+        misfit_of(rows, found)
+    )
 
 
 @pytest.mark.parametrize("make, share", [(smooth, 0.6), (noisy, 0.75)])
 def test_a_search_goes_on_from_another_cubature(make, share, monkeypatch):
-    """For more integrals and a finer tolerance: as few points as from nothing, after few of the additions."""
+    """For more integrals and a finer tolerance: as few points as from nothing, after few of the
+    additions.
+    """
     rows, added, add = make(120, 2500), [], cubature._Factor.add
-    monkeypatch.setattr(cubature._Factor, "add", lambda *arguments: added.append(None) or add(*arguments))
+    monkeypatch.setattr(
+        cubature._Factor, "add", lambda *arguments: added.append(None) or add(*arguments)
+    )
     first = fitted(rows[:80], 1e-3)
     counts, found = [], []
     for start in (None, first):
@@ -54,7 +67,9 @@ def test_a_search_goes_on_from_another_cubature(make, share, monkeypatch):
     assert warm.points.size <= 1.05 * cold.points.size and counts[1] < share * counts[0]
     # points that say the same, or nothing, and more than are allowed
     twins = np.hstack([rows, rows[:, first.points], np.zeros((120, 1))])
-    places = np.append(np.concatenate([first.points, 2500 + np.arange(first.points.size)]), twins.shape[1] - 1)
+    places = np.append(
+        np.concatenate([first.points, 2500 + np.arange(first.points.size)]), twins.shape[1] - 1
+    )
     again = fitted(twins, 3e-4, start=Cubature(places, np.ones(places.size), 0.0))
     assert sound(twins, again) and again.misfit <= 3e-4
     assert fitted(rows, 3e-4, most=10, start=first).points.size <= 10
@@ -66,7 +81,9 @@ def test_a_search_goes_on_from_another_cubature(make, share, monkeypatch):
      (noisy, (40, 2500), 1e-2, 25), (noisy, (40, 2500), 1e-4, 36), (noisy, (30, 800), 1e-13, 30)],
 )  # fmt: skip
 def test_tolerance_is_met_with_few_points(make, size, tolerance, most):
-    """At most one for each integral, and 15 % more than one at a time of all candidates: 28, 39, 22 and 32 of these."""
+    """At most one for each integral, and 15 % more than one at a time of all candidates: 28, 39, 22
+    and 32 of these.
+    """
     rows = make(*size)
     found = fitted(rows, tolerance)
     assert sound(rows, found) and found.misfit <= tolerance and found.points.size <= most
@@ -89,7 +106,9 @@ def test_iteration_ends_where_that_of_scipy_does(seed):
 
 
 def test_hard_tables():
-    """Points that do nothing, points twice, rows twice, and rows and points of very different size."""
+    """Points that do nothing, points twice, rows twice, and rows and points of very different
+    size.
+    """
     rows = smooth(20, 600)
     generator = np.random.default_rng(3)
     rows[:, ::7] = 0

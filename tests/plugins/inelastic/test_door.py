@@ -48,8 +48,16 @@ def outside_paths():
     """Paths by name that the demo's training does not hold."""
     down = np.concatenate([RAMP, 1 - RAMP[1:17]])
     yield "unloading", demo.history(np.arange(37) / 20, down, 10.0)
-    yield "hold of 10 s", demo.history(np.concatenate([RAMP, 1 + np.arange(1, 11)]), np.append(RAMP, np.ones(10)), 10.0)
-    yield "hold of 0.3 s", demo.history(np.append(RAMP, [1.1, 1.2, 1.3]), np.append(RAMP, np.ones(3)), 10.0)
+    yield (
+        "hold of 10 s",
+        demo.history(
+            np.concatenate([RAMP, 1 + np.arange(1, 11)]), np.append(RAMP, np.ones(10)), 10.0
+        ),
+    )
+    yield (
+        "hold of 0.3 s",
+        demo.history(np.append(RAMP, [1.1, 1.2, 1.3]), np.append(RAMP, np.ones(3)), 10.0),
+    )
     yield "100 times slower", demo.history(100 * RAMP, RAMP, 10.0)
     yield "100 times faster", demo.history(RAMP / 100, RAMP, 10.0)
     yield "twice as slow", demo.history(2 * RAMP, RAMP, 10.0)
@@ -65,14 +73,18 @@ def test_a_path_that_was_not_trained_is_warned_of(reduction, path):
 
 def test_a_refusal_keeps_the_history(reduction):
     path = demo.history(np.append(RAMP, 3.0), np.append(RAMP, 1.0), 10.0)
-    with pytest.raises(OutsideTrainingError, match=r"step 21.*P1 changes by 0 per second \(trained 450") as caught:
+    with pytest.raises(
+        OutsideTrainingError, match=r"step 21.*P1 changes by 0 per second \(trained 450"
+    ) as caught:
         reduction.march(path, hhr.MarchSettings(outside="refuse"))
     assert len(caught.value.history.answers) == 20
 
 
 @pytest.mark.parametrize("gap, steps", [(6.0, 20), (10.0, 20), (12.0, 10), (9.0, 60)])
 def test_unseen_gaps_are_not_warned_of(demo_pellet, reduction, gap, steps):
-    """Trained on the ends of the gap: the errors of the demo hold on a coarse mesh, and in the middle less."""
+    """Trained on the ends of the gap: the errors of the demo hold on a coarse mesh, and in the
+    middle less.
+    """
     full, training = demo_pellet
     with warnings.catch_warnings(action="error", category=OutsideTrainingWarning):
         found = reduction.march(demo.path(gap, steps))
@@ -85,12 +97,19 @@ def test_unseen_gaps_are_not_warned_of(demo_pellet, reduction, gap, steps):
     assert relative_error(here.multipliers, there.forces()[reduction.fields.A_lambda]) < 0.1
     assert relative_error(here.gauss.stress[:, 0], there.stress()[points][:, 0]) < 0.05
     assert relative_error(here.plastic_strain(), there.plastic_strain()) < 0.02
-    assert len(reduction.flow.cells) < len(full.problem.cell_nodes) and reduction.offline.further["tangent"] > 0
+    assert (
+        len(reduction.flow.cells) < len(full.problem.cell_nodes)
+        and reduction.offline.further["tangent"] > 0
+    )
 
 
 def test_the_imbalance_alone_tells_of_a_path_inside_the_trained_rates(reduction):
-    """Rates widened so that a hold counts as trained: the forces out of balance on A still tell, and end a history."""
-    held = demo.history(np.concatenate([RAMP, 1 + np.arange(1, 11)]), np.append(RAMP, np.ones(10)), 10.0)
+    """Rates widened so that a hold counts as trained: the forces out of balance on A still tell,
+    and end a history.
+    """
+    held = demo.history(
+        np.concatenate([RAMP, 1 + np.arange(1, 11)]), np.append(RAMP, np.ones(10)), 10.0
+    )
     rates = {"slowest": np.full(3, -1e9), "fastest": np.full(3, 1e9)}
     wide = reduction.changed(trained=dataclasses.replace(reduction.trained, **rates))
     with pytest.warns(OutsideTrainingWarning, match="out of balance"):
@@ -102,11 +121,14 @@ def test_the_imbalance_alone_tells_of_a_path_inside_the_trained_rates(reduction)
 
 
 def test_an_imbalance_needs_no_unit_and_no_projection(demo_pellet, reduction):
-    """In the full model it is the tolerance of the solver, in the reduced one what the modes leave on A."""
+    """In the full model it is the tolerance of the solver, in the reduced one what the modes leave
+    on A.
+    """
     full, histories = demo_pellet
     model = full.equilibrium
     sizes = [
-        model.residual(step.unknown, step.state(), model.amplitudes(step.parameter))[1] for step in histories[0].answers
+        model.residual(step.unknown, step.state(), model.amplitudes(step.parameter))[1]
+        for step in histories[0].answers
     ]
     largest = max(np.linalg.norm(size) for size in sizes)
     solved = max(sign.imbalance for sign in histories[0].signs)
@@ -116,7 +138,10 @@ def test_an_imbalance_needs_no_unit_and_no_projection(demo_pellet, reduction):
 
 def test_rates_and_places_in_words():
     space = ParameterSpace(("load", "gap"), (0.0, 0.0), (10.0, 1.0))
-    paths = [[(0.0, np.array([0.0, gap])), (1.0, np.array([4.0, gap])), (2.0, np.array([10.0, gap]))] for gap in (0, 1)]
+    paths = [
+        [(0.0, np.array([0.0, gap])), (1.0, np.array([4.0, gap])), (2.0, np.array([10.0, gap]))]
+        for gap in (0, 1)
+    ]
     trained = TrainedPaths.of(paths, space, Known([[Signs(1.0, 10.0, 0.0)]], [], 1.0))
     here = np.array([4.0, 0.5])
     assert trained.complaint(1.0, here, np.array([9.0, 0.5])) == ""
@@ -137,11 +162,16 @@ def test_laws_without_rates_know_ways_and_no_paces():
         assert trained.complaint(seconds, here, here + np.array([2.0, 0.2])) == ""
         assert trained.complaint(seconds, here, here - [2.0, 0.1]) == ""
         assert trained.complaint(seconds, here, here) == ""
-        assert "gap changes by -1.1 per whole range of what changes most (trained -0.44 to 1.1)" in trained.complaint(
-            seconds, here, here - [0.0, 0.1]
+        assert (
+            "gap changes by -1.1 per whole range of what changes most (trained -0.44 to 1.1)"
+            in trained.complaint(seconds, here, here - [0.0, 0.1])
         )
-    rated = dataclasses.replace(trained, rated=True, slowest=np.array([-10.0, -0.4]), fastest=np.array([10.0, 1.0]))
-    assert "load changes by 2000 per second" in rated.complaint(1e-3, here, here + np.array([2.0, 0.2]))
+    rated = dataclasses.replace(
+        trained, rated=True, slowest=np.array([-10.0, -0.4]), fastest=np.array([10.0, 1.0])
+    )
+    assert "load changes by 2000 per second" in rated.complaint(
+        1e-3, here, here + np.array([2.0, 0.2])
+    )
 
 
 @pytest.mark.parametrize("law, rated", [(hhr.Plasticity(1.0), False), (hhr.Norton(1.0, 2.0), True)])
@@ -151,7 +181,9 @@ def test_materials_know_whether_they_have_rates(law, rated):
 
 
 def test_tangents_that_are_not_positive_refuse_a_model(demo_pellet):
-    """Without growth the RID stays too small for its modes: refused, whatever the elastic operator looks like."""
+    """Without growth the RID stays too small for its modes: refused, whatever the elastic operator
+    looks like.
+    """
     full, histories = demo_pellet
     nodes = (Deim(), ForceDeim(1e-2), StressDeim(1e-2), FlowDeim(1e-2), LoadNodes())
     small = hhr.Recipe.flowing(basis=Pod(1e-10), nodes=nodes, domain=Rid(0, 0))
@@ -222,13 +254,22 @@ def test_histories_of_another_mesh(demo_pellet):
 
 @pytest.mark.parametrize(
     "changes",
-    [{"iterations": 0}, {"cuts": -1}, {"relative_force": -1.0}, {"relative_stress": np.nan}, {"floor_stress": 2.0},
-     {"search": "newton"}, {"outside": "maybe"},
-     *({"time_tolerance": value} for value in (0.0, -1.0, 1.0, 1e-6, np.nan, True, "fine"))],
-)  # fmt: skip
+    [
+        {"iterations": 0},
+        {"cuts": -1},
+        {"relative_force": -1.0},
+        {"relative_stress": np.nan},
+        {"floor_stress": 2.0},
+        {"search": "newton"},
+        {"outside": "maybe"},
+        *({"time_tolerance": value} for value in (0.0, -1.0, 1.0, 1e-6, np.nan, True, "fine")),
+    ],
+)
 def test_settings_of_a_march_that_mean_nothing(changes):
     (name,) = changes
-    said = "search 'newton' is unknown, one of tangent, frozen, elastic" if name == "search" else name
+    said = (
+        "search 'newton' is unknown, one of tangent, frozen, elastic" if name == "search" else name
+    )
     with pytest.raises(ParameterError, match=said):
         hhr.MarchSettings(**changes)
 
@@ -236,13 +277,21 @@ def test_settings_of_a_march_that_mean_nothing(changes):
 FIRST, LAST = demo.path(10.0)[0][1], demo.path(10.0)[-1][1]
 
 
-@pytest.mark.parametrize(("path", "words"), [
-    ([], "the path is empty"), ([(0.0, FIRST), (np.inf, LAST)], "times must be finite"),
-    ([(0.0, FIRST), (-1.0, LAST)], "times must increase"), ([(0.0, FIRST), (0.0, LAST)], "times must increase"),
-    ([(0.0, FIRST), (1.0, LAST * np.nan)], "is not finite"), ([(0.0, FIRST), (1.0, 9 * LAST)], "is outside"),
-    ([(0.0, FIRST[:2])], "expected 3 parameters"), ([(0.0, 1.0, 2.0)], "a list of pairs"),
-    ([1.0, 2.0], "a list of pairs"), ([("soon", [0.0] * 3)], "a list of pairs"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("path", "words"),
+    [
+        ([], "the path is empty"),
+        ([(0.0, FIRST), (np.inf, LAST)], "times must be finite"),
+        ([(0.0, FIRST), (-1.0, LAST)], "times must increase"),
+        ([(0.0, FIRST), (0.0, LAST)], "times must increase"),
+        ([(0.0, FIRST), (1.0, LAST * np.nan)], "is not finite"),
+        ([(0.0, FIRST), (1.0, 9 * LAST)], "is outside"),
+        ([(0.0, FIRST[:2])], "expected 3 parameters"),
+        ([(0.0, 1.0, 2.0)], "a list of pairs"),
+        ([1.0, 2.0], "a list of pairs"),
+        ([("soon", [0.0] * 3)], "a list of pairs"),
+    ],
+)
 def test_paths_that_are_none(demo_pellet, path, words):
     with pytest.raises(ParameterError, match=words):
         demo_pellet[0].march(path)
@@ -268,13 +317,19 @@ def test_an_interrupt_keeps_the_steps_before(demo_pellet, monkeypatch):
 def legs(*corners, steps=10):
     """Piecewise linear through corners (A, B), a second for each leg."""
     times = np.linspace(0, len(corners) - 1, (len(corners) - 1) * steps + 1)
-    values = [np.interp(times, np.arange(len(corners)), [corner[k] for corner in corners]) for k in (0, 1)]
+    values = [
+        np.interp(times, np.arange(len(corners)), [corner[k] for corner in corners]) for k in (0, 1)
+    ]
     return list(zip(times, np.stack(values, axis=1), strict=True))
 
 
 def test_contact_that_training_never_saw_is_said_and_found(cantilever):
-    """Lifted first, then pressed: never touching in training, 178 % wrong without a word where it touches."""
-    histories = [cantilever.march(legs((0, 0), (0, b), (a, b))) for b, a in ((0.15, 0.12), (0.2, 0.18))]
+    """Lifted first, then pressed: never touching in training, 178 % wrong without a word where it
+    touches.
+    """
+    histories = [
+        cantilever.march(legs((0, 0), (0, b), (a, b))) for b, a in ((0.15, 0.12), (0.2, 0.18))
+    ]
     assert not any(answer.forces().any() for history in histories for answer in history.answers)
     with pytest.warns(StabilityWarning, match="no training solution has contact"):
         reduction = hhr.build(cantilever, of(histories))
@@ -291,28 +346,45 @@ def test_contact_that_training_never_saw_is_said_and_found(cantilever):
 
 def test_an_overlap_outside_of_the_reduced_domain_is_said():
     space = ParameterSpace(("load",), (0.0,), (10.0,))
-    path, known = [(0.0, np.zeros(1)), (1.0, np.ones(1))], Known([[Signs(1.0, 10.0, 1e-4)]], [], 1.0)
+    path, known = (
+        [(0.0, np.zeros(1)), (1.0, np.ones(1))],
+        Known([[Signs(1.0, 10.0, 1e-4)]], [], 1.0),
+    )
     trained = TrainedPaths.of([path], space, known)
     watch = Watch(trained, "warn")
     with warnings.catch_warnings(action="error", category=OutsideTrainingWarning):
-        watch.after(1, 0.5, Signs(1.0, 10.0, 2e-3))  # a thousandth of the length is round-off, three times it allowed
-    with pytest.warns(OutsideTrainingWarning, match="overlap by 0.01 where the reduced domain does not look"):
+        watch.after(
+            1, 0.5, Signs(1.0, 10.0, 2e-3)
+        )  # a thousandth of the length is round-off, three times it allowed
+    with pytest.warns(
+        OutsideTrainingWarning, match="overlap by 0.01 where the reduced domain does not look"
+    ):
         watch.after(2, 1.0, Signs(1.0, 10.0, 1e-2))
 
 
 def test_histories_held_out_may_come_from_a_generator(demo_pellet):
     full, histories = demo_pellet
-    reduction = hhr.build(full, of(iter(histories)), RECIPE, of(history for history in histories[:1]))
-    assert reduction.offline.comparison.labels == ["trained history 0", "trained history 1", "held-out history 0"]
+    reduction = hhr.build(
+        full, of(iter(histories)), RECIPE, of(history for history in histories[:1])
+    )
+    assert reduction.offline.comparison.labels == [
+        "trained history 0",
+        "trained history 1",
+        "held-out history 0",
+    ]
     with pytest.raises(ReductionError, match="not a single one"):
         of(histories[0])
     with pytest.raises(ReductionError, match="what march returns"):
         of([None])
 
 
-@pytest.mark.parametrize("law", [hhr.Plasticity(1.0, 5.0), hhr.Plasticity(1.0), hhr.Norton(2.0, 4.0)])
+@pytest.mark.parametrize(
+    "law", [hhr.Plasticity(1.0, 5.0), hhr.Plasticity(1.0), hhr.Norton(2.0, 4.0)]
+)
 def test_a_rigid_motion_is_one_step(law):
-    """The boundary moves by 20 times the yield strain: points behind it must not flow on the way."""
+    """The boundary moves by 20 times the yield strain: points behind it must not flow on the
+    way.
+    """
     up, down = block.side(1, True), block.side(1, False)
     moved = (hhr.Displacement(tag, 1, slope("move")) for tag in (down, up))
     scene = block_scene(

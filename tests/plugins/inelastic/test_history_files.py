@@ -1,4 +1,7 @@
-"""Histories in a store: what was solved is never solved again, whatever ended the run; and only what is the same."""
+"""Histories in a store: what was solved is never solved again, whatever ended the run.
+
+And only what is the same.
+"""
 
 from collections import Counter
 from dataclasses import dataclass, replace
@@ -27,12 +30,17 @@ from hhr_dolfinx.snapshots.store import _digest_of
 
 PATH = demo.path(10.0, flowing.STEPS)
 RENEWED = hhr.MarchSettings("tangent")
-"""New tangents in each iteration: nothing but answers passes from step to step, and a resumed history is the same."""
+"""New tangents in each iteration: nothing but answers passes from step to step, and a resumed
+history is the same.
+"""
 LONG, KEPT = demo.path(10.0, 20), 12
-"""The twelfth of these steps leaves its tangent to the next one: it takes four iterations, at most ``WAIT``."""
+"""The twelfth of these steps leaves its tangent to the next one: it takes four iterations, at most
+``WAIT``.
+"""
 MOVED = 1e-4
-"""A resumed history has another tangent there; both end where a step moves the stress by ``relative_stress`` = 1e-5 of
-itself, in several iterations. Measured: 9e-6."""
+"""A resumed history has another tangent there; both end where a step moves the stress by
+``relative_stress`` = 1e-5 of itself, in several iterations. Measured: 9e-6.
+"""
 
 
 @pytest.fixture(scope="module")
@@ -66,12 +74,17 @@ def computed(full, folder, path=PATH, settings=RENEWED):
 
 
 def bits(history):
-    parts = [(a.unknown, a.multipliers, a.active, a.gauss.stress, *a.gauss.state) for a in history.answers]
+    parts = [
+        (a.unknown, a.multipliers, a.active, a.gauss.stress, *a.gauss.state)
+        for a in history.answers
+    ]
     return [part.tobytes() for step in parts for part in step]
 
 
 def interrupted(monkeypatch, folder, run, steps=3, error=KeyboardInterrupt()):  # noqa: B008
-    """A run in which the law of the cladding raises once some steps are kept; what it ended with."""
+    """A run in which the law of the cladding raises once some steps are kept; what it ended
+    with.
+    """
     update = LawProgram.update
 
     def ending(self, *arguments, **how):
@@ -90,7 +103,9 @@ def interrupted(monkeypatch, folder, run, steps=3, error=KeyboardInterrupt()):  
 # ---------------------------------------------------------------- runs that ended
 
 
-@pytest.mark.parametrize("error", [KeyboardInterrupt(), ConvergenceError("no root")], ids=["interrupt", "failed step"])
+@pytest.mark.parametrize(
+    "error", [KeyboardInterrupt(), ConvergenceError("no root")], ids=["interrupt", "failed step"]
+)
 def test_a_history_goes_on_behind_its_last_file(error, full, whole, solved, tmp_path, monkeypatch):
     ended = interrupted(monkeypatch, tmp_path, lambda: computed(full, tmp_path), error=error)
     assert len(ended.history.answers) == len(list(tmp_path.glob("*.npz"))) == 3
@@ -106,15 +121,25 @@ def test_a_history_goes_on_behind_its_last_file(error, full, whole, solved, tmp_
 
 
 def test_large_histories_stay_on_the_disk(full, whole, solved, tmp_path, monkeypatch):
-    """Solved, resumed and read: the same bits, which lie in the files and take no memory of their own."""
+    """Solved, resumed and read: the same bits, which lie in the files and take no memory of their
+    own.
+    """
     for module in (files, store_of_gauss_points):
         monkeypatch.setattr(module, "MAPPED", 1)
     interrupted(monkeypatch, tmp_path, lambda: computed(full, tmp_path))
     for found in (3, flowing.STEPS):
         history, store = computed(full, tmp_path)
-        assert store.found == found and bits(history) == bits(whole) and history.iterations == whole.iterations
+        assert (
+            store.found == found
+            and bits(history) == bits(whole)
+            and history.iterations == whole.iterations
+        )
         assert [answer.time for answer in history.answers] == [time for time, _ in PATH[1:]]
-        arrays = [array for answer in history.answers for array in (answer.gauss.stress, *answer.gauss.state)]
+        arrays = [
+            array
+            for answer in history.answers
+            for array in (answer.gauss.stress, *answer.gauss.state)
+        ]
         assert all(on_disk(array) for array in arrays)
     assert solved["steps"] == flowing.STEPS + 1, "the interrupted step and no other is solved twice"
     # whoever writes into an answer changes neither the file nor what is read of it next
@@ -156,7 +181,9 @@ def test_a_killed_run_leaves_whole_steps(full, whole, solved, tmp_path):
     assert len(list(tmp_path.glob("*.npz"))) == 3 and len(list(tmp_path.glob("*.part"))) == 1
     history, store = computed(full, tmp_path)
     # another process assembles the same bits, or nothing would be found
-    assert store.found == 3 and solved["steps"] == flowing.STEPS - 3 and bits(history) == bits(whole)
+    assert (
+        store.found == 3 and solved["steps"] == flowing.STEPS - 3 and bits(history) == bits(whole)
+    )
     assert not list(tmp_path.glob("*.part"))
 
 
@@ -170,12 +197,17 @@ def test_a_damaged_step_is_warned_of_and_solved_anew(full, whole, solved, tmp_pa
     with pytest.warns(SnapshotFileWarning, match=f"{path.name}.*solved anew"):
         history, store = computed(full, tmp_path)
     # what follows is solved from the new step
-    assert store.found == 3 and solved["steps"] == flowing.STEPS - 3 and bits(history) == bits(whole)
+    assert (
+        store.found == 3 and solved["steps"] == flowing.STEPS - 3 and bits(history) == bits(whole)
+    )
     assert computed(full, tmp_path)[1].found == flowing.STEPS
 
 
 def test_a_training_is_resumed(solved, tmp_path, monkeypatch):
-    scene, paths = demo.scene(**flowing.SMALL_MESH), [demo.path(gap, flowing.STEPS) for gap in (5.0, 12.0)]
+    scene, paths = (
+        demo.scene(**flowing.SMALL_MESH),
+        [demo.path(gap, flowing.STEPS) for gap in (5.0, 12.0)],
+    )
 
     def train():
         return hhr.train(scene, paths, folder=tmp_path, march=RENEWED)
@@ -187,13 +219,17 @@ def test_a_training_is_resumed(solved, tmp_path, monkeypatch):
     (skipped,) = [item["why"] for item in training.log.skipped if item["stage"] == "snapshots"]
     assert skipped.startswith(f"{flowing.STEPS + 2} of {2 * flowing.STEPS} answers were read")
     expected = [training.full_order.march(path, RENEWED) for path in paths]
-    assert [bits(history) for history in training.snapshots.histories] == [bits(history) for history in expected]
+    assert [bits(history) for history in training.snapshots.histories] == [
+        bits(history) for history in expected
+    ]
 
 
 def test_unloaded_bodies_are_solutions_too(tmp_path):
     """Beside no forces at all the last digits of those before would be a residual of any size."""
     scene = pressed_block("plane_strain")
-    full = hhr.FullOrderModel(replace(scene, bodies=(replace(scene.bodies[0], law=hhr.Plasticity(1e9)),)))
+    full = hhr.FullOrderModel(
+        replace(scene, bodies=(replace(scene.bodies[0], law=hhr.Plasticity(1e9)),))
+    )
     path = [(float(k), (push,)) for k, push in enumerate((0.0, 0.05, 0.1, 0.05, 0.0))]
     computed(full, tmp_path, path)
     assert computed(full, tmp_path, path)[1].found == 4
@@ -201,10 +237,14 @@ def test_unloaded_bodies_are_solutions_too(tmp_path):
 
 def test_histories_of_elastic_bodies(tmp_path):
     full = hhr.FullOrderModel(pressed_block("plane_strain"))
-    (history, _), (again, store) = (computed(full, tmp_path, [(k, (0.05 * k,)) for k in (0.0, 1.0, 2.0)]) for _ in "12")
+    (history, _), (again, store) = (
+        computed(full, tmp_path, [(k, (0.05 * k,)) for k in (0.0, 1.0, 2.0)]) for _ in "12"
+    )
     assert store.found == 2
     for one, two in zip(again.answers, history.answers, strict=True):
-        assert np.array_equal(one.unknown, two.unknown) and one.time == two.time and one.fields is full
+        assert (
+            np.array_equal(one.unknown, two.unknown) and one.time == two.time and one.fields is full
+        )
 
 
 # ---------------------------------------------------------------- the same, and no other
@@ -267,9 +307,13 @@ class Table:
 
 def digest(law=None, groups=None):
     full = BareFull(bare_problem())
-    groups = (Group(np.arange(3), 1.0, 0.3, law and program_of(law, 4)),) if groups is None else groups
+    groups = (
+        (Group(np.arange(3), 1.0, 0.3, law and program_of(law, 4)),) if groups is None else groups
+    )
     material = SimpleNamespace(groups=groups, gauss_points=3, components=4, remembered=0)
-    full.equilibrium = SimpleNamespace(reader="inelastic", material=material, eigenstrains=csc_matrix((12, 1)))
+    full.equilibrium = SimpleNamespace(
+        reader="inelastic", material=material, eigenstrains=csc_matrix((12, 1))
+    )
     return _digest_of(full)
 
 
@@ -277,7 +321,9 @@ def test_laws_are_told_apart_by_what_they_state():
     """Programs and constants, not names of classes."""
     numbers = [(1.0, 2.0), (2.0, 1.0), (1.0, 2.0 + 1e-12)]
     laws = [kind(*pair) for kind in (hhr.Plasticity, hhr.Norton, Bingham) for pair in numbers]
-    digests = [digest(law) for law in (None, hhr.Plasticity("s", 2.0), hhr.Plasticity("t", 2.0), *laws)]
+    digests = [
+        digest(law) for law in (None, hhr.Plasticity("s", 2.0), hhr.Plasticity("t", 2.0), *laws)
+    ]
     assert len(set(digests)) == len(digests)
     renamed = type("Renamed", (Bingham,), {})
     assert digest(renamed(1.0, 2.0)) == digest(Bingham(1.0, 2.0))
@@ -289,7 +335,9 @@ def test_amplitudes_are_told_apart_by_what_they_are_at_a_point(tmp_path):
     stores = []
     for given in ((), *((table,) for table in tables)):
         amplitudes = Amplitudes(np.ones(1), np.zeros((1, 2)), given)
-        stores.append(hhr.SnapshotStore(tmp_path, BareFull(replace(bare_problem(), amplitudes=amplitudes))))
+        stores.append(
+            hhr.SnapshotStore(tmp_path, BareFull(replace(bare_problem(), amplitudes=amplitudes)))
+        )
     point = np.array([0.5, 3.0])
     assert len({str(store._path(store.query_at(point))) for store in stores}) == 3
     same = np.array([1.0, 1.0])

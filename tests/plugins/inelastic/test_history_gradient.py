@@ -53,14 +53,20 @@ def moved(material, given, along, way, step):
     numbers = material.given[0].constants[:, 0] + step * along.constants[0][:, 0, way]
     law = group.law.with_numbers(dict(zip(group.law.constants, numbers[2:].tolist(), strict=True)))
     shifted = Material([Group(group.indices, float(numbers[0]), POISSON, law)], law.strains)
-    old = State(*(part + step * change[..., way] for part, change in zip(given.old, along.old, strict=True)))
-    return shifted.update(given.strain + step * along.strain[..., way], old, given.dt, tangent=False)
+    old = State(
+        *(part + step * change[..., way] for part, change in zip(given.old, along.old, strict=True))
+    )
+    return shifted.update(
+        given.strain + step * along.strain[..., way], old, given.dt, tangent=False
+    )
 
 
 @pytest.mark.parametrize("plane_stress", [False, True])
 @pytest.mark.parametrize("name", LAWS)
 def test_derivatives_of_laws_are_those_of_their_steps(name, plane_stress):
-    """Central differences of the update along strain, old state, E and constants together, at points without a kink."""
+    """Central differences of the update along strain, old state, E and constants together, at
+    points without a kink.
+    """
     law = LAWS[name].at_points(4, plane_stress=plane_stress)
     material, given, rng = given_states(law, 60)
     ways = 2
@@ -78,15 +84,25 @@ def test_derivatives_of_laws_are_those_of_their_steps(name, plane_stress):
         more, less = (moved(material, given, along, way, sign * step) for sign in (1, -1))
         clear = found.reach[:, way] > 10 * step
         assert clear.mean() > 0.9
-        pairs = zip((more.stress, *more.state), (less.stress, *less.state), (found.stress, *found.state), strict=True)
+        pairs = zip(
+            (more.stress, *more.state),
+            (less.stress, *less.state),
+            (found.stress, *found.state),
+            strict=True,
+        )
         for high, low, slopes in pairs:
             right = (high - low)[clear] / (2 * step)
             if right.size:
-                assert slopes[clear][..., way] == pytest.approx(right, abs=max(2e-5 * np.abs(right).max(), 1e-10))
+                assert slopes[clear][..., way] == pytest.approx(
+                    right, abs=max(2e-5 * np.abs(right).max(), 1e-10)
+                )
 
 
 def test_a_kink_is_found_at_its_point_alone():
-    """One of three points ends exactly on its yield surface; the others are a million times as far from theirs."""
+    """One of three points ends exactly on its yield surface.
+
+    The others are a million times as far from theirs.
+    """
     law = hhr.Plasticity(1.0, 5.0).at_points(4)
     material = Material([Group(np.arange(3), YOUNG, POISSON, law)], 4)
     shear = YOUNG / (2 + 2 * POISSON)
@@ -114,11 +130,14 @@ def pulled(law, **space):
 
 
 def relaxed(pull, start, hardening, resistance, durations, exponent=4.0):
-    """Stress of a bar pulled at once, and then held for some durations: one equation for each step of implicit Euler.
+    """Stress of a bar pulled at once, and then held for some durations: one equation for each step
+    of implicit Euler.
 
     It takes complex numbers, of which the imaginary part is a derivative.
     """
-    stress = YOUNG * (start + hardening * pull) / (YOUNG + hardening)  # plastic at once, without time to creep
+    stress = (
+        YOUNG * (start + hardening * pull) / (YOUNG + hardening)
+    )  # plastic at once, without time to creep
     found = [stress]
     for duration in durations:
         before = stress
@@ -132,7 +151,9 @@ def relaxed(pull, start, hardening, resistance, durations, exponent=4.0):
 
 @pytest.mark.filterwarnings("ignore:the time steps of this history")
 def test_a_bar_that_relaxes_has_the_derivatives_of_its_closed_form():
-    """Plasticity with creep, pulled in an instant and held; the side moves by -ν σ/E - (pull - σ/E)/2.
+    """Plasticity with creep, pulled in an instant and held.
+
+    The side moves by -ν σ/E - (pull - σ/E)/2.
 
     In the limit of many steps σ^(1-m) = σ0^(1-m) + (m - 1) E t / K^m.
     """
@@ -141,9 +162,13 @@ def test_a_bar_that_relaxes_has_the_derivatives_of_its_closed_form():
     point = np.array([0.02, 1.0, 5.0, 3.0])
     durations = 0.1 * 1.4 ** np.arange(10)
     times = np.cumsum([0.0, 1e-9, *durations])
-    history = full.march([(0.0, point * [0, 1, 1, 1]), *((time, point) for time in times[1:])], ASKED)
+    history = full.march(
+        [(0.0, point * [0, 1, 1, 1]), *((time, point) for time in times[1:])], ASKED
+    )
     expected = relaxed(*point, durations)
-    slopes = np.array([np.imag(relaxed(*(point + 1e-30j * way), durations)) / 1e-30 for way in np.eye(4)])
+    slopes = np.array(
+        [np.imag(relaxed(*(point + 1e-30j * way), durations)) / 1e-30 for way in np.eye(4)]
+    )
     for place, answer in enumerate(history.answers):
         outputs = answer.outputs()
         side = -POISSON * expected[place] / YOUNG - (point[0] - expected[place] / YOUNG) / 2
@@ -160,9 +185,13 @@ def test_a_bar_that_relaxes_has_the_derivatives_of_its_closed_form():
     assert np.imag(changed) / 1e-30 == pytest.approx(by_resistance, rel=2e-3)
 
 
-@pytest.mark.parametrize("law", [hhr.Plasticity(1.0, 5.0), hhr.PlasticityWithCreep(1.0, 5.0, 20.0, 4.0)])
+@pytest.mark.parametrize(
+    "law", [hhr.Plasticity(1.0, 5.0), hhr.PlasticityWithCreep(1.0, 5.0, 20.0, 4.0)]
+)
 def test_derivatives_at_a_hold_of_a_load(law):
-    """Nothing yields in it that is held by a constant load, and what creeps goes on as differences of histories say."""
+    """Nothing yields in it that is held by a constant load, and what creeps goes on as differences
+    of histories say.
+    """
     full = hhr.FullOrderModel(tube(law, 0.9, cells=8))
     loaded = up(0.8, steps=4)
     path = [(time, point + 0.01) for time, point in [*loaded, (loaded[-1][0] + 0.1, loaded[-1][1])]]
@@ -171,13 +200,18 @@ def test_derivatives_at_a_hold_of_a_load(law):
         size = np.abs(before.gradient.unknown).max()
         assert held.gradient.unknown == pytest.approx(before.gradient.unknown, abs=1e-9 * size)
     shift = 1e-6 * np.ones(1)
-    ends = [full.march([(time, point + way * shift) for time, point in path], SHARP).answers[-1] for way in (1, -1)]
+    ends = [
+        full.march([(time, point + way * shift) for time, point in path], SHARP).answers[-1]
+        for way in (1, -1)
+    ]
     right = (ends[0].unknown - ends[1].unknown) / 2e-6
     assert held.gradient.unknown[:, 0] == pytest.approx(right, abs=1e-6 * np.abs(right).max())
 
 
 def drawn(law):
-    """Two blocks without friction: pressed, and the upper one drawn aside, which the lower one hardly feels."""
+    """Two blocks without friction: pressed, and the upper one drawn aside, which the lower one
+    hardly feels.
+    """
     top = two_blocks.side(two_blocks.SECOND, 1, True)
     return hhr.Scene(
         name="drawn",
@@ -187,7 +221,10 @@ def drawn(law):
         hypothesis="plane_strain",
         bodies=(hhr.Body(two_blocks.FIRST, 3.0, 0.3, law), hhr.Body(two_blocks.SECOND, 5.0, 0.3)),
         contacts=(
-            hhr.NodeToSurface(two_blocks.side(two_blocks.SECOND, 1, False), two_blocks.side(two_blocks.FIRST, 1, True)),
+            hhr.NodeToSurface(
+                two_blocks.side(two_blocks.SECOND, 1, False),
+                two_blocks.side(two_blocks.FIRST, 1, True),
+            ),
         ),
         parameters=hhr.ParameterSpace(("drag", "push"), (0.0, 0.0), (0.03, 0.06)),
         outputs=(hhr.ContactForce("force", 0, (0.0, 1.0)),),
@@ -200,14 +237,19 @@ def drawn(law):
 
 
 def test_derivatives_where_one_body_is_held_and_another_moves():
-    """Differences of laws over 1e-5 of the box were 5 to 37 % off there, since points of the held body are at yield."""
+    """Differences of laws over 1e-5 of the box were 5 to 37 % off there, since points of the held
+    body are at yield.
+    """
     full = hhr.FullOrderModel(drawn(hhr.Plasticity(0.03, 0.3)))
 
     def path(push):
         return [(0.0, [0.001, 0.001]), (1.0, [0.001, push]), (2.0, [0.024, push])]
 
     found = full.march(path(0.037), ASKED).answers[-1].outputs()
-    ends = [full.march(path(0.037 + step), SHARP).answers[-1].outputs()["force"] for step in (1e-5, -1e-5)]
+    ends = [
+        full.march(path(0.037 + step), SHARP).answers[-1].outputs()["force"]
+        for step in (1e-5, -1e-5)
+    ]
     assert found.gradient["force"][1] == pytest.approx((ends[0] - ends[1]) / 2e-5, rel=1e-5)
     assert not found.one_sided
 
@@ -217,7 +259,12 @@ def test_derivatives_of_a_step_that_ends_at_yield_are_one_sided():
     full = hhr.FullOrderModel(pulled(hhr.Plasticity(1.0, 5.0)))
     at_yield = 1.0 / YOUNG
     for share, expected in ((0.999, False), (1.0, True), (1.001, False)):
-        path = [(0.0, [0.0]), (1.0, [0.5 * at_yield]), (2.0, [share * at_yield]), (3.0, [2 * at_yield])]
+        path = [
+            (0.0, [0.0]),
+            (1.0, [0.5 * at_yield]),
+            (2.0, [share * at_yield]),
+            (3.0, [2 * at_yield]),
+        ]
         sides = [answer.gradient.one_sided for answer in full.march(path, ASKED).answers]
         assert sides == [False, expected, expected]
 

@@ -1,4 +1,6 @@
-"""The indicator of histories: what it measures, that it ranks, what it costs, and that it survives a file."""
+"""The indicator of histories: what it measures, that it ranks, what it costs, and that it survives
+a file.
+"""
 
 import dataclasses
 import time
@@ -24,11 +26,18 @@ from hhr_dolfinx.study.training.train import Training
 
 STEPS = 12
 SHARES = np.arange(STEPS + 1) / STEPS
-MESH = {"radial_cells": 8, "axial_cells": 12, "cladding_radial_cells": 3, "cladding_axial_cells": 10}
+MESH = {
+    "radial_cells": 8,
+    "axial_cells": 12,
+    "cladding_radial_cells": 3,
+    "cladding_axial_cells": 10,
+}
 
 
 def there_and_back(gap, steps=STEPS):
-    """Rates of this path hold those of a hold and of any slower path: ranges and rates cannot tell."""
+    """Rates of this path hold those of a hold and of any slower path: ranges and rates cannot
+    tell.
+    """
     shares = np.arange(steps + 1) / steps
     return demo.history(np.arange(2 * steps + 1) / steps, np.append(shares, shares[-2::-1]), gap)
 
@@ -41,7 +50,10 @@ def paths():
     yield "loaded again", demo.history(np.arange(again.size) / STEPS, again, 10.0)
     held = np.append(SHARES, np.ones(6))
     for seconds in (1.0, 10.0):
-        yield f"held for {seconds:g} s", demo.history(np.append(SHARES, 1 + seconds * np.arange(1, 7) / 6), held, 10.0)
+        yield (
+            f"held for {seconds:g} s",
+            demo.history(np.append(SHARES, 1 + seconds * np.arange(1, 7) / 6), held, 10.0),
+        )
     for factor in (10.0, 0.1):
         yield f"{factor:g} times slower", demo.history(factor * SHARES, SHARES, 10.0)
     for height in (0.6, 1.3):
@@ -60,7 +72,9 @@ def trained():
 @pytest.fixture(scope="module", params=["HHR", "condensed flow"])
 def model(request, trained):
     if request.param == "condensed flow":
-        return trained.condense(CorrectionSettings(modes=1e-3, cubature=5e-4, attempts=1, trust=None))
+        return trained.condense(
+            CorrectionSettings(modes=1e-3, cubature=5e-4, attempts=1, trust=None)
+        )
     return trained.build(demo.recipe(3e-9), checked=False)
 
 
@@ -85,10 +99,14 @@ def test_it_ranks_the_steps_of_histories(trained, model, exact):
         found = model.march(history.path, hhr.MarchSettings(outside="ignore"))
         estimates += [answer.estimate().primal_relative for answer in found.answers]
         errors += [
-            [relative_error(here.displacement(), there.displacement(), trained.full_order.problem.mass),
-             relative_error(here.stress().ravel(), there.stress().ravel())]
+            [
+                relative_error(
+                    here.displacement(), there.displacement(), trained.full_order.problem.mass
+                ),
+                relative_error(here.stress().ravel(), there.stress().ravel()),
+            ]
             for here, there in zip(found.answers, history.answers, strict=True)
-        ]  # fmt: skip
+        ]
     displacement, stress = np.transpose(errors)
     assert spearmanr(estimates, stress).statistic >= 0.95
     # displacements are mostly elastic, and those of condensed flow are right to a thousandth
@@ -114,7 +132,9 @@ def test_it_is_the_misfit_of_the_stress_to_its_modes(small):
     spoiled = answer.remembering(gauss=answer.gauss._replace(stress=stress + noise))
     expected = by_least_squares(reduced.fields.flow, stress + noise)
     assert reduced.known_error.startswith("indicator of the stress")
-    assert spoiled.estimate().primal_relative == pytest.approx(expected, rel=1e-10) and expected > 0.1
+    assert (
+        spoiled.estimate().primal_relative == pytest.approx(expected, rel=1e-10) and expected > 0.1
+    )
 
 
 def test_it_has_no_unit_and_no_preferred_sign(small):
@@ -153,12 +173,16 @@ def test_it_costs_less_than_a_step():
 
     history = model.march(path)
     march = min(seconds(lambda: model.march(path)) for _ in range(3))
-    estimates = min(seconds(lambda: [answer.estimate() for answer in history.answers]) for _ in range(3))
+    estimates = min(
+        seconds(lambda: [answer.estimate() for answer in history.answers]) for _ in range(3)
+    )
     assert estimates < 0.3 * march
 
 
 def test_the_door_of_few_points_sees_stress_that_was_never_trained():
-    """Ranges and rates widened, and plastic strain that counts as known: the stress alone still tells."""
+    """Ranges and rates widened, and plastic strain that counts as known: the stress alone still
+    tells.
+    """
     model = condensing.pellet()[2]
     inside, aside = condensing.loaded(9.0), condensing.loaded(9.0, height=1.4)
     trained = model.trained
@@ -167,13 +191,18 @@ def test_the_door_of_few_points_sees_stress_that_was_never_trained():
     wide = model.changed(trained=dataclasses.replace(trained, parameters=range_, **rates))
     with warnings.catch_warnings(action="error", category=OutsideTrainingWarning):
         wide.march(inside)
-    with pytest.warns(OutsideTrainingWarning, match="the stress differs from combinations of trained ones"):
+    with pytest.warns(
+        OutsideTrainingWarning, match="the stress differs from combinations of trained ones"
+    ):
         wide.march(aside)
 
 
 def watched(known, onsets=()):
     """What was trained, from signs of a history and of its onset."""
-    path, space = [(0.0, np.zeros(1)), (1.0, np.ones(1))], hhr.ParameterSpace(("load",), (0.0,), (1.0,))
+    path, space = (
+        [(0.0, np.zeros(1)), (1.0, np.ones(1))],
+        hhr.ParameterSpace(("load",), (0.0,), (1.0,)),
+    )
     return TrainedPaths.of([path], space, Known([known], [onsets], 1.0))
 
 
@@ -195,11 +224,15 @@ def test_a_small_misfit_is_none():
     trained = watched([one(1e-12, 50.0)])
     assert trained.estimate == 0.01
     assert not warns(trained, one(1.4, 50.0))
-    with pytest.raises(OutsideTrainingError, match=r"by 0\.032 of its size, in training by 0\.01 at most"):
+    with pytest.raises(
+        OutsideTrainingError, match=r"by 0\.032 of its size, in training by 0\.01 at most"
+    ):
         Watch(trained, "refuse").after(1, 1.0, one(1.6, 50.0))
 
 
-@pytest.mark.parametrize("shown, passes", [(0.012, 0.036), (0.02, 0.05), (0.04, 0.05), (0.05, 0.06)])
+@pytest.mark.parametrize(
+    "shown, passes", [(0.012, 0.036), (0.02, 0.05), (0.04, 0.05), (0.05, 0.06)]
+)
 def test_large_estimates_are_told_however_poor_the_training(shown, passes):
     """Three times what training showed passes; above 5 %, at most a fifth more."""
     trained = watched([one(shown, 1.0)])
@@ -207,34 +240,52 @@ def test_large_estimates_are_told_however_poor_the_training(shown, passes):
 
 
 def test_a_step_is_held_against_its_own_stress():
-    """What stays behind a part load is small beside all that was trained, and three quarters of it may be wrong."""
+    """What stays behind a part load is small beside all that was trained, and three quarters of it
+    may be wrong.
+    """
     trained = watched([one(1.0, 20.0), one(0.5, 50.0), one(1.0, 100.0)])
     assert (trained.estimate, trained.begun) == (0.05, 20.0)
-    assert not warns(trained, one(1.0, 30.0), one(0.055, 1.0)) and warns(trained, one(1.0, 30.0), one(0.065, 1.0))
-    assert not warns(trained, one(1.0, 30.0), one(0.9e-3, 0.9e-3)), "round-off beside a stress of 100 is no stress"
+    assert not warns(trained, one(1.0, 30.0), one(0.055, 1.0)) and warns(
+        trained, one(1.0, 30.0), one(0.065, 1.0)
+    )
+    assert not warns(trained, one(1.0, 30.0), one(0.9e-3, 0.9e-3)), (
+        "round-off beside a stress of 100 is no stress"
+    )
 
 
 def test_a_history_that_has_hardly_begun_is_held_against_onsets():
     trained = watched([one(0.2, 20.0), one(1.0, 100.0)], [one(0.1, 1.0), one(0.5, 10.0)])
     assert (trained.estimate, trained.onset) == (0.01, 0.1)
     assert not warns(trained, one(0.115, 1.0), one(0.5, 19.0)) and warns(trained, one(0.125, 1.0))
-    assert warns(trained, one(0.1, 21.0), one(0.115, 1.0)), "the same, behind steps as large as trained ones"
+    assert warns(trained, one(0.1, 21.0), one(0.115, 1.0)), (
+        "the same, behind steps as large as trained ones"
+    )
 
 
 @pytest.mark.parametrize("steps", [6, 60, 200])
-def test_trained_paths_in_finer_and_coarser_steps_are_warned_of_where_they_are_wrong(trained, model, steps):
+def test_trained_paths_in_finer_and_coarser_steps_are_warned_of_where_they_are_wrong(
+    trained, model, steps
+):
     path = there_and_back(5.0, steps)
     with warnings.catch_warnings(record=True, action="always") as caught:
         found = model.march(path).answers
     # from an estimate of 5 % on, which is up to 1.8 times the error of its step
     if any(issubclass(item.category, OutsideTrainingWarning) for item in caught):
         pairs = zip(found, trained.full_order.march(path).answers, strict=True)
-        assert max(relative_error(here.stress().ravel(), there.stress().ravel()) for here, there in pairs) > 0.04
+        assert (
+            max(
+                relative_error(here.stress().ravel(), there.stress().ravel())
+                for here, there in pairs
+            )
+            > 0.04
+        )
 
 
 @pytest.mark.parametrize("share", [0.1, 0.2, 0.35])
 def test_part_loads_of_trained_paths_are_right_or_warned_of(trained, model, share):
-    """What stays behind them was 44 to 60 % wrong without a word, of itself, and small beside what was trained."""
+    """What stays behind them was 44 to 60 % wrong without a word, of itself, and small beside what
+    was trained.
+    """
     count = max(round(share * STEPS), 2)
     shares = share * np.append(np.arange(count + 1), np.arange(count)[::-1]) / count
     path = demo.history(share * np.arange(2 * count + 1) / count, shares, 10.0)
@@ -250,7 +301,9 @@ def test_part_loads_of_trained_paths_are_right_or_warned_of(trained, model, shar
 def test_a_poor_model_says_that_its_door_is_wide():
     limits = hhr.Recipe.flowing().trust
     check_door(watched([one(0.04, 1.0)]), limits)
-    with pytest.warns(StabilityWarning, match=r"by up to 0\.2 of its size .* warned of from 0\.24 on only"):
+    with pytest.warns(
+        StabilityWarning, match=r"by up to 0\.2 of its size .* warned of from 0\.24 on only"
+    ):
         check_door(watched([one(0.2, 1.0)]), limits)
 
 
@@ -260,9 +313,14 @@ def test_stress_that_is_no_number_is_told():
 
 
 def test_modes_of_round_off_have_no_amplitude():
-    """A mode that known values show by 1e-13 of its norm multiplied their round-off by 1e13; the others are fitted."""
+    """A mode that known values show by 1e-13 of its norm multiplied their round-off by 1e13.
+
+    The others are fitted.
+    """
     modes = np.linalg.qr(np.random.default_rng(3).standard_normal((20, 3)))[0]
     modes[:6, 2] *= 1e-13
     field = modes[:, :2] @ [2.0, -1.0]
     known = field[:6] + 1e-14
-    np.testing.assert_allclose(GappyField.fitted(modes, np.arange(6)).everywhere(known), field, atol=1e-13)
+    np.testing.assert_allclose(
+        GappyField.fitted(modes, np.arange(6)).everywhere(known), field, atol=1e-13
+    )

@@ -1,4 +1,6 @@
-"""The indentation demo: its meshes, a coarse history beside closed forms, and its fit on a model of two lines."""
+"""The indentation demo: its meshes, a coarse history beside closed forms, and its fit on a model of
+two lines.
+"""
 
 import dataclasses
 from types import SimpleNamespace
@@ -24,8 +26,13 @@ def full():
 def test_one_number_makes_a_mesh(count, unknowns):
     cells = geometry.indentation_cells(count)
     mesh, _, facet_tags = geometry.sphere_on_block(MPI.COMM_SELF, width=0.4, depth=0.4, **cells)
-    assert 3 * len(mesh.geometry.x) == unknowns and len(facet_tags.find(geometry.BLOCK_TOP)) == count**2
-    np.testing.assert_allclose([mesh.geometry.x.min(axis=0), mesh.geometry.x.max(axis=0)], [[0, 0, -4], [4, 4, 4]])
+    assert (
+        3 * len(mesh.geometry.x) == unknowns
+        and len(facet_tags.find(geometry.BLOCK_TOP)) == count**2
+    )
+    np.testing.assert_allclose(
+        [mesh.geometry.x.min(axis=0), mesh.geometry.x.max(axis=0)], [[0, 0, -4], [4, 4, 4]]
+    )
 
 
 @pytest.mark.parametrize(("width", "depth"), [(0.5, 0.29), (0.4, 0.0)])
@@ -45,17 +52,28 @@ def test_loading_and_unloading(full):
     force = np.array([answer.outputs().values["force"] for answer in history.answers])
     assert (np.diff(force[:16]) > 0).all() and (np.diff(force[15:]) <= 0).all() and force[-1] == 0
     deepest = study.pressures(full, history)[15]
-    assert deepest["E* a / (sy R)"] > 30 and deepest["mean pressure / sy"] == pytest.approx(2.87, rel=0.06)
+    assert deepest["E* a / (sy R)"] > 30 and deepest["mean pressure / sy"] == pytest.approx(
+        2.87, rel=0.06
+    )
     last = history.answers[-1].outputs().values
     # the imprint stays, and the surface beside it has risen
-    assert -demo.DEPTH < last["pole"] < -0.6 * demo.DEPTH and 0 < last["rise at 1.1"] < 0.2 * demo.DEPTH
+    assert (
+        -demo.DEPTH < last["pole"] < -0.6 * demo.DEPTH
+        and 0 < last["rise at 1.1"] < 0.2 * demo.DEPTH
+    )
     # the first step back is elastic: from an extrapolation it took dozens
     assert history.cuts == 0 and history.answers[16].iterations <= 8
 
 
 def test_a_block_that_does_not_yield_is_as_hertz_says():
-    """Contact radius under the force found, by the second moment of the pressure; 1 % off on finer meshes."""
-    base, bodies = demo.scene(COARSE), (hhr.Body(1, demo.SPHERE_E, 0.3), hhr.Body(2, demo.BLOCK_E, 0.3))
+    """Contact radius under the force found, by the second moment of the pressure.
+
+    1 % off on finer meshes.
+    """
+    base, bodies = (
+        demo.scene(COARSE),
+        (hhr.Body(1, demo.SPHERE_E, 0.3), hhr.Body(2, demo.BLOCK_E, 0.3)),
+    )
     space = hhr.ParameterSpace(("depth",), (0.0,), (0.03,))
     model = hhr.FullOrderModel(dataclasses.replace(base, bodies=bodies, parameters=space))
     forces = model.solve(0.02).forces()
@@ -66,7 +84,9 @@ def test_a_block_that_does_not_yield_is_as_hertz_says():
 
 
 class Lines:
-    """A model whose forces are (sy + 1e-3 H k) k on the way down, and half of that on the way up."""
+    """A model whose forces are (sy + 1e-3 H k) k on the way down, and half of that on the way
+    up.
+    """
 
     parameters = hhr.ParameterSpace(("depth", "sy", "H"), (0.0, 100.0, 0.0), (0.03, 300.0, 3000.0))
 
@@ -75,7 +95,9 @@ class Lines:
         for k, (_, (_, yield_stress, hardening)) in enumerate(path[1:], start=1):
             share = k if k <= 16 else k / 2
             values = {"force": (yield_stress + 1e-3 * hardening * share) * share}
-            found = SimpleNamespace(values=values, gradient={"force": np.array([0.0, share, 1e-3 * share**2])})
+            found = SimpleNamespace(
+                values=values, gradient={"force": np.array([0.0, share, 1e-3 * share**2])}
+            )
             answers.append(SimpleNamespace(outputs=lambda found=found: found))
         return SimpleNamespace(answers=answers)
 
@@ -98,18 +120,25 @@ def test_constants_are_found_again():
 
 
 def test_the_default_search_is_as_quick_as_the_elastic_one():
-    """In space a new tangent costs as much as ten iterations: none is made where steps take few of them by the last.
+    """In space a new tangent costs as much as ten iterations: none is made where steps take few of
+    them by the last.
 
     All searches find the same.
     """
     full, path = hhr.FullOrderModel(demo.scene(6)), demo.path(0.02, 150.0, 6e3)
     made, linearised = [], type(full.equilibrium).linearised
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(type(full.equilibrium), "linearised", lambda *a: made.append(None) or linearised(*a))
-        found, other = (full.march(path, hhr.MarchSettings(search)) for search in ("frozen", "elastic"))
+        patch.setattr(
+            type(full.equilibrium), "linearised", lambda *a: made.append(None) or linearised(*a)
+        )
+        found, other = (
+            full.march(path, hhr.MarchSettings(search)) for search in ("frozen", "elastic")
+        )
     assert len(made) <= 2 and sum(found.iterations) <= 1.1 * sum(other.iterations)
     for history in (other, full.march(path, hhr.MarchSettings("tangent"))):
         for one, two in zip(found.answers, history.answers, strict=True):
-            assert np.array_equal(one.active, two.active) and np.allclose(one.stress(), two.stress(), atol=1e-4 * 150)
+            assert np.array_equal(one.active, two.active) and np.allclose(
+                one.stress(), two.stress(), atol=1e-4 * 150
+            )
             # a residual of 1e-5 of the loads
             assert one.unknown == pytest.approx(two.unknown, abs=2e-4 * np.abs(two.unknown).max())

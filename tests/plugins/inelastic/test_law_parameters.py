@@ -1,4 +1,6 @@
-"""Constants of laws that are formulas of the parameters: the same bits, cut steps, what is refused, ends of tables."""
+"""Constants of laws that are formulas of the parameters: the same bits, cut steps, what is refused,
+ends of tables.
+"""
 
 import dataclasses
 from typing import Literal
@@ -24,7 +26,9 @@ from hhr_dolfinx.plugins.inelastic.law import program_of
 from hhr_dolfinx.plugins.inelastic.update import Material
 
 QUIET = hhr.MarchSettings(outside="ignore")
-TIGHT = hhr.MarchSettings("tangent", relative_stress=1e-10, floor_stress=1e-9, relative_force=1e-12, outside="ignore")
+TIGHT = hhr.MarchSettings(
+    "tangent", relative_stress=1e-10, floor_stress=1e-9, relative_force=1e-12, outside="ignore"
+)
 YOUNGS = 190e3, 78e3
 WARM = (20.0, 600.0)
 
@@ -52,7 +56,10 @@ def test_formulas_of_constants_are_the_constants(full):
         others = pellet(hhr.Plasticity("80 + 10 - T / 50", "1e3"), hhr.Norton("10 ** 3", "2 * 2"))
     said = [str(item.message) for item in caught]
     # no parameter is idle that a law names
-    assert all("('E', 'w', 'H', 'K')" in text and "law or shape names them" in text for text in said) and len(said) == 2
+    assert (
+        all("('E', 'w', 'H', 'K')" in text and "law or shape names them" in text for text in said)
+        and len(said) == 2
+    )
     assert same(full.march(path()), numbers.march(path()))
     assert same(others.march(path()), numbers.march(path()))
 
@@ -62,15 +69,23 @@ def test_a_step_has_the_constants_of_its_end(full):
     """Only the last step is weaker: those before are those of the strong body, bit for bit."""
     strong, mixed = path(), [*path()[:-1], path(hardening=600.0)[-1]]
     one, other = full.march(strong).answers, full.march(mixed).answers
-    assert all(np.array_equal(a.gauss.stress, b.gauss.stress) for a, b in zip(one[:-1], other[:-1], strict=True))
+    assert all(
+        np.array_equal(a.gauss.stress, b.gauss.stress)
+        for a, b in zip(one[:-1], other[:-1], strict=True)
+    )
     assert other[-1].plastic_strain().max() > one[-1].plastic_strain().max() * 1.001
 
 
 def test_a_bar_follows_its_yield_stress():
-    """Held at a strain and heated, the stress relaxes to the yield stress; cooled, it stays where it was."""
+    """Held at a strain and heated, the stress relaxes to the yield stress.
+
+    cooled, it stays where it was.
+    """
     temperatures = np.array([20.0, 20.0, 20.0, 300.0, 600.0, 310.0, 20.0])
     pulls = np.array([0.0, 0.002, 0.02, 0.02, 0.02, 0.02, 0.02])
-    path = [(float(k), np.array(point)) for k, point in enumerate(zip(pulls, temperatures, strict=True))]
+    path = [
+        (float(k), np.array(point)) for k, point in enumerate(zip(pulls, temperatures, strict=True))
+    ]
     full = hhr.FullOrderModel(bar(hhr.Plasticity("table(T, 20, 1.0, 300, 0.9, 600, 0.5)"), T=WARM))
     expected = [YOUNG * 0.002, 1.0, 0.9, 0.5, 0.5, 0.5]
     assert axial(full.march(path, TIGHT)) == pytest.approx(expected, rel=1e-6)
@@ -92,7 +107,9 @@ class Patient(hhr.Law):
 
 
 def test_parts_of_a_step_have_constants_of_their_own():
-    """A step that is cut is the same as its parts asked for one by one: the parameter is linear along it."""
+    """A step that is cut is the same as its parts asked for one by one: the parameter is linear
+    along it.
+    """
     full = hhr.FullOrderModel(bar(Patient("1 - (T / 1000) ** 2", 0.3), T=WARM))
     coarse = [(float(k), np.array([0.02 * k, 20.0 + 290.0 * k])) for k in range(3)]
     fine = [(k / 4, np.array([0.005 * k, 20.0 + 72.5 * k])) for k in range(9)]
@@ -127,7 +144,9 @@ def test_laws_of_numbers_load_no_formulas():
 @needs("nonmatching")
 def test_the_whole_basis_gives_the_full_history(full):
     """With constants that change along the path."""
-    weaker = [(time, point - [0, 0, 0, 0, 0, 0, 10.0 * time, 100.0 * time]) for time, point in path()]
+    weaker = [
+        (time, point - [0, 0, 0, 0, 0, 0, 10.0 * time, 100.0 * time]) for time, point in path()
+    ]
     whole_history(full, weaker, TIGHT)
 
 
@@ -135,7 +154,9 @@ def test_the_whole_basis_gives_the_full_history(full):
 def test_a_law_of_a_users_own_takes_formulas_and_travels(tmp_path):
     """A file keeps it without its class, and its constants as formulas."""
     with pytest.warns(SceneWarning, match=r"\('E', 'w', 'H'\)"):
-        one, other = (pellet(law) for law in (Bingham("T / 10 + 80", 0.0), hhr.Plasticity("T / 10 + 80")))
+        one, other = (
+            pellet(law) for law in (Bingham("T / 10 + 80", 0.0), hhr.Plasticity("T / 10 + 80"))
+        )
     histories = [full.march(path(), TIGHT) for full in (one, other)]
     stress = [history.answers[-1].stress() for history in histories]
     assert stress[0] == pytest.approx(stress[1], abs=1e-8 * np.abs(stress[1]).max())
@@ -156,16 +177,31 @@ def test_a_law_of_a_users_own_takes_formulas_and_travels(tmp_path):
 @pytest.mark.parametrize(
     ("law", "message"),
     [
-        (hhr.Plasticity("sx"), r"names \['sx'\], and the parameters are \('pull', 'T'\): correct the formula"),
+        (
+            hhr.Plasticity("sx"),
+            r"names \['sx'\], and the parameters are \('pull', 'T'\): correct the formula",
+        ),
         (
             hhr.Plasticity("1 - T / 500"),
             r"yield_stress = -.* of Plasticity at pull = .*, by yield_stress = 1 - T / 500, must be a number above 0",
         ),
-        (hhr.Plasticity(1.0, "T - 21"), r"hardening = -1.0 of Plasticity at .*T = 20.* must be a number at least"),
+        (
+            hhr.Plasticity(1.0, "T - 21"),
+            r"hardening = -1.0 of Plasticity at .*T = 20.* must be a number at least",
+        ),
         (hhr.Norton(1.0, "20 / T"), r"exponent = .* of Norton at .* must be a number at least 1"),
-        (hhr.Plasticity("table(T, 20, 1, 500, 2)"), r"outside the table from 20 to 500.*further points, or narrow"),
-        (Bingham("log(T - 100)", 1.0), r"yield_stress = log\(T - 100\) of Bingham is nan at .*: change the formula"),
-        (hhr.Plasticity("(-8) ** 0.5"), r"yield_stress = .* of Plasticity is nan at .*: change the formula"),
+        (
+            hhr.Plasticity("table(T, 20, 1, 500, 2)"),
+            r"outside the table from 20 to 500.*further points, or narrow",
+        ),
+        (
+            Bingham("log(T - 100)", 1.0),
+            r"yield_stress = log\(T - 100\) of Bingham is nan at .*: change the formula",
+        ),
+        (
+            hhr.Plasticity("(-8) ** 0.5"),
+            r"yield_stress = .* of Plasticity is nan at .*: change the formula",
+        ),
     ],
 )
 def test_laws_that_are_impossible_somewhere_name_their_body(law, message):

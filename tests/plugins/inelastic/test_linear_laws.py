@@ -1,4 +1,6 @@
-"""Bodies whose laws are linear elasticity: condensed without inelastic strain, as exact as the full model."""
+"""Bodies whose laws are linear elasticity: condensed without inelastic strain, as exact as the full
+model.
+"""
 
 import dataclasses
 
@@ -19,13 +21,19 @@ from hhr_dolfinx.plugins.inelastic.laws import Elasticity
 AXES = (0.8, 0.6, 0.0), (-0.6, 0.8, 0.0), (0.0, 0.0, 1.0)
 WOOD = hhr.Orthotropic(9.0, 3.0, 1.5, 0.4, 0.3, 0.2, 1.0, 0.8, 0.3, AXES)
 EXACT = hhr.MarchSettings(
-    search="tangent", relative_stress=1e-12, relative_force=1e-12, floor_stress=1e-10, outside="ignore"
+    search="tangent",
+    relative_stress=1e-12,
+    relative_force=1e-12,
+    floor_stress=1e-10,
+    outside="ignore",
 )
 
 
 @dataclasses.dataclass(frozen=True)
 class Stiffening(Law):
-    """Elasticity that grows with the square of the change of volume, C at rest: it has no memory, and is not linear."""
+    """Elasticity that grows with the square of the change of volume, C at rest: it has no memory,
+    and is not linear.
+    """
 
     def statement(self, at):
         return Stated((1 + trace(at.strain) ** 2) * hooke(at.strain, at.constants))
@@ -45,14 +53,21 @@ def path(push, slide, *young):
 @pytest.mark.parametrize("hypothesis", ["plane_strain", "plane_stress", "axisymmetric"])
 @pytest.mark.parametrize("second", ["wood", "modulus"])
 def test_wood_condenses_to_round_off(hypothesis, second, tmp_path):
-    """Forces, displacements and stress of other histories than those of training, to the residual of full steps, 1e-12
-    of the forces; from a file to round-off. Beside wood the other body is wood too, or elastic with E as a parameter.
-    Its grading has wood solved for as bodies that flow are.
+    """Forces, displacements and stress of other histories than those of training, to the residual
+    of full steps, 1e-12 of the forces; from a file to round-off. Beside wood the other body is wood
+    too, or elastic with E as a parameter. Its grading has wood solved for as bodies that flow are.
     """
     graded_wood = {"law": WOOD, "grading": lambda x: 1 + x[1] / 4}
-    other = hhr.Body(SECOND, "E", 0.3) if second == "modulus" else hhr.Body(SECOND, 4.0, 0.3, **graded_wood)
+    other = (
+        hhr.Body(SECOND, "E", 0.3)
+        if second == "modulus"
+        else hhr.Body(SECOND, 4.0, 0.3, **graded_wood)
+    )
     box, young = ({"E": (2.0, 6.0)}, (3.0,)) if second == "modulus" else ({}, ())
-    outputs = (hhr.LargestPressure("peak", 0), *((hhr.ElasticEnergy("energy"),) if present("stress") else ()))
+    outputs = (
+        hhr.LargestPressure("peak", 0),
+        *((hhr.ElasticEnergy("energy"),) if present("stress") else ()),
+    )
     bodies = hhr.Body(FIRST, 4.0, 0.3, **graded_wood), other
     full = hhr.FullOrderModel(pressed_pair(hypothesis, bodies, box, cells=3, outputs=outputs))
     training = full.march(path(0.03, 0.0, *(2.5,) * len(young)), EXACT)
@@ -61,7 +76,9 @@ def test_wood_condenses_to_round_off(hypothesis, second, tmp_path):
     exact, found = full.march(tried, EXACT), model.march(tried, EXACT)
     graded = model.march(tried, dataclasses.replace(EXACT, gradient=True)).answers[-1].outputs()
     known = full.march(tried, dataclasses.replace(EXACT, gradient=True)).answers[-1].outputs()
-    np.testing.assert_allclose(graded.gradient["peak"], known.gradient["peak"], rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(
+        graded.gradient["peak"], known.gradient["peak"], rtol=1e-7, atol=1e-9
+    )
     assert exact.answers[1].forces().max() > 0
     assert max(apart(found, exact, ("displacement", "forces", "stress"))) < 1e-9
     for one, two in zip(found.answers, exact.answers, strict=True):
@@ -75,20 +92,30 @@ def test_wood_condenses_to_round_off(hypothesis, second, tmp_path):
 @pytest.mark.filterwarnings("ignore:body .* has a law, and its cells")
 @pytest.mark.parametrize("cells", ["thin", "of_second_order", "solid"])
 def test_wood_is_elastic_from_the_start(cells):
-    """As the same law at Gauss points, of which a grading of 1 makes use: forces, displacements, energy to round-off.
+    """As the same law at Gauss points, of which a grading of 1 makes use: forces, displacements,
+    energy to round-off.
 
-    Cells are those that have no mean dilatation beside a law, so that both integrate the same stress.
+    Cells are those that have no mean dilatation beside a law, so that both integrate the same
+    stress.
     """
-    hypothesis = {"thin": "plane_stress", "of_second_order": "plane_strain", "solid": "solid"}[cells]
+    hypothesis = {"thin": "plane_stress", "of_second_order": "plane_strain", "solid": "solid"}[
+        cells
+    ]
     scene = pressed_block(hypothesis, simplices=cells == "solid", cells=2)
     outputs = (hhr.ElasticEnergy("energy"),) if present("stress") else ()
     order = 2 if cells == "of_second_order" else 1
     found, kinds = [], []
     for grading in (None, lambda x: 1.0):
         body = dataclasses.replace(scene.bodies[0], law=WOOD, grading=grading)
-        full = hhr.FullOrderModel(dataclasses.replace(scene, bodies=(body,), outputs=outputs, order=order))
+        full = hhr.FullOrderModel(
+            dataclasses.replace(scene, bodies=(body,), outputs=outputs, order=order)
+        )
         kinds.append(full.equilibrium is None)
-        found.append(full.march([(0.0, scene.parameters.lower), (1.0, scene.parameters.upper)], EXACT).answers[-1])
+        found.append(
+            full.march(
+                [(0.0, scene.parameters.lower), (1.0, scene.parameters.upper)], EXACT
+            ).answers[-1]
+        )
     elastic, by_points = found
     assert kinds == [True, False]
     assert elastic.forces().sum() > 0.1
@@ -107,7 +134,9 @@ def test_a_frame_across_the_plane_is_refused_at_the_door():
 def test_laws_that_could_flow_are_refused_where_they_did_not():
     """At low loads a plastic body looks elastic: training says nothing of what it does beyond."""
     for law in (hhr.Plasticity(1e6, 1.0), hhr.Voce(1e6, 1.0, 1.0)):
-        full = hhr.FullOrderModel(pressed_pair("plane_strain", (hhr.Body(FIRST, 4.0, 0.3, law), (4.0, 0.3)), cells=2))
+        full = hhr.FullOrderModel(
+            pressed_pair("plane_strain", (hhr.Body(FIRST, 4.0, 0.3, law), (4.0, 0.3)), cells=2)
+        )
         histories = hhr.SnapshotSet.of_histories([full.march(path(0.03, 0.0))])
         with pytest.raises(ReductionError, match="no body flows in any training history"):
             hhr.build(full, histories, CorrectionSettings())
@@ -115,7 +144,10 @@ def test_laws_that_could_flow_are_refused_where_they_did_not():
 
 @pytest.mark.parametrize("thin", [False, True])
 def test_which_laws_are_linear(thin):
-    """By their programs, not by their names; in plane stress with a strain across that is solved for."""
+    """By their programs, not by their names.
+
+    In plane stress with a strain across that is solved for.
+    """
     linear = {law: law.at_points(4, plane_stress=thin).linear for law in (WOOD, Elasticity())}
     assert all(linear.values())
     curved = Stiffening(), hhr.Plasticity(1.0, 1.0), hhr.Voce(1.0, 1.0, 1.0), hhr.Norton(1.0, 3.0)

@@ -1,4 +1,6 @@
-"""Bodies that flow: laws against UFL and closed forms, histories against closed forms, reduced against full."""
+"""Bodies that flow: laws against UFL and closed forms, histories against closed forms, reduced
+against full.
+"""
 
 import dataclasses
 
@@ -39,14 +41,18 @@ LAWS = {
 
 
 def material(law, points, components=4):
-    return Material([Group(np.arange(points), YOUNG, POISSON, program_of(law, components))], components)
+    return Material(
+        [Group(np.arange(points), YOUNG, POISSON, program_of(law, components))], components
+    )
 
 
 def some_states(seed, points=40, components=4):
     """Strains around yield, and a state reached by an earlier step."""
     rng = np.random.default_rng(seed)
     strain = rng.standard_normal((points, components)) * 10 ** rng.uniform(-3.5, -1, (points, 1))
-    plastic = 0.3 * rng.standard_normal((points, components)) * np.abs(strain).max(axis=1, keepdims=True)
+    plastic = (
+        0.3 * rng.standard_normal((points, components)) * np.abs(strain).max(axis=1, keepdims=True)
+    )
     plastic[:, :3] -= plastic[:, :3].mean(axis=1, keepdims=True)
     return strain, State(plastic, np.abs(rng.standard_normal(points)) * 1e-2, np.zeros((points, 0)))
 
@@ -68,7 +74,13 @@ def test_norton_over_many_decades(exponent):
 def flow_of(law, trial, cumulated, stiff, dt):
     """Root of the equation of a law in one dimension, by bisection."""
     if isinstance(law, hhr.Norton):
-        return brentq(lambda x: x + stiff * dt * (x / law.resistance) ** law.exponent - trial, 0, trial) if trial else 0
+        return (
+            brentq(
+                lambda x: x + stiff * dt * (x / law.resistance) ** law.exponent - trial, 0, trial
+            )
+            if trial
+            else 0
+        )
     over = max(trial - law.yield_stress - getattr(law, "hardening", 0.0) * cumulated, 0.0)
     return over / (stiff + (law.viscosity / dt if isinstance(law, Bingham) else law.hardening))
 
@@ -112,15 +124,21 @@ def uniaxial(law, strains):
 
 @pytest.mark.parametrize("exponent", [0.3, 0.7])
 def test_pressed_blocks_harden_by_ludwik_in_full_and_condensed(exponent):
-    """Uniaxial stress on a floor: pressure σ0 + K p^n with e = σ/E + p, by brentq, in steps of several sizes."""
+    """Uniaxial stress on a floor: pressure σ0 + K p^n with e = σ/E + p, by brentq, in steps of
+    several sizes.
+    """
     law = Ludwik(300.0, 500.0, exponent)
     base = pressed_block("plane_stress", young=YOUNG, gap=0.0, cells=2)
-    full = hhr.FullOrderModel(dataclasses.replace(base, bodies=(hhr.Body(block.SOLID, 200e3, 0.3, law),)))
+    full = hhr.FullOrderModel(
+        dataclasses.replace(base, bodies=(hhr.Body(block.SOLID, 200e3, 0.3, law),))
+    )
 
     def pressed(push):
         strain = push / 2
         over = lambda p: 200e3 * (strain - p) - 300.0 - 500.0 * p**exponent  # noqa: E731
-        return 1.5 * 200e3 * (strain - (brentq(over, 0, strain, xtol=1e-18) if over(0) > 0 else 0.0))
+        return (
+            1.5 * 200e3 * (strain - (brentq(over, 0, strain, xtol=1e-18) if over(0) > 0 else 0.0))
+        )
 
     histories = []
     for steps in (1, 4, 13):
@@ -139,9 +157,13 @@ def test_pressed_blocks_harden_by_ludwik_in_full_and_condensed(exponent):
 @pytest.mark.parametrize("law", ["plasticity", "perfect plasticity", "norton 4", "bingham"])
 @pytest.mark.parametrize("search", ["tangent", "frozen", "elastic"])
 def test_uniaxial_cycle_with_unloading(law, search):
-    """Loading, unloading, flow the other way and back, by every search operator and a law of a user's own."""
+    """Loading, unloading, flow the other way and back, by every search operator and a law of a
+    user's own.
+    """
     full = hhr.FullOrderModel(bar(LAWS[law]))
-    strains = np.concatenate([np.linspace(0, 0.02, 6), np.linspace(0.015, -0.02, 8), np.linspace(-0.01, 0.01, 4)])
+    strains = np.concatenate(
+        [np.linspace(0, 0.02, 6), np.linspace(0.015, -0.02, 8), np.linspace(-0.01, 0.01, 4)]
+    )
     path = [(0.1 * k, np.array([strain])) for k, strain in enumerate(strains)]
     tight = hhr.MarchSettings(search, 1e-12, 1e-10, 1e-10, iterations=400)
     history = full.march(path, tight)
@@ -151,10 +173,11 @@ def test_uniaxial_cycle_with_unloading(law, search):
 
 @pytest.mark.filterwarnings("ignore:no training solution has contact")
 def test_a_plastic_front_in_a_thick_tube():
-    """Perfectly plastic tube in plane strain: p = 2 σ0/√3 (ln c + (1 - c²/4) / 2) at a plastic radius c.
+    """Perfectly plastic tube in plane strain: p = 2 σ0/√3 (ln c + (1 - c²/4) / 2) at a plastic
+    radius c.
 
-    Exact for an incompressible material; with nu = 0.49 the front differs by less than an element. Condensed flow finds
-    one between two that were trained.
+    Exact for an incompressible material; with nu = 0.49 the front differs by less than an element.
+    Condensed flow finds one between two that were trained.
     """
 
     def path(radius):
@@ -174,7 +197,9 @@ def test_a_plastic_front_in_a_thick_tube():
 
 @pytest.mark.filterwarnings("ignore:no training solution has contact")
 def test_thick_tube_in_steady_creep():
-    """Norton: σ_θ - σ_r = p 2/m (2/r)^(2/m) / (2^(2/m) - 1), when creep strains are ten times the elastic ones."""
+    """Norton: σ_θ - σ_r = p 2/m (2/r)^(2/m) / (2^(2/m) - 1), when creep strains are ten times the
+    elastic ones.
+    """
     full = hhr.FullOrderModel(tube(hhr.Norton(2.0, 4.0), 0.6))
     times = np.concatenate([[0.0, 1e-3], np.geomspace(1e-2, 4.0, 60)])
 
@@ -191,7 +216,9 @@ def test_thick_tube_in_steady_creep():
     for model, how, accuracy in ((full, settings, 0.01), (small, QUIET, 0.015)):
         stress = model.march(held(0.5), how).answers[-1].stress()
         difference = np.sort((stress[:, 2] - stress[:, 0]).reshape(len(points), 4), axis=1)[:, ::-1]
-        assert difference == pytest.approx(0.5 * 0.5 * (2 / radii) ** 0.5 / (2**0.5 - 1), rel=accuracy)
+        assert difference == pytest.approx(
+            0.5 * 0.5 * (2 / radii) ** 0.5 / (2**0.5 - 1), rel=accuracy
+        )
 
 
 def test_newton_converges_quadratically():
@@ -213,11 +240,16 @@ def test_newton_converges_quadratically():
 
 
 def whole_history(full, path, settings, field=1e-8, force=1e-6):
-    """The full history beside that of the model that leaves nothing out, to the tolerance of the solver.
+    """The full history beside that of the model that leaves nothing out, to the tolerance of the
+    solver.
 
     It has a function for each free dof, on the whole domain.
     """
-    exact, free, problem = full.march(path, settings), np.flatnonzero(full.problem.free), full.problem
+    exact, free, problem = (
+        full.march(path, settings),
+        np.flatnonzero(full.problem.free),
+        full.problem,
+    )
     basis = np.zeros((problem.free.size, free.size))
     basis[free, np.arange(free.size)] = 1.0
     sets = whole_domain(problem)
@@ -231,7 +263,9 @@ def whole_history(full, path, settings, field=1e-8, force=1e-6):
         assert reduced.fields.basis @ here.unknown == pytest.approx(there.unknown, abs=field * size)
         assert here.displacement() == pytest.approx(there.displacement(), abs=field * size)
         for forces in (here.multipliers, here.forces()):
-            assert forces == pytest.approx(there.forces(), abs=force * max(there.forces().max(), 1.0))
+            assert forces == pytest.approx(
+                there.forces(), abs=force * max(there.forces().max(), 1.0)
+            )
         for strain in (here.gauss.state.cumulated, here.plastic_strain()):
             assert strain == pytest.approx(there.plastic_strain(), abs=1e-9)
         assert np.array_equal(here.stress(), here.gauss.stress)
@@ -248,16 +282,26 @@ def test_whole_basis_on_the_whole_domain_gives_the_full_history():
     last, before, model = exact.answers[-1], exact.answers[-2], full.equilibrium
     strain = model.strain(last.unknown, model.amplitudes(last.parameter))
     tangents = model.material.update(strain, before.gauss.state, 1 / 12, tangent=True).tangents
-    assert tangent_margin(reduced, tangents, model.stiffness(tangents)) == pytest.approx(1.0, abs=1e-8)
+    assert tangent_margin(reduced, tangents, model.stiffness(tangents)) == pytest.approx(
+        1.0, abs=1e-8
+    )
 
 
 def test_what_converged_is_kept_when_a_step_fails():
-    """A bar of perfect plasticity under more than it bears: step, time and point are named, and the rest is kept."""
+    """A bar of perfect plasticity under more than it bears: step, time and point are named, and the
+    rest is kept.
+    """
     scene = bar(hhr.Plasticity(1.0), 2.0)
-    pulled = hhr.Traction(block.side(1, upper=True), (0.0, 1.0), hhr.Amplitude(slopes={"pull": 1.0}))
-    full = hhr.FullOrderModel(dataclasses.replace(scene, displacements=scene.displacements[:2], loads=(pulled,)))
+    pulled = hhr.Traction(
+        block.side(1, upper=True), (0.0, 1.0), hhr.Amplitude(slopes={"pull": 1.0})
+    )
+    full = hhr.FullOrderModel(
+        dataclasses.replace(scene, displacements=scene.displacements[:2], loads=(pulled,))
+    )
     path = [(k / 10, np.array([1.4 * k / 10])) for k in range(11)]
-    with pytest.raises(ConvergenceError, match=r"step \d+ to t = 0\.\d+ s did not converge.*Gauss point \d+") as caught:
+    with pytest.raises(
+        ConvergenceError, match=r"step \d+ to t = 0\.\d+ s did not converge.*Gauss point \d+"
+    ) as caught:
         full.march(path, hhr.MarchSettings(cuts=2))
     done = caught.value.history.answers
     assert len(done) == 7, "7 x 0.14 is less than the yield stress of 1, 8 x 0.14 is more"
@@ -266,7 +310,9 @@ def test_what_converged_is_kept_when_a_step_fails():
 
 def test_a_step_too_long_is_cut():
     full = hhr.FullOrderModel(tube(hhr.Plasticity(1.0, 1.0), 2.0))
-    history = full.march([(0.0, np.zeros(1)), (1.0, np.array([1.2]))], hhr.MarchSettings("tangent", iterations=4))
+    history = full.march(
+        [(0.0, np.zeros(1)), (1.0, np.array([1.2]))], hhr.MarchSettings("tangent", iterations=4)
+    )
     assert history.cuts == 1 and len(history.answers) == 1
 
 
@@ -275,15 +321,21 @@ def test_moving_lifts_in_the_reduced_model():
     scene = tube(LAWS["plasticity"], 1.0, cells=6)
     move = hhr.Displacement(block.side(0, upper=False), 0, slope("p"))
     wall = hhr.Obstacle(block.side(0, upper=True), (1, 0), 2.001)
-    moved = dataclasses.replace(scene, displacements=(*scene.displacements, move), loads=(), contacts=(wall,))
+    moved = dataclasses.replace(
+        scene, displacements=(*scene.displacements, move), loads=(), contacts=(wall,)
+    )
     path = [(0.1 * k, np.array([0.002 * k])) for k in range(8)]
     tight = hhr.MarchSettings(relative_force=1e-10, floor_stress=1e-11)
-    last = whole_history(hhr.FullOrderModel(moved), path, tight, field=5e-9, force=1e-7)[0].answers[-1]
+    last = whole_history(hhr.FullOrderModel(moved), path, tight, field=5e-9, force=1e-7)[0].answers[
+        -1
+    ]
     assert last.plastic_strain().max() > 1e-3 and last.active.all()
 
 
 def test_a_soft_body_converges_beside_a_stiff_one():
-    """Each body by its own forces: one a millionth as stiff and strong yields the same, whatever squeezes the other."""
+    """Each body by its own forces: one a millionth as stiff and strong yields the same, whatever
+    squeezes the other.
+    """
     first, second = two_blocks.FIRST, two_blocks.SECOND
     held = [(two_blocks.side(body, 1, False), axis) for body in (first, second) for axis in (0, 1)]
     squeeze = hhr.Displacement(two_blocks.side(second, 1, True), 1, slope("squeeze", -1.0))
@@ -320,18 +372,27 @@ def test_a_body_that_flows_is_never_answered_for_as_an_elastic_one(name):
 
 
 def test_a_query_starts_where_the_box_is_nearest_to_zero(monkeypatch):
-    """At the lower end of a box around zero the bar would be pushed by all of it: no place to be at rest."""
+    """At the lower end of a box around zero the bar would be pushed by all of it: no place to be at
+    rest.
+    """
     full, asked = hhr.FullOrderModel(bar(LAWS["plasticity"])), []
     honest = full.march
-    monkeypatch.setattr(full, "march", lambda path, settings: asked.append(path) or honest(path, settings))
+    monkeypatch.setattr(
+        full, "march", lambda path, settings: asked.append(path) or honest(path, settings)
+    )
     full.solve(0.01)
     assert [point.tolist() for _, point in asked[0]] == [[0.0], [0.01]]
 
 
 @pytest.mark.parametrize("name", ["plasticity", "norton 4"])
 def test_a_strip_in_plane_stress_is_a_bar(name):
-    """Its thickness changes too, by the law; beside elastic bodies as well, whose stress across vanishes."""
-    path = [(float(time), np.array([pull])) for time, pull in enumerate((0.0, 0.02, 0.05, 0.03, -0.02))]
+    """Its thickness changes too, by the law.
+
+    Beside elastic bodies as well, whose stress across vanishes.
+    """
+    path = [
+        (float(time), np.array([pull])) for time, pull in enumerate((0.0, 0.02, 0.05, 0.03, -0.02))
+    ]
     found = []
     for hypothesis in ("axisymmetric", "plane_stress"):
         scene = dataclasses.replace(bar(LAWS[name]), hypothesis=hypothesis)
@@ -343,14 +404,18 @@ def test_a_strip_in_plane_stress_is_a_bar(name):
 def test_a_strip_of_wood_in_plane_stress_is_pulled_by_its_modulus(heated):
     """Along the fibres, which lie along y; what it swells by heat is no stress."""
     law = hhr.Orthotropic(*WOOD, frame=((0, 1, 0), (-1, 0, 0), (0, 0, 1)))
-    scene = dataclasses.replace(bar(hhr.Heated(law, 1e-3, 1.0) if heated else law), hypothesis="plane_stress")
+    scene = dataclasses.replace(
+        bar(hhr.Heated(law, 1e-3, 1.0) if heated else law), hypothesis="plane_stress"
+    )
     stresses = axial(hhr.FullOrderModel(scene).march([(0.0, [0.0]), (1.0, [0.01])], FINE))
     assert stresses == pytest.approx([WOOD[0] * (0.01 - 1e-3 * heated)], rel=1e-6)
 
 
 @pytest.mark.filterwarnings("ignore:no training solution has contact")
 def test_flow_that_is_not_associated_is_found_by_all_searches():
-    """Its tangents are not symmetric, of which the factors of full models take the symmetric part."""
+    """Its tangents are not symmetric, of which the factors of full models take the symmetric
+    part.
+    """
     full = hhr.FullOrderModel(tube(hhr.DruckerPrager(1.0, 0.3, 0.05, 20.0), 0.9))
     answers = []
     for search in SEARCHES:
@@ -368,7 +433,8 @@ def test_flow_that_is_not_associated_is_found_by_all_searches():
 def test_without_a_law_time_gives_the_elastic_answer(hypothesis, simplices):
     """For strains of 4 and of 6 components; in time one look at each answer.
 
-    A gap that closes has no forces to measure residuals by: round-off of the stiffness is the measure.
+    A gap that closes has no forces to measure residuals by: round-off of the stiffness is the
+    measure.
     """
     scene = pressed_block(hypothesis, simplices=simplices, cells=3)
     full = hhr.FullOrderModel(scene)

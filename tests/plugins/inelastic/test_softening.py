@@ -39,7 +39,9 @@ def trained(slope):
     full, hhr.SnapshotSet.of_histories(histories), hhr.Recipe.flowing()
 )], ids=["condensed", "reduced"])  # fmt: skip
 def test_softening_in_training_is_named_by_law_time_and_point(build):
-    """The tangent of von Mises' flow has the eigenvalue 2 μ H / (3 μ + H) along it, Simo and Hughes 1998, (3.3.12)."""
+    """The tangent of von Mises' flow has the eigenvalue 2 μ H / (3 μ + H) along it, Simo and Hughes
+    1998, (3.3.12).
+    """
     shear = 200e3 / 2.6
     least = 2 * shear * -5e3 / (3 * shear - 5e3) / 200e3
     text = rf"Linear softens in training at t = . s, push = 0.0\d+: at 16 Gauss points .* by up to {-least:.2g} of E"

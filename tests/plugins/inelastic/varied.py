@@ -1,4 +1,7 @@
-"""The small flowing pellet with all that may be a parameter: heat, moduli, constants of laws; its models, made once."""
+"""The small flowing pellet with all that may be a parameter: heat, moduli, constants of laws.
+
+Its models, made once.
+"""
 
 import dataclasses
 from functools import cache
@@ -38,11 +41,18 @@ def scene(young=MODULI, laws=LAWS, loads=(), **others):
     given = zip(base.bodies, young, laws, strict=True)
     bodies = tuple(dataclasses.replace(body, young=own, law=law) for body, own, law in given)
     force = hhr.ContactForce("force", 0, direction=(1.0, 0.0))
-    given = {"bodies": bodies, "parameters": SPACE, "outputs": (force,), "loads": (*base.loads, *(loads or [heat()]))}
+    given = {
+        "bodies": bodies,
+        "parameters": SPACE,
+        "outputs": (force,),
+        "loads": (*base.loads, *(loads or [heat()])),
+    }
     return dataclasses.replace(base, **(given | others))
 
 
-def path(gap=10.0, young=200e3, heat=500.0, w=1.1, hardening=1e3, resistance=1e3, steps=flowing.STEPS):
+def path(
+    gap=10.0, young=200e3, heat=500.0, w=1.1, hardening=1e3, resistance=1e3, steps=flowing.STEPS
+):
     """Pressed and heated at once; the gap in um."""
     rest = young, w, hardening, resistance
     return [(time, np.append(point, (heat * time, *rest))) for time, point in demo.path(gap, steps)]
@@ -60,7 +70,9 @@ def corners():
 
 @cache
 def reduced():
-    return hhr.build(full(), hhr.SnapshotSet.of_histories(corners()), hhr.Recipe.flowing().as_it_is())
+    return hhr.build(
+        full(), hhr.SnapshotSet.of_histories(corners()), hhr.Recipe.flowing().as_it_is()
+    )
 
 
 @cache

@@ -1,4 +1,6 @@
-"""Cells of grids, their local bases, and clusters: whatever the order, every label used, what is refused."""
+"""Cells of grids, their local bases, and clusters: whatever the order, every label used, what is
+refused.
+"""
 
 import numpy as np
 import pytest
@@ -23,10 +25,15 @@ def families(rng, sizes=(7, 5, 9), spread=0.05, rows=50):
 
 @pytest.mark.parametrize("counts", [(5,), (3, 4), (4, 2, 3), (2, 3, 2, 2)])
 def test_cells_of_a_grid_fill_its_box(counts):
-    space = hhr.ParameterSpace(tuple("abcd"[: len(counts)]), (-1.0,) * len(counts), (3.0,) * len(counts))
+    space = hhr.ParameterSpace(
+        tuple("abcd"[: len(counts)]), (-1.0,) * len(counts), (3.0,) * len(counts)
+    )
     points = space.grid(counts) ** 3  # spaced irregularly
     cells, corners = grid_cells(points)
-    assert len(cells) == np.prod(np.array(counts) - 1) and corners.shape == (len(cells), 2 ** len(counts))
+    assert len(cells) == np.prod(np.array(counts) - 1) and corners.shape == (
+        len(cells),
+        2 ** len(counts),
+    )
     assert np.prod(cells[:, 1] - cells[:, 0], axis=1).sum() == pytest.approx(28.0 ** len(counts))
     for cell, own in zip(cells, corners, strict=True):
         found = points[own]
@@ -54,7 +61,10 @@ def test_a_grid_may_be_flat():
     "points, why",
     [
         (np.random.default_rng(0).uniform(size=(9, 2)), "9 points with 9 x 9 values"),
-        (np.array([[0.0, 0], [0, 1], [1, 0]]), "3 points with 2 x 2 values of their parameters are no grid"),
+        (
+            np.array([[0.0, 0], [0, 1], [1, 0]]),
+            "3 points with 2 x 2 values of their parameters are no grid",
+        ),
         (np.array([[0.0, 0], [0, 1], [1, 0], [1, 0]]), "are no grid"),
         (np.array([[0.0], [1.0], [1.0]]), "are no grid"),
         (np.array([[0.0, 1.0]]), "a grid of one point"),
@@ -98,7 +108,9 @@ def test_cells_without_load_are_refused_and_corners_without_are_not():
     cells = grid_cells(points)
     assert cell_labels(cells, columns, 2).max() == 1
     columns[:, :10] = 0
-    with pytest.raises(ReductionError, match=r"corners of cells \[0, 1, 2, 3\] are zero.*parameters without load"):
+    with pytest.raises(
+        ReductionError, match=r"corners of cells \[0, 1, 2, 3\] are zero.*parameters without load"
+    ):
         cell_labels(cells, columns, 2)
     columns[3, 3] = np.nan
     with pytest.raises(ReductionError, match=r"columns \[3\] of columns are not finite"):
@@ -141,7 +153,9 @@ def test_the_sum_of_distances_is_the_least():
         matrix = np.linalg.norm(places[:, None] - places, axis=2)
         labels = medoids(matrix, 3)
         own = sum(matrix[labels == k][:, labels == k].sum(axis=0).min() for k in range(3))
-        least = min(matrix[:, list(chosen)].min(axis=1).sum() for chosen in combinations(range(14), 3))
+        least = min(
+            matrix[:, list(chosen)].min(axis=1).sum() for chosen in combinations(range(14), 3)
+        )
         assert own == pytest.approx(least, rel=1e-12)
 
 

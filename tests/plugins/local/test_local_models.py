@@ -1,4 +1,6 @@
-"""Local models: the choice by cuts, a set that answers as the model of each part does, its tables, a fall-back."""
+"""Local models: the choice by cuts, a set that answers as the model of each part does, its tables,
+a fall-back.
+"""
 
 import dataclasses
 import timeit
@@ -83,7 +85,9 @@ def walked(tree, point):
 
 
 def by_brute_force(tree, point):
-    """Label of a point and, of the nearest cuts of its way, the first other one just behind the cut."""
+    """Label of a point and, of the nearest cuts of its way, the first other one just behind the
+    cut.
+    """
     cuts, label = walked(tree, point)
     near = [(abs(point[axis] - cut) / tree.reach[axis], axis, cut) for axis, cut in cuts]
     for off, axis, cut in sorted(near):
@@ -134,7 +138,9 @@ def test_boxes_tile_the_box_and_hold_their_points(seed, cuts):
         volumes = [np.prod(high - low) for _, low, high in boxes]
         assert sum(volumes) == pytest.approx(np.prod(most - least), rel=1e-12)
         for point in dice.uniform(least, most, (20, 3)):
-            labels = [label for label, low, high in boxes if (low < point).all() and (point <= high).all()]
+            labels = [
+                label for label, low, high in boxes if (low < point).all() and (point <= high).all()
+            ]
             assert labels == [tree.candidates(point.tolist())[0]]
 
 
@@ -156,13 +162,16 @@ def test_a_choice_takes_microseconds():
     """Measured: 1.4 us, 2.1 us by a border."""
     tree = one_cut(1, 0.5, (0.0, 0.1))
     for point in ([0.5, 0.1], [0.5, 0.52]):
-        assert min(timeit.repeat(lambda: tree.candidates(point), number=2000, repeat=5)) / 2000 < 20e-6
+        assert (
+            min(timeit.repeat(lambda: tree.candidates(point), number=2000, repeat=5)) / 2000 < 20e-6
+        )
 
 
 NO_TREES = {
     "as many finite cuts": {"cut": np.zeros(2)},
     "needs as many": {"cut": np.array([np.nan, 0.0, 0.0])},
-    "at least one": dict.fromkeys(("axis", "low", "high", "label"), np.zeros(0, int)) | {"cut": np.zeros(0)},
+    "at least one": dict.fromkeys(("axis", "low", "high", "label"), np.zeros(0, int))
+    | {"cut": np.zeros(0)},
     "many finite": {"reach": np.array([0.0, np.inf])},
     r"axes \[-1  2\] of 2": {"axis": np.array([2, -1, -1])},
     r"axes \[-2 -1\] of 2": {"axis": np.array([-2, -1, -1])},
@@ -199,7 +208,9 @@ def test_by_a_border_the_smaller_estimate_decides(local, models):
     for height in np.linspace(CUT - 0.39, CUT + 0.39, 40):
         answer, own = local.solve((90.0, height)), int(height > CUT)
         said = [model.solve((90.0, height), outside="ignore").estimate() for model in models]
-        *sizes, found = (max(each.primal_relative, each.dual_relative) for each in (*said, answer.estimate()))
+        *sizes, found = (
+            max(each.primal_relative, each.dual_relative) for each in (*said, answer.estimate())
+        )
         assert local.model_of(answer) == (1 - own if sizes[1 - own] < sizes[own] else own)
         assert found == min(sizes)
         won.append(local.model_of(answer) != own)
@@ -235,14 +246,18 @@ def test_many_are_those_one_by_one(local):
 
 def test_models_that_nobody_asks(local):
     many = local.solve_many([LOW, (100.0, 1.0)])
-    assert many.model.tolist() == [0, 0] and len(many.parts) == 1 and len(many.outputs()["peak"]) == 2
+    assert (
+        many.model.tolist() == [0, 0] and len(many.parts) == 1 and len(many.outputs()["peak"]) == 2
+    )
     alone = hhr.LocalModels(local.models[:1], WHOLE)
     assert bits(alone.solve(LOW)) == bits(local.solve(LOW))
 
 
 def test_a_set_without_outputs_and_bounds(training):
     recipe = dataclasses.replace(AS_IT_IS, bound=False)
-    bare = [hhr.build(hhr.FullOrderModel(pellet.scene(**pellet.QUICK_MESH)), training.snapshots, recipe)] * 2
+    bare = [
+        hhr.build(hhr.FullOrderModel(pellet.scene(**pellet.QUICK_MESH)), training.snapshots, recipe)
+    ] * 2
     local = hhr.LocalModels(bare, one_cut(1, CUT, REACH))
     many = local.solve_many([LOW, HIGH, BY_THE_BORDER])
     assert many.estimates() is None and many.model.tolist() == [0, 1, 1]
@@ -255,7 +270,9 @@ def test_outputs_and_gradients(local):
         assert slope_errors(local, point).max() < 1e-5
         outputs = local.outputs(point, gradient=True)
         for name, slopes in output_slopes(local, point, "peak", "force").items():
-            assert outputs.gradient[name] == pytest.approx(slopes, rel=1e-4, abs=1e-6 * abs(outputs[name]))
+            assert outputs.gradient[name] == pytest.approx(
+                slopes, rel=1e-4, abs=1e-6 * abs(outputs[name])
+            )
 
 
 def test_a_path_over_the_border(local):
@@ -289,21 +306,33 @@ def test_where_there_is_no_answer(broken, local):
     assert broken.model_of(nothing) == 1 and not nothing.converged and nothing.estimate() is None
     # by the border the other one has an answer
     answer = broken.solve(BY_THE_BORDER)
-    assert broken.model_of(answer) == 0 and bits(answer) == bits(local.models[0].solve(BY_THE_BORDER))
+    assert broken.model_of(answer) == 0 and bits(answer) == bits(
+        local.models[0].solve(BY_THE_BORDER)
+    )
     table = [LOW, HIGH, BY_THE_BORDER, HIGH]
     with pytest.raises(NotSolvableError):
         broken.solve_many(table)
     many = broken.solve_many(table, raise_on_failure=False)
     assert [status is Status.CONVERGED for status in many.status] == [True, False, True, False]
     assert many.model.tolist() == [0, 1, 0, 1]
-    assert np.isnan(many.outputs()["peak"]).tolist() == np.isnan(many.estimates().primal).tolist() == [
-        False, True, False, True,
-    ]  # fmt: skip
+    assert (
+        np.isnan(many.outputs()["peak"]).tolist()
+        == np.isnan(many.estimates().primal).tolist()
+        == [
+            False,
+            True,
+            False,
+            True,
+        ]
+    )
     assert np.isnan(many[1].forces()).all() and np.isfinite(many[2].forces()).all()
 
 
 def test_the_door_of_each_part(models):
-    """The first model was trained up to 3.7 mm and is asked at 5; the door says so in the words of one model."""
+    """The first model was trained up to 3.7 mm and is asked at 5.
+
+    The door says so in the words of one model.
+    """
     local = hhr.LocalModels(models, one_cut(1, 5.5, (0.0, 0.2)))
     for ask, at in ((local.solve, (100.0, 5.0)), (local.solve_many, [LOW, (100.0, 5.0)])):
         with pytest.warns(OutsideTrainingWarning, match=r"h1 = 5 \(trained 0\.4"):
@@ -339,7 +368,11 @@ def test_stiffness_that_varies():
 def test_models_that_do_not_go_together(models, training):
     halves = one_cut(1, CUT, REACH)
     other = hhr.train(pressed_block("plane_strain"), (4,), held_out=0).build(checked=False)
-    bounds = {"bound": dataclasses.replace(models[1].fields.bound, schur=1.1 * models[1].fields.bound.schur)}
+    bounds = {
+        "bound": dataclasses.replace(
+            models[1].fields.bound, schur=1.1 * models[1].fields.bound.schur
+        )
+    }
     stiffer = models[1].changed(fields=dataclasses.replace(models[1].fields, **bounds))
     mute, bare = (
         models[1].changed(fields=dataclasses.replace(models[1].fields, **dict.fromkeys(names)))
@@ -350,7 +383,9 @@ def test_models_that_do_not_go_together(models, training):
     finer = dataclasses.replace(pellet.scene(**mesh), outputs=OUTPUTS)
     elsewhere = dataclasses.replace(training.full_order.scene.loads[0], amplitude=slope("P1", 0.5))
     loaded = dataclasses.replace(training.full_order.scene, loads=(elsewhere,))
-    apart, pulled = (parts_of(hhr.train(scene, (4, 4), held_out=0), [(0.0, 6.1)])[0] for scene in (finer, loaded))
+    apart, pulled = (
+        parts_of(hhr.train(scene, (4, 4), held_out=0), [(0.0, 6.1)])[0] for scene in (finer, loaded)
+    )
     for model in (other, apart, pulled, stiffer, mute, bare, models[1].changed(parameters=wide)):
         with pytest.raises(ReductionError, match="local model 1 is of another scene or mesh"):
             hhr.LocalModels([models[0], model], halves)
@@ -360,7 +395,11 @@ def test_models_that_do_not_go_together(models, training):
     for wrong, tree, why in (
         *((items, halves, no_models) for items in ([], [models[0], None], [training.full_order])),
         (models, None, "None is no Choice"),
-        (models, choice([(-1, 0)], (0.0,) * 3), r"a choice of 3 parameters does not suit \('P1', 'h1'\)"),
+        (
+            models,
+            choice([(-1, 0)], (0.0,) * 3),
+            r"a choice of 3 parameters does not suit \('P1', 'h1'\)",
+        ),
         (models[:1], halves, "not among 1 local ones"),
         ([models[0], flowing], halves, "take one model"),
     ):
@@ -401,7 +440,9 @@ def points_of(model, count=40):
     """Random points and some by the first border."""
     points = model.parameters.random(2 * count, seed=9)
     axis = int(model.choice.axis[0])
-    points[count:, axis] = model.choice.cut[0] + np.linspace(-1, 1, count) * model.choice.reach[axis]
+    points[count:, axis] = (
+        model.choice.cut[0] + np.linspace(-1, 1, count) * model.choice.reach[axis]
+    )
     return points
 
 
@@ -410,7 +451,9 @@ def test_tables_say_which_model_answered(three, tmp_path):
     points = np.vstack([points_of(three, 10), [[1e9, 1.0]]])
     answers = hhr.answer_points(three, points)
     alone = hhr.answer_points(three.models[0], points, outside="ignore")
-    assert list(answers.outputs) == list(alone.outputs) and list(answers.estimates) == list(alone.estimates)
+    assert list(answers.outputs) == list(alone.outputs) and list(answers.estimates) == list(
+        alone.estimates
+    )
     assert not alone.columns and list(answers.columns) == ["model"]
     numbers = answers.columns["model"]
     assert np.isnan(numbers[-1]) and answers.status[-1] != "ok"
@@ -419,11 +462,15 @@ def test_tables_say_which_model_answered(three, tmp_path):
         assert numbers[k] == three.model_of(answer)
         # many at once share products of matrices, whose last digits differ from those of one
         assert largest_difference(answers.forces[k], answer.forces()) < 1e-12
-        assert answers.outputs["peak [MPa]"][k] == pytest.approx(answer.outputs()["peak"], rel=1e-12)
+        assert answers.outputs["peak [MPa]"][k] == pytest.approx(
+            answer.outputs()["peak"], rel=1e-12
+        )
         bound = answer.estimate().outputs["peak"]
         # a difference of two peaks, each to the same digits
         least = 1e-13 * answer.outputs()["peak"]
-        assert answers.estimates["bound of peak [MPa]"][k] == pytest.approx(bound, rel=1e-6, abs=least)
+        assert answers.estimates["bound of peak [MPa]"][k] == pytest.approx(
+            bound, rel=1e-6, abs=least
+        )
     assert hhr.write_answers(tmp_path / "answers.csv", three.parameters, answers) == 1
     rows = read_csv(tmp_path / "answers.csv")
     assert [row["model"] for row in rows] == [*(f"{number:.0f}" for number in numbers[:-1]), ""]
@@ -443,11 +490,16 @@ hhr.answer_table(model, hhr.read_points(sys.argv[2], model.parameters), sys.argv
 @needs("ranks", "tables")
 def test_on_two_ranks_a_table_is_the_same(three, tmp_path):
     hhr.save_model(tmp_path / "local.npz", three)
-    np.savetxt(tmp_path / "points.csv", points_of(three, 15), delimiter=",", header="P1,h1", comments="")
+    np.savetxt(
+        tmp_path / "points.csv", points_of(three, 15), delimiter=",", header="P1,h1", comments=""
+    )
     texts = []
     for ranks in (1, 2):
         out = tmp_path / f"answers{ranks}.csv"
-        launch(ranks, ["-c", ON_RANKS, str(tmp_path / "local.npz"), str(tmp_path / "points.csv"), str(out)])
+        launch(
+            ranks,
+            ["-c", ON_RANKS, str(tmp_path / "local.npz"), str(tmp_path / "points.csv"), str(out)],
+        )
         texts.append(out.read_text())
     assert texts[0] == texts[1]
     assert {row["model"] for row in read_csv(tmp_path / "answers2.csv")} == {"0", "1", "2"}
@@ -455,7 +507,10 @@ def test_on_two_ranks_a_table_is_the_same(three, tmp_path):
 
 @needs("fallback", "tables")
 def test_local_models_fall_back_on_the_full_one(three, training):
-    model, points = hhr.FallbackModel(three, training.full_order, 1e-3), np.vstack([points_of(three, 20), [[1e9, 1.0]]])
+    model, points = (
+        hhr.FallbackModel(three, training.full_order, 1e-3),
+        np.vstack([points_of(three, 20), [[1e9, 1.0]]]),
+    )
     answers = hhr.answer_points(model, points)
     fell, numbers = answers.columns["fell_back"] == 1, answers.columns["model"]
     assert 0 < fell.sum() == model.fallen < 40

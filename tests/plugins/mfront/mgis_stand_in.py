@@ -1,7 +1,9 @@
-"""The part of ``mgis.behaviour`` that laws use, with the names, shapes and refusals of MGIS 3 by its sources.
+"""The part of ``mgis.behaviour`` that laws use, with the names, shapes and refusals of MGIS 3 by
+its sources.
 
-``bindings/python/src`` and ``src`` of MFrontGenericInterfaceSupport. Arrays belong to their manager and end with it;
-those without columns cannot be had; integration ends at the first point that fails; constants are set by name.
+``bindings/python/src`` and ``src`` of MFrontGenericInterfaceSupport. Arrays belong to their manager
+and end with it; those without columns cannot be had; integration ends at the first point that
+fails; constants are set by name.
 """
 
 import types
@@ -13,13 +15,21 @@ from outside_laws import von_mises
 Hypothesis = Enum("Hypothesis", ["Tridimensional", "PlaneStrain", "PlaneStress", "Axisymmetrical"])
 IntegrationType = Enum(
     "IntegrationType",
-    ["IntegrationWithoutTangentOperator", "IntegrationWithElasticOperator", "IntegrationWithConsistentTangentOperator"],
+    [
+        "IntegrationWithoutTangentOperator",
+        "IntegrationWithElasticOperator",
+        "IntegrationWithConsistentTangentOperator",
+    ],
 )
-MaterialStateManagerStorageMode = Enum("MaterialStateManagerStorageMode", ["LocalStorage", "ExternalStorage"])
+MaterialStateManagerStorageMode = Enum(
+    "MaterialStateManagerStorageMode", ["LocalStorage", "ExternalStorage"]
+)
 VariableType = Enum("VariableType", ["SCALAR", "STENSOR", "TENSOR"])
 EXPANSION = 1e-5
 LARGEST = 0.03
-"""Largest change of a component of the strain in a step of the plasticity; beyond it a point fails."""
+"""Largest change of a component of the strain in a step of the plasticity; beyond it a point
+fails.
+"""
 
 
 class Variable:
@@ -30,9 +40,11 @@ class Variable:
 
 def getVariableSize(variable, hypothesis):
     space = hypothesis is Hypothesis.Tridimensional
-    return {VariableType.SCALAR: 1, VariableType.STENSOR: 6 if space else 4, VariableType.TENSOR: 9 if space else 5}[
-        variable.type
-    ]
+    return {
+        VariableType.SCALAR: 1,
+        VariableType.STENSOR: 6 if space else 4,
+        VariableType.TENSOR: 9 if space else 5,
+    }[variable.type]
 
 
 def getArraySize(variables, hypothesis):
@@ -40,7 +52,9 @@ def getArraySize(variables, hypothesis):
 
 
 class Behaviour:
-    def __init__(self, hypothesis, properties, internal, external, point, kind="StandardStrainBasedBehaviour"):
+    def __init__(
+        self, hypothesis, properties, internal, external, point, kind="StandardStrainBasedBehaviour"
+    ):
         self.hypothesis = hypothesis
         self.mps = self.material_properties = [Variable(name) for name in properties]
         self.isvs = self.internal_state_variables = internal
@@ -63,7 +77,9 @@ def _plasticity(data, i, dt, tangent):
     inside = data.s0.internal_state_variables[i]
     bulk, mu = young / (3 - 6 * poisson), young / (2 + 2 * poisson)
     given = {"young": young, "poisson": poisson, "yield_stress": strength, "hardening": slope}
-    tangents, stress, amount = von_mises(step, data.s0.thermodynamic_forces[i], inside[size], **given)
+    tangents, stress, amount = von_mises(
+        step, data.s0.thermodynamic_forces[i], inside[size], **given
+    )
     data.s1.thermodynamic_forces[i] = stress
     mean = stress[:3].mean()
     strain = stress / (2 * mu)
@@ -78,7 +94,9 @@ def _elasticity(data, i, dt, tangent):
     young, poisson = (data.s1.values(name, i) for name in PLASTIC[:2])
     strain = data.s1.gradients[i]
     none = {"young": young, "poisson": poisson, "yield_stress": np.inf, "hardening": 0.0}
-    tangents, data.s1.thermodynamic_forces[i], _ = von_mises(strain, np.zeros_like(strain), np.zeros(()), **none)
+    tangents, data.s1.thermodynamic_forces[i], _ = von_mises(
+        strain, np.zeros_like(strain), np.zeros(()), **none
+    )
     if tangent:
         data.K[i] = tangents
     return 0  # it succeeds, and is not reliable
@@ -90,12 +108,16 @@ INTERNAL = [Variable("ElasticStrain", VariableType.STENSOR), Variable("Equivalen
 
 def load(library, name, hypothesis):
     if not isinstance(library, str) or "Behaviour" not in library:
-        raise RuntimeError(f"LibrariesManager::loadLibrary: library '{library}' could not be loaded")
+        raise RuntimeError(
+            f"LibrariesManager::loadLibrary: library '{library}' could not be loaded"
+        )
     made = {
         "Plasticity": lambda: Behaviour(hypothesis, PLASTIC, INTERNAL, [], _plasticity),
         "Elasticity": lambda: Behaviour(hypothesis, PLASTIC[:2], [], [], _elasticity),
         "Finite": lambda: Behaviour(hypothesis, [], [], [], None, "StandardFiniteStrainBehaviour"),
-        "Tensorial": lambda: Behaviour(hypothesis, [], [], [Variable("Field", VariableType.STENSOR)], None),
+        "Tensorial": lambda: Behaviour(
+            hypothesis, [], [], [Variable("Field", VariableType.STENSOR)], None
+        ),
     }
     if name not in made:
         raise RuntimeError(f"LibrariesManager::extract: could not load symbol '{name}_mfront_mkt'")
@@ -105,7 +127,10 @@ def load(library, name, hypothesis):
 class MaterialStateManager:
     def __init__(self, behaviour, n):
         self.n = n
-        self._known = {"mps": [v.name for v in behaviour.mps], "esvs": [v.name for v in behaviour.esvs]}
+        self._known = {
+            "mps": [v.name for v in behaviour.mps],
+            "esvs": [v.name for v in behaviour.esvs],
+        }
         self._fields = {}
         size = 6 if behaviour.hypothesis is Hypothesis.Tridimensional else 4
         self.gradients = np.zeros((n, size))
@@ -123,11 +148,16 @@ class MaterialStateManager:
         return self._fields[name][i]
 
     def set(self, kind, name, value, mode):
-        if name not in self._known[kind] or mode is not MaterialStateManagerStorageMode.LocalStorage:
+        if (
+            name not in self._known[kind]
+            or mode is not MaterialStateManagerStorageMode.LocalStorage
+        ):
             raise RuntimeError(f"getVariable: no variable named '{name}'")
         value = np.asarray(value)
         if value.shape != (self.n,) or value.dtype != float:
-            raise RuntimeError("invalid number of values (does not match the number of integration points)")
+            raise RuntimeError(
+                "invalid number of values (does not match the number of integration points)"
+            )
         self._fields[name] = value.copy()
 
 
@@ -172,5 +202,7 @@ def installed(modules):
     """Put it into modules as ``mgis.behaviour``."""
     package = types.ModuleType("mgis")
     package.behaviour = behaviour = types.ModuleType("mgis.behaviour")
-    vars(behaviour).update({name: value for name, value in globals().items() if not name.startswith("_")})
+    vars(behaviour).update(
+        {name: value for name, value in globals().items() if not name.startswith("_")}
+    )
     modules.update({"mgis": package, "mgis.behaviour": behaviour})

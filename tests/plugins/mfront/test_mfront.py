@@ -1,4 +1,6 @@
-"""Behaviours of MFront as laws of bodies, by a stand-in for MGIS, beside laws in UFL and plasticity in numpy."""
+"""Behaviours of MFront as laws of bodies, by a stand-in for MGIS, beside laws in UFL and plasticity
+in numpy.
+"""
 
 import pickle
 import re
@@ -39,11 +41,17 @@ def test_histories_are_those_of_the_law_in_ufl_and_what_holds_no_code_refuses(tm
 
 
 def test_the_page_of_laws_has_one():
-    (code,) = re.findall(r"```py\n(.*?)```", (Path(__file__).parents[3] / "docs/laws.md").read_text(), re.DOTALL)
+    (code,) = re.findall(
+        r"```py\n(.*?)```", (Path(__file__).parents[3] / "docs/laws.md").read_text(), re.DOTALL
+    )
     found = {"hhr": hhr}
     exec(code, found)
     law = found["body"].law
-    assert law.formulas == {"YieldStress": "80 - 0.02 * T"} and not law.rated and found["body"].reader == "inelastic"
+    assert (
+        law.formulas == {"YieldStress": "80 - 0.02 * T"}
+        and not law.rated
+        and found["body"].reader == "inelastic"
+    )
 
 
 @pytest.mark.parametrize("components", [4, 6])
@@ -62,22 +70,35 @@ def test_a_behaviour_without_internal_variables():
 
 
 def test_constants_and_temperature_by_formulas_of_parameters_and_places():
-    """Temperatures begin at 293.15, and move in steps; derivatives of a history are those of the law in UFL."""
+    """Temperatures begin at 293.15, and move in steps.
+
+    Derivatives of a history are those of the law in UFL.
+    """
     around = hhr.Plasticity("s * (1 - 0.1 * r)", "H")
     box = {"T": (200.0, 900.0), "s": (0.5, 1.5), "H": (1.0, 10.0)}
     constants = {"Temperature": "T", "YieldStress": "s * (1 - 0.1 * r)", "HardeningSlope": "H"}
     laws = hhr.Heated(around, stand_in.EXPANSION, "T", 293.15), plasticity(**constants)
     fulls = [hhr.FullOrderModel(walled_tube(law, **box)) for law in laws]
-    path = [(time, np.array([*point, 293.15 + 3000 * time**2, 0.8, 6.0])) for time, point in up(0.9, dt=0.05)]
-    settings = hhr.MarchSettings("tangent", relative_stress=1e-12, relative_force=1e-12, gradient=True)
+    path = [
+        (time, np.array([*point, 293.15 + 3000 * time**2, 0.8, 6.0]))
+        for time, point in up(0.9, dt=0.05)
+    ]
+    settings = hhr.MarchSettings(
+        "tangent", relative_stress=1e-12, relative_force=1e-12, gradient=True
+    )
     expected, found = (full.march(path, settings) for full in fulls)
-    assert max(apart(found, expected, outside.FIELDS)) < 1e-12 and found.answers[-1].plastic_strain().max() > 1e-3
+    assert (
+        max(apart(found, expected, outside.FIELDS)) < 1e-12
+        and found.answers[-1].plastic_strain().max() > 1e-3
+    )
     for one, other in zip(found.answers, expected.answers, strict=True):
         right = other.gradient.unknown
         assert np.abs(one.gradient.unknown - right).max() < 1e-7 * np.abs(right).max()
     law = plasticity(**constants).at_points(4).with_numbers({"HardeningSlope": 2.0})
     assert pickle.loads(pickle.dumps(law)).values == law.values == ("s * (1 - 0.1 * r)", 2.0, "T")
-    with pytest.raises(SceneError, match="HardeningSlope = nan of Plasticity here must be a number"):
+    with pytest.raises(
+        SceneError, match="HardeningSlope = nan of Plasticity here must be a number"
+    ):
         law.with_numbers({"HardeningSlope": float("nan")}, " here")
     with pytest.raises(SceneError, match="'YieldStres'"):
         hhr.FullOrderModel(walled_tube(plasticity(YieldStres=1.0)))
@@ -97,7 +118,8 @@ def test_points_that_fail_cut_the_step_and_are_named():
         assert cut.answers[-1].converged and cut.answers[-1].parts > 1
         stand_in.LARGEST = 1e-7
         with pytest.raises(
-            ConvergenceError, match=r"Plasticity has no answer at \d+ points, such as for the strain \("
+            ConvergenceError,
+            match=r"Plasticity has no answer at \d+ points, such as for the strain \(",
         ):
             full.march(once, QUIET)
     finally:
@@ -105,9 +127,12 @@ def test_points_that_fail_cut_the_step_and_are_named():
     material = Material([Group(np.arange(5), 200.0, 0.3, plasticity().at_points(4))], 4)
     strain = np.zeros((5, 4))
     strain[3, 0] = 2 * largest
-    with pytest.raises(ConvergenceError, match=r"no answer at 1 points, such as for the strain \(0\.06, 0, 0, 0\)"):
+    with pytest.raises(
+        ConvergenceError, match=r"no answer at 1 points, such as for the strain \(0\.06, 0, 0, 0\)"
+    ):
         material.update(strain, material.at_rest(), 1.0, tangent=True)
-    # as for programs, a strain that is no number is no point without an answer: others end the iteration
+    # as for programs, a strain that is no number is no point without an answer: others end the
+    # iteration
     strain[3, 0] = np.nan
     assert np.isnan(material.update(strain, material.at_rest(), 1.0, tangent=True).stress[3]).any()
 
@@ -115,8 +140,10 @@ def test_points_that_fail_cut_the_step_and_are_named():
 def test_stores_know_the_library_and_the_constants(tmp_path):
     library = tmp_path / "libBehaviour.so"
     library.write_text("one")
-    outside.check_store(*(hhr.MFront(library, "Plasticity", CONSTANTS | {"HardeningSlope": h}) for h in (5.0, 6.0)),
-                        tmp_path / "constants")  # fmt: skip
+    outside.check_store(
+        *(hhr.MFront(library, "Plasticity", CONSTANTS | {"HardeningSlope": h}) for h in (5.0, 6.0)),
+        tmp_path / "constants",
+    )
     law = hhr.MFront(library, "Plasticity", CONSTANTS)
     library.write_text("two")
     outside.check_store(law, hhr.MFront(library, "Plasticity", CONSTANTS), tmp_path / "libraries")
@@ -125,11 +152,21 @@ def test_stores_know_the_library_and_the_constants(tmp_path):
 @pytest.mark.parametrize(
     ("library", "behaviour", "constants", "why"),
     [
-        (LIBRARY, "Plasticity", {"YieldStress": 1.0}, r"\['HardeningSlope'\] are missing in its constants"),
+        (
+            LIBRARY,
+            "Plasticity",
+            {"YieldStress": 1.0},
+            r"\['HardeningSlope'\] are missing in its constants",
+        ),
         (LIBRARY, "Plasticity", {**CONSTANTS, "Y": 1.0}, r"\['Y'\] are unknown"),
         (LIBRARY, "Finite", {}, "Finite of src/libBehaviour.so must be of small strains"),
         (LIBRARY, "Tensorial", {}, "numbers as external state variables"),
-        (LIBRARY, "Other", {}, r"MGIS cannot load Other of .* for .*PlaneStrain: .*Other_mfront_mkt"),
+        (
+            LIBRARY,
+            "Other",
+            {},
+            r"MGIS cannot load Other of .* for .*PlaneStrain: .*Other_mfront_mkt",
+        ),
         ("nothing.so", "Plasticity", CONSTANTS, "library 'nothing.so' could not be loaded"),
     ],
 )
@@ -145,5 +182,7 @@ def test_without_mgis_the_error_says_how_to_get_it(monkeypatch):
     monkeypatch.delitem(sys.modules, "mgis.behaviour")
     assert names("laws")["MFront"] == "mfront"
     scene = walled_tube(hhr.MFront("src/libBehaviour_elsewhere.so", "Plasticity", CONSTANTS))
-    with pytest.raises(MissingPackageError, match=r"needs mgis\.behaviour.*conda install -c conda-forge mgis"):
+    with pytest.raises(
+        MissingPackageError, match=r"needs mgis\.behaviour.*conda install -c conda-forge mgis"
+    ):
         hhr.FullOrderModel(scene)

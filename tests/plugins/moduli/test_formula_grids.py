@@ -1,4 +1,6 @@
-"""Formulas of moduli are looked at everywhere before a grid between few of their values is trusted."""
+"""Formulas of moduli are looked at everywhere before a grid between few of their values is
+trusted.
+"""
 
 import warnings
 
@@ -15,7 +17,9 @@ from hhr_dolfinx.plugins.moduli.interpolation import nodes_of
 from hhr_dolfinx.plugins.moduli.proved import PartStiffness
 
 SPIKE = "0.25 + 0.2 * exp(-((t - 0.613) / 0.0015)**2)"
-"""A Poisson's ratio that rises to 0.45 on 0.3 % of the box, between all nodes and all training points."""
+"""A Poisson's ratio that rises to 0.45 on 0.3 % of the box, between all nodes and all training
+points.
+"""
 SPACE = hhr.ParameterSpace(("other", "t"), (5.0, 0.0), (7.0, 1.0))
 
 
@@ -45,14 +49,20 @@ def test_one_modulus_is_held_against_its_inverse(levels):
     for factor in (None, modulus.factor_scalar):
         inverse = lambda t, left=factor is None: 1 / ((1 + 3 * t**2) * ((2 + t) if left else 1.0))  # noqa: E731
         exact = inverse(places)
-        expected = np.abs(BarycentricInterpolator(x, inverse(x))(places) - exact).max() / exact.max()
-        assert FormulaGrid(part_of(modulus, factor, 1), SPACE).error(numbers) == pytest.approx(expected, rel=1e-6)
+        expected = (
+            np.abs(BarycentricInterpolator(x, inverse(x))(places) - exact).max() / exact.max()
+        )
+        assert FormulaGrid(part_of(modulus, factor, 1), SPACE).error(numbers) == pytest.approx(
+            expected, rel=1e-6
+        )
     # along what no formula depends on one node is enough
     assert FormulaGrid(part_of(modulus, None, 0), SPACE).error(np.array([[0]])) == 0.0
 
 
 def test_an_error_is_the_same_number_each_time():
-    """Nodes in an order drawn anew changed its last bits in each run, and with them bounds by a part in 1e7."""
+    """Nodes in an order drawn anew changed its last bits in each run, and with them bounds by a
+    part in 1e7.
+    """
     modulus = Modulus("2 + t", "1 + 3 * t**2", SPACE.names)
     part = part_of(modulus, None, 1)
     assert len({PartStiffness(part, SPACE, False).error(9) for _ in range(20)}) == 1
@@ -60,8 +70,12 @@ def test_an_error_is_the_same_number_each_time():
 
 
 def test_a_spike_between_all_nodes_is_said(spiked):
-    """Forces were 24 % off there in the condensed model without a word, and answers had an estimate."""
-    with pytest.warns(StabilityWarning, match=r"error of about .* is left .* smooth formulas of moduli that jump"):
+    """Forces were 24 % off there in the condensed model without a word, and answers had an
+    estimate.
+    """
+    with pytest.warns(
+        StabilityWarning, match=r"error of about .* is left .* smooth formulas of moduli that jump"
+    ):
         model = spiked.condense()
     assert model.offline.surpluses[0] > 0.1
     assert model.solve(spiked.full_order.problem.middle).estimate() is None
@@ -72,9 +86,12 @@ def test_a_reduced_model_factors_anew_and_says_what_it_has_not_seen(spiked):
     with warnings.catch_warnings(record=True, action="always") as said:
         model = spiked.build()
     unseen = [str(item.message) for item in said if item.category is TrainingWarning]
-    assert unseen and all("t = 0.613, and" in text and "at all training points" in text for text in unseen)
+    assert unseen and all(
+        "t = 0.613, and" in text and "at all training points" in text for text in unseen
+    )
     assert model.compliances is None
-    # K~ itself is exact, and what is left is the reduction: 1e-2 where S~ between few parameters was 0.2 off
+    # K~ itself is exact, and what is left is the reduction: 1e-2 where S~ between few parameters
+    # was 0.2 off
     skipped = {item["stage"]: item["why"] for item in model.offline.log.skipped}
     assert "no smooth function" in skipped["interpolation"]
 

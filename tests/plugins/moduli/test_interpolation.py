@@ -1,4 +1,6 @@
-"""Sparse grids that grow: exact for polynomials, exponential for smooth functions, nodes where they are needed."""
+"""Sparse grids that grow: exact for polynomials, exponential for smooth functions, nodes where they
+are needed.
+"""
 
 import numpy as np
 import pytest
@@ -21,7 +23,9 @@ def whole(values):
 def grown(function, area, tolerance=1e-12, budget=400):
     """The grid of a function of its own axes, sizes relative to that in the middle."""
     middle = float(np.linalg.norm(function((area[1] + area[2]) / 2))) or 1.0
-    return grow(function, lambda surplus: float(np.linalg.norm(surplus)) / middle, area, tolerance, budget)
+    return grow(
+        function, lambda surplus: float(np.linalg.norm(surplus)) / middle, area, tolerance, budget
+    )
 
 
 def worst(grid, function, area, count=200):
@@ -54,13 +58,18 @@ def test_polynomials_and_their_derivatives_are_reproduced_exactly():
     grid = grown(polynomial, AREA)
     assert worst(grid, polynomial, AREA) < 1e-12
     assert grid.surplus <= 1e-12
-    # 27 products of degrees up to 2, the powers beyond, and the shell of those that were tried in vain
+    # 27 products of degrees up to 2, the powers beyond, and the shell of those that were tried in
+    # vain
     assert 27 < grid.evaluations < 90
     scale = np.array([1.0, 1.0, 1e3])
     for point in np.random.default_rng(1).uniform(AREA[1], AREA[2], (10, 3)):
         a, b, c = point[0], point[1] - 10.0, 1e3 * point[2]
-        exact = [[4 * a**3 - 3 * b, -3 * a, 3 * c**2], [-b * c, 2 * b * c - a * c, b**2 - a * b],
-                 [2 * a * b**2 * c**2, 2 * a**2 * b * c**2, 2 * a**2 * b**2 * c], [0, 0, 0]]  # fmt: skip
+        exact = [
+            [4 * a**3 - 3 * b, -3 * a, 3 * c**2],
+            [-b * c, 2 * b * c - a * c, b**2 - a * b],
+            [2 * a * b**2 * c**2, 2 * a**2 * b * c**2, 2 * a**2 * b**2 * c],
+            [0, 0, 0],
+        ]
         found = grid.interpolant.modes @ grid.interpolant.slopes_along_modes(whole(point))
         assert found == pytest.approx(np.array(exact) * scale, rel=1e-9, abs=1e-9 * scale.max())
 
@@ -71,13 +80,16 @@ def test_nodes_go_where_they_are_needed():
     grid = grown(lambda x: np.array([1 / (1.3 + x[0]) + 0.01 * x[1]]), area, 1e-8)
     highest = grid.interpolant.levels.max(axis=0)
     assert highest[0] > 12 and highest[1] == 2 and highest[2] == 2
-    assert grid.evaluations < 3 * highest[0] + 10  # each level tries the products with the other two
+    assert (
+        grid.evaluations < 3 * highest[0] + 10
+    )  # each level tries the products with the other two
 
 
 @pytest.mark.parametrize(
     ("function", "accuracy"),
     [
-        # odd about the middle: x^2 has no surplus on a node where it is as in the middle, and even functions at first
+        # odd about the middle: x^2 has no surplus on a node where it is as in the middle, and even
+        # functions at first
         (lambda x: 1 + x[0] * (x[0] - 1), 1e-12),
         (lambda x: 2 + x[1] * (1 - x[1]) * x[0] + x[0] + x[1] ** 2, 1e-12),
         (lambda x: 3 + x[0] * (1 - x[0]) * x[1] * (1 - x[1]), 1e-10),
@@ -89,7 +101,10 @@ def test_nodes_go_where_they_are_needed():
 )
 def test_what_vanishes_at_first_nodes_by_chance_is_found_elsewhere(function, accuracy):
     area = box((-1.0, 1.0), (-1.0, 1.0))
-    assert worst(grown(lambda x: np.array([function(x)]), area), lambda x: [function(x)], area) < accuracy
+    assert (
+        worst(grown(lambda x: np.array([function(x)]), area), lambda x: [function(x)], area)
+        < accuracy
+    )
 
 
 @pytest.mark.parametrize("budget", [1, 2, 5, 17])
@@ -106,7 +121,9 @@ def test_the_budget_is_kept(budget):
     assert len(calls) == len(set(calls)) == grid.evaluations == budget
     assert grid.interpolant.levels.shape == (budget, 2)
     for point in calls:  # what was evaluated is interpolated
-        assert grid.interpolant.value(whole(point)) == pytest.approx([np.exp(point[0]) / (1.1 + point[1])], rel=1e-12)
+        assert grid.interpolant.value(whole(point)) == pytest.approx(
+            [np.exp(point[0]) / (1.1 + point[1])], rel=1e-12
+        )
 
 
 def compliance(x):
@@ -115,7 +132,13 @@ def compliance(x):
 
 SMOOTH = {
     "two moduli": (compliance, box((1.0, 3.0), (0.2, 0.4)), 10, 150, (1e-2, 1e-4, 1e-6, 1e-8)),
-    "exponential": (lambda x: np.exp(x[:1] + 2 * x[1]), box((0.0, 1.0), (0.0, 1.0)), 20, 60, (1e-1, 1e-3, 1e-6)),
+    "exponential": (
+        lambda x: np.exp(x[:1] + 2 * x[1]),
+        box((0.0, 1.0), (0.0, 1.0)),
+        20,
+        60,
+        (1e-1, 1e-3, 1e-6),
+    ),
 }
 
 
@@ -164,4 +187,7 @@ def test_a_budget_that_ends_it_is_told(budget):
     """What is left is at least a hundredth of the error, whatever term was followed last."""
     area, function = box((-1.0, 1.0), (-1.0, 1.0)), lambda x: np.array([1 / (1.15 + x[1])])
     grid = grown(function, area, 1e-5, budget)
-    assert grid.surplus * function([0.0, 0.0])[0] > worst(grid, function, area, 50) * function([0.0, -1.0])[0] / 100
+    assert (
+        grid.surplus * function([0.0, 0.0])[0]
+        > worst(grid, function, area, 50) * function([0.0, -1.0])[0] / 100
+    )

@@ -1,4 +1,6 @@
-"""Fields under known forces: those of an elimination for every parameter, and nobody makes them who does not ask."""
+"""Fields under known forces: those of an elimination for every parameter, and nobody makes them who
+does not ask.
+"""
 
 from unittest.mock import Mock
 
@@ -39,10 +41,15 @@ def materials():
 def shape():
     x, y = coordinate_names("plane_strain")
     wider = hhr.Shape(two_blocks.SECOND, (f"1 + ({x} - 1) * (1 + wide)", y))
-    return condensed(((3.0, 0.3), (4.0, 0.3)), {"wide": (0.0, 0.05)}, shapes=(wider,), matching=False)
+    return condensed(
+        ((3.0, 0.3), (4.0, 0.3)), {"wide": (0.0, 0.05)}, shapes=(wider,), matching=False
+    )
 
 
-@pytest.fixture(scope="module", params=["materials", pytest.param("shape", marks=needs("nonmatching", "shapes"))])
+@pytest.fixture(
+    scope="module",
+    params=["materials", pytest.param("shape", marks=needs("nonmatching", "shapes"))],
+)
 def model(request):
     return request.getfixturevalue(request.param)
 
@@ -52,7 +59,10 @@ def test_fields_are_those_of_an_elimination(model):
     for point in model.parameters.random(20, 1):
         answer = model.solve(point)
         expected = model.fields.galerkin(point).unknown(answer.multipliers)
-        assert largest_difference(model.fields._solver.under(point, answer.multipliers), expected) < 1e-9
+        assert (
+            largest_difference(model.fields._solver.under(point, answer.multipliers), expected)
+            < 1e-9
+        )
 
 
 def test_blocks_of_one_and_of_two_parts_are_diagonal(materials):
@@ -67,8 +77,13 @@ def test_a_block_of_other_parts_is_factored(materials, monkeypatch):
     answer = materials.solve(point)
     before = answer.displacement()
     monkeypatch.setattr(DiagonalBlock, "of", staticmethod(lambda block: None))
-    unknown = KnownForces(fields.galerkin.problem, fields.galerkin.amplitudes).under(point, answer.multipliers)
-    assert largest_difference(fields.basis @ unknown + fields.lifts @ fields.amplitudes(point), before) < 1e-9
+    unknown = KnownForces(fields.galerkin.problem, fields.galerkin.amplitudes).under(
+        point, answer.multipliers
+    )
+    assert (
+        largest_difference(fields.basis @ unknown + fields.lifts @ fields.amplitudes(point), before)
+        < 1e-9
+    )
 
 
 def test_outputs_of_forces_make_no_field(model, monkeypatch):
@@ -76,7 +91,11 @@ def test_outputs_of_forces_make_no_field(model, monkeypatch):
     points = model.parameters.random(5, 3)
     answers = [model.solve(point) for point in points]
     refused = Mock(side_effect=AssertionError("no output has a row of displacement"))
-    for kind, method in ((BlockElimination, "__call__"), (KnownForces, "under"), (ReshapedElimination, "under")):
+    for kind, method in (
+        (BlockElimination, "__call__"),
+        (KnownForces, "under"),
+        (ReshapedElimination, "under"),
+    ):
         monkeypatch.setattr(kind, method, refused)
     monkeypatch.setattr(ReshapedElimination, "__call__", refused)
     for answer in answers:
@@ -86,10 +105,14 @@ def test_outputs_of_forces_make_no_field(model, monkeypatch):
 
 @needs("one_call")
 def test_stages_are_kept_for_a_run_that_was_interrupted(tmp_path, monkeypatch):
-    """Starts and responses, after which such runs end: another run computes neither, and its model is the same."""
+    """Starts and responses, after which such runs end: another run computes neither, and its model
+    is the same.
+    """
     from hhr_dolfinx.plugins.one_call.array_store import ArrayStore
 
-    scene = pressed_pair("plane_strain", (("E1", "nu1"), (4.0, 0.3)), {"E1": (1.0, 6.0), "nu1": (0.1, 0.45)}, cells=2)
+    scene = pressed_pair(
+        "plane_strain", (("E1", "nu1"), (4.0, 0.3)), {"E1": (1.0, 6.0), "nu1": (0.1, 0.45)}, cells=2
+    )
     full = hhr.FullOrderModel(scene)
     settings = GridSettings(1e-3, 30)
 

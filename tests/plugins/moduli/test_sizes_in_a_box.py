@@ -1,4 +1,6 @@
-"""Sizes of arrays that are interpolated together: of the whole box, not of a point where one may vanish."""
+"""Sizes of arrays that are interpolated together: of the whole box, not of a point where one may
+vanish.
+"""
 
 import numpy as np
 import pytest
@@ -22,7 +24,9 @@ def gaps(point):
 
 @pytest.mark.parametrize("size", [1.0, 1e-3])
 def test_arrays_that_vanish_in_the_middle(size):
-    """Each is as exact as the tolerance relative to its own size, and the budget is not spent on round-off."""
+    """Each is as exact as the tolerance relative to its own size, and the budget is not spent on
+    round-off.
+    """
     box = space(a=(-size, size), b=(-size, size))
     settings = GridSettings(TOLERANCE, 200)
     grid, modes = grown(gaps, box, (0, 1), settings, round_off={"closed": 1e-8})
@@ -32,7 +36,9 @@ def test_arrays_that_vanish_in_the_middle(size):
         along = grid.interpolant.along_modes(point)
         for name, value in gaps(point).items():
             off = np.abs(modes[name] @ along - value).max()
-            assert off <= (1e-14 if name == "closed" else 100 * TOLERANCE * np.abs(largest[name]).max()), name
+            assert off <= (
+                1e-14 if name == "closed" else 100 * TOLERANCE * np.abs(largest[name]).max()
+            ), name
 
 
 def test_each_point_is_solved_once():
@@ -44,9 +50,19 @@ def test_each_point_is_solved_once():
         return gaps(point)
 
     grid, _ = grown(
-        solved, space(a=(-1, 1), b=(-1, 1)), (0, 1), GridSettings(TOLERANCE, 200), round_off={"closed": 1e-8}
+        solved,
+        space(a=(-1, 1), b=(-1, 1)),
+        (0, 1),
+        GridSettings(TOLERANCE, 200),
+        round_off={"closed": 1e-8},
     )
     assert len(points) == len(set(points)) == grid.evaluations
     points.clear()
-    grid, _ = grown(solved, space(a=(-1, 1), b=(-1, 1)), (0, 1), GridSettings(TOLERANCE, 5), round_off={"closed": 1e-8})
+    grid, _ = grown(
+        solved,
+        space(a=(-1, 1), b=(-1, 1)),
+        (0, 1),
+        GridSettings(TOLERANCE, 5),
+        round_off={"closed": 1e-8},
+    )
     assert len(points) == len(set(points)) == grid.evaluations

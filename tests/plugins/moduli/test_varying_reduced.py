@@ -1,4 +1,6 @@
-"""Reduced models of scenes whose elasticity depends on parameters: consistency, interpolation, gradients."""
+"""Reduced models of scenes whose elasticity depends on parameters: consistency, interpolation,
+gradients.
+"""
 
 import numpy as np
 import pytest
@@ -28,7 +30,9 @@ def training(request):
 @pytest.fixture(scope="module")
 def reduced(training):
     """An HHR model whose modes move one body each."""
-    return training.build(hhr.Recipe(basis=hhr.Pod(1e-11, relative=True, by_body=True)), checked=False)
+    return training.build(
+        hhr.Recipe(basis=hhr.Pod(1e-11, relative=True, by_body=True)), checked=False
+    )
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +56,9 @@ def galerkin(training, basis, count=5):
 def test_a_whole_basis_trained_on_five_points_is_the_full_order_everywhere(training):
     problem = training.full_order.problem
     model = galerkin(training, np.eye(problem.free.size)[:, problem.free])
-    check_alike(training.full_order, model, points_of(training, 4), displacement=1e-11, forces=1e-11)
+    check_alike(
+        training.full_order, model, points_of(training, 4), displacement=1e-11, forces=1e-11
+    )
     exact = training.full_order.solve(POINT, gradient=True).gradient
     slopes = model.solve(POINT, gradient=True).gradient
     assert largest_difference(slopes.multipliers, exact.multipliers) < 1e-9
@@ -60,15 +66,29 @@ def test_a_whole_basis_trained_on_five_points_is_the_full_order_everywhere(train
 
 
 def test_a_basis_of_five_answers_gives_them_back(training):
-    """Galerkin's method finds what its basis holds, at any stiffness; a mode for each condition makes forces unique."""
-    columns = np.column_stack([training.snapshots.displacements[:, :5], training.full_order.per_force])
+    """Galerkin's method finds what its basis holds, at any stiffness.
+
+    a mode for each condition makes forces unique.
+    """
+    columns = np.column_stack(
+        [training.snapshots.displacements[:, :5], training.full_order.per_force]
+    )
     model = galerkin(training, np.linalg.qr(columns)[0])
-    check_alike(training.full_order, model, training.snapshots.points[:5], displacement=1e-10, forces=1e-9)
+    check_alike(
+        training.full_order, model, training.snapshots.points[:5], displacement=1e-10, forces=1e-9
+    )
 
 
 def test_reduced_and_condensed_models_are_near_the_full_one(training, reduced, condensed):
     for model, most in ((reduced, 2e-3), (condensed, 1e-4)):
-        check_alike(training.full_order, model, points_of(training), displacement=most, forces=most, stress=10 * most)
+        check_alike(
+            training.full_order,
+            model,
+            points_of(training),
+            displacement=most,
+            forces=most,
+            stress=10 * most,
+        )
 
 
 def test_eliminated_between_few_parameters_it_is_what_is_factored_for_each(training, reduced):
@@ -76,11 +96,16 @@ def test_eliminated_between_few_parameters_it_is_what_is_factored_for_each(train
     assert isinstance(reduced.compliances, Compliances)
     factored = reduced.changed(compliances=None)
     for point in points_of(training):
-        one, other = (model.solve(point, outside="ignore", gradient=True) for model in (reduced, factored))
+        one, other = (
+            model.solve(point, outside="ignore", gradient=True) for model in (reduced, factored)
+        )
         assert np.array_equal(one.active, other.active)
         for name in ("multipliers", "unknown"):
             assert largest_difference(getattr(one, name), getattr(other, name)) < 1e-4
-            assert largest_difference(getattr(one.gradient, name), getattr(other.gradient, name)) < 1e-3
+            assert (
+                largest_difference(getattr(one.gradient, name), getattr(other.gradient, name))
+                < 1e-3
+            )
 
 
 def test_gradients_are_those_of_differences(reduced, condensed):
@@ -89,9 +114,14 @@ def test_gradients_are_those_of_differences(reduced, condensed):
 
 
 def test_gradients_are_near_those_of_the_full_model(training, reduced, condensed):
-    box = np.subtract(*(getattr(training.full_order.parameters, name) for name in ("upper", "lower")))
+    box = np.subtract(
+        *(getattr(training.full_order.parameters, name) for name in ("upper", "lower"))
+    )
     exact = training.full_order.solve(POINT, gradient=True).gradient.multipliers * box
-    for model, rows, tolerance in ((condensed, slice(None), 1e-4), (reduced, reduced.offline.sets.A_lambda, 2e-2)):
+    for model, rows, tolerance in (
+        (condensed, slice(None), 1e-4),
+        (reduced, reduced.offline.sets.A_lambda, 2e-2),
+    ):
         found = model.solve(POINT, gradient=True, outside="ignore").gradient.multipliers * box
         assert np.abs(found - exact[rows]).max() < tolerance * np.abs(exact).max()
 
@@ -99,7 +129,9 @@ def test_gradients_are_near_those_of_the_full_model(training, reduced, condensed
 def test_every_start_ends_at_the_same_answer(training, condensed, reduced):
     for model in (condensed, reduced, training.full_order):
         for point in points_of(training, 4):
-            near, cold = (model.solve(point, start=start, outside="ignore") for start in ("nearest", None))
+            near, cold = (
+                model.solve(point, start=start, outside="ignore") for start in ("nearest", None)
+            )
             assert np.array_equal(near.active, cold.active)
             assert largest_difference(near.multipliers, cold.multipliers) < 1e-12
 
@@ -124,14 +156,18 @@ def test_condensation_converges_with_its_tolerance(training):
     errors = []
     for tolerance in (1e-1, 1e-3, 1e-8):
         pair = training.condense(GridSettings(tolerance, 40)), training.full_order
-        forces = ([model.solve(point).forces() for model in pair] for point in points_of(training, 5))
+        forces = (
+            [model.solve(point).forces() for model in pair] for point in points_of(training, 5)
+        )
         errors.append(max(largest_difference(found, exact) for found, exact in forces))
     assert errors[0] > errors[1] > errors[2] and errors[2] < 1e-6
 
 
 def condensed_well(hypothesis, bodies, space, *point):
     """A condensed model whose forces and derivatives are right, and its full model."""
-    training = hhr.train(pressed_pair(hypothesis, bodies, space, cells=4), hhr.Sobol(32), held_out=10)
+    training = hhr.train(
+        pressed_pair(hypothesis, bodies, space, cells=4), hhr.Sobol(32), held_out=10
+    )
     model = training.condense()
     check_alike(training.full_order, model, points_of(training, 6), forces=1e-4)
     assert slope_errors(model, [*POINT[:4], *point]).max() < 1e-6
@@ -139,7 +175,9 @@ def condensed_well(hypothesis, bodies, space, *point):
 
 
 def test_one_parameter_may_enter_everywhere():
-    """A modulus, a ratio and the other body's modulus of one parameter, and no factor that all of a body has."""
+    """A modulus, a ratio and the other body's modulus of one parameter, and no factor that all of a
+    body has.
+    """
     bodies = ("2 + t**2", "0.2 + 0.15 * t"), ("table(t, 0, 3, 1, 5)", 0.3)
     _, full = condensed_well("plane_strain", bodies, {"t": (0.0, 1.0)}, 0.6)
     assert slope_errors(full, [*POINT[:4], 0.6]).max() < 1e-6
@@ -156,11 +194,23 @@ NO_TARGET = r"must lie in \(0, 1\), and its budget = .* be a positive integer"
 NO_GRID = "must be True or False, and least = .* an integer that is not negative"
 
 
-@pytest.mark.parametrize(("given", "why"), [
-    *((given, NO_TARGET) for given in ({"tolerance": 0.0}, {"tolerance": 1.0}, {"tolerance": np.nan},
-                                       {"tolerance": "1e-3"}, {"budget": 0}, {"budget": 2.5})),
-    *((given, NO_GRID) for given in ({"least": "x"}, {"compressed": 3})),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("given", "why"),
+    [
+        *(
+            (given, NO_TARGET)
+            for given in (
+                {"tolerance": 0.0},
+                {"tolerance": 1.0},
+                {"tolerance": np.nan},
+                {"tolerance": "1e-3"},
+                {"budget": 0},
+                {"budget": 2.5},
+            )
+        ),
+        *((given, NO_GRID) for given in ({"least": "x"}, {"compressed": 3})),
+    ],
+)
 def test_settings_that_are_none(given, why):
     with pytest.raises(ReductionError, match=why):
         GridSettings(**given)

@@ -19,7 +19,9 @@ from hhr_dolfinx.geometries import two_blocks
 
 def with_contact(pairing, *given):
     """The model of two blocks that lie on each other, with another pair."""
-    return hhr.FullOrderModel(dataclasses.replace(patch.scene(pairing), contacts=(pairing(*given),)))
+    return hhr.FullOrderModel(
+        dataclasses.replace(patch.scene(pairing), contacts=(pairing(*given),))
+    )
 
 
 @pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR, hhr.DoublePass])
@@ -35,25 +37,36 @@ def test_non_matching_surfaces_that_never_face_each_other(pairing, by_normal):
 
 @pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR])
 def test_slave_nodes_beyond_the_edge_are_named_and_left_out(pairing):
-    """Upper block moved by 0.3: nodes at x = 1.1 and 1.3 hang over; a mortar row needs some cover only."""
+    """Upper block moved by 0.3: nodes at x = 1.1 and 1.3 hang over.
+
+    a mortar row needs some cover only.
+    """
     with pytest.warns(PairingWarning, match=r"beyond the edge.*\[1\.[13]"):
         problem = hhr.FullOrderModel(patch.scene(pairing, shift=0.3)).problem
-    assert problem.contact_points[:, 0].max() <= (1.0 if pairing is hhr.NodeToSurface else 1.1 + 1e-12)
+    assert problem.contact_points[:, 0].max() <= (
+        1.0 if pairing is hhr.NodeToSurface else 1.1 + 1e-12
+    )
     assert problem.contact_points[:, 0].min() == pytest.approx(0.3)
 
 
 def test_one_slave_node_is_a_scene():
     """All but one node of the slave surface hang over the edge."""
     with pytest.warns(PairingWarning):
-        full_order = hhr.FullOrderModel(patch.scene(hhr.NodeToSurface, (3, 3), (1, 1), poisson=0.3, shift=0.9))
+        full_order = hhr.FullOrderModel(
+            patch.scene(hhr.NodeToSurface, (3, 3), (1, 1), poisson=0.3, shift=0.9)
+        )
     solution = full_order.solve([0.05, 0.0])
     assert full_order.problem.contact.shape[0] == 1 and solution.forces()[0] > 0
-    check_contact_conditions(full_order.problem, solution.displacement(), solution.forces(), [0.05, 0.0])
+    check_contact_conditions(
+        full_order.problem, solution.displacement(), solution.forces(), [0.05, 0.0]
+    )
 
 
 @pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR])
 def test_an_overlap_larger_than_a_cell_is_named(pairing):
-    with pytest.warns(PairingWarning, match=r"overlap at surface 210 exceeds a cell.*\(0\.4\) at \[1\.[56]"):
+    with pytest.warns(
+        PairingWarning, match=r"overlap at surface 210 exceeds a cell.*\(0\.4\) at \[1\.[56]"
+    ):
         hhr.FullOrderModel(shrink_fit(pairing, 4, interference=0.4))
 
 
@@ -76,13 +89,20 @@ def test_a_double_pass_with_poor_inf_sup_warns():
 
 
 def strips(pairing, cells, gap):
-    """Two strips above each other, held at their ends, with all of their long sides in one surface each."""
+    """Two strips above each other, held at their ends, with all of their long sides in one surface
+    each.
+    """
     up, dim = len(cells) - 1, len(cells)
     finer = (*(count + 3 for count in cells[:-1]), cells[-1])
 
     corners = [((0.0,) * up + (low,), (1.0,) * up + (low + 0.02,)) for low in (0.0, 0.02 + gap)]
     boxes = [(*pair, count) for pair, count in zip(corners, (cells, finer), strict=True)]
-    kept = [two_blocks.side(body, axis, upper) for axis in range(up) for body in (1, 2) for upper in (False, True)]
+    kept = [
+        two_blocks.side(body, axis, upper)
+        for axis in range(up)
+        for body in (1, 2)
+        for upper in (False, True)
+    ]
     ends = kept[:4]
     return pair_scene(
         "strips",
@@ -97,12 +117,17 @@ def strips(pairing, cells, gap):
     )
 
 
-@pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.PairingWarning", "ignore::hhr_dolfinx.errors.SceneWarning")
+@pytest.mark.filterwarnings(
+    "ignore::hhr_dolfinx.errors.PairingWarning", "ignore::hhr_dolfinx.errors.SceneWarning"
+)
 @pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR, hhr.DoublePass])
 @pytest.mark.parametrize("cells", [(20, 1), (20, 2), (6, 5, 1)])
 @pytest.mark.parametrize("gap", [0.01, -0.005])
 def test_back_sides_never_meet(pairing, cells, gap):
-    """Strips that look at each other through both; front sides that overlap meet. Without load 250 kN were seen."""
+    """Strips that look at each other through both; front sides that overlap meet.
+
+    Without load 250 kN were seen.
+    """
     full_order = hhr.FullOrderModel(strips(pairing, cells, gap))
     assert full_order.problem.gaps[:, 0] == pytest.approx(gap, abs=1e-12)
     forces = full_order.solve(0.0).forces()
@@ -111,8 +136,13 @@ def test_back_sides_never_meet(pairing, cells, gap):
 
 @pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR])
 def test_back_sides_alone_are_refused(pairing):
-    """The outer sides of two blocks that touch, which lie two heights behind each other; cells are 1/3 and 1/4 high."""
-    with pytest.raises(SceneError, match=r"never face each other: one lies behind the other by up to 2, .*Opening"):
+    """The outer sides of two blocks that touch, which lie two heights behind each other.
+
+    Cells are 1/3 and 1/4 high.
+    """
+    with pytest.raises(
+        SceneError, match=r"never face each other: one lies behind the other by up to 2, .*Opening"
+    ):
         with_contact(pairing, *(patch.geometry.outer_end(body, 2) for body in (2, 1)))
 
 
@@ -125,7 +155,9 @@ def test_a_way_through_the_own_body_is_none():
     sides = [chain(5, 5 * k) for k in range(5)]
     slave = np.vstack(sides[:4])
     inner = points[slave].mean(axis=1) + np.repeat([[0, 0.1], [0, -0.1]] * 2, 4, axis=0)
-    with warnings.catch_warnings(action="error", category=PairingWarning):  # nothing lies beyond an edge
+    with warnings.catch_warnings(
+        action="error", category=PairingWarning
+    ):  # nothing lies beyond an edge
         master = make(2, points, sides[4], points[sides[4]].mean(axis=1) + np.array([0, 0.1]))
         found = hhr.Mortar(2, 1).rows((make(1, points, slave, inner), master), points.size)
     assert found.gap == pytest.approx(0.01, abs=1e-12) and found.gap.size == 5
@@ -134,7 +166,10 @@ def test_a_way_through_the_own_body_is_none():
 @pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR])
 @pytest.mark.parametrize("counts", [(12, 17), (20, 23)])
 def test_a_gap_below_the_sag_of_its_facets(pairing, counts):
-    """Off Lamé by 7 to 34 % at interferences of one and two sags, which is told; by up to 5 % at ten, which is not."""
+    """Off Lamé by 7 to 34 % at interferences of one and two sags, which is told.
+
+    By up to 5 % at ten, which is not.
+    """
     sag = (np.pi / 2 / counts[0]) ** 2 / 8
     for over, warned in ((1.0, True), (0.5, True), (0.1, False)):
         message = r"gap of surfaces 220 and 121 is .* on average.*off the curved .*finer"
@@ -146,12 +181,20 @@ def test_a_gap_below_the_sag_of_its_facets(pairing, counts):
 
 
 def rings(pairing, counts, interference):
-    """Quarter rings of radii 0.5 to 1 and 1 to 1.6 that overlap, with ``counts`` cells along the arc."""
+    """Quarter rings of radii 0.5 to 1 and 1 to 1.6 that overlap, with ``counts`` cells along the
+    arc.
+    """
 
     def bend(points, _):
-        return np.column_stack([points[:, 1] * np.cos(points[:, 0]), points[:, 1] * np.sin(points[:, 0])])
+        return np.column_stack(
+            [points[:, 1] * np.cos(points[:, 0]), points[:, 1] * np.sin(points[:, 0])]
+        )
 
-    ends = [(two_blocks.side(body, 0, upper), int(not upper)) for body in (1, 2) for upper in (False, True)]
+    ends = [
+        (two_blocks.side(body, 0, upper), int(not upper))
+        for body in (1, 2)
+        for upper in (False, True)
+    ]
     return pair_scene(
         "rings",
         {"p": (0.0, 1.0)},
@@ -168,4 +211,9 @@ def rings(pairing, counts, interference):
 def pressure_of_rings(interference):
     """Lamé's pressure between rings of one material, E = 1 and nu = 0.3, in plane strain."""
     a, b, c = 0.5, 1.0, 1.6
-    return interference / b / (1 - 0.3**2) / ((b**2 + a**2) / (b**2 - a**2) + (c**2 + b**2) / (c**2 - b**2))
+    return (
+        interference
+        / b
+        / (1 - 0.3**2)
+        / ((b**2 + a**2) / (b**2 - a**2) + (c**2 + b**2) / (c**2 - b**2))
+    )

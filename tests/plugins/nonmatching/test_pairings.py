@@ -18,9 +18,14 @@ from hhr_dolfinx.geometries import two_blocks
 
 STANDARD = patch.PAIRINGS["mortar, standard"]
 MESHES = [
-    ((3, 3), (5, 4), False), ((7, 4), (8, 4), True), ((1, 2), (20, 6), False), ((20, 6), (1, 2), True),
-    ((2, 2, 2), (3, 3, 3), False), ((3, 2, 2), (4, 5, 2), True), ((6, 6, 2), (1, 1, 2), False),
-]  # fmt: skip
+    ((3, 3), (5, 4), False),
+    ((7, 4), (8, 4), True),
+    ((1, 2), (20, 6), False),
+    ((20, 6), (1, 2), True),
+    ((2, 2, 2), (3, 3, 3), False),
+    ((3, 2, 2), (4, 5, 2), True),
+    ((6, 6, 2), (1, 1, 2), False),
+]
 
 
 FINER = (3, 3), (5, 4)
@@ -38,15 +43,22 @@ def test_mortar_passes_the_patch_test(pairing, lower, upper, simplices):
 
 
 def test_node_to_surface_has_its_known_defect_in_one_pass():
-    """It fails the patch test by some per cent, more so with the coarse surface as slave; two passes are right."""
-    fine, coarse = (patch.solve(patch.scene(hhr.NodeToSurface, *cells))[2] for cells in (FINER, FINER[::-1]))
+    """It fails the patch test by some per cent, more so with the coarse surface as slave.
+
+    Two passes are right.
+    """
+    fine, coarse = (
+        patch.solve(patch.scene(hhr.NodeToSurface, *cells))[2] for cells in (FINER, FINER[::-1])
+    )
     assert 0.01 < fine < 0.1 < coarse < 0.5
     assert patch.solve(patch.scene(hhr.DoublePass, *FINER))[2] < 1e-10
 
 
 @pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.DoublePass, MORTAR])
 def test_matching_meshes_give_the_node_to_node_answer(hertz, pairing):
-    """On curved surfaces that face each other node by node all rows are those of node to node, to round-off."""
+    """On curved surfaces that face each other node by node all rows are those of node to node, to
+    round-off.
+    """
     pair = pairing(discs.LOWER_ARC, discs.UPPER_ARC, (0.0, 1.0))
     other = hhr.FullOrderModel(dataclasses.replace(hertz_half_discs.scene(), contacts=(pair,)))
     assert abs(other.problem.contact - hertz.problem.contact).max() < 1e-10
@@ -56,9 +68,13 @@ def test_matching_meshes_give_the_node_to_node_answer(hertz, pairing):
 
 @needs("mortar")
 def test_standard_multipliers_give_the_node_to_node_pressure_where_all_nodes_touch():
-    """Their gaps are averages over neighbours, so that nodal answers differ only where contact begins."""
+    """Their gaps are averages over neighbours, so that nodal answers differ only where contact
+    begins.
+    """
     nodal, standard = (
-        hhr.FullOrderModel(patch.scene(pairing, (6, 4), (6, 4), poisson=0.3)).solve([patch.PUSH, 0.0])
+        hhr.FullOrderModel(patch.scene(pairing, (6, 4), (6, 4), poisson=0.3)).solve(
+            [patch.PUSH, 0.0]
+        )
         for pairing in (hhr.NodeToNode, STANDARD)
     )
     assert nodal.active.all() and standard.active.all()
@@ -67,7 +83,9 @@ def test_standard_multipliers_give_the_node_to_node_pressure_where_all_nodes_tou
 
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize("by_normal", [True, False])
-@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR, pytest.param(STANDARD, marks=needs("mortar"))])
+@pytest.mark.parametrize(
+    "pairing", [hhr.NodeToSurface, MORTAR, pytest.param(STANDARD, marks=needs("mortar"))]
+)
 def test_rotation_changes_no_scalar(pairing, by_normal, dim):
     """Forces, gaps, energy and the size of the displacement, on a curved gap, to 1e-10."""
     cells = ((4, 3), (7, 3)) if dim == 2 else ((2, 2, 2), (3, 3, 2))
@@ -88,9 +106,15 @@ def test_rotation_changes_no_scalar(pairing, by_normal, dim):
 
 
 def shrink_fit(pairing, cells, interference=1e-6, simplices=False):
-    """Cylinder 1 <= r <= 2 in a cylinder 2 <= r <= 3, too large by ``interference``, held axially."""
+    """Cylinder 1 <= r <= 2 in a cylinder 2 <= r <= 3, too large by ``interference``, held
+    axially.
+    """
     inner, outer = two_blocks.FIRST, two_blocks.SECOND
-    axial = [hhr.Displacement(two_blocks.side(body, 1, upper), 1) for body in (inner, outer) for upper in (False, True)]
+    axial = [
+        hhr.Displacement(two_blocks.side(body, 1, upper), 1)
+        for body in (inner, outer)
+        for upper in (False, True)
+    ]
     return pair_scene(
         "shrink_fit",
         {"p": (0.0, 1.0)},
@@ -99,14 +123,19 @@ def shrink_fit(pairing, cells, interference=1e-6, simplices=False):
         ((10.0, 0.3), (4.0, 0.2)),
         simplices=simplices,
         hypothesis="axisymmetric",
-        contacts=(pairing(two_blocks.side(outer, 0, False), two_blocks.side(inner, 0, True), (-1.0, 0.0)),),
+        contacts=(
+            pairing(two_blocks.side(outer, 0, False), two_blocks.side(inner, 0, True), (-1.0, 0.0)),
+        ),
         displacements=tuple(axial),
         loads=(hhr.Pressure(two_blocks.side(outer, 0, True), slope("p")),),
     )
 
 
 def lame_pressure(interference):
-    """Interface pressure of a shrink fit in plane strain (Lame): inner 1, 2; outer 2, 3; E, nu as above."""
+    """Interface pressure of a shrink fit in plane strain (Lame): inner 1, 2; outer 2, 3.
+
+    E, nu as above.
+    """
     inner, outer = (
         (1 - nu**2) / young * (ratio + sign * nu / (1 - nu))
         for young, nu, ratio, sign in ((10.0, 0.3, 5 / 3, -1), (4.0, 0.2, 13 / 5, 1))
@@ -117,7 +146,9 @@ def lame_pressure(interference):
 @pytest.mark.parametrize("pairing", [hhr.NodeToSurface, MORTAR])
 @pytest.mark.parametrize("simplices", [False, True])
 def test_lame_shrink_fit_converges(pairing, simplices):
-    """Mean pressure on non-matching meshes: rate 2, and within 0.5 % on 16 cells across, with mortar at each node."""
+    """Mean pressure on non-matching meshes: rate 2, and within 0.5 % on 16 cells across, with
+    mortar at each node.
+    """
     errors = []
     for cells in (4, 8, 16):
         full_order = hhr.FullOrderModel(shrink_fit(pairing, cells, simplices=simplices))
@@ -129,7 +160,9 @@ def test_lame_shrink_fit_converges(pairing, simplices):
     # node-to-surface on quadrilaterals does a little better, 2.2
     assert 1.8 < np.log2(errors[-2] / errors[-1]) < 2.4
     if pairing is mortar and not simplices:
-        assert solution.forces() / full_order.problem.contact_areas == pytest.approx(lame_pressure(1e-6), rel=5e-3)
+        assert solution.forces() / full_order.problem.contact_areas == pytest.approx(
+            lame_pressure(1e-6), rel=5e-3
+        )
 
 
 @needs("mortar")
@@ -137,7 +170,9 @@ def test_hertz_sphere():
     """Contact radius and peak pressure within 5 % of Hertz on a coarser mesh than the demo's."""
     full_order = hhr.FullOrderModel(sphere.scene(sphere_cells=(16, 7), block_cells=(12, 6)))
     solution = full_order.solve([0.2, 0.0])
-    check_contact_conditions(full_order.problem, solution.displacement(), solution.forces(), [0.2, 0.0], relative=1e-9)
+    check_contact_conditions(
+        full_order.problem, solution.displacement(), solution.forces(), [0.2, 0.0], relative=1e-9
+    )
     row = sphere.beside_hertz(full_order, 0.2)
     assert abs(row["radius"]) < 0.05 and abs(row["peak"]) < 0.05
 
@@ -146,7 +181,9 @@ def outsides(first, second, kept, simplices=False):
     """Blocks whose surfaces 1 and 2 are all sides of each that are not among those ``kept``."""
 
     def geometry(comm):
-        mesh, bodies, sides = two_blocks.two_blocks(comm, first=first, second=second, simplices=simplices)
+        mesh, bodies, sides = two_blocks.two_blocks(
+            comm, first=first, second=second, simplices=simplices
+        )
         values = np.where(np.isin(sides.values, kept), sides.values, sides.values // 100)
         return mesh, bodies, dmesh.meshtags(mesh, sides.dim, sides.indices, values.astype(np.int32))
 
@@ -156,7 +193,9 @@ def outsides(first, second, kept, simplices=False):
 def pressed_squares(pairing, dim, simplices=False):
     """Unit blocks .01 apart, E = 1000 and nu = 0, pressed together by .03: the pressure is 10."""
     up = dim - 1
-    boxes = [((0.0,) * up + (low,), (1.0,) * up + (low + 1.0,), (4, 4, 2)[-dim:]) for low in (0.0, 1.01)]
+    boxes = [
+        ((0.0,) * up + (low,), (1.0,) * up + (low + 1.0,), (4, 4, 2)[-dim:]) for low in (0.0, 1.01)
+    ]
     below, above = two_blocks.side(1, up, False), two_blocks.side(2, up, True)
     held = *hhr.Displacement.clamp(below, dim), *hhr.Displacement.clamp(above, up)
     return pair_scene(
@@ -168,14 +207,19 @@ def pressed_squares(pairing, dim, simplices=False):
         hypothesis="plane_strain" if dim == 2 else "solid",
         contacts=(pairing(2, 1),),
         displacements=(*held, hhr.Displacement(above, up, slope("down", -1.0))),
-        outputs=(hhr.LargestPressure("pressure", 0), hhr.ContactForce("force", 0, (0.0,) * up + (1.0,))),
+        outputs=(
+            hhr.LargestPressure("pressure", 0),
+            hhr.ContactForce("force", 0, (0.0,) * up + (1.0,)),
+        ),
     )
 
 
 @pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.DoublePass, MORTAR])
 @pytest.mark.parametrize(("dim", "simplices"), [(2, False), (3, False), (3, True)])
 def test_a_constant_pressure_passes_between_whole_outsides(pairing, dim, simplices):
-    """On matching meshes, where all pairings have it; to the round-off of a solution, 1e-9 of 10."""
+    """On matching meshes, where all pairings have it; to the round-off of a solution, 1e-9 of
+    10.
+    """
     full_order = hhr.FullOrderModel(pressed_squares(pairing, dim, simplices))
     answer = full_order.solve(0.03)
     assert full_order.problem.contact_areas.sum() == pytest.approx(1.0, abs=1e-12)
@@ -185,7 +229,9 @@ def test_a_constant_pressure_passes_between_whole_outsides(pairing, dim, simplic
 
 @needs("checks", "mortar")
 def test_a_check_says_how_much_of_a_surface_faces_nothing():
-    """Three sides of a square of 4 by 2 cells have 9 nodes, 5 of them on the side that faces the other one."""
+    """Three sides of a square of 4 by 2 cells have 9 nodes, 5 of them on the side that faces the
+    other one.
+    """
     from hhr_dolfinx.plugins.checks.check import check_scene
 
     told = str(check_scene(pressed_squares(hhr.Mortar, 2)).findings)

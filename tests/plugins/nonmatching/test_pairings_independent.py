@@ -1,7 +1,9 @@
-"""Independent checks of the pairings and of the RID closure: nothing here trusts the package's own geometry.
+"""Independent checks of the pairings and of the RID closure: nothing here trusts the package's own
+geometry.
 
-Surfaces are built from raw arrays. Tolerances: lengths are of order 1, so 1e-12 is some thousand units of round-off;
-where a sampling minimises a distance, the distance (second order in the position) is good to 1e-9.
+Surfaces are built from raw arrays. Tolerances: lengths are of order 1, so 1e-12 is some thousand
+units of round-off; where a sampling minimises a distance, the distance (second order in the
+position) is good to 1e-9.
 """
 
 import dataclasses
@@ -80,7 +82,9 @@ def nearest_on_segment(x, a, b):
 
 
 def nearest(x, corners):
-    """Distance to all facets: exact for segments and triangles, nested refinement of a sampling for quadrilaterals."""
+    """Distance to all facets: exact for segments and triangles, nested refinement of a sampling for
+    quadrilaterals.
+    """
     best = np.inf
     for c in corners:
         if len(c) == 2:
@@ -95,7 +99,9 @@ def nearest(x, corners):
             best = min(best, *(np.linalg.norm(x - foot) for foot in feet))
         elif np.linalg.norm(c - x, axis=1).min() < best + np.ptp(c, axis=0).max() * 2:
             middle, half = np.array([0.5, 0.5]), 0.5
-            for _ in range(22):  # each pass keeps the best of 9 x 9 samples and a quarter of the window and more
+            for _ in range(
+                22
+            ):  # each pass keeps the best of 9 x 9 samples and a quarter of the window and more
                 s = [np.clip(middle[i] + half * np.linspace(-1, 1, 9), 0, 1) for i in (0, 1)]
                 u, v = (item.ravel() for item in np.meshgrid(*s, indexing="ij"))
                 n = np.stack([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v])
@@ -132,7 +138,9 @@ def wave(x, y):
     [(cap, 5, True, 0.2, 0.5), (cap, 5, False, 0.2, 0.5), (wave, 7, False, 0.0, 0.3)],
 )
 def test_closest_points_in_space(height, cells, triangles, jitter, away):
-    """A jittered sphere is only slightly warped: the convex hulls that GJK takes are the facets within 1e-9."""
+    """A jittered sphere is only slightly warped: the convex hulls that GJK takes are the facets
+    within 1e-9.
+    """
     rng = np.random.default_rng(1)
     points, facets = grid(cells, cells, height, triangles=triangles, jitter=jitter, rng=rng)
     x = rng.uniform(-0.1 if jitter else 0.0, 1.1 if jitter else 1.0, (60, 2))
@@ -143,7 +151,10 @@ def test_closest_points_in_space(height, cells, triangles, jitter, away):
 
 @pytest.mark.parametrize("triangles", [True, False])
 def test_rays_and_rigid_motion(triangles):
-    """Against a plane hit by rays; B of a translation is 0; moving the slave by t changes the gap by -B t."""
+    """Against a plane hit by rays; B of a translation is 0.
+
+    Moving the slave by t changes the gap by -B t.
+    """
     rng = np.random.default_rng(3)
     for _ in range(3):
         turn = turned(rng)
@@ -160,10 +171,14 @@ def test_rays_and_rigid_motion(triangles):
                 exact /= np.sqrt(1 + 0.1**2 + 0.2**2)
             np.testing.assert_allclose(rows.gap, exact, atol=1e-12)
             t = rng.uniform(-0.1, 0.1, 3) if normal is None else 0.1 * np.array(normal)
-            moved = rows_of(hhr.NodeToSurface(1, 2, normal), *sheets((a[0] + turn.T @ t, a[1]), b, turn))
+            moved = rows_of(
+                hhr.NodeToSurface(1, 2, normal), *sheets((a[0] + turn.T @ t, a[1]), b, turn)
+            )
             motion = np.zeros_like(points)
             motion[: len(a[0])] = t
-            np.testing.assert_allclose(moved.gap, rows.gap - rows.matrix @ motion.ravel(), atol=1e-12)
+            np.testing.assert_allclose(
+                moved.gap, rows.gap - rows.matrix @ motion.ravel(), atol=1e-12
+            )
             np.testing.assert_allclose(rows.matrix @ np.tile(t, len(points)), 0, atol=1e-12)
 
 
@@ -187,9 +202,15 @@ def test_nearest_layer_is_hit():
 
 
 def l_shaped_slave():
-    line = np.array([[0, 0], [0.25, 0], [0.5, 0], [0.75, 0], [1, 0], [1, -0.25], [1, -0.5], [1, -0.75], [1, -1]])
+    line = np.array(
+        [[0, 0], [0.25, 0], [0.5, 0], [0.75, 0], [1, 0], [1, -0.25], [1, -0.5], [1, -0.75], [1, -1]]
+    )
     points = np.vstack([line, np.column_stack([np.linspace(-0.5, 1.5, 9), np.full(9, 0.1)])])
-    return make(1, points, chain(9), np.array([0.5, -0.5])), make(2, points, chain(9, 9), np.array([0.5, 1])), points
+    return (
+        make(1, points, chain(9), np.array([0.5, -0.5])),
+        make(2, points, chain(9, 9), np.array([0.5, 1])),
+        points,
+    )
 
 
 @pytest.mark.parametrize("name", ["NodeToSurface", pytest.param("Mortar", marks=needs("mortar"))])
@@ -203,7 +224,10 @@ def test_sides_of_the_slave_do_not_face_the_master(name):
 
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_crease_of_the_master_is_an_edge(mirrored):
-    """Two sides of a block are master; slave nodes past the corner face nothing, however the axes are named."""
+    """Two sides of a block are master.
+
+    Slave nodes past the corner face nothing, however the axes are named.
+    """
     line = np.vstack([np.column_stack([np.linspace(-1, 0, 5), np.zeros(5)]),
                       np.column_stack([np.zeros(4), -np.arange(1, 5) / 4])])  # fmt: skip
     upper = np.column_stack([np.linspace(-0.9, 0.6, 7), np.full(7, 0.1)])
@@ -219,8 +243,19 @@ def test_crease_of_the_master_is_an_edge(mirrored):
 
 @pytest.mark.parametrize("normal", [None, UP3])
 def test_collapsed_quadrilateral(normal):
-    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 1, 0],
-                       [0.05, 0.9, -0.1], [0.1, 0.9, -0.1], [0.05, 0.92, -0.1], [0, 1, -0.1]], dtype=float)  # fmt: skip
+    points = np.array(
+        [
+            [0, 0, 0],
+            [1, 0, 0],
+            [0, 1, 0],
+            [0, 1, 0],
+            [0.05, 0.9, -0.1],
+            [0.1, 0.9, -0.1],
+            [0.05, 0.92, -0.1],
+            [0, 1, -0.1],
+        ],
+        dtype=float,
+    )
     slave = make(1, points, np.array([[4, 5, 6, 7]]), np.array([0.3, 0.3, -1]))
     master = make(2, points, np.array([[0, 1, 2, 3]]), np.array([0.3, 0.3, 1]))
     rows = rows_of(hhr.NodeToSurface(1, 2, normal), slave, master, points)
@@ -260,22 +295,37 @@ def test_mortar_in_the_plane_against_adaptive_integration(multipliers, axisymmet
         ys, ym = 0.1 * np.sin(3 * xs), 0.3 + 0.05 * np.cos(5 * xm)
         weight = (lambda p: 2 * np.pi * p[:, 0]) if axisymmetric else None
         slave, master, points = lines(
-            np.column_stack([xs, ys]) @ turn.T, np.column_stack([xm, ym]) @ turn.T, turn @ np.array(UP2), weight
+            np.column_stack([xs, ys]) @ turn.T,
+            np.column_stack([xm, ym]) @ turn.T,
+            turn @ np.array(UP2),
+            weight,
         )
-        rows = rows_of(hhr.Mortar(1, 2, tuple(turn @ np.array(UP2)), multipliers), slave, master, points)
+        rows = rows_of(
+            hhr.Mortar(1, 2, tuple(turn @ np.array(UP2)), multipliers), slave, master, points
+        )
         low, high = max(xs[0], xm[0]), min(xs[-1], xm[-1])
         breaks = np.unique(np.clip(np.concatenate([xs, xm]), low, high))
         slope = np.hypot(np.diff(xs), np.diff(ys)) / np.diff(xs)
         cell = lambda x: int(np.clip(np.searchsorted(xs, x, side="right") - 1, 0, len(xs) - 2))  # noqa: E731
         measure = lambda x: slope[cell(x)] * (2 * np.pi * x if axisymmetric else 1.0)  # noqa: E731
         hat = lambda nodes, k, x: np.interp(x, nodes, np.eye(len(nodes))[k])  # noqa: E731
-        integral = lambda f: sum(quad(f, p, q, epsabs=1e-13)[0] for p, q in itertools.pairwise(breaks))  # noqa: E731
+
+        def integral(f, breaks=breaks):
+            return sum(quad(f, p, q, epsabs=1e-13)[0] for p, q in itertools.pairwise(breaks))
+
         dual = {}
         for e in range(len(xs) - 1):
             p, q = max(low, xs[e]), min(high, xs[e + 1])
             if q > p:
-                mass = np.array([[quad(lambda x: hat(xs, i, x) * hat(xs, j, x) * measure(x), p, q)[0]
-                                  for j in (e, e + 1)] for i in (e, e + 1)])  # fmt: skip
+                mass = np.array(
+                    [
+                        [
+                            quad(lambda x: hat(xs, i, x) * hat(xs, j, x) * measure(x), p, q)[0]
+                            for j in (e, e + 1)
+                        ]
+                        for i in (e, e + 1)
+                    ]
+                )
                 dual[e] = np.diag(mass.sum(axis=1)) @ np.linalg.inv(mass)
 
         def psi(j, x):
@@ -289,12 +339,16 @@ def test_mortar_in_the_plane_against_adaptive_integration(multipliers, axisymmet
         along = rows.matrix.toarray().reshape(rows.gap.size, -1, 2) @ (turn @ np.array(UP2))
         for i, j in enumerate(rows.slaves):
             area = integral(lambda x: psi(j, x) * measure(x))
-            gap = integral(lambda x: psi(j, x) * (np.interp(x, xm, ym) - np.interp(x, xs, ys)) * measure(x))
+            gap = integral(
+                lambda x: psi(j, x) * (np.interp(x, xm, ym) - np.interp(x, xs, ys)) * measure(x)
+            )
             k = int(rng.integers(len(xm)))
             pull = integral(lambda x: psi(j, x) * hat(xm, k, x) * measure(x))
             # unscaled by the area, which may be small at a hardly covered node
             np.testing.assert_allclose(
-                [rows.areas[i], rows.gap[i] * area, -along[i, len(xs) + k] * area], [area, gap, pull], atol=1e-11
+                [rows.areas[i], rows.gap[i] * area, -along[i, len(xs) + k] * area],
+                [area, gap, pull],
+                atol=1e-11,
             )
             if multipliers == "dual":
                 assert np.flatnonzero(along[i, : len(xs)]).tolist() == [j]
@@ -302,7 +356,9 @@ def test_mortar_in_the_plane_against_adaptive_integration(multipliers, axisymmet
 
 
 def facet_loads(points, facets):
-    """Nodal forces of a unit pressure on flat facets, with more points than any polynomial here needs."""
+    """Nodal forces of a unit pressure on flat facets, with more points than any polynomial here
+    needs.
+    """
     out, c = np.zeros(len(points)), points[facets]
     if facets.shape[1] == 3:
         sizes = np.linalg.norm(np.cross(c[:, 1] - c[:, 0], c[:, 2] - c[:, 0]), axis=1) / 2
@@ -315,22 +371,33 @@ def facet_loads(points, facets):
             across = (1 - u) * (c[:, 2] - c[:, 0]) + u * (c[:, 3] - c[:, 1])
             size = np.linalg.norm(np.cross(along, across), axis=1)
             np.add.at(
-                out, facets, size[:, None] * a * b * np.array([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v])
+                out,
+                facets,
+                size[:, None]
+                * a
+                * b
+                * np.array([(1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v]),
             )
     return out
 
 
 def check_one_slave(rows, slaves):
     """Each row touches one of the slave nodes, which are the first ones."""
-    touched = np.abs(rows.matrix.toarray()).reshape(rows.gap.size, -1, 3).sum(axis=2)[:, :slaves] > 0
+    touched = (
+        np.abs(rows.matrix.toarray()).reshape(rows.gap.size, -1, 3).sum(axis=2)[:, :slaves] > 0
+    )
     assert (touched.sum(axis=1) == 1).all()
 
 
 @needs("mortar")
 @pytest.mark.parametrize("multipliers", ["dual", "standard"])
-@pytest.mark.parametrize("triangles, jitter", [(True, 0.0), (True, 0.3), (False, 0.0), (False, 0.25)])
+@pytest.mark.parametrize(
+    "triangles, jitter", [(True, 0.0), (True, 0.3), (False, 0.0), (False, 0.25)]
+)
 def test_patch_of_constant_pressure_in_space(multipliers, triangles, jitter):
-    """Forces areas * p must be the consistent loads of p on both sides; 1e-10 as a patch test asks."""
+    """Forces areas * p must be the consistent loads of p on both sides; 1e-10 as a patch test
+    asks.
+    """
     rng = np.random.default_rng(5)
     for cells in ((4, 5), (1, 12), (12, 1)):
         turn = turned(rng)
@@ -344,7 +411,9 @@ def test_patch_of_constant_pressure_in_space(multipliers, triangles, jitter):
         exact = np.concatenate([facet_loads(*a), -facet_loads(*b)])
         np.testing.assert_allclose(force[:, 2], exact, atol=1e-10 * np.abs(exact).max())
         np.testing.assert_allclose(force[:, :2], 0, atol=1e-12)
-        np.testing.assert_allclose(rows.matrix @ np.tile(rng.normal(size=3), len(points)), 0, atol=1e-11)
+        np.testing.assert_allclose(
+            rows.matrix @ np.tile(rng.normal(size=3), len(points)), 0, atol=1e-11
+        )
         if multipliers == "dual":
             check_one_slave(rows, len(a[0]))
 
@@ -359,7 +428,9 @@ def test_dual_rows_touch_one_slave_on_hardly_covered_facets(part):
 def stack_of_thin_plates():
     """Two interfaces under one pair of tags, and the surfaces and points of both."""
     x, thick = np.linspace(0, 1, 5), 0.2
-    points = np.vstack([np.column_stack([x, 0 * x + y]) for y in (0, 0.01 + thick, 0.01, 0.02 + thick)])
+    points = np.vstack(
+        [np.column_stack([x, 0 * x + y]) for y in (0, 0.01 + thick, 0.01, 0.02 + thick)]
+    )
     a, b = np.vstack([chain(5), chain(5, 5)]), np.vstack([chain(5, 10), chain(5, 15)])
     slave = make(1, points, a, points[a].mean(axis=1) - [0, thick / 2])
     master = make(2, points, b, points[b].mean(axis=1) + np.array([0, thick / 2]))
@@ -371,37 +442,57 @@ def test_mortar_takes_the_near_layer_of_a_stack_or_refuses():
     rows = rows_of(hhr.Mortar(1, 2), *stack_of_thin_plates())
     np.testing.assert_allclose(rows.areas.sum(), 2, rtol=1e-12)
     np.testing.assert_allclose(rows.gap, 0.01, atol=1e-12)
-    with pytest.raises(SceneError, match=r"several layers of master surface 2 face slave surface 1 at \["):
+    with pytest.raises(
+        SceneError, match=r"several layers of master surface 2 face slave surface 1 at \["
+    ):
         rows_of(hhr.Mortar(1, 2, UP2), *stack_of_thin_plates())
 
 
 @pytest.mark.parametrize("dim", [2, 3])
 @pytest.mark.parametrize(
-    "kind", ["slave 1", "slave 2", *(pytest.param(k, marks=needs("mortar")) for k in ("dual", "standard")), "double"]
+    "kind",
+    [
+        "slave 1",
+        "slave 2",
+        *(pytest.param(k, marks=needs("mortar")) for k in ("dual", "standard")),
+        "double",
+    ],
 )
 def test_reduced_domains_are_closed(dim, kind):
     rng = np.random.default_rng(6)
     one, two = side(1, dim - 1, True), side(2, dim - 1, False)
     pairing = {
-        "slave 1": lambda: hhr.NodeToSurface(one, two), "slave 2": lambda: hhr.NodeToSurface(two, one),
-        "dual": lambda: hhr.Mortar(one, two), "standard": lambda: hhr.Mortar(one, two, None, "standard"),
+        "slave 1": lambda: hhr.NodeToSurface(one, two),
+        "slave 2": lambda: hhr.NodeToSurface(two, one),
+        "dual": lambda: hhr.Mortar(one, two),
+        "standard": lambda: hhr.Mortar(one, two, None, "standard"),
         "double": lambda: hhr.DoublePass(one, two),
-    }[kind]()  # fmt: skip
+    }[kind]()
     first, second = ((14, 8), (9, 6)) if dim == 2 else ((5, 5, 3), (4, 4, 3))
     base, top = (-0.1,) * (dim - 1) + (1.1,), (1.1,) * (dim - 1) + (2.1,)
-    ends = [(side(1, dim - 1, False), i) for i in range(dim)] + [(side(2, dim - 1, True), i) for i in range(dim)]
+    ends = [(side(1, dim - 1, False), i) for i in range(dim)] + [
+        (side(2, dim - 1, True), i) for i in range(dim)
+    ]
     scene = pair_scene(
-        "closed", {"p": (0.0, 1.0)}, ((0.0,) * dim, (1.0,) * dim, first), (base, top, second), ((1.0, 0.3),) * 2,
-        simplices=dim == 2, hypothesis="plane_strain" if dim == 2 else "solid", contacts=(pairing,),
+        "closed",
+        {"p": (0.0, 1.0)},
+        ((0.0,) * dim, (1.0,) * dim, first),
+        (base, top, second),
+        ((1.0, 0.3),) * 2,
+        simplices=dim == 2,
+        hypothesis="plane_strain" if dim == 2 else "solid",
+        contacts=(pairing,),
         displacements=tuple(hhr.Displacement(*end) for end in (*ends, (side(1, 0, False), 0))),
-    )  # fmt: skip
+    )
     with ignored(Warning):
         problem = hhr.FullOrderModel(scene).problem
     at_contact = np.unique(problem.contact.nonzero()[1] // dim)
     basis = rng.normal(size=(problem.free.size, 3)) * problem.free[:, None]
     for layers in (0, 1, 2):
         for _ in range(3):
-            nodes = np.concatenate([rng.choice(at_contact, 2), rng.integers(len(problem.points), size=2)])
+            nodes = np.concatenate(
+                [rng.choice(at_contact, 2), rng.integers(len(problem.points), size=2)]
+            )
             sets = reduced_domain(problem, nodes, layers)
             check_closed(problem, nodes, sets)
             project(problem, basis, sets)

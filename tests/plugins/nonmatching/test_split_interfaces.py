@@ -1,4 +1,6 @@
-"""One interface that two contacts state: the answer is that of one contact of the whole, by every pairing."""
+"""One interface that two contacts state: the answer is that of one contact of the whole, by every
+pairing.
+"""
 
 import dataclasses
 
@@ -25,9 +27,14 @@ def answers(pairing, cells, **options):
 @pytest.mark.parametrize("cells", [(8, 8), (6, 8), (6, 10)])
 @pytest.mark.parametrize("pairing", [MORTAR, NODE_TO_SURFACE, DOUBLE_PASS])
 def test_two_contacts_are_one_interface(pairing, cells):
-    """Pressures at all nodes are those of one contact, and both forces and moments add up to its."""
+    """Pressures at all nodes are those of one contact, and both forces and moments add up to
+    its.
+    """
     (halves, whole), (found, expected) = answers(pairing, cells)
-    if pairing is not DOUBLE_PASS.values[0] or cells == (8, 8):  # rows of a second pass depend on the first one's
+    if pairing is not DOUBLE_PASS.values[0] or cells == (
+        8,
+        8,
+    ):  # rows of a second pass depend on the first one's
         assert halves.conditions == whole.conditions
         assert np.sort(found.pressure()) == pytest.approx(np.sort(expected.pressure()), rel=1e-10)
     parts, one = found.outputs(), expected.outputs()
@@ -47,7 +54,9 @@ def test_mortar_passes_the_patch_test_on_both_halves(order):
 
 @needs("mortar")
 def test_two_masters_of_one_slave():
-    """A slave on a master of two tags: nodes next to the joint touch both, and have one condition each."""
+    """A slave on a master of two tags: nodes next to the joint touch both, and have one condition
+    each.
+    """
     halves = [mortar(split.UPPER[0], tag) for tag in split.LOWER]
     scene = split.scene(halves, (6, 7))
     joined = hhr.FullOrderModel(split.scene(halves[:1], (6, 7), split=False))
@@ -57,7 +66,9 @@ def test_two_masters_of_one_slave():
         values = np.where(facets.values == split.UPPER[1], split.UPPER[0], facets.values)
         return mesh, cells, split.dmesh.meshtags(mesh, 1, facets.indices, values)
 
-    with pytest.warns(PairingWarning, match="beyond the edge"):  # each half of the master, which has the other half
+    with pytest.warns(
+        PairingWarning, match="beyond the edge"
+    ):  # each half of the master, which has the other half
         full = hhr.FullOrderModel(dataclasses.replace(scene, geometry=geometry))
     answer = full.solve(POINT)
     assert full.conditions == joined.conditions == 8
@@ -72,6 +83,8 @@ def test_surfaces_that_slide_far_refuse_it():
     halves = [node_to_surface(*tags) for tags in zip(split.UPPER, split.LOWER, strict=True)]
     held = split.scene(halves, outputs=())
     above = hhr.Displacement(split.side(split.SECOND, 1, upper=True), 0)
-    held = dataclasses.replace(held, displacements=(*held.displacements[:2], held.displacements[3], above))
+    held = dataclasses.replace(
+        held, displacements=(*held.displacements[:2], held.displacements[3], above)
+    )
     with pytest.raises(SceneError, match=r"the slaves of contacts 0 and 1 .* share nodes"):
         hhr.slide(held)

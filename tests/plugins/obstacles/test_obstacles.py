@@ -1,4 +1,6 @@
-"""Curved rigid obstacles: gaps and normals by formulas, closed forms of contact, and parameters of place and size."""
+"""Curved rigid obstacles: gaps and normals by formulas, closed forms of contact, and parameters of
+place and size.
+"""
 
 import itertools
 import warnings
@@ -82,7 +84,10 @@ def test_spheres_circles_and_cylinders_are_exact(inside):
 
 @pytest.mark.parametrize("angle", [20.0, 45.0, 60.0])
 def test_cones_are_exact(angle):
-    """Nearest to the side at the foot of the perpendicular, or to the tip; at 45 degrees the quadric is linear."""
+    """Nearest to the side at the foot of the perpendicular, or to the tip.
+
+    At 45 degrees the quadric is linear.
+    """
     radius, height = np.hypot(POINTS[:, 0], POINTS[:, 1]), POINTS[:, 2]
     sine, cosine = np.sin(np.deg2rad(angle)), np.cos(np.deg2rad(angle))
     side = radius * cosine - height * sine
@@ -90,7 +95,9 @@ def test_cones_are_exact(angle):
     assert 0 < on_side.sum() < len(POINTS)
     gaps, normals = cloud(hhr.Cone(1, (0, 0, 0), (0, 0, 3), angle), POINTS)
     assert gaps == pytest.approx(np.where(on_side, side, np.linalg.norm(POINTS, axis=1)), abs=1e-12)
-    assert -normals[~on_side] == pytest.approx(POINTS[~on_side] / np.linalg.norm(POINTS[~on_side], axis=1)[:, None])
+    assert -normals[~on_side] == pytest.approx(
+        POINTS[~on_side] / np.linalg.norm(POINTS[~on_side], axis=1)[:, None]
+    )
     assert normals[on_side, 2] == pytest.approx(sine)
     gaps, normals = cloud(hhr.Cone(1, (0, 0, 0), (0, 0, 3), angle, inside=True), POINTS[on_side])
     assert gaps == pytest.approx(-side[on_side], abs=1e-12)
@@ -98,7 +105,10 @@ def test_cones_are_exact(angle):
 
 
 def test_profiles_find_the_closest_point():
-    """Of a parabola, against roots of its cubic; of a polygon with corners; of a circle, to the error of its spline."""
+    """Of a parabola, against roots of its cubic; of a polygon with corners.
+
+    Of a circle, to the error of its spline.
+    """
     points = np.column_stack([RNG.uniform(-0.7, 0.7, 60), RNG.uniform(-0.8, 0.8, 60)])
     gaps, normals = cloud(hhr.Profile(1, "0.3 * x**2", between=(-2, 2)), points)
     for (x, y), gap, normal in zip(points, gaps, normals, strict=True):
@@ -128,7 +138,16 @@ def test_profiles_find_the_closest_point():
 def octahedron(level=3, flip=False):
     """A sphere of triangles; ``flip`` turns every third one the other way."""
     points = np.vstack([np.eye(3), -np.eye(3)])
-    facets = [(0, 1, 2), (1, 3, 2), (3, 4, 2), (4, 0, 2), (1, 0, 5), (3, 1, 5), (4, 3, 5), (0, 4, 5)]
+    facets = [
+        (0, 1, 2),
+        (1, 3, 2),
+        (3, 4, 2),
+        (4, 0, 2),
+        (1, 0, 5),
+        (3, 1, 5),
+        (4, 3, 5),
+        (0, 4, 5),
+    ]
     points = [tuple(point) for point in points]
     for _ in range(level):
         finer = []
@@ -147,7 +166,10 @@ def octahedron(level=3, flip=False):
 
 
 def test_a_rigid_mesh_is_the_sphere_that_it_stands_for(tmp_path):
-    """To the sag of its facets, of second order; whatever the sides of its triangles, and from a file."""
+    """To the sag of its facets, of second order.
+
+    Whatever the sides of its triangles, and from a file.
+    """
     import meshio
 
     outside = POINTS[np.linalg.norm(POINTS, axis=1) > 1.1]
@@ -163,14 +185,20 @@ def test_a_rigid_mesh_is_the_sphere_that_it_stands_for(tmp_path):
     path = tmp_path / "ball.stl"
     points, facets = octahedron()
     meshio.write_points_cells(path, points, [("triangle", facets)])
-    assert np.abs(cloud(hhr.RigidMesh(1, path), outside)[0]) == pytest.approx(np.abs(gaps), abs=1e-6)
+    assert np.abs(cloud(hhr.RigidMesh(1, path), outside)[0]) == pytest.approx(
+        np.abs(gaps), abs=1e-6
+    )
 
 
 def test_nodes_that_look_away_have_no_condition():
-    """A disc whose whole outside is named lies on a circle, on a floor of two points, and in a hole."""
+    """A disc whose whole outside is named lies on a circle, on a floor of two points, and in a
+    hole.
+    """
     angles = 2 * np.pi * (np.arange(24) + 0.5) / 24
     points = np.column_stack([np.cos(angles), np.sin(angles)])
-    surface = make(7, points, np.column_stack([np.arange(24), (np.arange(24) + 1) % 24]), np.zeros(2))
+    surface = make(
+        7, points, np.column_stack([np.arange(24), (np.arange(24) + 1) % 24]), np.zeros(2)
+    )
     for floor in (hhr.Circle(7, (0, -3), 1.5), hhr.Profile(7, [(-5, -1.5), (5, -1.5)])):
         rows = floor.rows([surface], 48)
         assert 8 <= rows.gap.size <= 12 and (rows.points[:, 1] < 0).all() and rows.gap.min() > 0.45
@@ -179,13 +207,16 @@ def test_nodes_that_look_away_have_no_condition():
     rows = hhr.Circle(7, (0, 0), 1.2, inside=True).rows([surface], 48)
     assert rows.gap == pytest.approx(np.full(24, 0.2))
     short = hhr.Profile(7, [(-0.3, -1.5), (0.3, -1.5)])
-    with pytest.warns(PairingWarning, match=r"10 of 24 nodes of surface 7 lie beyond the end of the Profile"):
+    with pytest.warns(
+        PairingWarning, match=r"10 of 24 nodes of surface 7 lie beyond the end of the Profile"
+    ):
         assert short.rows([surface], 48).gap.size == 2
 
 
 @pytest.mark.parametrize("drawn", [False, True])
 def test_hertz_by_a_rigid_sphere(drawn):
-    """Largest pressure for the force, (6 F E*^2 / (pi^3 R^2))^(1/3), within 1 %, of twelve nodes in contact.
+    """Largest pressure for the force, (6 F E*^2 / (pi^3 R^2))^(1/3), within 1 %, of twelve nodes in
+    contact.
 
     The profile is the parabola x^2 / 2R, which Hertz takes for the sphere.
     """
@@ -208,7 +239,11 @@ def solid_hertz(tool, cells=(14, 14, 12)):
         geometry=warped(graded, (0, 0, -4), (4, 4, 0), cells),
         hypothesis="solid",
         contacts=(tool(top),),
-        displacements=(*hhr.Displacement.clamp(foot, 3), hhr.Displacement(LEFT, 0), hhr.Displacement(BOTTOM, 1)),
+        displacements=(
+            *hhr.Displacement.clamp(foot, 3),
+            hhr.Displacement(LEFT, 0),
+            hhr.Displacement(BOTTOM, 1),
+        ),
     )
     full = hhr.FullOrderModel(scene)
     answer = full.solve(0.06)
@@ -227,9 +262,13 @@ def test_hertz_in_space():
     quads = np.column_stack([part.ravel() for part in (
         numbers[:-1, :-1], numbers[1:, :-1], numbers[1:, 1:], numbers[:-1, 1:])])  # fmt: skip
     cap = np.column_stack([x, y, 10 - np.sqrt(100 - x**2 - y**2)]), quads
-    meshed, *_ = solid_hertz(lambda top: hhr.RigidMesh(top, cap, place=(0, 0, "-push")), (10, 10, 8))
+    meshed, *_ = solid_hertz(
+        lambda top: hhr.RigidMesh(top, cap, place=(0, 0, "-push")), (10, 10, 8)
+    )
     exact, *_ = solid_hertz(lambda top: hhr.Sphere(top, (0, 0, "10 - push"), 10.0), (10, 10, 8))
-    assert meshed == pytest.approx(exact, rel=0.005)  # facets sag by 0.0003, a two-hundredth of the push
+    assert meshed == pytest.approx(
+        exact, rel=0.005
+    )  # facets sag by 0.0003, a two-hundredth of the push
 
 
 def test_a_cylinder_presses_as_its_section():
@@ -253,10 +292,12 @@ def test_a_cylinder_presses_as_its_section():
         hypothesis="solid",
         contacts=(hhr.Cylinder(top, (0, 0, "10 - push"), (0, 1, 0), 10.0),),
         displacements=(
-            *hhr.Displacement.clamp(foot, 3), hhr.Displacement(LEFT, 0), hhr.Displacement(BOTTOM, 1),
+            *hhr.Displacement.clamp(foot, 3),
+            hhr.Displacement(LEFT, 0),
+            hhr.Displacement(BOTTOM, 1),
             hhr.Displacement(TOP, 1),
         ),
-    )  # fmt: skip
+    )
     one, other = (hhr.FullOrderModel(scene).solve(0.06).forces().sum() for scene in (flat, slice_))
     assert other == pytest.approx(0.5 * one, rel=1e-9)
 
@@ -287,7 +328,9 @@ def lame(gap):
 
 
 def test_a_ring_in_a_hole_whose_radius_is_a_parameter():
-    """Against Lame, second order in the cells; and that of holes with a fixed radius, to round-off."""
+    """Against Lame, second order in the cells; and that of holes with a fixed radius, to
+    round-off.
+    """
     box = {"R": (1.995, 2.02)}
     errors = []
     for cells in ((4, 8), (8, 16)):
@@ -307,7 +350,10 @@ def test_a_ring_in_a_hole_whose_radius_is_a_parameter():
 def test_cells_of_second_order_average_what_parameters_add():
     """The gaps of all conditions at a point are those of an obstacle there."""
     scene = ring(
-        (2, 3), (hhr.Circle(RIGHT, ("a", 0), "R", inside=True),), {"a": (0.0, 1e-3), "R": (2.0, 2.02)}, order=2
+        (2, 3),
+        (hhr.Circle(RIGHT, ("a", 0), "R", inside=True),),
+        {"a": (0.0, 1e-3), "R": (2.0, 2.02)},
+        order=2,
     )
     with pytest.warns(PairingWarning, match="sides of surface .* are straight"):
         problem = hhr.FullOrderModel(scene).problem
@@ -344,7 +390,10 @@ def fixed(tool, values):
 
 @pytest.mark.parametrize("name", PARAMETERS)
 def test_all_models_have_the_answers_of_fixed_obstacles(name, tmp_path):
-    """Within 0.6 % of the largest force, since normals turn by half a degree; derivatives are those of differences."""
+    """Within 0.6 % of the largest force, since normals turn by half a degree.
+
+    Derivatives are those of differences.
+    """
     tool, box = PARAMETERS[name]
     scene = hertz((tool,), box)
     training = hhr.train(scene, hhr.Sobol(12), held_out=20)
@@ -371,26 +420,38 @@ def test_all_models_have_the_answers_of_fixed_obstacles(name, tmp_path):
                 there = np.eye(point.size)[place] * step
                 moved = [model.solve(point + sign * there).multipliers for sign in (1, -1)]
                 slope = (moved[0] - moved[1]) / (2 * step[place])
-                assert answer.gradient.multipliers[:, place] == pytest.approx(slope, abs=1e-5 * np.abs(slope).max())
+                assert answer.gradient.multipliers[:, place] == pytest.approx(
+                    slope, abs=1e-5 * np.abs(slope).max()
+                )
 
 
 def test_terms_of_gaps_stand_beside_all_others():
-    """Loads, lifts and openings, affine and by formulas: in the middle answers are those of a fixed one.
+    """Loads, lifts and openings, affine and by formulas: in the middle answers are those of a fixed
+    one.
 
     The foot rises by a formula, and a second obstacle is a plane.
     """
     box = {"push": (0.005, 0.015), "p": (0.0, 1.0)}
     others = {
-        "loads": (hhr.Pressure(RIGHT, "1e-3 * p**2"), hhr.Pressure(RIGHT, hhr.Amplitude(slopes={"p": 1e-3}))),
+        "loads": (
+            hhr.Pressure(RIGHT, "1e-3 * p**2"),
+            hhr.Pressure(RIGHT, hhr.Amplitude(slopes={"p": 1e-3})),
+        ),
         "openings": (
             hhr.Opening(0, hhr.Amplitude(slopes={"p": 1e-3})),
             hhr.Opening(1, hhr.Amplitude(slopes={"p": -2e-3})),
         ),
     }
-    foot = (hhr.Displacement(BOTTOM, 0), hhr.Displacement(BOTTOM, 1, "2e-3 * p**2"), hhr.Displacement(LEFT, 0))
+    foot = (
+        hhr.Displacement(BOTTOM, 0),
+        hhr.Displacement(BOTTOM, 1, "2e-3 * p**2"),
+        hhr.Displacement(LEFT, 0),
+    )
     wall = hhr.Obstacle(RIGHT, (1, 0), 4.002)
     made = [
-        replace(hertz((hhr.Circle(TOP, (0.0, place), 10.0), wall), box, **others), displacements=foot)
+        replace(
+            hertz((hhr.Circle(TOP, (0.0, place), 10.0), wall), box, **others), displacements=foot
+        )
         for place in ("10 - push", 9.99)
     ]
     training = hhr.train(made[0], hhr.Sobol(12), held_out=20)
@@ -405,13 +466,19 @@ def test_terms_of_gaps_stand_beside_all_others():
 
 
 def test_a_displacement_by_a_formula_beside_a_tool_that_moves_by_a_formula():
-    """On the imposed foot the displacement is the formula itself, also hyper-reduced under a partial pressure."""
+    """On the imposed foot the displacement is the formula itself, also hyper-reduced under a
+    partial pressure.
+    """
     foot = (hhr.Displacement(BOTTOM, 0), hhr.Displacement(BOTTOM, 1, "-2e-3 * p**2"))
     tool = hhr.Circle(TOP, (0.5, "2 - push"), "1 - 0.01 * p")
     scene = block_scene(
-        "tool", {"push": (0.01, 0.03), "p": (0.2, 1.0)}, cells=(6, 4), contacts=(tool,), displacements=foot,
+        "tool",
+        {"push": (0.01, 0.03), "p": (0.2, 1.0)},
+        cells=(6, 4),
+        contacts=(tool,),
+        displacements=foot,
         loads=(hhr.PartialPressure(RIGHT, hhr.Amplitude(0.01), "p"),),
-    )  # fmt: skip
+    )
     training = hhr.train(scene, hhr.Sobol(16))
     full = training.full_order
     low = 2 * np.flatnonzero(np.isclose(full.problem.points[:, 1], 0.0)) + 1
@@ -429,7 +496,10 @@ def test_a_tool_moves_by_a_formula_into_an_imposed_node(radius):
         "corner", {"push": (0.0, 0.03)}, contacts=(hhr.Circle(TOP, (0.0, "3 - push"), radius),),
         displacements=hhr.Displacement.clamp(LEFT, 2),
     )  # fmt: skip
-    with pytest.warns(SceneWarning, match=r"at 1 places .* penetrate, most \(0\.02\) at \[.*\] for {'push': 0\.03}"):
+    with pytest.warns(
+        SceneWarning,
+        match=r"at 1 places .* penetrate, most \(0\.02\) at \[.*\] for {'push': 0\.03}",
+    ):
         hhr.FullOrderModel(scene)
 
 
@@ -438,17 +508,29 @@ def test_gaps_are_exact_along_the_normals_of_the_middle():
     top = block.side(2, upper=True)
     box = {"a": (0.0, 0.3), "b": (0.9, 1.1)}
     tools = (
-        (hhr.Sphere(top, ("a", 0.5, "2 + a"), "b"), lambda x, a, b: np.linalg.norm(x - [a, 0.5, 2 + a], axis=1) - b),
+        (
+            hhr.Sphere(top, ("a", 0.5, "2 + a"), "b"),
+            lambda x, a, b: np.linalg.norm(x - [a, 0.5, 2 + a], axis=1) - b,
+        ),
         (
             hhr.Cylinder(top, ("a", 0, "2 + a"), ("a", 1, 0), "b"),
-            lambda x, a, b: np.linalg.norm(np.cross(x - [a, 0, 2 + a], [a, 1, 0]), axis=1) / np.hypot(a, 1) - b,
+            lambda x, a, b: (
+                np.linalg.norm(np.cross(x - [a, 0, 2 + a], [a, 1, 0]), axis=1) / np.hypot(a, 1) - b
+            ),
         ),
         (
             hhr.Cone(top, ("a + 0.3", 0.5, 1.1), ("0.1*a", 0, 1), "60 * b"),
-            lambda x, a, b: np.arccos((x - [a + 0.3, 0.5, 1.1]) @ [0.1 * a, 0, 1] / np.hypot(0.1 * a, 1)
-                                      / np.linalg.norm(x - [a + 0.3, 0.5, 1.1], axis=1)) - np.deg2rad(60 * b),
+            lambda x, a, b: (
+                np.arccos(
+                    (x - [a + 0.3, 0.5, 1.1])
+                    @ [0.1 * a, 0, 1]
+                    / np.hypot(0.1 * a, 1)
+                    / np.linalg.norm(x - [a + 0.3, 0.5, 1.1], axis=1)
+                )
+                - np.deg2rad(60 * b)
+            ),
         ),
-    )  # fmt: skip
+    )
     for tool, level in tools:
         scene = block_scene(
             "gaps", box, lower=(0, 0, 0), upper=(1, 1, 1), cells=(3, 3, 2), hypothesis="solid",
@@ -457,10 +539,14 @@ def test_gaps_are_exact_along_the_normals_of_the_middle():
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", PairingWarning)
             problem = hhr.FullOrderModel(scene).problem
-        normals = np.column_stack([
-            np.asarray(problem.contact[np.arange(len(problem.gaps)), 3 * problem.contact_slaves + k]).ravel()
-            for k in range(3)
-        ])  # fmt: skip
+        normals = np.column_stack(
+            [
+                np.asarray(
+                    problem.contact[np.arange(len(problem.gaps)), 3 * problem.contact_slaves + k]
+                ).ravel()
+                for k in range(3)
+            ]
+        )
         for point in itertools.product((0.02, 0.29), (0.91, 1.09)):
             gaps = problem.gaps @ problem.amplitudes(np.array(point))
             hit = gaps < 5
@@ -472,15 +558,20 @@ def test_gaps_are_exact_along_the_normals_of_the_middle():
             step = 1e-6
             for place in range(2):
                 moved = [
-                    problem.gaps @ problem.amplitudes(np.array(point) + s * step * np.eye(2)[place]) for s in (1, -1)
+                    problem.gaps @ problem.amplitudes(np.array(point) + s * step * np.eye(2)[place])
+                    for s in (1, -1)
                 ]
-                assert found[:, place] == pytest.approx((moved[0] - moved[1]) / (2 * step), abs=1e-7)
+                assert found[:, place] == pytest.approx(
+                    (moved[0] - moved[1]) / (2 * step), abs=1e-7
+                )
 
 
 @needs("friction")
 @pytest.mark.parametrize("section", [False, True])
 def test_friction_on_a_cone(section):
-    """A collar pushed onto a cone slips everywhere: friction over contact force along the axis is mu / (tan + mu)."""
+    """A collar pushed onto a cone slips everywhere: friction over contact force along the axis is
+    mu / (tan + mu).
+    """
     angle, mu = 30.0, 0.2
     slope = np.tan(np.deg2rad(angle))
     box = {"push": (0.0, 0.02)}
@@ -488,25 +579,44 @@ def test_friction_on_a_cone(section):
     outputs = (hhr.ContactForce("contact", 0, (0, 1)), hhr.FrictionForce("friction", 0, (0, 1)))
     if section:  # r grows with -z
         scene = block_scene(
-            "collar", box, cells=(6, 6), hypothesis="axisymmetric",
-            geometry=warped(lambda x: np.column_stack([1 + x[:, 0] - slope * (x[:, 1] - 1) * (1 - x[:, 0]), x[:, 1]]),
-                            (0, 0), (1, 1), (6, 6)),
+            "collar",
+            box,
+            cells=(6, 6),
+            hypothesis="axisymmetric",
+            geometry=warped(
+                lambda x: np.column_stack(
+                    [1 + x[:, 0] - slope * (x[:, 1] - 1) * (1 - x[:, 0]), x[:, 1]]
+                ),
+                (0, 0),
+                (1, 1),
+                (6, 6),
+            ),
             contacts=(hhr.Profile(LEFT, [(1 + 2 * slope, -1.0), (1 - slope, 2.0)], friction=mu),),
-            displacements=(hhr.Displacement(TOP, 1, push),), outputs=outputs,
-        )  # fmt: skip
+            displacements=(hhr.Displacement(TOP, 1, push),),
+            outputs=outputs,
+        )
     else:
         top = block.side(2, upper=True)
 
         def warp(points):
             r = 1 + points[:, 0] - slope * (points[:, 2] - 1) * (1 - points[:, 0])
-            return np.column_stack([r * np.cos(points[:, 1]), r * np.sin(points[:, 1]), points[:, 2]])
+            return np.column_stack(
+                [r * np.cos(points[:, 1]), r * np.sin(points[:, 1]), points[:, 2]]
+            )
 
         scene = block_scene(
-            "collar", box, hypothesis="solid", geometry=warped(warp, (0, 0, 0), (1, np.pi / 2, 1), (3, 5, 3)),
+            "collar",
+            box,
+            hypothesis="solid",
+            geometry=warped(warp, (0, 0, 0), (1, np.pi / 2, 1), (3, 5, 3)),
             contacts=(hhr.Cone(LEFT, (0, 0, 1 + 1 / slope), (0, 0, -1), angle, friction=mu),),
-            displacements=(hhr.Displacement(top, 2, push), hhr.Displacement(BOTTOM, 1), hhr.Displacement(TOP, 0)),
+            displacements=(
+                hhr.Displacement(top, 2, push),
+                hhr.Displacement(BOTTOM, 1),
+                hhr.Displacement(TOP, 0),
+            ),
             outputs=tuple(replace(output, direction=(0, 0, 1)) for output in outputs),
-        )  # fmt: skip
+        )
     history = hhr.FullOrderModel(scene).march([(0.0, 0.0), (1.0, 0.02)])
     found = history.answers[-1].outputs()
     assert found["contact"] > 0
@@ -517,7 +627,9 @@ def test_friction_on_a_cone(section):
 @needs("pages")
 def test_pages_know_round_tools_and_refuse_drawn_ones_that_turn(tmp_path):
     drawn = hhr.Profile(TOP, "5 - 0.001 * x**2", between=(-20, 20), place=("R", 0.0))
-    for place, tool in enumerate((hhr.Circle(TOP, (0.0, 9.98), "R"), hhr.Circle(TOP, (0.0, "R - 0.02"), "R"), drawn)):
+    for place, tool in enumerate(
+        (hhr.Circle(TOP, (0.0, 9.98), "R"), hhr.Circle(TOP, (0.0, "R - 0.02"), "R"), drawn)
+    ):
         box = {"R": (9.97, 9.99) if place < 2 else (0.0, 0.01)}
         full = hhr.FullOrderModel(hertz((tool,), box))
         model = hhr.condense(full)
@@ -526,7 +638,9 @@ def test_pages_know_round_tools_and_refuse_drawn_ones_that_turn(tmp_path):
             hhr.write_model_page(path, model, hhr.scenery_of(full))
             assert path.stat().st_size > 1000
         else:
-            with pytest.raises(NotOfferedError, match="a page knows no amplitude of kind Distances"):
+            with pytest.raises(
+                NotOfferedError, match="a page knows no amplitude of kind Distances"
+            ):
                 hhr.write_model_page(path, model, hhr.scenery_of(full))
 
 
@@ -542,7 +656,9 @@ SIZES = {
 @pytest.mark.parametrize("inside", [False, True])
 @pytest.mark.parametrize("name", SIZES)
 def test_formulas_of_gaps_are_the_gaps(name, inside):
-    """To round-off at random points of the box, also where normals miss the obstacle, or pass through a tip."""
+    """To round-off at random points of the box, also where normals miss the obstacle, or pass
+    through a tip.
+    """
     kind, dim, sizes = SIZES[name]
     rng = np.random.default_rng(1)
     names = ("a", "b", "c")
@@ -555,14 +671,18 @@ def test_formulas_of_gaps_are_the_gaps(name, inside):
     before = np.flatnonzero(offsets @ middle[dim : 2 * dim] < 0)[:4] if axis else np.arange(4)
     normals[before] = -offsets[before]
     normals /= np.linalg.norm(normals, axis=1)[:, None]
-    gaps = Distances(shape, sizes, names, points, normals, distances(shape, middle, points, normals))
+    gaps = Distances(
+        shape, sizes, names, points, normals, distances(shape, middle, points, normals)
+    )
     scalars = gaps.scalars()
     missed = 0
     for point in (np.zeros(3), *rng.uniform(-0.3, 0.3, (6, 3))):
         exact = np.array(gaps(point)[1])
         missed += np.count_nonzero(exact + gaps.still > 20.0)
         assert [scalar.value(point) for scalar in scalars] == pytest.approx(exact, abs=1e-11)
-    assert missed > 0 and any(isinstance(scalar.derivative(np.zeros(3)), np.ndarray) for scalar in scalars)
+    assert missed > 0 and any(
+        isinstance(scalar.derivative(np.zeros(3)), np.ndarray) for scalar in scalars
+    )
 
 
 def test_mistakes():
@@ -583,13 +703,25 @@ def test_mistakes():
         (lambda: hhr.Cone(TOP, (0, 0, 0), (0, 0, 0), 20.0), "and an axis a length"),
         (lambda: hhr.Profile(TOP, [(0, 0)]), "two or more distinct points"),
         (lambda: hhr.Profile(TOP, "x**2"), "its ends increase"),
-        (lambda: hhr.RigidMesh(TOP, "nowhere.stl"), "the mesh file nowhere.stl of a RigidMesh cannot be read"),
+        (
+            lambda: hhr.RigidMesh(TOP, "nowhere.stl"),
+            "the mesh file nowhere.stl of a RigidMesh cannot be read",
+        ),
         (lambda: hhr.RigidMesh(TOP, ([(0, 0, 0)], [])), "with triangles"),
     ):
         with pytest.raises(SceneError, match=match):
             make_it()
-    strip = np.array([(np.cos(a) * (2 + s * np.cos(a / 2)), np.sin(a) * (2 + s * np.cos(a / 2)), s * np.sin(a / 2))
-                      for a in np.linspace(0, 2 * np.pi, 12, endpoint=False) for s in (-1, 1)])  # fmt: skip
+    strip = np.array(
+        [
+            (
+                np.cos(a) * (2 + s * np.cos(a / 2)),
+                np.sin(a) * (2 + s * np.cos(a / 2)),
+                s * np.sin(a / 2),
+            )
+            for a in np.linspace(0, 2 * np.pi, 12, endpoint=False)
+            for s in (-1, 1)
+        ]
+    )
     quads = [(2 * k, 2 * k + 1, 2 * k + 3, 2 * k + 2) for k in range(11)] + [(22, 23, 0, 1)]
     with pytest.raises(SceneError, match="no consistent sides"):
         hhr.RigidMesh(TOP, (strip, quads))
@@ -631,10 +763,15 @@ def test_ends_of_a_profile(curve, between, why):
 
 @pytest.mark.parametrize("first, said", [(0.45, True), (0.49, False)])
 def test_a_punch_that_moves_to_other_nodes_is_said(first, said):
-    """Conditions are those of the middle of the box: a punch of 0.4 that moves by 0.2 meets nodes that have none."""
+    """Conditions are those of the middle of the box: a punch of 0.4 that moves by 0.2 meets nodes
+    that have none.
+    """
     punch = hhr.Profile(
-        block.side(1, upper=True), curve=[(-0.2, 1.0), (0.2, 1.0)], smooth=False, place=("x", "-0.01")
-    )  # fmt: skip
+        block.side(1, upper=True),
+        curve=[(-0.2, 1.0), (0.2, 1.0)],
+        smooth=False,
+        place=("x", "-0.01"),
+    )
     scene = block_scene(
         "punch",
         {"x": (first, 1 - first)},

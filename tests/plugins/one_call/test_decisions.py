@@ -1,7 +1,8 @@
-"""Decisions of a search, of an advice and of a report, held on made-up models and made-up figures: no full order.
+"""Decisions of a search, of an advice and of a report, held on made-up models and made-up figures:
+no full order.
 
-Each of these rules decides which model a user gets, or what he reads of it. Real scenes pass through few of their
-branches, so that a wrong rule would pass tests that solve them.
+Each of these rules decides which model a user gets, or what he reads of it. Real scenes pass
+through few of their branches, so that a wrong rule would pass tests that solve them.
 """
 
 import math
@@ -41,11 +42,15 @@ class FakeContext:
         return list(points if suspects is None else np.concatenate([points, suspects]))
 
     def errors_of(self, model, exact):
-        return np.array([np.broadcast_to(model.error(point), len(self.target.of)) for point in exact], dtype=float)
+        return np.array(
+            [np.broadcast_to(model.error(point), len(self.target.of)) for point in exact],
+            dtype=float,
+        )
 
 
 def judged(error=0.0, said=None, known=None, **context):
-    """What is found of a model with errors by points, or one error, and the context in which it was looked for.
+    """What is found of a model with errors by points, or one error, and the context in which it was
+    looked for.
 
     Args:
         error: of an answer.
@@ -54,16 +59,24 @@ def judged(error=0.0, said=None, known=None, **context):
         context: see :class:`FakeContext`.
     """
     made = FakeContext(**context)
-    model = SimpleNamespace(error=error if callable(error) else lambda point: error, said=said, offline=None)
+    model = SimpleNamespace(
+        error=error if callable(error) else lambda point: error, said=said, offline=None
+    )
     model.fields = SimpleNamespace(exact=known is not None, bound=said, estimated="bound")
-    model.solve = lambda point, **how: SimpleNamespace(estimate=lambda: SimpleNamespace(outputs=known(point)))
+    model.solve = lambda point, **how: SimpleNamespace(
+        estimate=lambda: SimpleNamespace(outputs=known(point))
+    )
     return search._judged(made, model), made
 
 
 @pytest.fixture(autouse=True)
 def said_by_the_model(monkeypatch):
     monkeypatch.setattr(
-        search, "_said", lambda model, points, target: {} if model.said is None else {target.of[0]: model.said(points)}
+        search,
+        "_said",
+        lambda model, points, target: (
+            {} if model.said is None else {target.of[0]: model.said(points)}
+        ),
     )
 
 
@@ -72,7 +85,9 @@ def first(points):
 
 
 def rising(points):
-    """Above the target everywhere, so that the model does not vouch for itself, and largest at the right."""
+    """Above the target everywhere, so that the model does not vouch for itself, and largest at the
+    right.
+    """
     return 2 * ERROR * np.exp(first(points))
 
 
@@ -85,7 +100,9 @@ def test_an_error_that_was_seen_counts_twice(family):
 
 def test_half_of_a_check_is_where_the_model_expects_its_worst():
     """What is wrong there alone is found."""
-    assert not (first(BOX.random(search.FRESH // 2, 99)) > 0.97).any()  # no random point of this check sees it
+    assert not (
+        first(BOX.random(search.FRESH // 2, 99)) > 0.97
+    ).any()  # no random point of this check sees it
     (errors, *_), context = judged(lambda point: 5 * ERROR if point[0] > 0.97 else 0.0, rising)
     ((count, suspects),) = context.asked
     assert (count, len(suspects)) == (search.FRESH // 2, search.FRESH // 2)
@@ -95,7 +112,10 @@ def test_half_of_a_check_is_where_the_model_expects_its_worst():
 
 
 def test_earlier_checks_are_looked_at_again():
-    """One of many attempts passes a check by luck; fields alone are made of earlier checks, which then say nothing."""
+    """One of many attempts passes a check by luck.
+
+    Fields alone are made of earlier checks, which then say nothing.
+    """
     earlier, of = np.array([2.0, 2.0]), ("forces", "displacement")
     error = lambda point: [5 * ERROR, 7 * ERROR] if point is earlier else [0.0, 0.0]  # noqa: E731
     (errors, known, _), _ = judged(error, of=of, before=[earlier])
@@ -132,22 +152,36 @@ def test_an_interpolation_that_has_not_settled_counts_as_far_off(monkeypatch):
 
 
 def test_what_was_seen_of_an_exact_model_counts_for_outputs_too():
-    """A body that contact leaves free to turn has several answers: an output that reads it may be off by anything."""
-    (errors, *_), context = judged([0.0, 6.2], known=lambda point: {"turns": 0.0}, of=("forces", "turns"))
+    """A body that contact leaves free to turn has several answers: an output that reads it may be
+    off by anything.
+    """
+    (errors, *_), context = judged(
+        [0.0, 6.2], known=lambda point: {"turns": 0.0}, of=("forces", "turns")
+    )
     assert errors == pytest.approx([0.0, 6.2]) and context.asked == [(search.SURE, None)]
 
 
 def test_an_exact_model_is_checked_where_it_does_not_vouch_for_an_output():
-    """At 4 % of the box nothing bounds the output: four random answers would meet it in one search of seven."""
+    """At 4 % of the box nothing bounds the output: four random answers would meet it in one search
+    of seven.
+    """
     known = lambda point: {} if point[0] > 0.96 else {"turns": 0.0}  # noqa: E731
-    (errors, *_), context = judged(lambda point: 6.2 if point[0] > 0.96 else 0.0, known=known, of=("turns",))
+    (errors, *_), context = judged(
+        lambda point: 6.2 if point[0] > 0.96 else 0.0, known=known, of=("turns",)
+    )
     assert errors == pytest.approx([6.2])
     ((count, suspects),) = context.asked
-    assert count == search.SURE and first(suspects).min() > 0.96 and 10 < len(suspects) <= search.FRESH // 2
+    assert (
+        count == search.SURE
+        and first(suspects).min() > 0.96
+        and 10 < len(suspects) <= search.FRESH // 2
+    )
 
 
 def test_how_much_of_the_box_may_be_beyond_is_said_with_its_confidence():
-    """None of n random points is beyond: with 90 % confidence at most p of the box is, (1 - p)^n = 0.1."""
+    """None of n random points is beyond: with 90 % confidence at most p of the box is, (1 - p)^n =
+    0.1.
+    """
     assert search.share_beyond(40) == pytest.approx(0.0559, abs=5e-5)
     for count in (6, 20, 40, 400):
         assert (1 - search.share_beyond(count)) ** count == pytest.approx(0.1, rel=1e-12)
@@ -161,9 +195,22 @@ def test_how_much_of_the_box_may_be_beyond_is_said_with_its_confidence():
 
 
 def test_the_verdict_says_the_confidence():
-    row = Tried("hhr", "", 72, 1.0, 1e-3, {"forces": 1e-3}, "40 fresh answers, times 2", 0, search.MET, 0.0559)
+    row = Tried(
+        "hhr",
+        "",
+        72,
+        1.0,
+        1e-3,
+        {"forces": 1e-3},
+        "40 fresh answers, times 2",
+        0,
+        search.MET,
+        0.0559,
+    )
     found = search.Reduction("any", Target(ERROR, ("forces",)), (row,), 0, 72, 2.0)
-    said = "is met, 40 fresh answers, times 2; at 90 % confidence at most 5.6 % of the box exceeds it"
+    said = (
+        "is met, 40 fresh answers, times 2; at 90 % confidence at most 5.6 % of the box exceeds it"
+    )
     assert said in found.verdict
     bounded = search.Reduction("any", Target(ERROR, ("forces",)), (tried(1e-3, 1e-3),), 0, 4, 2.0)
     assert bounded.met and "confidence" not in bounded.verdict
@@ -179,7 +226,8 @@ def tried(query, worst, outcome=search.MET):
 @pytest.mark.parametrize(
     ("rows", "chosen"),
     [
-        # the first that meets, the quickest, and one that is nearly as quick and far more exact: that one
+        # the first that meets, the quickest, and one that is nearly as quick and far more exact:
+        # that one
         ([tried(3.5e-3, 1e-9), tried(1e-3, 9e-3), tried(2.9e-3, 1e-6)], 2),
         # more than three times as slow: not, however exact
         ([tried(3.1e-3, 1e-9), tried(1e-3, 9e-3)], 1),
@@ -203,16 +251,24 @@ def test_the_most_exact_of_the_quick_models_is_handed_out(rows, chosen):
 @pytest.fixture
 def real_context(monkeypatch):
     """Its workers solve for nothing."""
-    monkeypatch.setattr(contexts, "Errors", lambda target, full: SimpleNamespace(know=lambda found: None))
+    monkeypatch.setattr(
+        contexts, "Errors", lambda target, full: SimpleNamespace(know=lambda found: None)
+    )
     full, workers = SimpleNamespace(parameters=BOX), Mock(size=1)
-    workers.solved = Mock(wraps=lambda some: [SimpleNamespace(parameter=at, forces=lambda: np.ones(1)) for at in some])
-    made = contexts.SearchContext(full, workers, Target(ERROR, ("forces",)), Budget(), None, 3, unannounced)
+    workers.solved = Mock(
+        wraps=lambda some: [SimpleNamespace(parameter=at, forces=lambda: np.ones(1)) for at in some]
+    )
+    made = contexts.SearchContext(
+        full, workers, Target(ERROR, ("forces",)), Budget(), None, 3, unannounced
+    )
     made.looked = True
     return made
 
 
 def test_a_check_asks_for_what_no_model_was_made_from(real_context):
-    """Neither training points, nor those at which models are looked at or timed, nor those of another check."""
+    """Neither training points, nor those at which models are looked at or timed, nor those of
+    another check.
+    """
     seed = real_context.seed
     others = [BOX.random(search.LOOKED_AT, seed + number) for number in range(4)]
     others += [hhr.Sobol(512, seed, corners=True).points(BOX), BOX.random(search.TIMED, seed)]

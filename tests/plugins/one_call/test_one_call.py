@@ -1,4 +1,6 @@
-"""hhr.reduce: from a scene and a wished error to a model, held against the full order and norms worked out here."""
+"""hhr.reduce: from a scene and a wished error to a model, held against the full order and norms
+worked out here.
+"""
 
 import dataclasses
 import json
@@ -30,7 +32,9 @@ from hhr_dolfinx.plugins.one_call.target import Errors, Target
 
 
 def worst(model, full, count, names):
-    """Largest errors at fresh points, by the formulas of the docstrings, floors of a thousandth of the largest size."""
+    """Largest errors at fresh points, by the formulas of the docstrings, floors of a thousandth of
+    the largest size.
+    """
     values = {
         "pressure": lambda item: item.forces() / full.problem.contact_areas,
         "forces": lambda item: item.forces(),
@@ -41,12 +45,19 @@ def worst(model, full, count, names):
     for point in full.parameters.random(count, 99):
         exact, found = full.solve(point), model.solve(point)
         stiffness = full.problem.at(point).stiffness
-        norms = {"displacement": lambda field, k=stiffness: math.sqrt(field @ (k @ field)), "forces": np.linalg.norm}
+        norms = {
+            "displacement": lambda field, k=stiffness: math.sqrt(field @ (k @ field)),
+            "forces": np.linalg.norm,
+        }
         sizes = [norms.get(name, lambda values: np.abs(values).max()) for name in names]
         there, given = ([values[name](item) for name in names] for item in (exact, found))
-        rows.append([(size(b - a), size(a)) for size, a, b in zip(sizes, there, given, strict=True)])
+        rows.append(
+            [(size(b - a), size(a)) for size, a, b in zip(sizes, there, given, strict=True)]
+        )
     errors, sizes = np.moveaxis(np.array(rows), -1, 0)
-    return dict(zip(names, (errors / np.maximum(sizes, 1e-3 * sizes.max(axis=0))).max(axis=0), strict=True))
+    return dict(
+        zip(names, (errors / np.maximum(sizes, 1e-3 * sizes.max(axis=0))).max(axis=0), strict=True)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +86,9 @@ def test_moduli_are_interpolated_as_far_as_the_wish_asks(varying, error):
 
 @needs("moduli")
 def test_displacements_of_checks_make_fields_better(varying, monkeypatch):
-    """Fields that hardly span anything at first: points where the model expects its largest errors help."""
+    """Fields that hardly span anything at first: points where the model expects its largest errors
+    help.
+    """
     from hhr_dolfinx.plugins.moduli import condense
 
     monkeypatch.setattr(condense, "START_BYTES", 1e-3)
@@ -124,19 +137,26 @@ def test_bodies_that_flow_are_answered_along_paths():
     scene = indentation.scene(6)
     own = hhr.ParameterSpace(("d", "sy", "H"), (0.02, 200.0, 5e3), (0.03, 300.0, 10e3))
     legs = hhr.Leg({"depth": "d"}, 1.0, 8), hhr.Leg({"depth": 0.0}, 0.5, 4)
-    family = hhr.PathFamily("press", scene.parameters, own, {"depth": 0.0, "sy": "sy", "H": "H"}, legs)
+    family = hhr.PathFamily(
+        "press", scene.parameters, own, {"depth": 0.0, "sy": "sy", "H": "H"}, legs
+    )
     model = hhr.reduce(scene, 0.05, of="forces", paths=family)
     assert model.reduction.met
     full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
     for path in family.paths(hhr.Sobol(4, seed=77)):
         exact, found = full.march(path), model.march(path)
         sizes = [np.linalg.norm(answer.forces()) for answer in exact.answers]
-        wrong = [np.linalg.norm(a.forces() - b.forces()) for a, b in zip(exact.answers, found.answers, strict=True)]
+        wrong = [
+            np.linalg.norm(a.forces() - b.forces())
+            for a, b in zip(exact.answers, found.answers, strict=True)
+        ]
         assert max(wrong) <= 0.05 * max(sizes)
 
 
 @needs("moduli")
-@pytest.mark.parametrize(("limit", "said"), [({"bytes": 100}, "are allowed"), ({"seconds": 1e-9}, "are over")])
+@pytest.mark.parametrize(
+    ("limit", "said"), [({"bytes": 100}, "are allowed"), ({"seconds": 1e-9}, "are over")]
+)
 def test_a_budget_that_is_too_small_is_said(limit, said, varying):
     with pytest.raises(StudyError, match=said):
         hhr.reduce(varying, 0.01, budget=hhr.Budget(**limit))
@@ -145,7 +165,9 @@ def test_a_budget_that_is_too_small_is_said(limit, said, varying):
 @needs("moduli")
 def test_the_best_there_is_is_handed_out_where_the_budget_ends(varying, monkeypatch):
     monkeypatch.setattr(search, "attempts", hyper_reduced)
-    with pytest.warns(StabilityWarning, match="is not met: the 80 full answers of the budget are spent"):
+    with pytest.warns(
+        StabilityWarning, match="is not met: the 80 full answers of the budget are spent"
+    ):
         model = hhr.reduce(varying, 1e-9, of="forces", budget=hhr.Budget(full_answers=80))
     assert not model.reduction.met and model.reduction.full_answers == 80
     assert model.solve(varying.parameters.middle).converged
@@ -156,7 +178,9 @@ def test_a_wish_that_cannot_be_met_ends_with_the_best(varying, monkeypatch):
     monkeypatch.setattr(search, "attempts", lambda context: list(hyper_reduced(context))[:2])
     with pytest.warns(StabilityWarning, match="is not met: nothing more is known to be tried"):
         model = hhr.reduce(varying, 1e-12, of="forces")
-    assert model.reduction.chosen == np.argmin([item.errors["forces"] for item in model.reduction.tried])
+    assert model.reduction.chosen == np.argmin(
+        [item.errors["forces"] for item in model.reduction.tried]
+    )
     assert str(model.reduction).count("\n") == 3 and "->" in str(model.reduction)
 
 
@@ -166,7 +190,9 @@ def test_a_search_goes_on_from_its_folder(tmp_path, varying, monkeypatch):
     first = hhr.reduce(varying, 0.05, of="forces", folder=tmp_path / "found")
     solved = []
     plain = hhr.FullOrderModel.solve
-    monkeypatch.setattr(hhr.FullOrderModel, "solve", lambda *given, **how: solved.append(1) or plain(*given, **how))
+    monkeypatch.setattr(
+        hhr.FullOrderModel, "solve", lambda *given, **how: solved.append(1) or plain(*given, **how)
+    )
     again = hhr.reduce(varying, 0.05, of="forces", folder=tmp_path / "found")
     assert not solved
     point = varying.parameters.middle
@@ -219,7 +245,8 @@ def test_what_is_no_scene_and_paths_that_miss_are_refused():
 
 
 @pytest.mark.parametrize(
-    "limits", [{"seconds": 0}, {"full_answers": 0}, {"full_answers": 2.5}, {"bytes": -1}, {"seconds": "1"}]
+    "limits",
+    [{"seconds": 0}, {"full_answers": 0}, {"full_answers": 2.5}, {"bytes": -1}, {"seconds": "1"}],
 )
 def test_a_budget_is_checked(limits):
     with pytest.raises(ParameterError, match="of a budget"):
@@ -231,8 +258,13 @@ def test_an_output_that_is_zero_but_for_round_off_is_no_reason_to_go_on():
     """A gap that is closed everywhere, and a moment whose terms cancel."""
     closed = contract.blocks(box={"push": (0.03, 0.06)}), hhr.GapAt("gap", 0, (1.5, 1.0))
     turned = contract.blocks(("E1", 0.3), box=contract.MODULI | {"load": (0.0, 1e-9)})
-    for scene, output, of in ((*closed, "pressure"), (turned, hhr.ContactMoment("moment", 0, (1.5, 1.0)), "forces")):
-        found = hhr.reduce(dataclasses.replace(scene, outputs=(output,)), 0.01, of=(of, output.name)).reduction
+    for scene, output, of in (
+        (*closed, "pressure"),
+        (turned, hhr.ContactMoment("moment", 0, (1.5, 1.0)), "forces"),
+    ):
+        found = hhr.reduce(
+            dataclasses.replace(scene, outputs=(output,)), 0.01, of=(of, output.name)
+        ).reduction
         assert found.met and (scene is turned or len(found.tried) == 1)
 
 
@@ -241,11 +273,15 @@ def test_an_interpolation_that_has_not_settled_is_not_believed(varying):
     """Kinks lie between its nodes, and a check of few points meets none of them."""
     from hhr_dolfinx.plugins.moduli.interpolate import GridSettings
 
-    finer = hhr.condense(varying, fields=True)  # by what its bound interpolates, which knows its error
+    finer = hhr.condense(
+        varying, fields=True
+    )  # by what its bound interpolates, which knows its error
     model = hhr.condense(varying, GridSettings(), fields=True)
 
     def unresolved(model, **known):
-        model.offline = dataclasses.replace(model.offline, facts=dataclasses.replace(model.offline.facts, **known))
+        model.offline = dataclasses.replace(
+            model.offline, facts=dataclasses.replace(model.offline.facts, **known)
+        )
         return search._unresolved(model)
 
     assert not model.offline.finer and search._unresolved(model) == 0.0
@@ -257,7 +293,9 @@ def test_an_interpolation_that_has_not_settled_is_not_believed(varying):
 
 @needs("moduli")
 def test_what_is_expected_of_kinks_is_no_less_than_their_errors():
-    """A table of Poisson's ratios has kinks, by which forces are off where hardly any point of a check lies."""
+    """A table of Poisson's ratios has kinks, by which forces are off where hardly any point of a
+    check lies.
+    """
     young = ("3 * (1 - 1e-3 * T)", "table(T, 20, .3, 300, .33, 600, .4)")
     full = hhr.FullOrderModel(contract.blocks(young, box={"T": (20.0, 600.0)}), MPI.COMM_SELF)
     with warnings.catch_warnings(action="ignore"):
@@ -284,13 +322,17 @@ def test_nothing_that_moves_is_named():
     scene = contract.blocks(("E1", 0.3), box=contract.MODULI)
     box, opened = space(push=(0.005, 0.06), E1=(1.0, 6.0)), (hhr.Opening(0, hhr.Amplitude(0.5)),)
     still = dataclasses.replace(scene, loads=(), outputs=(), openings=opened, parameters=box)
-    warned = pytest.warns(SceneWarning, match="nothing touches in any of 36 answers of the full model")
+    warned = pytest.warns(
+        SceneWarning, match="nothing touches in any of 36 answers of the full model"
+    )
     with pytest.raises(StudyError, match=r"there is no model.*all snapshots are zero"), warned:
         hhr.reduce(still, 0.01, of="forces")
 
 
 @needs("small_strains")
-@pytest.mark.parametrize(("push", "said"), [(0.5, "strain"), (5.0, r"at push = .*: a strain of .*narrow it")])
+@pytest.mark.parametrize(
+    ("push", "said"), [(0.5, "strain"), (5.0, r"at push = .*: a strain of .*narrow it")]
+)
 def test_large_strains_are_told_of(push, said):
     with pytest.warns(SmallStrainWarning, match=said):
         hhr.reduce(contract.blocks(box={"push": (0.9 * push, push)}), 0.01, of="forces")
@@ -300,21 +342,27 @@ def test_large_strains_are_told_of(push, said):
 def test_pressures_of_bodies_whose_shape_varies_are_over_the_areas_of_their_point():
     wider = ("1 + (x - 1) * (1 + wide * (x - 1))", "y")
     shapes = tuple(hhr.Shape(body, wider) for body in (two_blocks.FIRST, two_blocks.SECOND))
-    full = hhr.FullOrderModel(contract.blocks(box={"wide": (0.0, 1.0)}, shapes=shapes), MPI.COMM_SELF)
+    full = hhr.FullOrderModel(
+        contract.blocks(box={"wide": (0.0, 1.0)}, shapes=shapes), MPI.COMM_SELF
+    )
     exact = full.solve({"push": 0.05, "load": 0.02, "wide": 1.0})
     shifted = exact.forces() + np.array([0.0, 0.0, 0.01, 0.0])
     errors = Errors(Target(0.01, ("pressure",)), full)
     found = SimpleNamespace(converged=True, parameter=exact.parameter, forces=lambda: shifted)
     areas = full.problem.at(exact.parameter).contact_areas
     assert areas[2] > 1.2 * full.problem.contact_areas[2]
-    assert errors.of([found], exact) == pytest.approx(0.01 / areas[2] / (exact.forces() / areas).max(), rel=1e-12)
+    assert errors.of([found], exact) == pytest.approx(
+        0.01 / areas[2] / (exact.forces() / areas).max(), rel=1e-12
+    )
 
 
 def test_a_folder_keeps_the_model_of_one_scene(tmp_path):
     scene = contract.blocks()
     hhr.reduce(scene, folder=tmp_path)
     before = (tmp_path / "model.npz").read_bytes()
-    with pytest.raises(StudyError, match="holds a model of scene 'contract': choose another one for 'other'"):
+    with pytest.raises(
+        StudyError, match="holds a model of scene 'contract': choose another one for 'other'"
+    ):
         hhr.reduce(dataclasses.replace(scene, name="other"), folder=tmp_path)
     assert (tmp_path / "model.npz").read_bytes() == before
     hhr.reduce(scene, of="forces", folder=tmp_path)  # the same one anew

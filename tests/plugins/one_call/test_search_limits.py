@@ -1,4 +1,6 @@
-"""What ends a search: budgets, Ctrl-C, and reasons that no refinement changes; what it leaves then, and how it shows.
+"""What ends a search: budgets, Ctrl-C, and reasons that no refinement changes.
+
+What it leaves then, and how it shows.
 
 Seconds are those of a clock that the tests move themselves: nothing here depends on the machine.
 """
@@ -17,7 +19,13 @@ from scenes import pair_scene
 from shell import invoke
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import BoundError, NotSolvableError, ParameterError, StabilityWarning, StudyError
+from hhr_dolfinx.errors import (
+    BoundError,
+    NotSolvableError,
+    ParameterError,
+    StabilityWarning,
+    StudyError,
+)
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.plugins.moduli import bounding, condense
 from hhr_dolfinx.plugins.moduli.components import Solver
@@ -27,7 +35,9 @@ from hhr_dolfinx.plugins.one_call.proposals import Proposal
 from hhr_dolfinx.timing import unannounced
 
 VARIES = contract.blocks((3.0, "nu"), box={"nu": (0.1, 0.4)})
-"""Its compliance is interpolated along nu: the fewest solutions are three of the lower block, and one of the upper."""
+"""Its compliance is interpolated along nu: the fewest solutions are three of the lower block, and
+one of the upper.
+"""
 
 
 @pytest.fixture
@@ -35,7 +45,9 @@ def clocked(monkeypatch):
     """Makes a clock that full answers and compliances move, by the seconds that each takes."""
 
     def made(answer=1.0, compliance=1.0):
-        clock = SimpleNamespace(now=0.0, answer=answer, compliance=compliance, answers=0, compliances=0)
+        clock = SimpleNamespace(
+            now=0.0, answer=answer, compliance=compliance, answers=0, compliances=0
+        )
         plain, solved = hhr.FullOrderModel.solve, Solver._solved
 
         def solve(*given, **how):
@@ -50,8 +62,12 @@ def clocked(monkeypatch):
 
         monkeypatch.setattr(hhr.FullOrderModel, "solve", solve)
         monkeypatch.setattr(Solver, "_solved", compliance_of)
-        monkeypatch.setattr(progress.Stopwatch, "__init__", lambda self: setattr(self, "_start", clock.now))
-        monkeypatch.setattr(progress.Stopwatch, "seconds", property(lambda self: clock.now - self._start))
+        monkeypatch.setattr(
+            progress.Stopwatch, "__init__", lambda self: setattr(self, "_start", clock.now)
+        )
+        monkeypatch.setattr(
+            progress.Stopwatch, "seconds", property(lambda self: clock.now - self._start)
+        )
         return clock
 
     return made
@@ -66,9 +82,14 @@ def reduced(scene=VARIES, error=0.01, of="forces", progress=unannounced, **how):
 
 
 def test_what_is_not_affordable_is_not_done(clocked, tmp_path):
-    """Compliances of 10 s each in 30 s: the first one shows that four are too many; 40 answers would be, too."""
+    """Compliances of 10 s each in 30 s: the first one shows that four are too many.
+
+    40 answers would be, too.
+    """
     clock = clocked(answer=1.0, compliance=10.0)
-    with pytest.raises(StudyError, match=r"there is no model: .*of the 30 s of the budget are left") as caught:
+    with pytest.raises(
+        StudyError, match=r"there is no model: .*of the 30 s of the budget are left"
+    ) as caught:
         reduced(budget=hhr.Budget(seconds=30), folder=tmp_path)
     assert (clock.answers, clock.compliances) == (1, 1) and clock.now == 11.0
     said = [item["outcome"] for item in kept(tmp_path)["tried"]]
@@ -93,13 +114,21 @@ def test_a_check_that_the_budget_cuts_short_does_not_count_as_met(clocked, monke
     row = model.reduction.tried[model.reduction.chosen]
     assert clock.now <= 20 and clock.answers >= 15
     assert row.errors["forces"] <= 0.01 and not row.met
-    assert row.outcome.startswith(f"not checked enough: {clock.answers} of 40 fresh answers were affordable")
+    assert row.outcome.startswith(
+        f"not checked enough: {clock.answers} of 40 fresh answers were affordable"
+    )
 
 
 def test_answers_of_a_training_are_not_begun_that_cannot_be_checked(monkeypatch):
     made = search.attempts
-    monkeypatch.setattr(search, "attempts", lambda found: (item for item in made(found) if item.method != "condensed"))
-    with pytest.raises(StudyError, match=r"takes 40 full answers and its check 4 at least, and 35 of the 35"):
+    monkeypatch.setattr(
+        search,
+        "attempts",
+        lambda found: (item for item in made(found) if item.method != "condensed"),
+    )
+    with pytest.raises(
+        StudyError, match=r"takes 40 full answers and its check 4 at least, and 35 of the 35"
+    ):
         reduced(budget=hhr.Budget(full_answers=35))
 
 
@@ -107,7 +136,9 @@ def test_answers_of_a_training_are_not_begun_that_cannot_be_checked(monkeypatch)
 def test_time_for_a_check_is_kept_back(clocked, family):
     clock, full = clocked(), hhr.FullOrderModel(VARIES, MPI.COMM_SELF)
     target, budget = search.Target(0.01, ("forces",)), hhr.Budget(seconds=100)
-    made = context.SearchContext(full, SimpleNamespace(size=2), target, budget, family, 1, unannounced)
+    made = context.SearchContext(
+        full, SimpleNamespace(size=2), target, budget, family, 1, unannounced
+    )
     assert made.deadline == 100  # nothing is known of answers yet
     made.batches += [2.0, 2.0, 30.0]  # the first one factors
     assert made.deadline == 100 - 2.0 * context.FRESH / 2
@@ -120,12 +151,16 @@ def test_time_for_a_check_is_kept_back(clocked, family):
         made.announce("any", 0.0)
     made.checking = False
     clock.now = 60.0
-    with pytest.raises(context.BudgetSpentError, match=r"stage 'any' was stopped: 0 of the 100 s .* beside 50 s"):
+    with pytest.raises(
+        context.BudgetSpentError, match=r"stage 'any' was stopped: 0 of the 100 s .* beside 50 s"
+    ):
         made.announce("any", 0.0)
 
 
 def test_an_interrupted_search_goes_on_where_it_was(clocked, monkeypatch, tmp_path):
-    """Ctrl-C in the third compliance: the first two are not solved for again, and the table says what was going on."""
+    """Ctrl-C in the third compliance: the first two are not solved for again, and the table says
+    what was going on.
+    """
     clock = clocked()
     solved = Solver._solved
 
@@ -164,7 +199,9 @@ def test_compliances_of_another_stiffness_are_not_taken(clocked, tmp_path):
 
 @pytest.mark.parametrize(("of", "made"), [("forces", False), ("displacement", True)])
 def test_fields_that_no_wish_reads_are_made_for_a_bound_only(of, made, monkeypatch):
-    """Without a bound they serve displacements alone, and take longer than all else of a model in space."""
+    """Without a bound they serve displacements alone, and take longer than all else of a model in
+    space.
+    """
     refused = Mock(side_effect=BoundError("S is not resolved"))
     monkeypatch.setattr(condense, "between", refused)
     monkeypatch.setattr(condense, "varying_bound", refused)
@@ -174,7 +211,9 @@ def test_fields_that_no_wish_reads_are_made_for_a_bound_only(of, made, monkeypat
 
 
 def test_a_bound_that_is_not_affordable_is_left_out(clocked):
-    """Time for compliances and for a check of forty answers, and none for what a bound interpolates more finely."""
+    """Time for compliances and for a check of forty answers, and none for what a bound interpolates
+    more finely.
+    """
     clock = clocked(answer=0.1, compliance=1.0)
     before = []
     reduced(progress=lambda stage, share: before.append(clock.now) if stage == "starts" else None)
@@ -212,9 +251,17 @@ def failing(*reasons):
 
 
 def test_a_search_without_a_model_leaves_its_table_and_each_reason_once(monkeypatch, tmp_path):
-    reasons = "no eigenvalue of B B^T was found", "the tangent is indefinite for 64 modes", "contact alone holds bodies"
-    same, other, alone = (NotSolvableError(f"{text}, and so there is no model of this kind") for text in reasons)
-    monkeypatch.setattr(search, "attempts", failing(("condensed", [alone]), ("hhr", [other, same, same, same])))
+    reasons = (
+        "no eigenvalue of B B^T was found",
+        "the tangent is indefinite for 64 modes",
+        "contact alone holds bodies",
+    )
+    same, other, alone = (
+        NotSolvableError(f"{text}, and so there is no model of this kind") for text in reasons
+    )
+    monkeypatch.setattr(
+        search, "attempts", failing(("condensed", [alone]), ("hhr", [other, same, same, same]))
+    )
     with pytest.raises(StudyError) as caught:
         reduced(folder=tmp_path)
     for reason in (same, other, alone):
@@ -235,23 +282,36 @@ def test_the_command_leaves_the_table_too(monkeypatch, tmp_path):
     source = tmp_path / "blocks.py"
     source.write_text("import contract\n\nscene = contract.blocks()\n")
     code, said = invoke("reduce", source, "--out", tmp_path / "out")
-    assert code == 3 and said.count(reason) == 1 and "refused (1)" in said and "reduction.json" in said
+    assert (
+        code == 3 and said.count(reason) == 1 and "refused (1)" in said and "reduction.json" in said
+    )
     assert len(kept(tmp_path / "out")["tried"]) == 2
 
 
 @needs("nonmatching", "shapes")
 def test_what_geometry_forbids_is_tried_once():
-    """A block that a parameter moves along the other one, until some of its nodes have nothing below them."""
+    """A block that a parameter moves along the other one, until some of its nodes have nothing
+    below them.
+    """
     side = two_blocks.side
     first, second = ((0.0, 0.0), (2.0, 1.0), (4, 2)), ((0.5, 1.0), (1.5, 2.0), (3, 2))
     scene = pair_scene(
-        "moved_away", {"push": (0.01, 0.05), "away": (0.0, 0.9)}, first, second, ((3.0, 0.3), (5.0, 0.3)),
+        "moved_away",
+        {"push": (0.01, 0.05), "away": (0.0, 0.9)},
+        first,
+        second,
+        ((3.0, 0.3), (5.0, 0.3)),
         contacts=(hhr.NodeToSurface(side(2, 1, False), side(1, 1, True), normal=(0.0, -1.0)),),
-        displacements=(*hhr.Displacement.clamp(side(1, 1, False), 2), hhr.Displacement(side(2, 1, True), 0),
-                       hhr.Displacement(side(2, 1, True), 1, "-push")),
+        displacements=(
+            *hhr.Displacement.clamp(side(1, 1, False), 2),
+            hhr.Displacement(side(2, 1, True), 0),
+            hhr.Displacement(side(2, 1, True), 1, "-push"),
+        ),
         shapes=(hhr.Shape(2, ("x + away", "y")),),
-    )  # fmt: skip
-    with pytest.raises(StudyError, match="other nodes are in contact than in the middle of the box") as caught:
+    )
+    with pytest.raises(
+        StudyError, match="other nodes are in contact than in the middle of the box"
+    ) as caught:
         reduced(scene)
     found = vars(caught.value)["reduction"]
     assert len(found.tried) == 1 and found.full_answers == 0
@@ -259,9 +319,14 @@ def test_what_geometry_forbids_is_tried_once():
 
 @pytest.mark.parametrize("error", [1e-20, 9e-13])
 def test_an_error_below_round_off_is_refused(error):
-    with pytest.raises(ParameterError, match=r"below 1e-12, to which answers of the full model are known"):
+    with pytest.raises(
+        ParameterError, match=r"below 1e-12, to which answers of the full model are known"
+    ):
         reduced(error=error)
-    assert search.Target.checked(1e-12, "forces", hhr.FullOrderModel(VARIES, MPI.COMM_SELF)).error == 1e-12
+    assert (
+        search.Target.checked(1e-12, "forces", hhr.FullOrderModel(VARIES, MPI.COMM_SELF)).error
+        == 1e-12
+    )
 
 
 # ---------------------------------------------------------------- progress
@@ -280,7 +345,10 @@ def test_stages_are_announced_with_the_share_that_is_done():
 
 
 def test_long_runs_show_progress_without_being_asked(clocked, capfd):
-    """Also from Python, with a share of the answers of a check; runs of less than two seconds are silent."""
+    """Also from Python, with a share of the answers of a check.
+
+    Runs of less than two seconds are silent.
+    """
     clocked(answer=0.01, compliance=0.01)
     hhr.reduce(VARIES, 0.01, of="forces")
     assert capfd.readouterr() == ("", "")
@@ -300,6 +368,10 @@ def test_lines_of_progress_are_few(monkeypatch):
     shown("compliances", 0.0)  # after 0 s: still quiet
     for number in range(1, 30):
         shown("compliances", number / 30)
-    assert lines == ["2 s: compliances, 13% done", "7 s: compliances, 47% done", "12 s: compliances, 80% done"]
+    assert lines == [
+        "2 s: compliances, 13% done",
+        "7 s: compliances, 47% done",
+        "12 s: compliances, 80% done",
+    ]
     shown("starts", 0.0)
     assert lines[-1] == "15 s: starts"

@@ -1,4 +1,6 @@
-"""Boxes of which a part, or all, has no equilibrium or no small strains: what searches ask, say and return."""
+"""Boxes of which a part, or all, has no equilibrium or no small strains: what searches ask, say and
+return.
+"""
 
 from dataclasses import replace
 
@@ -8,13 +10,21 @@ from needs import needs
 from scenes import block_scene, pressed_block, slope, space
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, SmallStrainWarning, StudyError, TrainingWarning
+from hhr_dolfinx.errors import (
+    NotOfferedError,
+    NotSolvableError,
+    SmallStrainWarning,
+    StudyError,
+    TrainingWarning,
+)
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.timing import unannounced
 
 
 def lying(lower, upper, young=50.0, **others):
-    """A block on a floor under a pressure ``p``, which contact alone holds: one that is negative lifts it off."""
+    """A block on a floor under a pressure ``p``, which contact alone holds: one that is negative
+    lifts it off.
+    """
     return block_scene(
         "lying",
         {"p": (lower, upper), **others},
@@ -36,7 +46,9 @@ def test_a_box_without_equilibrium_is_given_up_with_its_reason():
 
 @needs("floating", "moduli")
 def test_a_training_that_must_fail_ends_early(monkeypatch):
-    """Nine of ten points have no equilibrium, and a training, which no condensation spares, needs half of its own."""
+    """Nine of ten points have no equilibrium, and a training, which no condensation spares, needs
+    half of its own.
+    """
     from hhr_dolfinx.plugins.moduli.condense import Condensation
 
     def refuse(self, task):
@@ -44,15 +56,21 @@ def test_a_training_that_must_fail_ends_early(monkeypatch):
 
     monkeypatch.setattr(Condensation, "check", refuse)
     with pytest.raises(StudyError, match="too few points of the box") as caught:
-        hhr.reduce(lying(-9.0, 1.0, young="E", E=(40.0, 60.0)), progress=unannounced, comm=MPI.COMM_SELF)
+        hhr.reduce(
+            lying(-9.0, 1.0, young="E", E=(40.0, 60.0)), progress=unannounced, comm=MPI.COMM_SELF
+        )
     assert caught.value.reduction.full_answers < 60
 
 
 @needs("floating", "moduli")
 def test_a_box_of_few_points_with_equilibrium_needs_few_answers():
-    """Nine of ten points have none: a model without a training answers the tenth, where p is the force."""
+    """Nine of ten points have none: a model without a training answers the tenth, where p is the
+    force.
+    """
     with pytest.warns(TrainingWarning, match="fresh queries have no answer"):
-        model = hhr.reduce(lying(-9.0, 1.0, young="E", E=(40.0, 60.0)), progress=unannounced, comm=MPI.COMM_SELF)
+        model = hhr.reduce(
+            lying(-9.0, 1.0, young="E", E=(40.0, 60.0)), progress=unannounced, comm=MPI.COMM_SELF
+        )
     assert model.reduction.full_answers < 60
     assert model.solve([0.5, 50.0]).forces().sum() == pytest.approx(0.5, rel=1e-9)
 
@@ -81,12 +99,18 @@ def test_a_model_that_refuses_each_point_is_none():
 
 @needs("small_strains")
 def test_a_search_says_in_which_part_of_the_box_its_model_answers():
-    """The strain is (push - gap) / 2, or (1 - nu / (1 - nu)) of it across: 1 at a push of 2.01, half of the box."""
+    """The strain is (push - gap) / 2, or (1 - nu / (1 - nu)) of it across: 1 at a push of 2.01,
+    half of the box.
+    """
     stages = []
     progress = lambda stage, share: stages.append(stage)  # noqa: E731
     with pytest.warns(SmallStrainWarning):
-        model = hhr.reduce(with_box(pressed_block("plane_strain"), 4.02), progress=progress, comm=MPI.COMM_SELF)
-    assert stages[-1] == "strains in corners of the box"  # it takes most of the time with friction, and was silent
+        model = hhr.reduce(
+            with_box(pressed_block("plane_strain"), 4.02), progress=progress, comm=MPI.COMM_SELF
+        )
+    assert (
+        stages[-1] == "strains in corners of the box"
+    )  # it takes most of the time with friction, and was silent
     assert model.reduction.met and model.reduction.answered == pytest.approx(0.5, abs=0.05)
     assert "% of the box, and the model refuses the rest" in model.reduction.verdict
 

@@ -53,17 +53,28 @@ except Exception as error:
 
 @needs("moduli")
 def test_a_search_on_two_ranks_is_that_on_one(tmp_path):
-    """What was tried and how exact it is, and the answers of the model, on both; full answers are kept by both."""
-    said = (launch(ranks, ["-c", SCENE + SEARCH, str(tmp_path / name)]) for ranks, name in ((1, "one"), (2, "two")))
+    """What was tried and how exact it is, and the answers of the model, on both.
+
+    Full answers are kept by both.
+    """
+    said = (
+        launch(ranks, ["-c", SCENE + SEARCH, str(tmp_path / name)])
+        for ranks, name in ((1, "one"), (2, "two"))
+    )
     alone, both = (json.loads(text.splitlines()[-1]) for text in said)
     assert len(both) == 2 and both[0] == both[1]
     (tried, forces), (other, found) = alone[0], both[0]
-    assert [item[:3] for item in tried] == [item[:3] for item in other] and tried[-1][1].endswith("training points")
+    assert [item[:3] for item in tried] == [item[:3] for item in other] and tried[-1][1].endswith(
+        "training points"
+    )
     np.testing.assert_allclose(found, forces, rtol=0, atol=1e-12 * max(forces))
     for folder in ("one", "two"):
         kept = json.loads((tmp_path / folder / "reduction.json").read_text())
         assert kept["met"] and (tmp_path / folder / "model.npz").is_file()
-    stored = [sorted(path.name for path in (tmp_path / name / "snapshots").rglob("*.npz")) for name in ("one", "two")]
+    stored = [
+        sorted(path.name for path in (tmp_path / name / "snapshots").rglob("*.npz"))
+        for name in ("one", "two")
+    ]
     assert stored[0] == stored[1] and len(stored[0]) >= tried[-1][2]
 
 
@@ -71,7 +82,9 @@ def test_a_search_on_two_ranks_is_that_on_one(tmp_path):
 def test_a_rank_that_fails_ends_a_search_in_words():
     """What is wrong with one rank is said by all, and none waits for it."""
     run = run_program(2, ["-c", SCENE + FAILS], limit=60)
-    assert run.stdout.count("failed on another rank: ZeroDivisionError: division by zero") == 2, run.stdout
+    assert run.stdout.count("failed on another rank: ZeroDivisionError: division by zero") == 2, (
+        run.stdout
+    )
     assert "0: RuntimeError" in run.stdout and "1: RankError" in run.stdout
 
 
@@ -79,7 +92,9 @@ def test_a_rank_that_fails_ends_a_search_in_words():
 def test_a_command_searches_on_two_ranks(tmp_path):
     (tmp_path / "scene.py").write_text(SCENE)
     program = "from hhr_dolfinx.command.main import hhr; hhr()"
-    run = run_program(2, ["-c", program, "reduce", "scene.py", "--error", "2%", "--of", "forces"], tmp_path)
+    run = run_program(
+        2, ["-c", program, "reduce", "scene.py", "--error", "2%", "--of", "forces"], tmp_path
+    )
     assert run.returncode == 0, run.stdout[-2000:] + run.stderr[-2000:]
     assert run.stdout.count("is met") == 1 and len(list(tmp_path.rglob("model.npz"))) == 1
 

@@ -1,4 +1,6 @@
-"""Pressures, figures and fields of models in files, from the scenery beside them: those of the full model's mesh."""
+"""Pressures, figures and fields of models in files, from the scenery beside them: those of the full
+model's mesh.
+"""
 
 import dataclasses
 
@@ -22,8 +24,13 @@ from hhr_dolfinx.plugins.pages.scenery import Scenery
 def halves():
     """Two contacts share a node in the middle, off the middle of the pressure."""
     pairs = [hhr.NodeToNode(*tags, (0, -1)) for tags in zip(split.UPPER, split.LOWER, strict=True)]
-    bodies = (hhr.Body(split.FIRST, young=1e3, poisson=0.1), hhr.Body(split.SECOND, young=1e3, poisson=0.4))
-    return split.scene(pairs, bodies=bodies, parameters=hhr.ParameterSpace(("press",), (1.0,), (20.0,)))
+    bodies = (
+        hhr.Body(split.FIRST, young=1e3, poisson=0.1),
+        hhr.Body(split.SECOND, young=1e3, poisson=0.4),
+    )
+    return split.scene(
+        pairs, bodies=bodies, parameters=hhr.ParameterSpace(("press",), (1.0,), (20.0,))
+    )
 
 
 SCENES = {
@@ -38,7 +45,9 @@ SCENES = {
 
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory):
-    """The full model of a scene, the file of its condensed model, with the scenery beside it, by name."""
+    """The full model of a scene, the file of its condensed model, with the scenery beside it, by
+    name.
+    """
     known = {}
 
     def of(name):
@@ -106,17 +115,26 @@ def drawn(figure):
         numbers += [line.get_xydata() for line in axes.lines]
         for item in axes.collections:
             numbers += [np.asarray(item.get_array()), *(path.vertices for path in item.get_paths())]
-    return numbers, [figure.get_suptitle(), *(axes.get_xlabel() + axes.get_ylabel() for axes in figure.axes)]
+    return numbers, [
+        figure.get_suptitle(),
+        *(axes.get_xlabel() + axes.get_ylabel() for axes in figure.axes),
+    ]
 
 
 @needs("checks", "floating", "shared_nodes")
-@pytest.mark.parametrize("name", ["quadrilaterals", "triangles", "round", "hexahedra", "a node of two contacts"])
+@pytest.mark.parametrize(
+    "name", ["quadrilaterals", "triangles", "round", "hexahedra", "a node of two contacts"]
+)
 def test_figures_are_those_of_the_mesh(name, kept, tmp_path):
     pytest.importorskip("matplotlib")
     full, answer = answered(kept, name)
     right, words = drawn(answer.plot(full=full))
     other, same = drawn(answer.plot(tmp_path / "answer.png"))
-    assert words == same and len(right) == len(other) and (tmp_path / "answer.png").stat().st_size > 1000
+    assert (
+        words == same
+        and len(right) == len(other)
+        and (tmp_path / "answer.png").stat().st_size > 1000
+    )
     for one, two in zip(right, other, strict=True):
         np.testing.assert_array_equal(one, two)
 
@@ -146,7 +164,9 @@ def test_with_friction_pressures_are_those_of_normals(kept, tmp_path):
     (file,) = hhr.write_fields(tmp_path / "a.vtu", loaded, answer)
     (right,) = hhr.write_fields(tmp_path / "b.vtu", full, answer)
     pyvista = pytest.importorskip("pyvista")
-    np.testing.assert_array_equal(pyvista.read(file)["contact_pressure"], pyvista.read(right)["contact_pressure"])
+    np.testing.assert_array_equal(
+        pyvista.read(file)["contact_pressure"], pyvista.read(right)["contact_pressure"]
+    )
 
 
 @needs("checks")
@@ -162,7 +182,11 @@ def test_without_the_scenery_one_sentence_says_what_to_do(kept, tmp_path, monkey
         rf"or in Python give the full model, full=hhr.FullOrderModel\(scene\); "
         rf"hhr.scenery_of\(full\).write\('{tmp_path}/scenery.npz'\) makes the file"
     )
-    for ask in (answer.pressure, answer.plot, lambda: hhr.write_fields(tmp_path / "sub" / "a.vtu", loaded, answer)):
+    for ask in (
+        answer.pressure,
+        answer.plot,
+        lambda: hhr.write_fields(tmp_path / "sub" / "a.vtu", loaded, answer),
+    ):
         with pytest.raises(NotOfferedError, match=f"^{why}$"):
             ask()
     assert not (tmp_path / "sub").exists()
@@ -187,21 +211,29 @@ def test_other_sceneries_are_refused(kept, tmp_path):
 
     earlier = with_scenery(dataclasses.replace(scenery, mesh=None))
     np.testing.assert_array_equal(earlier.pressure(), earlier.pressure(full))
-    with pytest.raises(NotOfferedError, match="is of an earlier release: name the scene, --scene FILE"):
+    with pytest.raises(
+        NotOfferedError, match="is of an earlier release: name the scene, --scene FILE"
+    ):
         earlier.plot()
     with pytest.raises(NotOfferedError, match="shapes of bodies are parameters"):
         with_scenery(dataclasses.replace(scenery, moves=True)).pressure()
     other = hhr.scenery_of(kept("hexahedra")[0])
     with pytest.raises(NotOfferedError, match="they are of two scenes or meshes"):
         with_scenery(other).pressure()
-    softer = hhr.scenery_of(hhr.FullOrderModel(pressed_block("plane_strain", young=2.0), MPI.COMM_SELF))
+    softer = hhr.scenery_of(
+        hhr.FullOrderModel(pressed_block("plane_strain", young=2.0), MPI.COMM_SELF)
+    )
     with pytest.raises(NotOfferedError, match="its contact is stiffer or softer"):
         with_scenery(softer).pressure()
-    finer = hhr.scenery_of(hhr.FullOrderModel(pressed_block("plane_strain", simplices=True), MPI.COMM_SELF))
+    finer = hhr.scenery_of(
+        hhr.FullOrderModel(pressed_block("plane_strain", simplices=True), MPI.COMM_SELF)
+    )
     cut = dataclasses.replace(finer.mesh, all_points=finer.mesh.all_points[:-1])
     with pytest.raises(FileContentError, match="name nodes that are not there"):
         with_scenery(dataclasses.replace(finer, mesh=cut)).pressure()
-    longer = dataclasses.replace(scenery.mesh, all_points=np.vstack([scenery.mesh.all_points, np.zeros(2)]))
+    longer = dataclasses.replace(
+        scenery.mesh, all_points=np.vstack([scenery.mesh.all_points, np.zeros(2)])
+    )
     with pytest.raises(NotOfferedError, match="they are of two scenes or meshes"):
         with_scenery(dataclasses.replace(scenery, mesh=longer)).plot()
 
@@ -236,14 +268,21 @@ def test_the_command_writes_fields_of_a_model_in_a_file(tmp_path):
     hhr.save_model(file, hhr.condense(full, fields=True))
     registry.write_companions(full, tmp_path)  # as the commands do
     code, output = invoke("solve", file, *AT, "--out", tmp_path / "a.vtu")
-    assert code == 0 and f"fields: {tmp_path / 'a.vtu'}, as far as the files beside the model have them" in output
+    assert (
+        code == 0
+        and f"fields: {tmp_path / 'a.vtu'}, as far as the files beside the model have them"
+        in output
+    )
     code, output = invoke("solve", file, *AT, "--scene", SPRING, "--out", tmp_path / "b.vtu")
     assert code == 0 and output.endswith(f"fields: {tmp_path / 'b.vtu'}\n")
     one, two = pyvista.read(tmp_path / "a.vtu"), pyvista.read(tmp_path / "b.vtu")
     for key in ("displacement", "contact_pressure", "body"):
         np.testing.assert_array_equal(one[key], two[key])
-    # strains of cells that hardly deform are differences of displacements: round-off is that of the largest stress
-    np.testing.assert_allclose(one["von_mises"], two["von_mises"], atol=1e-12 * two["von_mises"].max())
+    # strains of cells that hardly deform are differences of displacements: round-off is that of the
+    # largest stress
+    np.testing.assert_allclose(
+        one["von_mises"], two["von_mises"], atol=1e-12 * two["von_mises"].max()
+    )
     assert "gap" in two.point_data
     (tmp_path / "scenery.npz").unlink()
     code, output = invoke("solve", file, *AT, "--out", tmp_path / "c.vtu")
@@ -256,11 +295,18 @@ def test_without_a_reader_of_scenery_models_have_no_mesh(kept, monkeypatch):
     """As where this plug-in is deleted."""
     _, file = kept("quadrilaterals")
     offered = registry.offered
-    monkeypatch.setattr(registry, "offered", lambda word: None if word == "mesh_beside" else offered(word))
+    monkeypatch.setattr(
+        registry, "offered", lambda word: None if word == "mesh_beside" else offered(word)
+    )
     with pytest.raises(
-        NotOfferedError, match=r"a model that was copied or read from a file has no mesh, and pressures"
+        NotOfferedError,
+        match=r"a model that was copied or read from a file has no mesh, and pressures",
     ):
         hhr.load_model(file).solve(0.05).pressure()
     if present("checks"):
         code, output = invoke("solve", file, "--at", "push=0.05", "--out", file.with_name("a.vtu"))
-        assert code == 2 and "--out needs a mesh, which a model in a file has not: name the scene, --scene" in output
+        assert (
+            code == 2
+            and "--out needs a mesh, which a model in a file has not: name the scene, --scene"
+            in output
+        )

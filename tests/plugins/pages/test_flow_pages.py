@@ -1,4 +1,6 @@
-"""Pages of bodies that flow: increments in node are those of Python, what is refused, what is drawn."""
+"""Pages of bodies that flow: increments in node are those of Python, what is refused, what is
+drawn.
+"""
 
 import base64
 import dataclasses
@@ -13,7 +15,18 @@ import ufl
 from condensing import TIGHT, condensed
 from mpi4py import MPI
 from scenes import pressed_pair, slope, space
-from test_pages import CHROMIUM, ENDED, LOADED, MODEL, check_field, data_of, dumped, in_node, node, tree_of
+from test_pages import (
+    CHROMIUM,
+    ENDED,
+    LOADED,
+    MODEL,
+    check_field,
+    data_of,
+    dumped,
+    in_node,
+    node,
+    tree_of,
+)
 from toy_law import Ludwik
 
 import hhr_dolfinx as hhr
@@ -50,7 +63,9 @@ EXACT = hhr.MarchSettings(relative_force=1e-11, iterations=200)
 
 @dataclasses.dataclass(frozen=True)
 class Fibres(hhr.Law):
-    """Plasticity of a matrix with elastic fibres along 0.6 x + 0.8 y: a law that states the elasticity, and flows."""
+    """Plasticity of a matrix with elastic fibres along 0.6 x + 0.8 y: a law that states the
+    elasticity, and flows.
+    """
 
     volume: float
     shear: float
@@ -67,7 +82,11 @@ class Fibres(hhr.Law):
         def energy(strain, state):
             inside = strain - state["inelastic"]
             stretched = c.volume * trace(inside) ** 2 + c.fibre * ufl.dot(inside, along) ** 2
-            return stretched / 2 + c.shear * ufl.dot(inside, inside) + c.hardening * state["cumulated"] ** 2 / 2
+            return (
+                stretched / 2
+                + c.shear * ufl.dot(inside, inside)
+                + c.hardening * state["cumulated"] ** 2 / 2
+            )
 
         def yields(forces, state):
             return equivalent(forces["inelastic"]) - c.yield_stress + forces["cumulated"]
@@ -79,8 +98,14 @@ TURNED = (0.8, 0.6, 0.0), (-0.6, 0.8, 0.0), (0.0, 0.0, 1.0)
 WOOD = hhr.Orthotropic(9.0, 3.0, 1.5, 0.4, 0.3, 0.2, 1.0, 0.8, 0.3, TURNED)
 LAWS = {
     "moduli": (hhr.Plasticity(0.05, 0.2), None),
-    "back stresses, creep": (hhr.Chaboche("0.03 + 0.01 * x", ((0.5, 20.0),), 0.01, 30.0), hhr.Norton("0.2 * E1", 4.0)),
-    "cone, heat": (hhr.DruckerPrager(0.05, 0.2, 0.1), hhr.Heated(hhr.Norton(3.0, 4.0), 0.002, "0.3 * E1 + y")),
+    "back stresses, creep": (
+        hhr.Chaboche("0.03 + 0.01 * x", ((0.5, 20.0),), 0.01, 30.0),
+        hhr.Norton("0.2 * E1", 4.0),
+    ),
+    "cone, heat": (
+        hhr.DruckerPrager(0.05, 0.2, 0.1),
+        hhr.Heated(hhr.Norton(3.0, 4.0), 0.002, "0.3 * E1 + y"),
+    ),
     "wood": (hhr.Plasticity(0.05, 0.2), WOOD),
     "wood, heat": (hhr.Plasticity(0.05, 0.2), hhr.Heated(WOOD, 0.1, "push * (1 + y)")),
     "fibres": (hhr.Plasticity(0.045, 0.2), Fibres(3.0, 2.0, 6.0, 0.07, 0.3)),
@@ -100,7 +125,10 @@ def two_bodies(name="moduli"):
         hhr.Body(two_blocks.SECOND, 5.0, 0.35, laws[1], **grading),
     )
     hypothesis = "plane_stress" if name == "plane stress" else "plane_strain"
-    base, top = pressed_pair(hypothesis, bodies, {"E1": (2.0, 4.0)}, cells=4), two_blocks.side(2, 1, True)
+    base, top = (
+        pressed_pair(hypothesis, bodies, {"E1": (2.0, 4.0)}, cells=4),
+        two_blocks.side(2, 1, True),
+    )
     held = [item for item in base.displacements if not item.amplitude.slopes]
     moved = hhr.Displacement(top, 0), hhr.Displacement(top, 1, slope("push", -1.0))
     given = {"loads": (), "openings": (), "parameters": space(push=(0.0, 0.06), E1=(2.0, 4.0))}
@@ -130,15 +158,24 @@ def cycle(young, top=0.05):
 
 def marched(model, scenery, path, points=()):
     """A path and some first loads as a page answers them in node."""
-    given = {"path": [point.tolist() for _, point in path], "points": [list(point) for point in points]}
+    given = {
+        "path": [point.tolist() for _, point in path],
+        "points": [list(point) for point in points],
+    }
     return node(ALONG, MODEL, page=page.page_text(model, scenery), **given)
 
 
 def behind(model, scenery):
-    """The cells that a page draws, each once, in their order: those all of whose corners a triangle has three of."""
+    """The cells that a page draws, each once, in their order: those all of whose corners a triangle
+    has three of.
+    """
     nodes = model.fields.flow.strain.dofs[:, :: model.dimension] // model.dimension
     drawn = [set(corners) for corners in scenery.nodes[scenery.triangles].tolist()]
-    return [cell for cell, own in enumerate(nodes.tolist()) if any(corners <= set(own) for corners in drawn)]
+    return [
+        cell
+        for cell, own in enumerate(nodes.tolist())
+        if any(corners <= set(own) for corners in drawn)
+    ]
 
 
 def check_alike(model, scenery, path, given):
@@ -154,16 +191,25 @@ def check_alike(model, scenery, path, given):
     for found, answer in zip(given["found"], history.answers, strict=True):
         # means of cells, by modes of other histories
         stress = answer.stress().reshape(*weights.shape, -1)
-        exact = von_mises((np.einsum("cp,cpk->ck", weights, stress) / weights.sum(axis=1)[:, None])[owner])
+        exact = von_mises(
+            (np.einsum("cp,cpk->ck", weights, stress) / weights.sum(axis=1)[:, None])[owner]
+        )
         assert np.abs(np.array(found["stress"]) - exact).max() < 0.03 * exact.max()
         assert max(found["stress"]) == pytest.approx(exact.max(), rel=0.01)
         np.testing.assert_allclose(found["forces"], answer.forces(), rtol=0, atol=1e-9 * largest)
-        np.testing.assert_allclose(found["cumulated"], answer.state().state.cumulated, rtol=0, atol=1e-9 * flowed)
+        np.testing.assert_allclose(
+            found["cumulated"], answer.state().state.cumulated, rtol=0, atol=1e-9 * flowed
+        )
         # directions in whole numbers of half the digits
-        assert found["estimate"] == pytest.approx(answer.estimate().primal_relative, rel=0.02, abs=1e-4)
+        assert found["estimate"] == pytest.approx(
+            answer.estimate().primal_relative, rel=0.02, abs=1e-4
+        )
         check_field(found, answer, scenery, moved, 0.02)
         # means of the points around the nodes are between none and the largest
-        assert 0 <= min(found["strained"]) and max(found["strained"]) <= 1.01 * answer.plastic_strain().max() + 1e-12
+        assert (
+            0 <= min(found["strained"])
+            and max(found["strained"]) <= 1.01 * answer.plastic_strain().max() + 1e-12
+        )
     assert max(given["found"][-1]["strained"]) > 0.2 * flowed
     return history
 
@@ -178,15 +224,23 @@ def test_increments_of_flow_are_those_of_python_where_moduli_vary():
     # loaded in proportion at this modulus, in increments that Python repeats
     begun = given["begun"][0]
     points = [np.array(state["point"]) for state in begun]
-    assert points[0].tolist() == [0.0, 3.1] and points[-1].tolist() == [0.04, 3.1] and len(points) == 1 + 27
+    assert (
+        points[0].tolist() == [0.0, 3.1]
+        and points[-1].tolist() == [0.04, 3.1]
+        and len(points) == 1 + 27
+    )
     last = model.march([(float(k), point) for k, point in enumerate(points)], EXACT).answers[-1]
-    np.testing.assert_allclose(begun[-1]["forces"], last.forces(), rtol=0, atol=1e-9 * last.forces().max())
+    np.testing.assert_allclose(
+        begun[-1]["forces"], last.forces(), rtol=0, atol=1e-9 * last.forces().max()
+    )
 
 
 @in_node
 @pytest.mark.parametrize("name", [name for name in LAWS if name != "moduli"])
 def test_laws_on_a_page_are_those_of_python(name):
-    """With unknowns, memory, rates, fields, heat, a stress that depends on pressure, and elasticity of a law."""
+    """With unknowns, memory, rates, fields, heat, a stress that depends on pressure, and elasticity
+    of a law.
+    """
     full, model = pair(name)
     scenery = hhr.scenery_of(full)
     check_alike(model, scenery, cycle(2.9), marched(model, scenery, cycle(2.9)))
@@ -201,14 +255,21 @@ def test_outputs_of_flow_are_on_its_page():
     history = check_alike(model, scenery, path, given)
     tree = tree_of(model, scenery)
     names = [item["name"] for item in tree["outputs"]]
-    assert sorted([*names, *tree["missing"]]) == sorted(history.answers[-1].outputs()) and len(names) > 1
+    assert (
+        sorted([*names, *tree["missing"]]) == sorted(history.answers[-1].outputs())
+        and len(names) > 1
+    )
     for found, answer in zip(given["found"], history.answers, strict=True):
         known = answer.outputs()
-        assert found["outputs"] == pytest.approx([known[name] for name in names], rel=1e-8, abs=1e-10)
+        assert found["outputs"] == pytest.approx(
+            [known[name] for name in names], rel=1e-8, abs=1e-10
+        )
 
 
 def test_what_does_not_change_within_a_history():
-    """Moduli, and constants of laws that no load knows; not a temperature that expands bodies too."""
+    """Moduli, and constants of laws that no load knows; not a temperature that expands bodies
+    too.
+    """
     group = Group(np.arange(3), "2 * E", 0.3, hhr.Plasticity("s - T / 9", hardening=0.3))
     modulus = Modulus("2 * E", "1", ("push", "T", "s", "E"))
     slopes = np.array([[0.0, 0.0, 0.0, 0.0], [1.0, 2.0, 0.0, 0.0]])
@@ -236,7 +297,9 @@ def test_moduli_stay_within_a_history_of_whatever_body():
     )
     base = two_bodies()
     space = hhr.ParameterSpace(("push", "w"), (0.0, 0.2), (0.06, 4.0))
-    full = hhr.FullOrderModel(dataclasses.replace(base, bodies=bodies, parameters=space), MPI.COMM_SELF)
+    full = hhr.FullOrderModel(
+        dataclasses.replace(base, bodies=bodies, parameters=space), MPI.COMM_SELF
+    )
     model = condensed(full, [full.march(cycle(w), TIGHT) for w in (0.5, 4.0)])
     assert flowing.fixed(model) == [1]
     path = [(0.0, np.array([0.0, 4.0])), (1.0, np.array([0.05, 4.0])), (2.0, np.array([0.05, 0.2]))]

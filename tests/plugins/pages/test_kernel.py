@@ -1,4 +1,7 @@
-"""Kernels that were compiled for pages are those of their C sources; what is compiled where a page is written."""
+"""Kernels that were compiled for pages are those of their C sources.
+
+What is compiled where a page is written.
+"""
 
 import importlib.util
 import itertools
@@ -25,7 +28,9 @@ def sources(name, part):
 
 @pytest.mark.parametrize(("law", "part"), KERNELS)
 def test_a_kernel_is_that_of_its_sources(law, part):
-    """By their digest in a section of it; after a change of the sources: python scripts/kernels.py."""
+    """By their digest in a section of it; after a change of the sources: python
+    scripts/kernels.py.
+    """
     texts, path = sources(law, part)
     assert path.read_bytes().endswith(MARK + digest_of(texts))
     changed = texts | {"kernel.h": texts["kernel.h"] + " "}

@@ -1,4 +1,6 @@
-"""Pages that answer without Python: the same digits in node as in Python, what is refused, what a page may not hold."""
+"""Pages that answer without Python: the same digits in node as in Python, what is refused, what a
+page may not hold.
+"""
 
 import dataclasses
 import itertools
@@ -68,14 +70,18 @@ console.log(JSON.stringify(answers));
 def node(program, *files, **asked):
     """What a program prints that is given files of scripts and, where it reads one, an object."""
     words = [NODE, "-e", program, *map(str, files)]
-    done = subprocess.run(words, input=json.dumps(asked), capture_output=True, text=True, timeout=WAIT)
+    done = subprocess.run(
+        words, input=json.dumps(asked), capture_output=True, text=True, timeout=WAIT
+    )
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout)
 
 
 def answered(model, scenery, points):
     """What a page answers in node, point by point."""
-    return node(LOADED + PROGRAM + ENDED, MODEL, page=page.page_text(model, scenery), points=points.tolist())
+    return node(
+        LOADED + PROGRAM + ENDED, MODEL, page=page.page_text(model, scenery), points=points.tolist()
+    )
 
 
 def along(model, scenery, path, points=()):
@@ -121,7 +127,9 @@ def known(name):
 
 
 def stress_drawn(full, model, scenery, point):
-    """Von Mises' stress of the cells that a scenery draws, of the model, by the forms of the mesh."""
+    """Von Mises' stress of the cells that a scenery draws, of the model, by the forms of the
+    mesh.
+    """
     cells = scenery.strains.cells
     order = np.unique(cells, return_index=True)[1]
     discretisation = full.discretisation
@@ -135,15 +143,23 @@ def stress_drawn(full, model, scenery, point):
 def held():
     """A ring in its groove under a lid, and what is read of both."""
     pressed = hhr.LargestPressure("peak", 0), hhr.ContactForce("push", 1, (0.0, 1.0))
-    moved = hhr.DisplacementAt("sinks", (20.0, 5.5), 1, "lid"), hhr.DisplacementAt("widens", (22.0, 2.0), 0, "ring")
+    moved = (
+        hhr.DisplacementAt("sinks", (20.0, 5.5), 1, "lid"),
+        hhr.DisplacementAt("widens", (22.0, 2.0), 0, "ring"),
+    )
     return dataclasses.replace(held_by_contact.o_ring(0.15), outputs=(*pressed, *moved))
 
 
 def halves():
     """Two contacts share a node in the middle, off the middle of the pressure."""
     pairs = [hhr.NodeToNode(*tags, (0, -1)) for tags in zip(split.UPPER, split.LOWER, strict=True)]
-    bodies = (hhr.Body(split.FIRST, young=1e3, poisson=0.1), hhr.Body(split.SECOND, young=1e3, poisson=0.4))
-    scene = split.scene(pairs, bodies=bodies, parameters=hhr.ParameterSpace(("press",), (1.0,), (20.0,)))
+    bodies = (
+        hhr.Body(split.FIRST, young=1e3, poisson=0.1),
+        hhr.Body(split.SECOND, young=1e3, poisson=0.4),
+    )
+    scene = split.scene(
+        pairs, bodies=bodies, parameters=hhr.ParameterSpace(("press",), (1.0,), (20.0,))
+    )
     return dataclasses.replace(scene, outputs=(*scene.outputs, *ENERGY))
 
 
@@ -151,11 +167,16 @@ def bedded():
     """The same on a bed, whose energy is left out."""
     bed = hhr.Springs(side(split.FIRST, 1, upper=False), 1, 300.0, bedding=True)
     scene = halves()
-    return dataclasses.replace(scene, displacements=scene.displacements[:1] + scene.displacements[2:], loads=(bed,))
+    return dataclasses.replace(
+        scene, displacements=scene.displacements[:1] + scene.displacements[2:], loads=(bed,)
+    )
 
 
 def indented():
-    """A block under a round tool that moves aside and down, and grows; normals of the nodes at its ends miss it."""
+    """A block under a round tool that moves aside and down, and grows.
+
+    Normals of the nodes at its ends miss it.
+    """
     top = block.side(1, upper=True)
     sides = (block.side(0, upper=False), block.side(0, upper=True))
     return block_scene(
@@ -164,7 +185,11 @@ def indented():
         lower=(-2.0, 0.0),
         upper=(2.0, 1.0),
         cells=(16, 4),
-        contacts=(hhr.Circle(top, center=("aside", "1.79 + 0.5 * grown - down"), radius="0.8 + 0.5 * grown"),),
+        contacts=(
+            hhr.Circle(
+                top, center=("aside", "1.79 + 0.5 * grown - down"), radius="0.8 + 0.5 * grown"
+            ),
+        ),
         displacements=(
             *(hhr.Displacement(side, 0) for side in sides),
             *hhr.Displacement.clamp(block.side(1, upper=False), 2),
@@ -186,7 +211,9 @@ SCENES = {
         pellet_cladding.scene(**pellet_cladding.QUICK_MESH), outputs=OF_PELLET
     ),
     "moduli": lambda: contract.blocks(("E1", "nu"), box=contract.MODULI | {"nu": (0.1, 0.4)}),
-    "formula": lambda: contract.blocks(("E1 * (1 + exp(-2 * E1) / 3) ** 2 - min(0.1, -E1)", 0.3), box=contract.MODULI),
+    "formula": lambda: contract.blocks(
+        ("E1 * (1 + exp(-2 * E1) / 3) ** 2 - min(0.1, -E1)", 0.3), box=contract.MODULI
+    ),
     "shape": lambda: contract.blocks(box=contract.SHAPE, shapes=(contract.crowned(),)),
     "space": lambda: press_fit.scene(around=4, hub_cells=(2, 4), shaft_cells=(2, 4)),
 }
@@ -209,7 +236,11 @@ def marked(*names):
     marks["shape"].append(needs("shapes"))
     marks["moving tool"] = [needs("obstacles")]
     marks["bed"] = [needs("places")]
-    marks |= {"sphere": [needs("mortar")], "heat": [needs("volume_loads")], "held by contact": [needs("nonmatching")]}
+    marks |= {
+        "sphere": [needs("mortar")],
+        "heat": [needs("volume_loads")],
+        "held by contact": [needs("nonmatching")],
+    }
     return [pytest.param(name, marks=marks.get(name, ())) for name in names]
 
 
@@ -217,7 +248,9 @@ def marked(*names):
 @in_node
 @pytest.mark.parametrize("name", marked(*SCENES, "held by contact", "halves", "bed", "moving tool"))
 def test_a_page_has_the_digits_of_python(name):
-    """Whether it starts from the answer before, from the gaps, or from none closed, where springs hold bodies."""
+    """Whether it starts from the answer before, from the gaps, or from none closed, where springs
+    hold bodies.
+    """
     _, model, scenery = known(name)
     space, tree = model.parameters, tree_of(model, scenery)
     shown, missing = [item["name"] for item in tree["outputs"]], tree["missing"]
@@ -234,9 +267,12 @@ def test_a_page_has_the_digits_of_python(name):
         for here, value, slopes in zip(shown, found["outputs"], found["slopes"], strict=True):
             assert value == pytest.approx(outputs[here], rel=1e-8, abs=1e-12)
             exact = outputs.gradient[here]
-            # by central differences of a hundred-thousandth of the box, and on its border by those of one side
+            # by central differences of a hundred-thousandth of the box, and on its border by those
+            # of one side
             if k < 12:
-                np.testing.assert_allclose(slopes, exact, rtol=0, atol=1e-5 * np.abs(exact).max() + 1e-9)
+                np.testing.assert_allclose(
+                    slopes, exact, rtol=0, atol=1e-5 * np.abs(exact).max() + 1e-9
+                )
         check_field(found, answer, scenery)
     unread = {"partial pressure": ["stress"], "shape": ["peak", "force"]}
     unread["space"] = ["torque of a quarter", "largest stress", "lost contact"]
@@ -246,7 +282,9 @@ def test_a_page_has_the_digits_of_python(name):
 @in_node
 @pytest.mark.parametrize("name", marked("moduli", "formula", "shape"))
 def test_a_page_bounds_the_error_of_its_answer(name):
-    """As Python does with a factor of S at each point, if interpolation is all that is off by more than round-off."""
+    """As Python does with a factor of S at each point, if interpolation is all that is off by more
+    than round-off.
+    """
     from hhr_dolfinx.plugins.moduli.least_response import FactoredResponse, ManyResponses
 
     _, model, scenery = known(name)
@@ -257,7 +295,9 @@ def test_a_page_bounds_the_error_of_its_answer(name):
     many = model.solve_many(points)
     there = bound.at(points, dense(model.fields.amplitudes.of_many(points)))
     schurs = there.found.schur
-    alone = ManyResponses([FactoredResponse(schur, np.linalg.cholesky(schur)) for schur in schurs], schurs)
+    alone = ManyResponses(
+        [FactoredResponse(schur, np.linalg.cholesky(schur)) for schur in schurs], schurs
+    )
     forces = np.maximum(many.multipliers, 0.0)
     gamma = model.fields._solver.many_under(points, forces)
     exact = there._replace(response=alone).of(gamma, forces, lambda: forces)
@@ -265,7 +305,9 @@ def test_a_page_bounds_the_error_of_its_answer(name):
     for k, found in enumerate(answered(model, scenery, points)):
         error = found["error"]
         assert error["forces"]["error"] == pytest.approx(exact.forces_euclid[k], rel=1e-6)
-        assert error["forces"]["relative"] == pytest.approx(exact.forces_euclid_relative[k], rel=1e-6)
+        assert error["forces"]["relative"] == pytest.approx(
+            exact.forces_euclid_relative[k], rel=1e-6
+        )
         assert exact.forces_euclid[k] <= wider.forces_euclid[k] * (1 + 1e-6)
         if name == "shape":
             assert error["pressure"] is None
@@ -275,7 +317,9 @@ def test_a_page_bounds_the_error_of_its_answer(name):
 
 
 def loose():
-    """The upper block lies on the lower one, pressed from above, with play to two walls: nothing holds it across."""
+    """The upper block lies on the lower one, pressed from above, with play to two walls: nothing
+    holds it across.
+    """
     scene = contract.blocks(free=True)
     walls = [
         hhr.Obstacle(side(SECOND, 0, upper), way, at)
@@ -304,7 +348,8 @@ def test_derivatives_of_what_contact_does_not_hold():
         for (name, value), shown, slopes in here:
             assert shown == pytest.approx(value, rel=1e-8)
             exact = outputs.gradient[name]
-            # by central differences of a hundred-thousandth of the box, on springs a hundred thousand times as soft
+            # by central differences of a hundred-thousandth of the box, on springs a hundred
+            # thousand times as soft
             np.testing.assert_allclose(slopes, exact, rtol=0, atol=1e-4 * np.abs(exact).max())
 
 
@@ -313,7 +358,9 @@ def test_stress_is_drawn_though_there_is_none_in_some_answers():
     space = hhr.ParameterSpace(("push",), (-0.02,), (0.05,))
     scene = dataclasses.replace(contract.blocks(), loads=(), parameters=space)
     _, model, scenery = made(scene, fields=True)
-    assert any(not answer.forces().any() for answer in model.solve_many(model.parameters.random(200, 0)))
+    assert any(
+        not answer.forces().any() for answer in model.solve_many(model.parameters.random(200, 0))
+    )
     told = tree_of(model, scenery)["stress"]
     assert told is not None and told["off"]["largest"] < 0.03
 
@@ -322,25 +369,36 @@ def test_stress_is_drawn_though_there_is_none_in_some_answers():
 @in_node
 @pytest.mark.parametrize("name", marked("partial pressure", "moduli", *MORE))
 def test_a_page_draws_the_stress_of_cells(name):
-    """As far off as it says of points that its modes are not made of, and the largest value much less."""
+    """As far off as it says of points that its modes are not made of, and the largest value much
+    less.
+    """
     full, model, scenery = known(name)
     told = tree_of(model, scenery)["stress"]["off"]
     assert told["largest"] < 0.05 and told["largest"] <= told["cells"]
-    corners = np.array(list(itertools.product(*zip(model.parameters.lower, model.parameters.upper, strict=True))))
+    corners = np.array(
+        list(itertools.product(*zip(model.parameters.lower, model.parameters.upper, strict=True)))
+    )
     inside = model.parameters.random(12, 4)
     points = np.vstack([corners, inside])
-    for place, (point, found) in enumerate(zip(points, answered(model, scenery, points), strict=True)):
+    for place, (point, found) in enumerate(
+        zip(points, answered(model, scenery, points), strict=True)
+    ):
         exact = stress_drawn(full, model, scenery, point)
         off = np.abs(found["stress"] - exact).max() / exact.max()
-        # corners are among those that it tells of, in numbers of half the digits; others are as far off as these, about
+        # corners are among those that it tells of, in numbers of half the digits; others are as far
+        # off as these, about
         assert off <= told["cells"] * (1.5 if place >= len(corners) else 1.0001)
         if place >= len(corners):
             assert np.linalg.norm(found["stress"] - exact) < 0.03 * np.linalg.norm(exact)
 
 
 def heated(hypothesis, expansion=1e-3, **slopes):
-    warm = hhr.ThermalExpansion(FIRST, expansion, hhr.Amplitude(constant=0.0 if slopes else 2.0, slopes=slopes))
-    return dataclasses.replace(contract.blocks(), hypothesis=hypothesis, loads=(*contract.blocks().loads, warm))
+    warm = hhr.ThermalExpansion(
+        FIRST, expansion, hhr.Amplitude(constant=0.0 if slopes else 2.0, slopes=slopes)
+    )
+    return dataclasses.replace(
+        contract.blocks(), hypothesis=hypothesis, loads=(*contract.blocks().loads, warm)
+    )
 
 
 @needs("volume_loads", "elasticity")
@@ -384,8 +442,14 @@ def values_of_formulas():
 @in_node
 def test_formulas_are_worked_off_as_python_does():
     points, exact = values_of_formulas()
-    program = "const hhr = require(process.argv[1]), given = JSON.parse(require('fs').readFileSync(0, 'utf8'));"
-    program += "console.log(JSON.stringify(given.points.map((p) => given.steps.map((s) => hhr.formula(s, p)))));"
+    program = (
+        "const hhr = require(process.argv[1]), given = JSON.parse(require('fs').readFileSync(0, "
+        "'utf8'));"
+    )
+    program += (
+        "console.log(JSON.stringify(given.points.map((p) => given.steps.map((s) => hhr.formula(s, "
+        "p)))));"
+    )
     found = node(program, MODEL, steps=[*map(steps_of, FORMULAS)], points=points.tolist())
     np.testing.assert_allclose(np.array(found, dtype=float), exact, rtol=1e-14)
 
@@ -399,16 +463,22 @@ def test_a_page_needs_nothing_else_and_says_what_it_knows(tmp_path):
     assert "/*DATA*/" not in text and text.count("<script") == 3
     tree = data_of(text)["tree"]
     assert tree["error"]["kind"] == "bound" and 0 <= tree["error"]["pressure"] < 1e-3
-    assert tree["scenery"]["words"]["contacts"] == [" and ".join(map(str, full.scene.contacts[0].tags))]
+    assert tree["scenery"]["words"]["contacts"] == [
+        " and ".join(map(str, full.scene.contacts[0].tags))
+    ]
     assert tree["names"] == list(full.parameters.names)
 
 
 def test_a_name_is_no_marker_and_ends_no_script():
-    """Names of users stand as they are, whatever marks the places of scripts, data and title in ``page.html``."""
+    """Names of users stand as they are, whatever marks the places of scripts, data and title in
+    ``page.html``.
+    """
     peak = hhr.LargestPressure("peak", 0, unit="</script><!--<script>")
     _, model, scenery = made(dataclasses.replace(contract.blocks(), outputs=(peak,)))
     name = "/*DATA*/ TITLE /*view.js*/ /*page.css*/"
-    text = page.page_text(model, dataclasses.replace(scenery, words={**scenery.words, "scene": name}))
+    text = page.page_text(
+        model, dataclasses.replace(scenery, words={**scenery.words, "scene": name})
+    )
     assert f"<title>{name}</title>" in text and f"<h1>{name}</h1>" in text
     plain = page.page_text(model, scenery)
     for part in ('"amplitudes"', "fromAddress()"):
@@ -435,7 +505,9 @@ def test_a_name_is_no_marker_and_ends_no_script():
 def test_models_of_other_kinds_are_refused_by_name(make, said):
     training = contract.training("constant")
     model = make(training)
-    scenery = dataclasses.replace(hhr.scenery_of(training.full_order), areas=np.ones(model.conditions))
+    scenery = dataclasses.replace(
+        hhr.scenery_of(training.full_order), areas=np.ones(model.conditions)
+    )
     with pytest.raises(NotOfferedError, match=said):
         hhr.write_model_page("never.html", model, scenery)
 
@@ -456,7 +528,9 @@ def test_a_page_of_another_scene_or_too_large_is_refused(monkeypatch, tmp_path):
     # where the contact problem alone is too large nothing is made before that is said
     monkeypatch.setattr(page, "MOST_BYTES", 100)
     monkeypatch.setattr(page, "page_text", None)
-    with pytest.raises(NotOfferedError, match=r"MB or more exceeds .* 4 contact conditions are too many"):
+    with pytest.raises(
+        NotOfferedError, match=r"MB or more exceeds .* 4 contact conditions are too many"
+    ):
         hhr.write_model_page(tmp_path / "page.html", model, scenery)
     assert not list(tmp_path.iterdir())
 
@@ -491,7 +565,10 @@ def test_a_scenery_is_kept_and_checked(tmp_path):
 
 @pytest.mark.parametrize("name", marked("partial pressure", "space"))
 def test_a_scenery_shows_the_whole_surface(name):
-    """Triangles of the plane have its area; in space each edge of the surface is one of two triangles."""
+    """Triangles of the plane have its area.
+
+    In space each edge of the surface is one of two triangles.
+    """
     _, _, scenery = known(name)
     if name == "space":
         edges = np.sort(scenery.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
@@ -531,10 +608,15 @@ def test_a_page_of_what_never_moves(tmp_path):
     """No displacement, and no picture of one."""
     space = hhr.ParameterSpace(("gap",), (0.01,), (0.02,))
     scene = dataclasses.replace(
-        contract.blocks(), parameters=space, loads=(), outputs=(),
-        displacements=tuple(hhr.Displacement(item.tag, item.component) for item in contract.blocks().displacements),
+        contract.blocks(),
+        parameters=space,
+        loads=(),
+        outputs=(),
+        displacements=tuple(
+            hhr.Displacement(item.tag, item.component) for item in contract.blocks().displacements
+        ),
         openings=(hhr.Opening(0, slope("gap")),),
-    )  # fmt: skip
+    )
     _, model, scenery = made(scene, fields=True)
     text = hhr.write_model_page(tmp_path / "still.html", model, scenery).read_text(encoding="utf-8")
     assert '"field":null' in text
@@ -542,16 +624,30 @@ def test_a_page_of_what_never_moves(tmp_path):
 
 def dumped(target, address, folder):
     """A page with an address as a browser has it in the end."""
-    words = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--no-first-run"]
-    words += ["--enable-unsafe-swiftshader", f"--user-data-dir={folder / 'profile'}", "--virtual-time-budget=3000"]
+    words = [
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--disable-background-networking",
+        "--no-first-run",
+    ]
+    words += [
+        "--enable-unsafe-swiftshader",
+        f"--user-data-dir={folder / 'profile'}",
+        "--virtual-time-budget=3000",
+    ]
     words += ["--dump-dom", f"{target.as_uri()}#{address}"]
-    return subprocess.run([CHROMIUM, *words], capture_output=True, text=True, timeout=WAIT, check=True).stdout
+    return subprocess.run(
+        [CHROMIUM, *words], capture_output=True, text=True, timeout=WAIT, check=True
+    ).stdout
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="chromium is not there")
 @pytest.mark.parametrize("name", marked("partial pressure", "space"))
 def test_a_browser_shows_the_answer_of_its_address(name, tmp_path):
-    """By double click: numbers in the table, a plot for each contact, and parameters out of the box at its border."""
+    """By double click: numbers in the table, a plot for each contact, and parameters out of the box
+    at its border.
+    """
     _, model, scenery = known(name)
     target = hhr.write_model_page(tmp_path / "page.html", model, scenery)
     space = model.parameters
@@ -590,7 +686,9 @@ console.log(JSON.stringify({ found, loaded: begun.map(told) }));
 
 
 def in_space(friction, cells=4):
-    """The same blocks in space, of which the upper one moves along both tangents and touches with a round side."""
+    """The same blocks in space, of which the upper one moves along both tangents and touches with a
+    round side.
+    """
 
     def bulge(x, y, z):
         return 0.2 * ((x - 0.5) ** 2 + (y - 0.5) ** 2) * (2 - z)
@@ -615,7 +713,9 @@ RUBBING = {
         box={"E1": (2.0, 6.0), "E2": (2.0, 4.0), "nu": (0.2, 0.3)},
     ),
     "slave nodes": lambda: rubbing(
-        pairing=hhr.NodeToSurface(side(SECOND, 1, False), side(FIRST, 1, True), (0.0, -1.0), friction=0.4),
+        pairing=hhr.NodeToSurface(
+            side(SECOND, 1, False), side(FIRST, 1, True), (0.0, -1.0), friction=0.4
+        ),
         geometry=round_block,
     ),
 }
@@ -635,20 +735,29 @@ def rubbed(name):
 
 
 def tour_of(model):
-    """The tour; in space to and fro aside too, elsewhere in the middle of what laws and moduli ask for."""
+    """The tour; in space to and fro aside too, elsewhere in the middle of what laws and moduli ask
+    for.
+    """
     if model.dimension == 3:
         return [np.array([*point, 0.05 * np.sin(k)]) for k, point in enumerate(TOUR)]
     return [np.array([*point, *model.parameters.middle[2:]]) for point in TOUR]
 
 
 def check_increment(found, answer, largest, off=1e-10):
-    """What a page or C finds in an increment with friction, beside Python; forces are ``off`` at most."""
+    """What a page or C finds in an increment with friction, beside Python.
+
+    Forces are ``off`` at most.
+    """
     np.testing.assert_allclose(found["forces"], answer.multipliers, rtol=0, atol=off * largest)
     for kind in {"position", "path", "work", "wear"} & found.keys():
         known = getattr(answer.slip, kind)
-        np.testing.assert_allclose(found[kind], known, rtol=1e-8, atol=off * max(np.abs(known).max(), 1e-6))
+        np.testing.assert_allclose(
+            found[kind], known, rtol=1e-8, atol=off * max(np.abs(known).max(), 1e-6)
+        )
     assert list(found["statuses"]) == answer.slip.statuses.tolist()
-    np.testing.assert_allclose(found["outputs"], list(answer.outputs().values.values()), rtol=1e-8, atol=1e-11)
+    np.testing.assert_allclose(
+        found["outputs"], list(answer.outputs().values.values()), rtol=1e-8, atol=1e-11
+    )
 
 
 NEEDED_BY = {"moduli": ("moduli",), "slave nodes": ("nonmatching",)}
@@ -659,7 +768,9 @@ OF_FRICTION = [pytest.param(name, marks=needs(*NEEDED_BY.get(name, ()))) for nam
 @in_node
 @pytest.mark.parametrize("name", OF_FRICTION)
 def test_increments_with_friction_are_those_of_python(name):
-    """Where moduli vary bodies are drawn by a fit of the maps of forces, whose answers it has not seen."""
+    """Where moduli vary bodies are drawn by a fit of the maps of forces, whose answers it has not
+    seen.
+    """
     _, model, scenery = made(rubbed(name), fields=True)
     assert (tree_of(model, scenery)["field"]["kind"] == "fitted") == (name == "moduli")
     tour, points = tour_of(model), model.parameters.random(6, 3)
@@ -689,7 +800,10 @@ def test_a_picture_of_bodies_that_rub_is_left_out_where_it_has_no_room():
     box = {"E1": (2.0, 6.0), "E2": (2.0, 4.0)}
     _, model, scenery = made(rubbing(cells=4, bodies=bodies, box=box), fields=True)
     arrays = Packed()
-    assert pictures_of(model, scenery, arrays, 3_000_000)["field"]["kind"] == "fitted" and arrays.arrays
+    assert (
+        pictures_of(model, scenery, arrays, 3_000_000)["field"]["kind"] == "fitted"
+        and arrays.arrays
+    )
     for value in arrays.arrays.values():
         assert np.isfinite(value).all()
     nothing = Packed()
@@ -701,10 +815,10 @@ def test_axes_have_a_few_round_numbers_whatever_their_range():
     """One of a last digit would go on for ever."""
     nearly = 1.6191466698074306, 1.6191466698074308
     ranges = [(0, 1), (-3, 7), nearly, (5, 5), (0, 0), (-1e-300, 0), (1e9, 1.00000001e9)]
-    program = (
-        'const drawing = require(process.argv[1]), { ranges } = JSON.parse(require("fs").readFileSync(0, "utf8"));'
+    program = 'const drawing = require(process.argv[1]), { ranges } = JSON.parse(require("fs").readFileSync(0, "utf8"));'
+    program += (
+        "console.log(JSON.stringify(ranges.map(([low, high]) => drawing.ticks(low, high, 4))));"
     )
-    program += "console.log(JSON.stringify(ranges.map(([low, high]) => drawing.ticks(low, high, 4))));"
     found = node(program, MODEL.with_name("drawing.js"), ranges=ranges)
     for (low, high), ticks in zip(ranges, found, strict=True):
         assert len(ticks) <= 10 and ticks == sorted(ticks), (low, high)
@@ -712,12 +826,19 @@ def test_axes_have_a_few_round_numbers_whatever_their_range():
 
 
 def test_a_mesh_that_is_finer_than_a_screen_is_thinned():
-    points = np.stack(np.meshgrid(np.linspace(0, 2, 81), np.linspace(0, 1, 41), indexing="ij"), axis=-1).reshape(-1, 2)
+    points = np.stack(
+        np.meshgrid(np.linspace(0, 2, 81), np.linspace(0, 1, 41), indexing="ij"), axis=-1
+    ).reshape(-1, 2)
     number = np.arange(len(points)).reshape(81, 41)
-    corners = np.stack([number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1).reshape(-1, 4)
+    corners = np.stack(
+        [number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]], axis=-1
+    ).reshape(-1, 4)
     triangles = corners[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
     pieces = number[0], number[-1], number[:, 0], number[:, -1]
-    border, lines = np.concatenate(pieces), np.concatenate([np.column_stack([p[:-1], p[1:]]) for p in pieces])
+    border, lines = (
+        np.concatenate(pieces),
+        np.concatenate([np.column_stack([p[:-1], p[1:]]) for p in pieces]),
+    )
     # two bodies that touch along x = 2: their nodes there are no neighbours
     both = {
         "points": np.vstack([points, points + np.array([2.0, 0.0])]),
@@ -728,13 +849,19 @@ def test_a_mesh_that_is_finer_than_a_screen_is_thinned():
     _, _, scenery = made(contract.blocks())
     cells = np.arange(2 * len(triangles))  # of which each has its number for a strain
     rows = csr_matrix(np.repeat(cells, 4)[:, None] * 1.0)
-    strains = dataclasses.replace(scenery.strains, cells=cells, bodies=np.zeros(len(cells), int), rows=rows)
+    strains = dataclasses.replace(
+        scenery.strains, cells=cells, bodies=np.zeros(len(cells), int), rows=rows
+    )
     whole = dataclasses.replace(scenery, **both, strains=strains)
     assert thinned(whole, 10_000) is whole
     found = thinned(whole, 900)
     assert 500 < len(found.points) <= 900
     assert (found.points == whole.points[found.nodes - 7]).all()
-    area = lambda item: np.abs(np.linalg.det(np.diff(item.points[item.triangles], axis=1))).sum() / 2  # noqa: E731
+
+    def area(item):
+        edges = np.diff(item.points[item.triangles], axis=1)
+        return np.abs(np.linalg.det(edges)).sum() / 2
+
     assert area(found) == pytest.approx(area(whole), rel=0.03)
     outline = np.isin(found.nodes[found.lines] - 7, [*border, *(border + len(points))])
     assert outline.all() and len(found.lines) > 100

@@ -1,6 +1,8 @@
-"""Pages with friction where more than loads acts: bodies that friction alone holds, and bodies that flow.
+"""Pages with friction where more than loads acts: bodies that friction alone holds, and bodies that
+flow.
 
-Increments in node are those of Python, which the tests of friction and of laws hold against references of their own.
+Increments in node are those of Python, which the tests of friction and of laws hold against
+references of their own.
 """
 
 import dataclasses
@@ -13,7 +15,17 @@ from mpi4py import MPI
 from needs import needs
 from scenes import slope, space
 from sheared import FIRST, SECOND, round_block, rubbing
-from test_pages import ENDED, LOADED, MODEL, check_field, check_increment, drawn_field, in_node, in_space, node
+from test_pages import (
+    ENDED,
+    LOADED,
+    MODEL,
+    check_field,
+    check_increment,
+    drawn_field,
+    in_node,
+    in_space,
+    node,
+)
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError
@@ -55,11 +67,24 @@ def held_by_friction(dimension):
         displacements=hhr.Displacement.clamp(side(FIRST, last, False), dimension),
         loads=tuple(hhr.Traction(top, tuple(way), slope(name)) for name, way in loads.items()),
         outputs=outputs,
-        parameters=space(push=(0.0, 0.05), shear=(-0.01, 0.01), **({"aside": (-0.01, 0.01)} if dimension == 3 else {})),
+        parameters=space(
+            push=(0.0, 0.05),
+            shear=(-0.01, 0.01),
+            **({"aside": (-0.01, 0.01)} if dimension == 3 else {}),
+        ),
     )
 
 
-LOADS = [(0.0, 0.0), (0.01, 0.0), (0.04, 0.002), (0.04, 0.009), (0.03, 0.0), (0.03, -0.007), (0.02, 0.003), (0.04, 0.0)]
+LOADS = [
+    (0.0, 0.0),
+    (0.01, 0.0),
+    (0.04, 0.002),
+    (0.04, 0.009),
+    (0.03, 0.0),
+    (0.03, -0.007),
+    (0.02, 0.003),
+    (0.04, 0.0),
+]
 """Pressed, pushed to and fro with up to two thirds of what friction bears, and pressed again."""
 
 
@@ -67,7 +92,10 @@ def loads_of(model):
     """These loads; in space aside too, and to and fro."""
     if model.dimension == 2:
         return [np.array(point) for point in LOADS]
-    return [np.array([push, 0.5 * shear, 0.05 * push * np.sin(k)]) for k, (push, shear) in enumerate(LOADS)]
+    return [
+        np.array([push, 0.5 * shear, 0.05 * push * np.sin(k)])
+        for k, (push, shear) in enumerate(LOADS)
+    ]
 
 
 @cache
@@ -78,13 +106,21 @@ def held(dimension):
 
 
 def flowing_scene(name):
-    """Blocks of which the upper one flows; the coefficient of friction is a parameter, or in space it has a limit."""
+    """Blocks of which the upper one flows.
+
+    The coefficient of friction is a parameter, or in space it has a limit.
+    """
     laws = hhr.Plasticity(0.06, 0.5), hhr.Norton(0.5, 4.0)
     bodies = hhr.Body(FIRST, 3.0, 0.3), hhr.Body(SECOND, 5.0, 0.2, laws[name == "creep"])
     if name == "in space":
         outputs = (hhr.ContactForce("pull", 0, (1.0, 0.0, 0.0)),)
-        return dataclasses.replace(in_space(hhr.Coulomb(0.6, limit=0.1), cells=2), bodies=bodies, outputs=outputs)
-    outputs = (hhr.ContactForce("pull", 0, (1.0, 0.0)), hhr.DisplacementAt("bulges", (1.0, 1.5), 0, SECOND))
+        return dataclasses.replace(
+            in_space(hhr.Coulomb(0.6, limit=0.1), cells=2), bodies=bodies, outputs=outputs
+        )
+    outputs = (
+        hhr.ContactForce("pull", 0, (1.0, 0.0)),
+        hhr.DisplacementAt("bulges", (1.0, 1.5), 0, SECOND),
+    )
     return rubbing("f", bodies=bodies, box={"f": (0.1, 0.6)}, outputs=outputs)
 
 
@@ -110,7 +146,10 @@ def rubbing_flow(name):
 
 
 def in_node_along(model, scenery, path, points=()):
-    given = {"path": [point.tolist() for point in path], "points": [list(point) for point in points]}
+    given = {
+        "path": [point.tolist() for point in path],
+        "points": [list(point) for point in points],
+    }
     return node(PROGRAM, MODEL, page=page.page_text(model, scenery), **given)
 
 
@@ -118,7 +157,10 @@ def in_node_along(model, scenery, path, points=()):
 @in_node
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_bodies_that_friction_holds_are_those_of_python(dimension):
-    """With motions as unknowns, or on springs, as at the first load; outputs and pictures read the motions."""
+    """With motions as unknowns, or on springs, as at the first load.
+
+    Outputs and pictures read the motions.
+    """
     model, scenery = held(dimension)
     path = loads_of(model)
     history = model.march(list(enumerate(path)))
@@ -150,7 +192,9 @@ def test_bodies_that_flow_and_rub_are_those_of_python(name):
     assert flowed > 1e-3
     for found, answer in zip(given["found"], history.answers, strict=True):
         check_increment(found, answer, largest, 1e-8)
-        np.testing.assert_allclose(found["cumulated"], answer.state().state.cumulated, rtol=0, atol=1e-8 * flowed)
+        np.testing.assert_allclose(
+            found["cumulated"], answer.state().state.cumulated, rtol=0, atol=1e-8 * flowed
+        )
     assert {1, 2} <= {status for found in given["found"] for status in found["statuses"]}
     assert given["fixed"] == ([] if name == "in space" else [2])
 
@@ -160,5 +204,7 @@ def test_laws_that_no_page_knows_are_refused_where_bodies_flow(monkeypatch):
     """By what the plug-in of the law lacks, as where bodies are elastic."""
     model, _ = rubbing_flow("in the plane")
     monkeypatch.setattr(type(model.law), "plugin", "inelastic")  # which has no such facet
-    with pytest.raises(NotOfferedError, match=r"a page of contacts with friction is not built in .* no facet"):
+    with pytest.raises(
+        NotOfferedError, match=r"a page of contacts with friction is not built in .* no facet"
+    ):
         page.check_for_page(model)

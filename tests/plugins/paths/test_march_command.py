@@ -47,7 +47,10 @@ def scene(tmp_path):
 
 @needs("friction")
 def test_rows_are_the_answers_of_the_path(scene, tmp_path):
-    """The middle of the family without --at; a table has what is shown, and the digits that are not."""
+    """The middle of the family without --at.
+
+    a table has what is shown, and the digits that are not.
+    """
     code, output = invoke("march", scene, "--out", tmp_path / "steps.csv")
     assert code == 0
     *lines, written = output.splitlines()
@@ -56,23 +59,32 @@ def test_rows_are_the_answers_of_the_path(scene, tmp_path):
     assert lines[1].split()[-1] == "largest"
     assert len({len(line) for line in lines[1:]}) == 1  # columns stand below their names
     rows = np.genfromtxt(tmp_path / "steps.csv", delimiter=",", skip_header=1)
-    np.testing.assert_allclose([[float(word) for word in line.split()] for line in lines[2:]], rows, rtol=1e-5)
+    np.testing.assert_allclose(
+        [[float(word) for word in line.split()] for line in lines[2:]], rows, rtol=1e-5
+    )
     family = beside(str(scene), "PATHS")
     history = hhr.FullOrderModel(scene_of(str(scene))).march(family.path({"far": 0.02}))
     np.testing.assert_array_equal(rows[:, 0], [answer.time for answer in history.answers])
-    np.testing.assert_allclose(rows[:, -1], [answer.outputs().values["largest"] for answer in history.answers])
+    np.testing.assert_allclose(
+        rows[:, -1], [answer.outputs().values["largest"] for answer in history.answers]
+    )
 
 
 @needs("friction")
 def test_a_model_answers_the_same(scene, tmp_path):
-    """A condensed model is exact with friction, so its rows are those of the full model at another point."""
+    """A condensed model is exact with friction, so its rows are those of the full model at another
+    point.
+    """
     model = hhr.condense(scene_of(str(scene)))
     hhr.save_model(tmp_path / "model.npz", model)
     _, full = invoke("march", scene, "--at", "far=0.03")
     code, output = invoke("march", scene, "--at", "far=0.03", "--model", tmp_path / "model.npz")
     assert code == 0
-    # the model knows no pairs, so that its sum of forces has a name of its own; numbers are the same
-    assert [line.split() for line in output.splitlines()[2:]] == [line.split() for line in full.splitlines()[2:]]
+    # the model knows no pairs, so that its sum of forces has a name of its own; numbers are the
+    # same
+    assert [line.split() for line in output.splitlines()[2:]] == [
+        line.split() for line in full.splitlines()[2:]
+    ]
 
 
 @needs("friction")

@@ -21,13 +21,20 @@ def number(i, j, k):
 
 def deck(path):
     """Four cubes of first order in a row, with sets of nodes that hold no face."""
-    rows = ["*NODE", *(f"{number(i, j, k)}, {i}., {j}., {k}." for k in (0, 1) for j in (0, 1) for i in range(5))]
+    rows = [
+        "*NODE",
+        *(f"{number(i, j, k)}, {i}., {j}., {k}." for k in (0, 1) for j in (0, 1) for i in range(5)),
+    ]
     rows.append("*ELEMENT, TYPE=C3D8, ELSET=BEAM")
     for i in range(4):
         nodes = [number(i + a, b, k) for k in (0, 1) for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))]
         rows.append(f"{i + 1}, {', '.join(map(str, nodes))}")
     rows += ["*SURFACE, NAME=BELLY", "BEAM, S1", "*SURFACE, NAME=LID", "BEAM, S2"]
-    for name, places in (("LEFT", ((0, 0), (0, 1))), ("RIGHT", ((4, 0), (4, 1))), ("PIN", ((0, 0),))):
+    for name, places in (
+        ("LEFT", ((0, 0), (0, 1))),
+        ("RIGHT", ((4, 0), (4, 1))),
+        ("PIN", ((0, 0),)),
+    ):
         rows += [f"*NSET, NSET={name}", ", ".join(str(number(i, j, 0)) for i, j in places)]
     path.write_text("\n".join(rows) + "\n")
     return path
@@ -43,7 +50,11 @@ def beam(path, places, order=None):
         hypothesis="solid",
         bodies=(hhr.Body("BEAM", young=1e3, poisson=0.3),),
         contacts=(hhr.Obstacle("BELLY", normal=(0, 0, -1), offset=0.01),),
-        displacements=(*held, hhr.Displacement(pin, 1), hhr.Displacement(hhr.Nodes.near((4.0, 0.0, 0.0)), 1)),
+        displacements=(
+            *held,
+            hhr.Displacement(pin, 1),
+            hhr.Displacement(hhr.Nodes.near((4.0, 0.0, 0.0)), 1),
+        ),
         loads=(hhr.Pressure("LID", "push"),),
         parameters=hhr.ParameterSpace(("push",), (0.0,), (10.0,)),
         outputs=(hhr.ContactForce("force", contact=0, direction=(0.0, 0.0, 1.0)),),
@@ -51,7 +62,9 @@ def beam(path, places, order=None):
     )
 
 
-@pytest.mark.parametrize("places", [("LEFT", "RIGHT", "PIN"), (LEFT, RIGHT, hhr.Nodes.near((-1.0, 0.1, 0.0)))])
+@pytest.mark.parametrize(
+    "places", [("LEFT", "RIGHT", "PIN"), (LEFT, RIGHT, hhr.Nodes.near((-1.0, 0.1, 0.0)))]
+)
 def test_a_beam_on_two_lines(places, tmp_path):
     """13.3106 is by trilinear elements and active sets written for it."""
     full = hhr.FullOrderModel(beam(deck(tmp_path / "beam.inp"), places))
@@ -65,7 +78,8 @@ def test_nodes_between_those_of_a_line_are_held_too(tmp_path):
     """With functions of second order: the line is held whole, by its name and by its places."""
     path = deck(tmp_path / "beam.inp")
     named, found = (
-        hhr.FullOrderModel(beam(path, places, 2)) for places in (("LEFT", "RIGHT", "PIN"), (LEFT, RIGHT, "PIN"))
+        hhr.FullOrderModel(beam(path, places, 2))
+        for places in (("LEFT", "RIGHT", "PIN"), (LEFT, RIGHT, "PIN"))
     )
     assert named.discretisation.nodes("LEFT").size == 3
     assert np.array_equal(named.problem.free, found.problem.free)
@@ -89,8 +103,13 @@ def pulled(load, hypothesis="plane_strain", **more):
 
 @pytest.mark.parametrize("hypothesis", ["plane_strain", "axisymmetric"])
 def test_forces_at_nodes_are_those_of_a_pressure(hypothesis):
-    """Of linear cells, whose consistent forces of a side are known: p L / 4 at its ends, p L / 2 between."""
-    top, corner = block.side(1, upper=True), hhr.Nodes(lambda x: np.isclose(x[1], 1) & (np.abs(x[0] - 0.5) > 0.4))
+    """Of linear cells, whose consistent forces of a side are known: p L / 4 at its ends, p L / 2
+    between.
+    """
+    top, corner = (
+        block.side(1, upper=True),
+        hhr.Nodes(lambda x: np.isclose(x[1], 1) & (np.abs(x[0] - 0.5) > 0.4)),
+    )
     middle = hhr.Nodes.near((0.5, 1.0))
     parts = [(corner, 0.25), (middle, 0.5)]
     if hypothesis == "axisymmetric":  # ∫ N 2 π r dr on two cells of length 1/2
@@ -100,17 +119,25 @@ def test_forces_at_nodes_are_those_of_a_pressure(hypothesis):
     scene = pulled(first, hypothesis)
     forced = hhr.FullOrderModel(replace(scene, loads=(first, *others)))
     pressed = hhr.FullOrderModel(pulled(hhr.Pressure(top, "p"), hypothesis))
-    assert forced.solve(1.0).displacement() == pytest.approx(pressed.solve(1.0).displacement(), abs=1e-12)
+    assert forced.solve(1.0).displacement() == pytest.approx(
+        pressed.solve(1.0).displacement(), abs=1e-12
+    )
 
 
 @needs("elasticity")
 @pytest.mark.parametrize("varies", [False, True])
 def test_a_block_on_springs(varies):
-    """Pressed from above: each half sinks by p over the bedding plus its own compression, in all models."""
+    """Pressed from above: each half sinks by p over the bedding plus its own compression, in all
+    models.
+    """
     modulus = 100.0 / (1 - 0.3**2)
     held = hhr.Displacement(block.side(0, upper=False), 0)
-    bedding = hhr.Springs(block.side(1, upper=False), 1, 50.0, "0.01 * lift" if varies else 0.0, bedding=True)
-    scene = replace(pulled(hhr.Pressure(block.side(1, upper=True), "p"), "plane_strain"), displacements=(held,))
+    bedding = hhr.Springs(
+        block.side(1, upper=False), 1, 50.0, "0.01 * lift" if varies else 0.0, bedding=True
+    )
+    scene = replace(
+        pulled(hhr.Pressure(block.side(1, upper=True), "p"), "plane_strain"), displacements=(held,)
+    )
     if varies:
         box = hhr.ParameterSpace(("p", "lift", "E"), (0.0, 0.0, 50.0), (1.0, 1.0, 200.0))
         scene = replace(scene, parameters=box, bodies=(replace(scene.bodies[0], young="E"),))
@@ -125,11 +152,15 @@ def test_a_block_on_springs(varies):
 
 @needs("elasticity")
 def test_a_spring_that_touches_shares_its_force():
-    """A bar between a spring and an obstacle: forces of both are the load, in reduced models too."""
+    """A bar between a spring and an obstacle: forces of both are the load, in reduced models
+    too.
+    """
     springs = hhr.Springs(block.side(1, upper=False), 1, 20.0, bedding=True)
     scene = replace(
         pulled(hhr.Pressure(block.side(1, upper=True), "p")),
-        displacements=tuple(hhr.Displacement(block.side(0, upper=upper), 0) for upper in (False, True)),
+        displacements=tuple(
+            hhr.Displacement(block.side(0, upper=upper), 0) for upper in (False, True)
+        ),
         contacts=(hhr.Obstacle(block.side(1, upper=False), (0, -1), 0.01),),
         outputs=(hhr.ContactForce("floor", contact=0, direction=(0.0, 1.0)),),
     )
@@ -143,20 +174,52 @@ def test_a_spring_that_touches_shares_its_force():
 @needs("elasticity")
 @pytest.mark.parametrize(
     ("make", "why"),
-    [(lambda: hhr.Springs(1, 1, -2.0), "positive modulus"),
-     (lambda: hhr.Nodes((0.0, 0.0)), r"Nodes.near\(\(x, y, z\)\)"),
-     (lambda: hhr.Nodes.near((0.0, np.nan)), "finite coordinates"),
-     (lambda: hhr.NodalForce(1.5, (0.0, 1.0)), "must be an integer or a name"),
-     (lambda: hhr.NodalForce(1, (0.0, 0.0)), "finite and not zero"),
-     (lambda: hhr.FullOrderModel(pulled(hhr.NodalForce("top", (0.0, 1.0)))), "'top' is asked for"),
-     (lambda: hhr.FullOrderModel(pulled(hhr.NodalForce(1, (0.0, 1.0, 0.0)))), "must have 2 components"),
-     (lambda: hhr.FullOrderModel(pulled(hhr.NodalForce(hhr.Nodes.near((0.0,)), (0.0, 1.0)))), "must have 2 coord"),
-     (lambda: hhr.FullOrderModel(pulled(hhr.NodalForce(hhr.Nodes(lambda x: x[0]), (0.0, 1.0)))), "one bool for each"),
-     (lambda: hhr.FullOrderModel(pulled(hhr.NodalForce(hhr.Nodes(lambda x: x[0] > 9), (1.0, 0.0)))), "holds no node"),
-     (lambda: hhr.FullOrderModel(pulled(hhr.NodalForce(hhr.Nodes(lambda x: x[2] > 9), (1.0, 0.0)))), "fails for coord"),
-     (lambda: hhr.FullOrderModel(pulled(hhr.NodalForce(77, (1.0, 0.0)))), r"facet tags \[77\] are not in the mesh"),
-     (lambda: hhr.FullOrderModel(pulled(hhr.Springs(77, 0, 1.0))), r"facet tags \[77\] are not in the mesh")],
-)  # fmt: skip
+    [
+        (lambda: hhr.Springs(1, 1, -2.0), "positive modulus"),
+        (lambda: hhr.Nodes((0.0, 0.0)), r"Nodes.near\(\(x, y, z\)\)"),
+        (lambda: hhr.Nodes.near((0.0, np.nan)), "finite coordinates"),
+        (lambda: hhr.NodalForce(1.5, (0.0, 1.0)), "must be an integer or a name"),
+        (lambda: hhr.NodalForce(1, (0.0, 0.0)), "finite and not zero"),
+        (
+            lambda: hhr.FullOrderModel(pulled(hhr.NodalForce("top", (0.0, 1.0)))),
+            "'top' is asked for",
+        ),
+        (
+            lambda: hhr.FullOrderModel(pulled(hhr.NodalForce(1, (0.0, 1.0, 0.0)))),
+            "must have 2 components",
+        ),
+        (
+            lambda: hhr.FullOrderModel(pulled(hhr.NodalForce(hhr.Nodes.near((0.0,)), (0.0, 1.0)))),
+            "must have 2 coord",
+        ),
+        (
+            lambda: hhr.FullOrderModel(
+                pulled(hhr.NodalForce(hhr.Nodes(lambda x: x[0]), (0.0, 1.0)))
+            ),
+            "one bool for each",
+        ),
+        (
+            lambda: hhr.FullOrderModel(
+                pulled(hhr.NodalForce(hhr.Nodes(lambda x: x[0] > 9), (1.0, 0.0)))
+            ),
+            "holds no node",
+        ),
+        (
+            lambda: hhr.FullOrderModel(
+                pulled(hhr.NodalForce(hhr.Nodes(lambda x: x[2] > 9), (1.0, 0.0)))
+            ),
+            "fails for coord",
+        ),
+        (
+            lambda: hhr.FullOrderModel(pulled(hhr.NodalForce(77, (1.0, 0.0)))),
+            r"facet tags \[77\] are not in the mesh",
+        ),
+        (
+            lambda: hhr.FullOrderModel(pulled(hhr.Springs(77, 0, 1.0))),
+            r"facet tags \[77\] are not in the mesh",
+        ),
+    ],
+)
 def test_mistakes(make, why):
     with pytest.raises(SceneError, match=why):
         make()
@@ -166,7 +229,9 @@ def test_mistakes(make, why):
 @pytest.mark.parametrize("simplices", [False, True])
 @pytest.mark.parametrize("dim", [2, 3])
 def test_a_bedding_of_second_order_passes_a_constant_stress(dim, simplices):
-    """A block without lateral strain on a bed of 20 per length and area: sinks by 0.8 / 20, stress -0.8 all over."""
+    """A block without lateral strain on a bed of 20 per length and area: sinks by 0.8 / 20, stress
+    -0.8 all over.
+    """
     bed, lid = (block.side(dim - 1, upper=upper) for upper in (False, True))
     scene = block_scene(
         "bed",
@@ -180,7 +245,9 @@ def test_a_bedding_of_second_order_passes_a_constant_stress(dim, simplices):
         simplices=simplices,
         order=2,
         contacts=(hhr.Obstacle(block.side(0, upper=True), (1.0,) + (0.0,) * (dim - 1), 9.0),),
-        displacements=tuple(hhr.Displacement(block.side(k, upper=False), k) for k in range(dim - 1)),
+        displacements=tuple(
+            hhr.Displacement(block.side(k, upper=False), k) for k in range(dim - 1)
+        ),
         loads=(hhr.Pressure(lid, "p"), hhr.Springs(bed, dim - 1, 20.0, bedding=True)),
     )
     full = hhr.FullOrderModel(scene)
@@ -189,13 +256,17 @@ def test_a_bedding_of_second_order_passes_a_constant_stress(dim, simplices):
     on_bed = np.isclose(full.problem.points[:, dim - 1], 0)
     assert answer.displacement().reshape(-1, dim)[on_bed, dim - 1] == pytest.approx(-0.04, rel=1e-9)
     if present("stress"):  # that of the block, and not of its bed
-        outputs = hhr.FullOrderModel(replace(scene, outputs=(hhr.ElasticEnergy("energy"),))).outputs(0.8)
+        outputs = hhr.FullOrderModel(
+            replace(scene, outputs=(hhr.ElasticEnergy("energy"),))
+        ).outputs(0.8)
         assert outputs["energy"] == pytest.approx(0.8**2 / (2 * 100.0), rel=1e-9)
 
 
 @pytest.mark.parametrize("off", [0.0, 1e-15, -1e-15])
 def test_the_nearest_of_several_is_refused(off):
-    """Two bodies have nodes at one place, and round-off of their coordinates chose which of them was held."""
+    """Two bodies have nodes at one place, and round-off of their coordinates chose which of them
+    was held.
+    """
     points = np.array([(0.0, 1.0), (0.5, 1.0 + off), (1.0, 1.0), (0.5, 1.0), (0.5, 2.0)])
     for place in ((0.5, 1.0), (0.4, 1.1), (0.25, 1.0)):  # the last one is in the middle of three
         with pytest.raises(SceneError, match="nodes are equally near"):
@@ -208,6 +279,10 @@ def test_the_nearest_of_several_is_refused(off):
 def test_the_node_between_contacts_is_refused_in_a_scene():
     from scenes import lying
 
-    scene = lying(bulge=0.0, cells=(4, 2), loads=(hhr.NodalForce(hhr.Nodes.near((0.5, 1.0)), (0.0, -1.0), "p"),))
+    scene = lying(
+        bulge=0.0,
+        cells=(4, 2),
+        loads=(hhr.NodalForce(hhr.Nodes.near((0.5, 1.0)), (0.0, -1.0), "p"),),
+    )
     with pytest.raises(SceneError, match=r"2 nodes are equally near to Nodes.near\(0.5, 1.0\)"):
         hhr.FullOrderModel(scene)

@@ -19,26 +19,53 @@ from hhr_dolfinx.plugins.programs.machine import evaluated
 from hhr_dolfinx.plugins.programs.program import CODES, Order, Program
 
 SINGLE = {
-    "sqrt": (ufl.sqrt, np.sqrt), "exp": (ufl.exp, np.exp), "log": (ufl.ln, np.log), "abs": (abs, np.abs),
-    "sin": (ufl.sin, np.sin), "cos": (ufl.cos, np.cos), "tan": (ufl.tan, np.tan), "asin": (ufl.asin, np.arcsin),
-    "acos": (ufl.acos, np.arccos), "atan": (ufl.atan, np.arctan), "sinh": (ufl.sinh, np.sinh),
-    "cosh": (ufl.cosh, np.cosh), "tanh": (ufl.tanh, np.tanh), "neg": (lambda x: -x, lambda x: -x),
-    "power": (lambda x: x**2.5, lambda x: x**2.5), "cube": (lambda x: x**3, lambda x: x**3),
-    "inverse": (lambda x: x**-2, lambda x: x**-2.0), "root": (lambda x: x**-0.5, lambda x: x**-0.5),
-    "twice": (lambda x: 3 * (2 * x), lambda x: 6 * x), "quotient": (lambda x: 2 / x - x / 4, lambda x: 2 / x - x / 4),
-}  # fmt: skip
+    "sqrt": (ufl.sqrt, np.sqrt),
+    "exp": (ufl.exp, np.exp),
+    "log": (ufl.ln, np.log),
+    "abs": (abs, np.abs),
+    "sin": (ufl.sin, np.sin),
+    "cos": (ufl.cos, np.cos),
+    "tan": (ufl.tan, np.tan),
+    "asin": (ufl.asin, np.arcsin),
+    "acos": (ufl.acos, np.arccos),
+    "atan": (ufl.atan, np.arctan),
+    "sinh": (ufl.sinh, np.sinh),
+    "cosh": (ufl.cosh, np.cosh),
+    "tanh": (ufl.tanh, np.tanh),
+    "neg": (lambda x: -x, lambda x: -x),
+    "power": (lambda x: x**2.5, lambda x: x**2.5),
+    "cube": (lambda x: x**3, lambda x: x**3),
+    "inverse": (lambda x: x**-2, lambda x: x**-2.0),
+    "root": (lambda x: x**-0.5, lambda x: x**-0.5),
+    "twice": (lambda x: 3 * (2 * x), lambda x: 6 * x),
+    "quotient": (lambda x: 2 / x - x / 4, lambda x: 2 / x - x / 4),
+}
 PAIRS = {
-    "atan2": (ufl.atan2, np.arctan2), "max": (ufl.max_value, np.maximum), "min": (ufl.min_value, np.minimum),
-    "pow": (lambda x, y: x**y, np.power), "mul": (lambda x, y: x * y, np.multiply),
-    "div": (lambda x, y: x / y, np.divide), "sub": (lambda x, y: x - y, np.subtract),
-    "lt": (lambda x, y: ufl.conditional(ufl.lt(x, y), x, 2 * y), lambda x, y: np.where(x < y, x, 2 * y)),
-    "ge": (lambda x, y: ufl.conditional(ufl.ge(x, y), x, y * y), lambda x, y: np.where(x >= y, x, y * y)),
-    "and": (lambda x, y: ufl.conditional(ufl.And(x > 0.3, y > 0.3), x, y),
-            lambda x, y: np.where((x > 0.3) & (y > 0.3), x, y)),
-    "or": (lambda x, y: ufl.conditional(ufl.Or(x > 0.6, y > 0.6), x, y),
-           lambda x, y: np.where((x > 0.6) | (y > 0.6), x, y)),
+    "atan2": (ufl.atan2, np.arctan2),
+    "max": (ufl.max_value, np.maximum),
+    "min": (ufl.min_value, np.minimum),
+    "pow": (lambda x, y: x**y, np.power),
+    "mul": (lambda x, y: x * y, np.multiply),
+    "div": (lambda x, y: x / y, np.divide),
+    "sub": (lambda x, y: x - y, np.subtract),
+    "lt": (
+        lambda x, y: ufl.conditional(ufl.lt(x, y), x, 2 * y),
+        lambda x, y: np.where(x < y, x, 2 * y),
+    ),
+    "ge": (
+        lambda x, y: ufl.conditional(ufl.ge(x, y), x, y * y),
+        lambda x, y: np.where(x >= y, x, y * y),
+    ),
+    "and": (
+        lambda x, y: ufl.conditional(ufl.And(x > 0.3, y > 0.3), x, y),
+        lambda x, y: np.where((x > 0.3) & (y > 0.3), x, y),
+    ),
+    "or": (
+        lambda x, y: ufl.conditional(ufl.Or(x > 0.6, y > 0.6), x, y),
+        lambda x, y: np.where((x > 0.6) | (y > 0.6), x, y),
+    ),
     "not": (lambda x, y: ufl.conditional(ufl.Not(x > y), x, y), lambda x, y: np.where(x > y, y, x)),
-}  # fmt: skip
+}
 
 
 def made(state, **sizes):
@@ -63,14 +90,18 @@ def test_forward_derivatives_are_those_of_the_graph(name):
     forward.run(0)
     values, slopes = forward.outputs(0)
     assert values[0] == pytest.approx(evaluated(program, given)[0], rel=1e-14)
-    assert slopes[0] == pytest.approx(np.einsum("in,ink->nk", evaluated(program, given, 1), ways), rel=1e-13, abs=1e-15)
+    assert slopes[0] == pytest.approx(
+        np.einsum("in,ink->nk", evaluated(program, given, 1), ways), rel=1e-13, abs=1e-15
+    )
 
 
 def test_forward_derivatives_find_the_distance_to_kinks():
     """|x - 2 y| along (x', y'): after |x - 2 y| / |x' - 2 y'|; none along (2, 1), where it stays the same."""
     program = made(lambda x, y: abs(x - 2 * y), x=1, y=1)
     given = np.array([[1.0, 2.0], [0.2, 1.0]])
-    forward = Forward(program, given, np.array([[[1.0, 2.0], [1.0, 2.0]], [[0.0, 1.0], [0.0, 1.0]]]))
+    forward = Forward(
+        program, given, np.array([[[1.0, 2.0], [1.0, 2.0]], [[0.0, 1.0], [0.0, 1.0]]])
+    )
     forward.run(0)
     assert forward.reach[:, 0] == pytest.approx([0.6, 0.0], abs=1e-15)
     assert np.isinf(forward.reach[:, 1]).all()
@@ -95,13 +126,19 @@ def test_operations_and_their_derivatives_are_those_of_numpy(name):
 def test_tensors_are_taken_component_by_component():
     """Products, inverse, determinant, indices, derivatives in UFL itself."""
     graph, found = Graph(), symbols(a=(3, 3), b=(3,))
-    inputs = {found["a"]: [graph.input("a", k) for k in range(9)], found["b"]: [graph.input("b", k) for k in range(3)]}
+    inputs = {
+        found["a"]: [graph.input("a", k) for k in range(9)],
+        found["b"]: [graph.input("b", k) for k in range(3)],
+    }
     a, b = found["a"], ufl.variable(found["b"])
     i, j = ufl.indices(2)
     inverse = ufl.dot(ufl.inv(a), b)
     squares = ufl.diff(ufl.dot(b, a * b), b)
     contracted = ufl.as_vector(a[i, j] * b[j], i)
-    parts = [nodes_of(graph, part, inputs) for part in (inverse, squares, contracted, ufl.det(a) * ufl.dev(a))]
+    parts = [
+        nodes_of(graph, part, inputs)
+        for part in (inverse, squares, contracted, ufl.det(a) * ufl.dev(a))
+    ]
     program = Program.of(graph, {"a": 9, "b": 3}, parts)
     rng = np.random.default_rng(1)
     matrix, vector = rng.normal(size=(3, 3)) + 3 * np.eye(3), rng.normal(size=3)
@@ -179,7 +216,9 @@ def test_a_program_with_random_changes_is_refused_or_computes():
 
 
 def test_what_programs_cannot_state_is_said():
-    with pytest.raises(SceneError, match=r"BesselJ is no operation of a program, in .*: state it by sums"):
+    with pytest.raises(
+        SceneError, match=r"BesselJ is no operation of a program, in .*: state it by sums"
+    ):
         made(lambda x: ufl.bessel_J(1, x), x=1)
     assert set(CODES) == set(OPERATIONS) and CODES["add"] == 0
 
@@ -192,21 +231,60 @@ def test_operations_have_the_same_numbers_and_values_elsewhere(language, tmp_pat
     if tool is None:
         pytest.skip("there is nothing to run it")
     folder = Path(hhr_dolfinx.__file__).parent / "plugins"
-    calls = [(code, *given) for code in CODES.values() for given in ((0.3, 0.7, 2.0), (0.7, 0.3, 2.0), (0.0, 0.5, 0.5))]
+    calls = [
+        (code, *given)
+        for code in CODES.values()
+        for given in ((0.3, 0.7, 2.0), (0.7, 0.3, 2.0), (0.0, 0.5, 0.5))
+    ]
     if language == "js":
-        names = ("exp", "log", "sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "pow", "atan2")
-        script = f"const code = require('fs').readFileSync({str(folder / 'pages' / 'c' / 'contact_flow.wasm')!r});"
-        script += f"const env = Object.fromEntries({[*names, 'hypot']}.map((name) => [name, Math[name]]));"
+        names = (
+            "exp",
+            "log",
+            "sin",
+            "cos",
+            "tan",
+            "asin",
+            "acos",
+            "atan",
+            "sinh",
+            "cosh",
+            "tanh",
+            "pow",
+            "atan2",
+        )
+        script = (
+            "const code = "
+            f"require('fs').readFileSync({str(folder / 'pages' / 'c' / 'contact_flow.wasm')!r});"
+        )
+        script += (
+            f"const env = Object.fromEntries({[*names, 'hypot']}.map((name) => [name, "
+            "Math[name]]));"
+        )
         script += "env.formula = env.reached = () => 0;"
-        script += "const { operation } = new WebAssembly.Instance(new WebAssembly.Module(code), { env }).exports;"
-        script += f"for (const given of {[list(call) for call in calls]}) console.log(operation(...given));"
+        script += (
+            "const { operation } = new WebAssembly.Instance(new WebAssembly.Module(code), { env "
+            "}).exports;"
+        )
+        script += (
+            f"for (const given of {[list(call) for call in calls]}) "
+            "console.log(operation(...given));"
+        )
         command = [tool, "-e", script]
     else:
         text = (folder / "pages" / "c" / "programs.h").read_text()
-        function = text[text.index("static inline double model_operation") : text.index("static inline void model_run")]
-        lines = "".join(f'printf("%.17g\\n", model_operation({code}, {a}, {b}, {c}));' for code, a, b, c in calls)
+        function = text[
+            text.index("static inline double model_operation") : text.index(
+                "static inline void model_run"
+            )
+        ]
+        lines = "".join(
+            f'printf("%.17g\\n", model_operation({code}, {a}, {b}, {c}));'
+            for code, a, b, c in calls
+        )
         source = tmp_path / "all.c"
-        source.write_text(f"#include <math.h>\n#include <stdio.h>\n{function}\nint main(void) {{ {lines} }}")
+        source.write_text(
+            f"#include <math.h>\n#include <stdio.h>\n{function}\nint main(void) {{ {lines} }}"
+        )
         subprocess.run([tool, "-std=c99", "-o", "all", "all.c", "-lm"], cwd=tmp_path, check=True)
         command = [tmp_path / "all"]
     told = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
@@ -214,9 +292,14 @@ def test_operations_have_the_same_numbers_and_values_elsewhere(language, tmp_pat
         row = [
             code,
             3,
-            *(k if k < count else 0 for k, count in zip(range(3), [list(OPERATIONS.values())[code]] * 3, strict=True)),
+            *(
+                k if k < count else 0
+                for k, count in zip(range(3), [list(OPERATIONS.values())[code]] * 3, strict=True)
+            ),
         ]
-        program = Program(np.array([row]), np.zeros(0), np.array([1]), np.array([3]), np.array([1]), 3, 4)
+        program = Program(
+            np.array([row]), np.zeros(0), np.array([1]), np.array([3]), np.array([1]), 3, 4
+        )
         exact = evaluated(program, np.array(given)[:, None])[0, 0]
         found = float(word.replace("Infinity", "inf"))
         assert found == pytest.approx(exact, rel=1e-15, nan_ok=True), list(OPERATIONS)[code]

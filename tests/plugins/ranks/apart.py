@@ -1,4 +1,6 @@
-"""Ranks that are asked for different things, or of which one fails: each case ends on all ranks, without a hang."""
+"""Ranks that are asked for different things, or of which one fails: each case ends on all ranks,
+without a hang.
+"""
 
 import warnings
 
@@ -32,7 +34,9 @@ def on_all(cases):
 
 def pair(**changes):
     """Two blocks, whose full model a rank makes in a moment."""
-    return pressed_pair("plane_strain", [(10.0 + changes.pop("stiffer", 0.0), 0.3), (8.0, 0.3)], cells=2, **changes)
+    return pressed_pair(
+        "plane_strain", [(10.0 + changes.pop("stiffer", 0.0), 0.3), (8.0, 0.3)], cells=2, **changes
+    )
 
 
 def tables(full):
@@ -63,7 +67,9 @@ def questions(full):
         "no point": lambda: full.solve([np.nan] * 4 if LAST else POINT),
         "snapshots": lambda: hhr.compute_snapshots(full, [POINT, OTHER]),
         "train": lambda: hhr.train(full.scene, np.array([POINT, OTHER]), held_out=0),
-        "train together": lambda: hhr.train(full.scene, np.array([POINT, OTHER]), held_out=0, together=True),
+        "train together": lambda: hhr.train(
+            full.scene, np.array([POINT, OTHER]), held_out=0, together=True
+        ),
         "scenes": lambda: hhr.FullOrderModel(pair(stiffer=float(LAST))),
         "reduce": lambda: hhr.reduce(pair(stiffer=float(LAST)), 0.1),
         "no scene": lambda: hhr.FullOrderModel(None if LAST else full.scene),
@@ -110,9 +116,13 @@ def failures(full):
     cases = {}
     for name, bar in {"exit": failing, "no bar": nameless}.items():
         cases[name] = lambda bar=bar: hhr.train(full.scene, points, progress=bar, **how)
-        cases[f"{name} together"] = lambda bar=bar: hhr.train(full.scene, points, progress=bar, together=True, **how)
+        cases[f"{name} together"] = lambda bar=bar: hhr.train(
+            full.scene, points, progress=bar, together=True, **how
+        )
     cases["short"] = lambda: hhr.compute_snapshots(full, points, short(""))
-    cases["reduce"] = lambda: hhr.reduce(full.scene, 0.1, progress=lambda stage, share: 1 / (COMM.rank))
+    cases["reduce"] = lambda: hhr.reduce(
+        full.scene, 0.1, progress=lambda stage, share: 1 / (COMM.rank)
+    )
     return cases
 
 
@@ -120,6 +130,10 @@ def outcomes():
     """Outcomes of all cases."""
     warnings.simplefilter("ignore")
     full = hhr.FullOrderModel(pair())
-    found = {"tables": on_all(tables(full)), "questions": on_all(questions(full)), "failures": on_all(failures(full))}
+    found = {
+        "tables": on_all(tables(full)),
+        "questions": on_all(questions(full)),
+        "failures": on_all(failures(full)),
+    }
     # none of them has broken the model
     return found | {"after": COMM.allgather(full.solve(POINT).forces().tolist())}

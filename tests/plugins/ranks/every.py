@@ -1,7 +1,8 @@
-"""Each command of ``hhr`` and each verb of the API on all ranks of a program, with the numbers that it gives.
+"""Each command of ``hhr`` and each verb of the API on all ranks of a program, with the numbers that
+it gives.
 
-An entry returns numbers, (n,), which are those of one rank to 1e-10, or raises an error of the package that names
-ranks. All entries share one small scene and one training.
+An entry returns numbers, (n,), which are those of one rank to 1e-10, or raises an error of the
+package that names ranks. All entries share one small scene and one training.
 """
 
 import csv
@@ -97,7 +98,9 @@ class Work:
         return self.training.condense()
 
     def solved(self, model):
-        return np.concatenate([numbers_of(model.solve(point, outside="ignore")) for point in self.points])
+        return np.concatenate(
+            [numbers_of(model.solve(point, outside="ignore")) for point in self.points]
+        )
 
     @cached_property
     def file(self):
@@ -147,13 +150,17 @@ def csv_numbers(path):
 
 def page(work):
     hhr.write_model_page(
-        work.folder / "page.html", work.model, hhr.scenery_of(hhr.FullOrderModel(pair(), MPI.COMM_SELF))
+        work.folder / "page.html",
+        work.model,
+        hhr.scenery_of(hhr.FullOrderModel(pair(), MPI.COMM_SELF)),
     )
     return [len((work.folder / "page.html").read_text()) > 1000]
 
 
 def statuses(work):
-    return KnownStatuses(work.full.problem.middle[None], np.zeros((1, work.full.conditions), dtype=bool))
+    return KnownStatuses(
+        work.full.problem.middle[None], np.zeros((1, work.full.conditions), dtype=bool)
+    )
 
 
 def of_matrices(work):
@@ -178,9 +185,15 @@ def written(work):
 
 METHODS = {
     "solve": lambda work: numbers_of(work.full.solve(POINT)),
-    "solve with a gradient": lambda work: work.full.solve(POINT, gradient=True).gradient.multipliers.ravel(),
-    "solve_many": lambda work: np.concatenate([numbers_of(one) for one in work.full.solve_many(work.points)]),
-    "march": lambda work: numbers_of(work.full.march([(0.0, work.points[0]), (1.0, POINT)]).answers[-1]),
+    "solve with a gradient": lambda work: work.full.solve(
+        POINT, gradient=True
+    ).gradient.multipliers.ravel(),
+    "solve_many": lambda work: np.concatenate(
+        [numbers_of(one) for one in work.full.solve_many(work.points)]
+    ),
+    "march": lambda work: numbers_of(
+        work.full.march([(0.0, work.points[0]), (1.0, POINT)]).answers[-1]
+    ),
     "outputs": lambda work: list(work.full.outputs(POINT).values.values()),
     "stress": lambda work: [np.linalg.norm(work.full.solve(POINT).stress())],
     "pressure": lambda work: work.full.solve(POINT).pressure(),
@@ -191,7 +204,9 @@ METHODS = {
 """Methods of a full model that all ranks have together, and of its answers."""
 KINDS = {
     "build": lambda work: [np.linalg.norm(work.solved(work.training.build()))],
-    "build together": lambda work: work.solved(work.together.build(hhr.Recipe(hhr.Pod(1e-13), trust=None))),
+    "build together": lambda work: work.solved(
+        work.together.build(hhr.Recipe(hhr.Pod(1e-13), trust=None))
+    ),
     "condense": lambda work: work.solved(work.training.condense()),
     "condense together": lambda work: work.solved(work.together.condense()),
     "local": lambda work: [np.linalg.norm(work.solved(work.training.local()))],
@@ -199,17 +214,23 @@ KINDS = {
 }
 """Methods of a training."""
 FUNCTIONS = {
-    "answer_points": lambda work: first(getattr(hhr.answer_points(work.model, work.points, COMM), "forces", None)),
+    "answer_points": lambda work: first(
+        getattr(hhr.answer_points(work.model, work.points, COMM), "forces", None)
+    ),
     "answer_table": answered_table,
     "build": lambda work: work.solved(hhr.build(work.together.full_order, work.together.snapshots)),
     "compute_snapshots": lambda work: hhr.compute_snapshots(work.full, work.points).forces,
     "condense": lambda work: work.solved(hhr.condense(pair())),
     "condense_matrices": of_matrices,
-    "exact_condensation": lambda work: work.solved(hhr.exact_condensation(work.full, statuses(work))),
+    "exact_condensation": lambda work: work.solved(
+        hhr.exact_condensation(work.full, statuses(work))
+    ),
     "load_model": lambda work: work.solved(hhr.load_model(work.file)),
     "mesh_error": lambda work: [hhr.mesh_error(work.full, work.full.solve(POINT)).energy],
     "read_points": lambda work: [
-        float(cell) for row in hhr.read_points(work.table, work.full.parameters) for cell in row.cells
+        float(cell)
+        for row in hhr.read_points(work.table, work.full.parameters)
+        for cell in row.cells
     ],
     "reduce": lambda work: work.solved(hhr.reduce(pair(), 0.01)),
     "save_model": lambda work: [work.file.stat().st_size > 0],
@@ -218,12 +239,16 @@ FUNCTIONS = {
         .solve({"push": 0.03, "slide": 0.0, "load": 0.05, "gap": 0.005})
         .forces()
     ),
-    "spread_snapshots": lambda work: hhr.spread_snapshots(work.training.full_order, work.points, COMM).forces,
+    "spread_snapshots": lambda work: (
+        hhr.spread_snapshots(work.training.full_order, work.points, COMM).forces
+    ),
     "study_scene": study,
     "to_pandas": lambda work: (
         hhr.to_pandas(work.model, work.points, outside="ignore").select_dtypes("number").to_numpy()
     ),
-    "to_xarray": lambda work: hhr.to_xarray(work.model, work.points, outside="ignore")["forces"].to_numpy(),
+    "to_xarray": lambda work: hhr.to_xarray(work.model, work.points, outside="ignore")[
+        "forces"
+    ].to_numpy(),
     "train": lambda work: work.training.snapshots.forces,
     "write_answers": written,
     "write_fields": fields,
@@ -238,7 +263,9 @@ def invoked(*words):
     """Output of a command on this rank, which must end well."""
     result = CliRunner().invoke(command, [str(word) for word in words], prog_name="hhr")
     if result.exit_code or result.exception is not None:
-        raise CommandError(f"exit code {result.exit_code}: {result.output[-1000:]} {result.exception!r}")
+        raise CommandError(
+            f"exit code {result.exit_code}: {result.output[-1000:]} {result.exception!r}"
+        )
     return first_words(result.stdout)
 
 
@@ -255,7 +282,10 @@ def first_words(output):
 
 def told(output):
     """Numbers of an output."""
-    return [float(word) for word in re.findall(r"(?<![\w.])[-+]?\d+\.?\d*(?:e[-+]?\d+)?(?![\w.])", output)]
+    return [
+        float(word)
+        for word in re.findall(r"(?<![\w.])[-+]?\d+\.?\d*(?:e[-+]?\d+)?(?![\w.])", output)
+    ]
 
 
 def trained(work):
@@ -265,7 +295,9 @@ def trained(work):
 
 def trained_together(work):
     folder = work.folder / "together"
-    invoked("train", work.scene, "--sobol", 12, "--out", folder, "--model", "condensed", "--together")
+    invoked(
+        "train", work.scene, "--sobol", 12, "--out", folder, "--model", "condensed", "--together"
+    )
     model = hhr.load_model(folder / "condensed.npz")
     return np.concatenate([model.solve(point, outside="ignore").forces() for point in work.points])
 
@@ -285,7 +317,9 @@ def written_by(name, ending, *words):
 
     def run(work):
         path = work.folder / f"{name}{ending}"
-        invoked(name, work.file if name != "export" else work.scene_of_a_deck, *words, "--out", path)
+        invoked(
+            name, work.file if name != "export" else work.scene_of_a_deck, *words, "--out", path
+        )
         return told(path.read_text())
 
     return run
@@ -312,15 +346,21 @@ def reported(work):
 
 COMMANDS = {
     "answer": answered,
-    "check": lambda work: [len(invoked("check", work.scene, "--picture", work.folder / "check.png")) > 0],
+    "check": lambda work: [
+        len(invoked("check", work.scene, "--picture", work.folder / "check.png")) > 0
+    ],
     "embed": written_by("embed", ".h"),
     "export": written_by("export", ".inp", *AT),
     "list": lambda work: [len(invoked("list"))],
     "march": lambda work: told(invoked("march", work.scene_with_paths, "--at", "depth=0.03")),
-    "page": lambda work: [len(invoked("page", work.file, "--scene", work.scene, "--out", work.folder / "p.html")) > 0],
+    "page": lambda work: [
+        len(invoked("page", work.file, "--scene", work.scene, "--out", work.folder / "p.html")) > 0
+    ],
     "reduce": reduced,
     "report": reported,
-    "serve": lambda work: [1.0] if COMM.size == 1 else [len(invoked("serve", work.file, "--port", 0))],
+    "serve": lambda work: (
+        [1.0] if COMM.size == 1 else [len(invoked("serve", work.file, "--port", 0))]
+    ),
     "solve": lambda work: told(invoked("solve", work.scene, *AT)),
     "start": started,
     "study": studied,

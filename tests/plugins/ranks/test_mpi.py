@@ -220,9 +220,15 @@ ELSEWHERE = {
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
     folder = str(tmp_path_factory.mktemp("snapshots"))
-    parts = (PROGRAM, *(part for plugins, part in OF_PLUGINS.items() if present(*plugins.split())), SHOWN)
+    parts = (
+        PROGRAM,
+        *(part for plugins, part in OF_PLUGINS.items() if present(*plugins.split())),
+        SHOWN,
+    )
     program = "".join(parts).format(folders=SCENE_FOLDERS, folder=folder)
-    return {ranks: json.loads(launch(ranks, ["-c", program]).splitlines()[-1]) for ranks in (1, 2, 3)}
+    return {
+        ranks: json.loads(launch(ranks, ["-c", program]).splitlines()[-1]) for ranks in (1, 2, 3)
+    }
 
 
 @needs("nonmatching")
@@ -244,17 +250,25 @@ def test_ranks_have_the_same_stiffness(found, ranks):
     assert len(serial) == 9 and parallel.keys() == serial.keys()
     for name, value in serial.items():
         tolerance = 1e-14 if "stiffness" in name else 1e-9
-        assert np.abs(np.subtract(parallel[name], value)).max() < tolerance * np.abs(value).max(), name
+        assert np.abs(np.subtract(parallel[name], value)).max() < tolerance * np.abs(value).max(), (
+            name
+        )
 
 
 @needs("nonmatching")
 @pytest.mark.parametrize("ranks", [1, 2, 3])
 def test_no_rank_holds_the_rows_of_another(found, ranks):
-    """Entries of all ranks add up to those on one, and none has much more than its part; asked for, all are there."""
+    """Entries of all ranks add up to those on one, and none has much more than its part.
+
+    Asked for, all are there.
+    """
     mine = found[ranks]
     for name in ("stiffness", "mass"):
         assert mine[f"entries of {name}"] == found[1][f"entries of {name}"] > 2000
-        assert sum(mine[f"share of {name}"]) == pytest.approx(1.0) and max(mine[f"share of {name}"]) < 1.3 / ranks
+        assert (
+            sum(mine[f"share of {name}"]) == pytest.approx(1.0)
+            and max(mine[f"share of {name}"]) < 1.3 / ranks
+        )
     starts, stops, whole = zip(*mine["rows"], strict=True)
     assert starts == (0, *stops[:-1]) and len(starts) == ranks
     assert whole == (ranks == 1,) * ranks
@@ -265,9 +279,14 @@ def test_no_rank_holds_the_rows_of_another(found, ranks):
 @pytest.mark.parametrize("ranks", [2, 3])
 def test_what_needs_all_rows_says_so_on_every_rank(found, ranks):
     said = found[ranks]["said"]
-    assert all(text.startswith("ReductionError: displacements of snapshots") for text in said["build"])
+    assert all(
+        text.startswith("ReductionError: displacements of snapshots") for text in said["build"]
+    )
     assert all("snapshots.gathered(problem)" in text for text in said["build"])
-    assert all(text.startswith("SceneError") and "problem.gathered(comm)" in text for text in said["stiffness"])
+    assert all(
+        text.startswith("SceneError") and "problem.gathered(comm)" in text
+        for text in said["stiffness"]
+    )
     assert all("give the communicator of its model" in text for text in said["wrong ranks"])
     assert all(texts == ["nothing"] for texts in found[1]["said"].values())
 
@@ -278,14 +297,19 @@ def test_a_law_that_fails_on_one_rank_fails_on_all(found, ranks):
     brittle = found[ranks]["brittle"]
     assert len(brittle) == ranks
     for text in brittle:
-        assert text.startswith("ConvergenceError: step 1 to t = 1 s") and "Brittle has no answer at" in text
+        assert (
+            text.startswith("ConvergenceError: step 1 to t = 1 s")
+            and "Brittle has no answer at" in text
+        )
         assert "it breaks" in text
 
 
 @needs("nonmatching")
 @pytest.mark.parametrize("ranks", [1, 2, 3])
 def test_what_ranks_share_is_given_back_and_kept(found, ranks):
-    """PETSc keeps what several ranks have until all let go of it by name, and with it the array it writes into."""
+    """PETSc keeps what several ranks have until all let go of it by name, and with it the array it
+    writes into.
+    """
     assert found[ranks]["left over"] == [[[0.5, 1.0], [False, False]]] * ranks
     for change, times in found[ranks]["kept"]:
         assert change < 1e-12 and times == 3
@@ -323,7 +347,10 @@ demo.main()
 
 
 def test_a_study_on_two_ranks_is_that_on_one(tmp_path):
-    """Ranks share the training, the first one measures; without variants and pictures, which take long."""
+    """Ranks share the training, the first one measures.
+
+    Without variants and pictures, which take long.
+    """
     program = STUDY.format(folders=SCENE_FOLDERS)
     reports = []
     for ranks in (1, 2):
@@ -331,7 +358,9 @@ def test_a_study_on_two_ranks_is_that_on_one(tmp_path):
         reports.append(json.loads((tmp_path / str(ranks) / "report.json").read_text()))
     assert [report["machine"]["ranks"] for report in reports] == [1, 2]
     # training points start from other statuses: round-off
-    assert reports[1]["errors"]["primal_l2"]["max"] == pytest.approx(reports[0]["errors"]["primal_l2"]["max"], rel=1e-6)
+    assert reports[1]["errors"]["primal_l2"]["max"] == pytest.approx(
+        reports[0]["errors"]["primal_l2"]["max"], rel=1e-6
+    )
 
 
 @needs("studies")
@@ -427,7 +456,10 @@ TOGETHER = {
     "geometry, at once": "hhr.FullOrderModel(failing_geometry(True))",
     "geometry, after the mesh": "hhr.FullOrderModel(failing_geometry(False))",
     "pairing": "hhr.FullOrderModel(pairing())",
-    "snapshots": "hhr.compute_snapshots(hhr.FullOrderModel(scene), scene.parameters.grid([4]), after(2, fail_here))",
+    "snapshots": (
+        "hhr.compute_snapshots(hhr.FullOrderModel(scene), scene.parameters.grid([4]), after(2, "
+        "fail_here))"
+    ),
 }
 OWN = "hhr.FullOrderModel(scene, MPI.COMM_SELF), scene.parameters.grid([9]), world"
 EACH_FOR_ITSELF = {
@@ -437,20 +469,31 @@ EACH_FOR_ITSELF = {
     "store": f"spread_snapshots({OWN}, store=FailingStore())",
 }
 if present("tables"):
-    EACH_FOR_ITSELF["query"] = "hhr.answer_points(answering, np.zeros((9, 1)), world, after(0, fail_here))"
+    EACH_FOR_ITSELF["query"] = (
+        "hhr.answer_points(answering, np.zeros((9, 1)), world, after(0, fail_here))"
+    )
 
 
 def run_failing(case, ranks, patience=3.0):
-    return run_program(ranks, ["-c", FAILING.format(folders=SCENE_FOLDERS, case=case, patience=patience)])
+    return run_program(
+        ranks, ["-c", FAILING.format(folders=SCENE_FOLDERS, case=case, patience=patience)]
+    )
 
 
 @pytest.mark.parametrize("name", [*TOGETHER, "snapshot of its own"])
 def test_a_rank_that_fails_ends_the_run(name):
-    """In common work the others wait inside of MPI, however long: ended, with the reason, not as if all were well."""
-    case, patience = (TOGETHER[name], 0.2) if name in TOGETHER else (EACH_FOR_ITSELF["snapshot"], 3.0)
+    """In common work the others wait inside of MPI, however long: ended, with the reason, not as if
+    all were well.
+    """
+    case, patience = (
+        (TOGETHER[name], 0.2) if name in TOGETHER else (EACH_FOR_ITSELF["snapshot"], 3.0)
+    )
     run = run_failing(case, ranks=2, patience=patience)
     assert run.returncode != 0 and "went on" not in run.stdout
-    assert "failed on rank 1 of 2" in run.stderr and "Awkward: the disk of this rank is full" in run.stderr
+    assert (
+        "failed on rank 1 of 2" in run.stderr
+        and "Awkward: the disk of this rank is full" in run.stderr
+    )
 
 
 CAUGHT = """
@@ -473,9 +516,17 @@ import json
 
 
 def test_every_rank_raises_what_it_can():
-    """The error itself where it happened, elsewhere one with rank and text; the ranks go on together."""
-    wrong = "dataclasses.replace(scene, displacements=(hhr.Displacement(99, 0), *scene.displacements))"
-    flowing = "dataclasses.replace(scene, bodies=(dataclasses.replace(scene.bodies[0], law=hhr.Plasticity(1.0)),))"
+    """The error itself where it happened, elsewhere one with rank and text.
+
+    The ranks go on together.
+    """
+    wrong = (
+        "dataclasses.replace(scene, displacements=(hhr.Displacement(99, 0), *scene.displacements))"
+    )
+    flowing = (
+        "dataclasses.replace(scene, bodies=(dataclasses.replace(scene.bodies[0], "
+        "law=hhr.Plasticity(1.0)),))"
+    )
     careless = "dataclasses.replace(scene, geometry=lambda comm: scene.geometry(world))"
     actions = [
         *EACH_FOR_ITSELF.values(),
@@ -498,8 +549,14 @@ def test_every_rank_raises_what_it_can():
     assert [line[0][0] for line in told] == list(range(len(actions)))
     for line in told[: len(EACH_FOR_ITSELF)]:
         kinds, texts = zip(*(words[2:] for words in line), strict=True)
-        assert kinds == ("RankError", "RankError", "Awkward") and texts[2] == "the disk of this rank is full"
-        assert all("failed on rank 2 of 3, Awkward: the disk of this rank is full" in text for text in texts[:2])
+        assert (
+            kinds == ("RankError", "RankError", "Awkward")
+            and texts[2] == "the disk of this rank is full"
+        )
+        assert all(
+            "failed on rank 2 of 3, Awkward: the disk of this rank is full" in text
+            for text in texts[:2]
+        )
     diverged, unbuilt, misplaced, *whole = told[len(EACH_FOR_ITSELF) :]
     assert [words[2] for words in diverged] == ["ConvergenceError"] * 3
     assert "rank 2 of 3" in diverged[0][3] and diverged[2][3] == "point 7"

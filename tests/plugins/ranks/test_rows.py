@@ -1,4 +1,6 @@
-"""Models that ranks build together, each with the rows of its own dofs: those of one rank, and no rank has all rows."""
+"""Models that ranks build together, each with the rows of its own dofs: those of one rank, and no
+rank has all rows.
+"""
 
 import json
 
@@ -91,7 +93,11 @@ if comm.rank == 0:
 def of_tables(comm):
     """What rows do, beside numpy on the whole tables; the first of three ranks has none."""
     count = 23
-    cuts = np.linspace(0, count, comm.size + 1).astype(int) if comm.size < 3 else np.array([0, 0, 9, count])
+    cuts = (
+        np.linspace(0, count, comm.size + 1).astype(int)
+        if comm.size < 3
+        else np.array([0, 0, 9, count])
+    )
     rows = rows_of(slice(*cuts[comm.rank : comm.rank + 2]), count, group_of(comm))
     draw = np.random.default_rng(1)
     table = draw.standard_normal((count, 40))
@@ -198,7 +204,9 @@ def test_no_rank_has_the_answers_or_the_basis_of_another(found, ranks):
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("ranks", [2, THREE])
 def test_models_of_ranks_are_those_of_one(found, ranks, name):
-    """Fields, forces and outputs; of scenes without mirror images, of which DEIM might pick either."""
+    """Fields, forces and outputs; of scenes without mirror images, of which DEIM might pick
+    either.
+    """
     for kind in KINDS:
         one, several = found[1][f"{name} {kind}"], found[ranks][f"{name} {kind}"]
         assert several == pytest.approx(one, rel=1e-8), kind
@@ -207,16 +215,20 @@ def test_models_of_ranks_are_those_of_one(found, ranks, name):
 @needs("differences")
 @pytest.mark.parametrize("ranks", [1, 2, THREE])
 def test_bounds_of_ranks_hold(found, ranks):
-    """Where moduli vary that of the displacement is a difference of energies, which leaves half of the digits.
+    """Where moduli vary that of the displacement is a difference of energies, which leaves half of
+    the digits.
 
-    Bounds of forces on all conditions are the round-off of these. Where contact alone holds a body these models are
-    exact to 1e-9, and what is left of their bounds is the round-off that they allow, 1e-10 of sums of forces.
+    Bounds of forces on all conditions are the round-off of these. Where contact alone holds a body
+    these models are exact to 1e-9, and what is left of their bounds is the round-off that they
+    allow, 1e-10 of sums of forces.
     """
     for name in NAMES:
         one, several = (found[count][f"bounds {name}"] for count in (1, ranks))
         assert min(found[ranks][f"over {name}"]) >= 0.0, name
         least = 1e-9 if name == "contact alone holds" else 1e-11
-        assert several == pytest.approx(one, rel=1e-3, abs=least * max(found[1][f"{name} usual"])), name
+        assert several == pytest.approx(
+            one, rel=1e-3, abs=least * max(found[1][f"{name} usual"])
+        ), name
 
 
 @pytest.mark.parametrize("ranks", [1, 2, THREE])
@@ -228,10 +240,14 @@ def test_answers_that_are_kept_are_found_by_rows(found, ranks):
 def test_what_knows_nothing_of_rows_gets_all_of_them(found, ranks):
     """A basis of one's own, a model that falls back on the full one, a training that chooses.
 
-    Of two nodes with the same residuals DEIM may pick either: the basis, of few snapshots, makes an error of 1e-5.
+    Of two nodes with the same residuals DEIM may pick either: the basis, of few snapshots, makes an
+    error of 1e-5.
     """
     mine = found[ranks]
-    told = "each rank has all rows of all matrices and answers: a step of the recipe does not say by_rows = True"
+    told = (
+        "each rank has all rows of all matrices and answers: a step of the recipe does not say "
+        "by_rows = True"
+    )
     assert mine["told"] == [told] * (ranks > 1)
     for name in ("toy", "safe") if present("fallback") else ("toy",):
         assert mine[name] == pytest.approx(found[1][name], rel=1e-5), name
@@ -243,7 +259,10 @@ def test_what_knows_nothing_of_rows_gets_all_of_them(found, ranks):
 def test_what_is_wrong_on_one_rank_is_refused_on_all(found, ranks):
     words = {"Nowhere": "modes of <test_rows.Nowhere"}
     if ranks > 1:
-        words |= {"Wider": "other numbers of modes on other ranks", "OwnNodes": "other nodes on other ranks"}
+        words |= {
+            "Wider": "other numbers of modes on other ranks",
+            "OwnNodes": "other nodes on other ranks",
+        }
     assert found[ranks]["refused"].keys() == words.keys()
     for kind, texts in found[ranks]["refused"].items():
         assert len(texts) == ranks and all(words[kind] in text for text in texts), kind

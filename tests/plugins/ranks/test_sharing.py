@@ -43,7 +43,9 @@ def test_memory_that_is_left(tmp_path):
 
 def test_ranks_have_a_model_each_where_there_is_room(monkeypatch):
     scene = pressed_block("solid", simplices=True)
-    needed = expected.expected_in_space(hhr.FullOrderModel(scene, MPI.COMM_SELF).problem.contact).gigabytes
+    needed = expected.expected_in_space(
+        hhr.FullOrderModel(scene, MPI.COMM_SELF).problem.contact
+    ).gigabytes
     for room, why in ((3.0 * needed, ""), (2.0 * needed, "2 full models of about")):
         monkeypatch.setattr(sharing, "free_gigabytes", lambda room=room: room)
         found = Ranks(TwoRanks()).no_room_side_by_side(scene)
@@ -54,19 +56,27 @@ def test_ranks_have_a_model_each_where_there_is_room(monkeypatch):
 
 def test_one_rank_and_the_plane_are_not_looked_at(monkeypatch):
     monkeypatch.setattr(sharing, "free_gigabytes", lambda: 0.0)
-    assert group_of(MPI.COMM_SELF).no_room_side_by_side(pressed_block("solid", simplices=True)) == ""
+    assert (
+        group_of(MPI.COMM_SELF).no_room_side_by_side(pressed_block("solid", simplices=True)) == ""
+    )
     assert Ranks(TwoRanks()).no_room_side_by_side(pressed_block("plane_strain")) == ""
 
 
 def test_columns_and_schur_complements_are_reckoned_with(monkeypatch):
-    """Columns that have no room take no memory, and no time where contact can be eliminated last."""
+    """Columns that have no room take no memory, and no time where contact can be eliminated
+    last.
+    """
     contact = csr_matrix((np.ones(900), (np.arange(900), np.arange(900))), shape=(900, 300_000))
     dropped = expected.expected_in_space(contact)
     assert not dropped.keeps_columns
     monkeypatch.setattr(full, "KEPT_BYTES", 1e10)
     monkeypatch.setattr(expected, "KEPT_BYTES", 1e10)
     kept = expected.expected_in_space(contact)
-    assert kept.keeps_columns and kept.gigabytes > dropped.gigabytes + 2.0 and kept.seconds > dropped.seconds
+    assert (
+        kept.keeps_columns
+        and kept.gigabytes > dropped.gigabytes + 2.0
+        and kept.seconds > dropped.seconds
+    )
 
 
 def test_the_command_trains_on_ranks_together(tmp_path):
@@ -77,14 +87,19 @@ def test_the_command_trains_on_ranks_together(tmp_path):
         "from scenes import pressed_block\nscene = pressed_block('plane_strain')\n"
     )
     program = "from hhr_dolfinx.command.main import hhr; hhr()"
-    run = run_program(2, ["-c", program, "train", "scene.py", "--grid", "8", "--together"], tmp_path)
+    run = run_program(
+        2, ["-c", program, "train", "scene.py", "--grid", "8", "--together"], tmp_path
+    )
     assert run.returncode == 0, run.stdout[-2000:] + run.stderr[-2000:]
     said = " ".join(run.stdout.split())
     assert "2 ranks solve one problem after another together, since it was asked for" in said
     assert "errors of its answers: bound, proved" in said
     folder = next((tmp_path / "out").iterdir())
     assert (folder / "scenery.npz").is_file()
-    model, exact = hhr.load_model(folder / "hhr.npz"), hhr.FullOrderModel(pressed_block("plane_strain"), MPI.COMM_SELF)
+    model, exact = (
+        hhr.load_model(folder / "hhr.npz"),
+        hhr.FullOrderModel(pressed_block("plane_strain"), MPI.COMM_SELF),
+    )
     answer, forces = (one.solve(model.parameters.middle) for one in (model, exact))
     error = np.linalg.norm(answer.forces() - forces.forces())
     assert error <= answer.estimate().forces_euclid + 1e-9 * np.linalg.norm(forces.forces())

@@ -1,4 +1,6 @@
-"""Outputs of bodies whose shape depends on parameters: those of a mesh of that shape, from every model, with slopes."""
+"""Outputs of bodies whose shape depends on parameters: those of a mesh of that shape, from every
+model, with slopes.
+"""
 
 import dataclasses
 
@@ -26,7 +28,10 @@ def crown_at(x, y, crown):
 
 
 def crowned(hypothesis, *, poisson=0.3, simplices=False, outputs=None):
-    """A block with a crowned lower side, pressed on a floor; crown, push, E and the pull of a side are parameters."""
+    """A block with a crowned lower side, pressed on a floor.
+
+    crown, push, E and the pull of a side are parameters.
+    """
     corner = crown_at(1.5, 0.0, 0.1)
     axis = [] if hypothesis == "axisymmetric" else [(0.2, 0.0)]
     torques = [hhr.Torque("torque", 0, 0.3, *axis)] if present("friction") else []
@@ -58,7 +63,9 @@ def crowned(hypothesis, *, poisson=0.3, simplices=False, outputs=None):
         contacts=(hhr.Obstacle(FLOOR, (0.0, -1.0), 0.01),),
         displacements=(hhr.Displacement(AXIS, 0), hhr.Displacement(LID, 1, slope("push", -1.0))),
         loads=(hhr.Traction(block.side(0, upper=True), (1, 0), slope("pull")),),
-        shapes=(hhr.Shape(block.SOLID, (x, f"{y} * (1 + crown) + 0.3 * crown * {x}**2 * (1 - {y})")),),
+        shapes=(
+            hhr.Shape(block.SOLID, (x, f"{y} * (1 + crown) + 0.3 * crown * {x}**2 * (1 - {y})")),
+        ),
         outputs=named if outputs is None else outputs,
     )
 
@@ -80,15 +87,24 @@ def small_fit():
 def placed(scene, point):
     """The block's outputs, with the corner where it lies at a point."""
     corner = crown_at(1.5, 0.0, point[1])
-    there = [dataclasses.replace(item, place=corner) if hasattr(item, "place") else item for item in scene.outputs]
+    there = [
+        dataclasses.replace(item, place=corner) if hasattr(item, "place") else item
+        for item in scene.outputs
+    ]
     return dataclasses.replace(scene, outputs=tuple(there))
 
 
 @pytest.fixture(scope="module")
 def trainings():
     """Of blocks by hypothesis, the axisymmetric one nearly incompressible, and of the fit."""
-    blocks = {"plane_strain": crowned("plane_strain"), "axisymmetric": crowned("axisymmetric", poisson=0.47)}
-    return {name: hhr.train(scene, hhr.Sobol(4), held_out=1) for name, scene in (blocks | {"fit": small_fit()}).items()}
+    blocks = {
+        "plane_strain": crowned("plane_strain"),
+        "axisymmetric": crowned("axisymmetric", poisson=0.47),
+    }
+    return {
+        name: hhr.train(scene, hhr.Sobol(4), held_out=1)
+        for name, scene in (blocks | {"fit": small_fit()}).items()
+    }
 
 
 @pytest.fixture(scope="module")
@@ -107,10 +123,14 @@ def condensed(trainings):
 
 
 def check_close(found, expected, tolerance, scale=1.0):
-    """Outputs agree relative to their size; gaps, which nearly vanish, to the length of the scene."""
+    """Outputs agree relative to their size; gaps, which nearly vanish, to the length of the
+    scene.
+    """
     assert found.keys() == expected.keys()
     for name in expected:
-        assert abs(found[name] - expected[name]) <= tolerance * max(abs(expected[name]), scale), name
+        assert abs(found[name] - expected[name]) <= tolerance * max(abs(expected[name]), scale), (
+            name
+        )
 
 
 NAMED = "plane_strain", "axisymmetric", "fit"
@@ -133,7 +153,8 @@ def test_condensation_has_the_outputs_of_the_full_model(fulls, condensed, name):
 
 
 @pytest.mark.parametrize(
-    "kind, name", [*(("fulls", name) for name in NAMED[:2]), *(("condensed", name) for name in NAMED)]
+    "kind, name",
+    [*(("fulls", name) for name in NAMED[:2]), *(("condensed", name) for name in NAMED)],
 )
 def test_slopes_of_outputs_are_those_of_the_model(request, kind, name):
     model = request.getfixturevalue(kind)[name]
@@ -141,11 +162,16 @@ def test_slopes_of_outputs_are_those_of_the_model(request, kind, name):
     point = low + 0.45 * (high - low)
     exact = model.outputs(point, gradient=True)
     for axis, step in enumerate(1e-4 * (high - low)):
-        before, after = (model.outputs(point + sign * step * np.eye(low.size)[axis]) for sign in (-1, 1))
+        before, after = (
+            model.outputs(point + sign * step * np.eye(low.size)[axis]) for sign in (-1, 1)
+        )
         for key in exact:
             expected = (after[key] - before[key]) / (2 * step)
             size = max(abs(exact.gradient[key]) @ (high - low), abs(exact[key]), 1e-3)
-            assert abs(exact.gradient[key][axis] - expected) * (high - low)[axis] <= 1e-6 * size, (key, axis)
+            assert abs(exact.gradient[key][axis] - expected) * (high - low)[axis] <= 1e-6 * size, (
+                key,
+                axis,
+            )
 
 
 def of_second_order(simplices):
@@ -180,7 +206,9 @@ def test_stress_on_cells_of_second_order(simplices, make):
     full = hhr.FullOrderModel(make(simplices))
     assert full.discretisation.order == 2
     point = full.parameters.random(1, seed=3)[0]
-    check_close(full.outputs(point), hhr.FullOrderModel(meshed(full.scene, point)).outputs(point), 1e-6)
+    check_close(
+        full.outputs(point), hhr.FullOrderModel(meshed(full.scene, point)).outputs(point), 1e-6
+    )
     if not present("moduli"):
         return
     model = hhr.condense(full, fields=True)
@@ -189,7 +217,16 @@ def test_stress_on_cells_of_second_order(simplices, make):
 
 
 @pytest.mark.parametrize(
-    "case", ["plane_strain", "simplices", "axisymmetric", "plane_stress", "fit", "triangles", "quadrilaterals"]
+    "case",
+    [
+        "plane_strain",
+        "simplices",
+        "axisymmetric",
+        "plane_stress",
+        "fit",
+        "triangles",
+        "quadrilaterals",
+    ],
 )
 def test_strain_of_moved_cells_is_that_of_the_mesh(case, fulls):
     if case in fulls:
@@ -199,7 +236,9 @@ def test_strain_of_moved_cells_is_that_of_the_mesh(case, fulls):
     else:
         hypothesis = "plane_stress" if case == "plane_stress" else "plane_strain"
         stress = (hhr.VonMises("stress", block.SOLID),)
-        full = hhr.FullOrderModel(crowned(hypothesis, simplices=case == "simplices", outputs=stress))
+        full = hhr.FullOrderModel(
+            crowned(hypothesis, simplices=case == "simplices", outputs=stress)
+        )
     point = full.parameters.random(1, seed=5)[0]
     field = np.random.default_rng(0).normal(size=(full.problem.free.size, 2))
     tried = [item for item in full.functionals.at(point).items if hasattr(item, "cells")]
@@ -208,7 +247,9 @@ def test_strain_of_moved_cells_is_that_of_the_mesh(case, fulls):
         expected = item.matrix(len(field)) @ field
         found = item.cells(point) @ field[item.cells.dofs]
         assert np.abs(found - expected).max() <= 1e-12 * np.abs(expected).max()
-        assert np.allclose(item.cells(point) @ field[item.cells.dofs, 0], found[:, 0], rtol=1e-12, atol=1e-12)
+        assert np.allclose(
+            item.cells(point) @ field[item.cells.dofs, 0], found[:, 0], rtol=1e-12, atol=1e-12
+        )
 
 
 def test_a_model_file_keeps_them(condensed, tmp_path):
@@ -226,13 +267,17 @@ def test_a_model_file_keeps_them(condensed, tmp_path):
 
 @dataclasses.dataclass(frozen=True)
 class OfOtherConditions(MyOutput):
-    """Mean pressure of what lies high enough, which is another number of conditions on another shape."""
+    """Mean pressure of what lies high enough, which is another number of conditions on another
+    shape.
+    """
 
     def prepared(self, probe):
         """Of some conditions."""
         made = super().prepared(probe)
         high = probe.problem.contact_points[made.conditions][:, 1] > 0.03
-        return dataclasses.replace(made, conditions=made.conditions[high], weights=made.weights[high])
+        return dataclasses.replace(
+            made, conditions=made.conditions[high], weights=made.weights[high]
+        )
 
 
 def test_an_output_that_jumps_between_shapes_is_refused():

@@ -1,4 +1,6 @@
-"""Shapes that depend on parameters: the mesh moved in the geometry function, closed forms, the door."""
+"""Shapes that depend on parameters: the mesh moved in the geometry function, closed forms, the
+door.
+"""
 
 import dataclasses
 from pathlib import Path
@@ -29,18 +31,24 @@ MOVED = {"push": 0.008, "slide": 0.01, "load": 0.05, "gap": 0.002}
 POINT = MOVED | {"E1": 2.0, "crown": 0.025, "tall": 0.9}
 AT = list(POINT.values())
 CROWNED = hhr.Shape(1, ("x", "1 + (y - 1) * tall - crown * y * (x - 1.5)**2"))
-MESHES = {"plane_strain": {"cells": 4}, "plane_stress": {"cells": 4, "simplices": True, "matching": False}}
+MESHES = {
+    "plane_strain": {"cells": 4},
+    "plane_stress": {"cells": 4, "simplices": True, "matching": False},
+}
 
 
 BY_RULE = 1e-5
-"""On distorted quadrilaterals the integrand of K is no polynomial, and a scene with shapes may take another rule for it
-than a plain one: far below the error of the mesh."""
+"""On distorted quadrilaterals the integrand of K is no polynomial, and a scene with shapes may take
+another rule for it than a plain one: far below the error of the mesh.
+"""
 
 
 def check_like(answer, other, tolerance=BY_RULE):
     """Fields of two answers on one mesh; the rows of the second may come in another order."""
     rows, others = (item.fields.problem.at(item.parameter) for item in (answer, other))
-    first, second = (np.lexsort((item.contact_slaves, item.contact_pairs)) for item in (rows, others))
+    first, second = (
+        np.lexsort((item.contact_slaves, item.contact_pairs)) for item in (rows, others)
+    )
     assert largest_difference(rows.contact_points[first], others.contact_points[second]) < 1e-12
     assert largest_difference(rows.contact_areas[first], others.contact_areas[second]) < 1e-12
     assert np.array_equal(answer.active[first], other.active[second])
@@ -59,10 +67,14 @@ def pair(request):
 def test_at_a_point_it_is_the_plain_scene_meshed_there(pair):
     hypothesis = pair.scene.hypothesis
     geometry = meshed(pair.scene, AT).geometry
-    numbers = pressed_pair(hypothesis, ((2.0, 0.3), BODIES[1]), geometry=geometry, **MESHES[hypothesis])
+    numbers = pressed_pair(
+        hypothesis, ((2.0, 0.3), BODIES[1]), geometry=geometry, **MESHES[hypothesis]
+    )
     plain = hhr.FullOrderModel(numbers)
     expected = plain.solve(MOVED)
-    assert 0 < expected.active.sum() < len(expected.active)  # the crown has lost contact at its ends
+    assert (
+        0 < expected.active.sum() < len(expected.active)
+    )  # the crown has lost contact at its ends
     pair.solve([*MOVED.values(), 5.0, 0.0, 1.2])
     found = pair.solve(POINT)
     tolerance = 1e-11 if MESHES[hypothesis].get("simplices") else BY_RULE
@@ -70,7 +82,12 @@ def test_at_a_point_it_is_the_plain_scene_meshed_there(pair):
     problem = pair.problem.at(POINT)
     check_contact_conditions(problem, found.displacement(), found.forces(), found.parameter)
     for name in ("stiffness", "mass"):
-        assert largest_difference(getattr(problem, name).toarray(), getattr(plain.problem, name).toarray()) < tolerance
+        assert (
+            largest_difference(
+                getattr(problem, name).toarray(), getattr(plain.problem, name).toarray()
+            )
+            < tolerance
+        )
 
 
 def test_conditions_keep_their_order_and_the_mesh_its_place(pair):
@@ -99,7 +116,9 @@ def test_interpolated_condensation_answers_at_shapes_that_were_not_trained():
     scene = pressed_pair("plane_stress", BODIES, SPACE, shapes=(CROWNED,), cells=3, matching=False)
     training = hhr.train(scene, hhr.Sobol(32), held_out=8)
     model, full = training.condense(), training.full_order
-    check_alike(full, model, full.parameters.random(6, seed=5), forces=1e-3, displacement=1e-3, stress=1e-2)
+    check_alike(
+        full, model, full.parameters.random(6, seed=5), forces=1e-3, displacement=1e-3, stress=1e-2
+    )
     assert slope_errors(model, AT).max() < 1e-5
     exact, found = (item.solve(AT, gradient=True).gradient for item in (full, model))
     box = np.subtract(full.parameters.upper, full.parameters.lower)
@@ -124,7 +143,9 @@ def tall_block(hypothesis="plane_stress", shape=("w * x", "h * y"), space=None, 
     """A block on an obstacle, ``w`` times as wide and ``h`` times as high."""
     parameters = scenes.space(push=(0.0, 0.1), w=(0.5, 2.0), h=(0.5, 2.0), **space or {})
     shapes = (hhr.Shape(block.SOLID, shape),)
-    return dataclasses.replace(pressed_block(hypothesis), **{"parameters": parameters, "shapes": shapes} | others)
+    return dataclasses.replace(
+        pressed_block(hypothesis), **{"parameters": parameters, "shapes": shapes} | others
+    )
 
 
 def test_a_block_of_any_size_on_an_obstacle():
@@ -136,7 +157,10 @@ def test_a_block_of_any_size_on_an_obstacle():
         total = 1.5 * w * pressure
         assert answer.forces().sum() == pytest.approx(total, rel=1e-11)
         assert answer.stress()[:, 1] == pytest.approx(np.full(16, -pressure), rel=1e-11)
-        slopes, found = [1.5 * w * 3.0 / (2 * h), total / w, -total / h], answer.gradient.multipliers.sum(axis=0)
+        slopes, found = (
+            [1.5 * w * 3.0 / (2 * h), total / w, -total / h],
+            answer.gradient.multipliers.sum(axis=0),
+        )
         assert found[0] == pytest.approx(slopes[0], rel=1e-9)
         if push < 0.1:
             assert found == pytest.approx(slopes, rel=1e-8)
@@ -144,12 +168,16 @@ def test_a_block_of_any_size_on_an_obstacle():
 
 
 def check_fit(space, shape, misfit):
-    """A condensed block that touches an obstacle to round-off in the middle of the box, by uniform stress.
+    """A condensed block that touches an obstacle to round-off in the middle of the box, by uniform
+    stress.
 
-    With a height of 2.3 and a misfit d, p = E (push + d) / (2.3 + d), the bottom moves by d and the top by -push.
+    With a height of 2.3 and a misfit d, p = E (push + d) / (2.3 + d), the bottom moves by d and the
+    top by -push.
     """
     obstacle = hhr.Obstacle(block.side(1, False), (0.0, -1.0), 0.3)
-    scene = tall_block(shape=("x", shape), contacts=(obstacle,), parameters=scenes.space(push=(0.01, 0.1), **space))
+    scene = tall_block(
+        shape=("x", shape), contacts=(obstacle,), parameters=scenes.space(push=(0.01, 0.1), **space)
+    )
     model = hhr.condense(scene, fields=True)
     for mu in scene.parameters.random(5, seed=1):
         answer = model.solve(mu)
@@ -166,7 +194,12 @@ def check_fit(space, shape, misfit):
     ("space", "depth", "misfit"),
     [
         pytest.param({"d": (-0.005, 0.005)}, "0.1 + 0.2 + d", lambda d: d, id="misfit"),
-        pytest.param({"a": (-0.1, 0.1), "b": (-0.1, 0.1)}, "0.1 + 0.2 + a * b", lambda a, b: a * b, id="product"),
+        pytest.param(
+            {"a": (-0.1, 0.1), "b": (-0.1, 0.1)},
+            "0.1 + 0.2 + a * b",
+            lambda a, b: a * b,
+            id="product",
+        ),
     ],
 )
 def test_a_box_about_a_fit(space, depth, misfit):
@@ -176,12 +209,19 @@ def test_a_box_about_a_fit(space, depth, misfit):
 
 def test_a_fit_in_all_of_the_box():
     """Gaps are round-off everywhere: the shape moves inner nodes and those of the sides alone."""
-    check_fit({"a": (-0.2, 0.2)}, "y - (2 - y) / 2 * (0.1 + 0.2 + a - a) + a * y * (2 - y) / 9", lambda a: 0.0)
+    check_fit(
+        {"a": (-0.2, 0.2)},
+        "y - (2 - y) / 2 * (0.1 + 0.2 + a - a) + a * y * (2 - y) / 9",
+        lambda a: 0.0,
+    )
 
 
 @needs("moduli")
 def test_a_box_about_a_poissons_ratio_of_zero():
-    """Lamé's first constant is 0 in the middle; between rigid sides p = E (1 - nu) push / ((1 + nu) (1 - 2 nu) 2 h)."""
+    """Lamé's first constant is 0 in the middle.
+
+    Between rigid sides p = E (1 - nu) push / ((1 + nu) (1 - 2 nu) 2 h).
+    """
     left, right = (hhr.Displacement(block.side(0, upper), 0) for upper in (False, True))
     bottom = hhr.Obstacle(block.side(1, False), (0.0, -1.0), 0.0)
     scene = tall_block(
@@ -202,13 +242,18 @@ def test_a_box_about_a_poissons_ratio_of_zero():
 
 
 def wedge(normal):
-    """A block whose lid turns by up to 0.2 rad under one that turns with it; its normals are those of the mesh."""
+    """A block whose lid turns by up to 0.2 rad under one that turns with it.
+
+    Its normals are those of the mesh.
+    """
     tilt = "(y + slope * (x - 1.5) * {})"
     shapes = (hhr.Shape(1, ("x", tilt.format("y"))), hhr.Shape(2, ("x", tilt.format("(2 - y)"))))
     surfaces = two_blocks.side(1, 1, True), two_blocks.side(2, 1, False)
     contacts = (hhr.NodeToSurface(*surfaces, normal),)
     bodies, space = ((2.0, 0.3), (4.0, 0.25)), {"slope": (-0.2, 0.2)}
-    return pressed_pair("plane_strain", bodies, space, cells=4, matching=False, shapes=shapes, contacts=contacts)
+    return pressed_pair(
+        "plane_strain", bodies, space, cells=4, matching=False, shapes=shapes, contacts=contacts
+    )
 
 
 @needs("nonmatching")
@@ -226,25 +271,55 @@ def test_a_contact_surface_that_turns_takes_its_normals_along():
 
 
 DOOR = [
-    ({"shape": ("w * x",)}, r"shape of body 1 has 1 formulas: one for each of \('x', 'y'\) is needed"),
+    (
+        {"shape": ("w * x",)},
+        r"shape of body 1 has 1 formulas: one for each of \('x', 'y'\) is needed",
+    ),
     ({"shape": ("w * x", "h * y", "1")}, "has 3 formulas"),
-    ({"shape": ("w * x", "h * z")}, r"the shape of body 1 names \['z'\]: coordinates are \('x', 'y'\), parameters"),
-    ({"shape": ("w * x", "h * y"), "space": {"x": (0.0, 1.0)}}, r"parameters \['x'\] have the names of coordinates"),
-    ({"shape": ("w * r", "h * z"), "hypothesis": "axisymmetric", "space": {"z": (0.0, 1.0)}}, r"\['z'\] have"),
-    ({"shape": ("w * x", "h * y"), "hypothesis": "axisymmetric"}, r"names \['x', 'y'\]: coordinates are \('r', 'z'\)"),
-    ({"shape": ("w * x", "h +")}, "a coordinate of the shape of body 1: the formula 'h \\+' cannot be read"),
+    (
+        {"shape": ("w * x", "h * z")},
+        r"the shape of body 1 names \['z'\]: coordinates are \('x', 'y'\), parameters",
+    ),
+    (
+        {"shape": ("w * x", "h * y"), "space": {"x": (0.0, 1.0)}},
+        r"parameters \['x'\] have the names of coordinates",
+    ),
+    (
+        {"shape": ("w * r", "h * z"), "hypothesis": "axisymmetric", "space": {"z": (0.0, 1.0)}},
+        r"\['z'\] have",
+    ),
+    (
+        {"shape": ("w * x", "h * y"), "hypothesis": "axisymmetric"},
+        r"names \['x', 'y'\]: coordinates are \('r', 'z'\)",
+    ),
+    (
+        {"shape": ("w * x", "h +")},
+        "a coordinate of the shape of body 1: the formula 'h \\+' cannot be read",
+    ),
     ({"shape": ("w * x", None)}, "a coordinate of the shape of body 1 = None must be"),
     ({"shape": "w * x"}, "coordinates of the shape of body 1 must be a tuple"),
-    ({"shapes": (hhr.Shape(9, ("x", "h * y")),)}, r"shapes\[0\] of scene .* is of body 9: give one shape for"),
-    ({"shapes": (hhr.Shape(1, ("w * x", "y")), hhr.Shape(1, ("x", "h * y")))}, r"shapes\[1\] of scene .* is of body 1"),
+    (
+        {"shapes": (hhr.Shape(9, ("x", "h * y")),)},
+        r"shapes\[0\] of scene .* is of body 9: give one shape for",
+    ),
+    (
+        {"shapes": (hhr.Shape(1, ("w * x", "y")), hhr.Shape(1, ("x", "h * y")))},
+        r"shapes\[1\] of scene .* is of body 1",
+    ),
     ({"shapes": ("h * y",)}, r"shapes\[0\] of scene .* it must be a Shape"),
-    ({"shape": ("x", "y * (1.5 - h)")}, "turns 16 cells inside out .*narrow the box, or move the nodes around it too"),
+    (
+        {"shape": ("x", "y * (1.5 - h)")},
+        "turns 16 cells inside out .*narrow the box, or move the nodes around it too",
+    ),
     ({"shape": ("x * w * (x - 0.8)", "h * y")}, "turns .* cells inside out at"),
     ({"shape": ("w * x", "h * y / (h - h)")}, "is not finite at .*: check its formulas"),
     ({"shape": ("w * x", "sqrt(h - 1) * y")}, "is not finite at"),
     ({"shape": ("w * x", "y * 0 * h")}, "inside out"),
-    ({"shape": ("w * x", "h * table(y, 0, 0, 0.5, 0.5)")}, "outside the table .*Give the table further points"),
-]  # fmt: skip
+    (
+        {"shape": ("w * x", "h * table(y, 0, 0, 0.5, 0.5)")},
+        "outside the table .*Give the table further points",
+    ),
+]
 
 
 @pytest.mark.parametrize(
@@ -276,16 +351,23 @@ def test_bodies_that_share_nodes_move_alike():
     assert total == pytest.approx(1.05 * 3.0 * 0.04 / 3.2, rel=1e-11)
     apart = together[0], hhr.Shape(2, ("w * x", "y * (2 - h) + 0 * x"))
     # alone it takes the nodes of its neighbour along, as far as that one's cells bear it
-    for shapes, said in ((apart, "tears it from its .* must move them alike"), (together[:1], "4 cells inside out")):
+    for shapes, said in (
+        (apart, "tears it from its .* must move them alike"),
+        (together[:1], "4 cells inside out"),
+    ):
         with pytest.raises(SceneError, match=said):
             made(shapes)
 
 
 @needs("nonmatching")
 def test_surfaces_that_stop_facing_each_other_are_told():
-    """The upper block slides off as a shape: nodes without a facet, elsewhere than in the middle."""
+    """The upper block slides off as a shape: nodes without a facet, elsewhere than in the
+    middle.
+    """
     shapes, bodies = (hhr.Shape(2, ("x + off", "y")),), ((2.0, 0.3), (4.0, 0.25))
-    scene = pressed_pair("plane_strain", bodies, {"off": (-0.6, 0.6)}, cells=4, matching=False, shapes=shapes)
+    scene = pressed_pair(
+        "plane_strain", bodies, {"off": (-0.6, 0.6)}, cells=4, matching=False, shapes=shapes
+    )
     model = hhr.FullOrderModel(scene)
     with pytest.raises((ParameterError, SceneError), match=r"Narrow the box|do not face"):
         model.solve([0.03, 0.0, 0.0, 0.0, 0.55])
@@ -316,17 +398,24 @@ def test_several_ranks_are_refused():
 
 @needs("studies")
 def test_a_study_of_shapes_measures_both_models_and_advises_the_condensed_one(tmp_path):
-    """p = E (push - gap) / (2 h) over 1.5 w is what both answer; S of four conditions interpolates."""
+    """p = E (push - gap) / (2 h) over 1.5 w is what both answer; S of four conditions
+    interpolates.
+    """
     settings = hhr.StudySettings(hhr.Sobol(8), held_out=4, tests=4, queries=7, naive=False)
     study = hhr.study_scene(tall_block(), settings, tmp_path)
     report = study.report
     assert [item["method"] for item in report["work_precision"]][:2] == ["HHR", "condensed"]
     assert report["advised"] == "condensed" and "thousand" in report["advice"]
-    assert report["errors"]["dual_full_floored"]["max"] < 1e-4 and report["errors"]["dual_full_floored"]["n"] == 4
+    assert (
+        report["errors"]["dual_full_floored"]["max"] < 1e-4
+        and report["errors"]["dual_full_floored"]["n"] == 4
+    )
     point = {"push": 0.05, "w": 0.7, "h": 1.6}
     view = hhr.View((tuple(point.values()),), lambda places: places[:, 0], "x", (1, "u_y"))
     study.write(tmp_path, view=view)
     force = hhr.load_model(tmp_path / "study.npz").solve(point).forces().sum()
     # ten times the largest error of four points: interpolation between shapes
     assert force == pytest.approx(1.5 * 0.7 * 3.0 * 0.04 / 3.2, rel=1e-5)
-    assert {"fields.png", "pressures.png", "report.html"} <= {path.name for path in tmp_path.iterdir()}
+    assert {"fields.png", "pressures.png", "report.html"} <= {
+        path.name for path in tmp_path.iterdir()
+    }

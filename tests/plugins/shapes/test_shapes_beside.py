@@ -1,4 +1,6 @@
-"""Shapes beside constraints, springs and moving tools, of which some act on the body that changes."""
+"""Shapes beside constraints, springs and moving tools, of which some act on the body that
+changes.
+"""
 
 import dataclasses
 
@@ -15,7 +17,9 @@ BY_RULE = 1e-7
 """The stiffness of a body with a shape has a rule of fewer points than that of other bodies."""
 
 INTERPOLATED = 1e-5
-"""Part of the largest force by which S between few shapes is off at most, also without what stands beside it."""
+"""Part of the largest force by which S between few shapes is off at most, also without what stands
+beside it.
+"""
 
 
 def along(name, slope=1.0):
@@ -23,20 +27,30 @@ def along(name, slope=1.0):
 
 
 def at_flank(x):
-    return hhr.Nodes(lambda points: np.isclose(points[0], x) & (points[1] > 1.6) & (points[1] < 1.9))
+    return hhr.Nodes(
+        lambda points: np.isclose(points[0], x) & (points[1] > 1.6) & (points[1] < 1.9)
+    )
 
 
 PARTS = {
-    "equation": {"constraints": (hhr.Equation(((at_flank(0.5), 0, 1.0), (at_flank(2.5), 0, -1.0))),)},
+    "equation": {
+        "constraints": (hhr.Equation(((at_flank(0.5), 0, 1.0), (at_flank(2.5), 0, -1.0))),)
+    },
     "springs": {"loads": (hhr.Springs(side(SECOND, 0, True), 0, 1.0, bedding=True),)},
     "bedding of the shape": {"loads": (hhr.Springs(side(FIRST, 0, True), 0, 1.0, bedding=True),)},
     "equation of the shape": {
         "constraints": (
-            hhr.Equation(((hhr.Nodes.near((0.0, 2 / 3)), 0, 1.0), (hhr.Nodes.near((3.0, 2 / 3)), 0, -1.0))),
+            hhr.Equation(
+                ((hhr.Nodes.near((0.0, 2 / 3)), 0, 1.0), (hhr.Nodes.near((3.0, 2 / 3)), 0, -1.0))
+            ),
         )
     },
-    "tool": {"tools": (hhr.Circle(side(SECOND, 0, True), center=("3.495 - drag", 1.5), radius=1.0),)},
-    "fixed tool at the shape": {"tools": (hhr.Circle(side(FIRST, 0, True), center=(3.998, 0.5), radius=1.0),)},
+    "tool": {
+        "tools": (hhr.Circle(side(SECOND, 0, True), center=("3.495 - drag", 1.5), radius=1.0),)
+    },
+    "fixed tool at the shape": {
+        "tools": (hhr.Circle(side(FIRST, 0, True), center=(3.998, 0.5), radius=1.0),)
+    },
 }
 
 
@@ -85,20 +99,30 @@ def test_the_answer_is_that_of_a_mesh_of_this_shape(name):
     condensed = hhr.condense(full, fields=True)
     for point in POINTS:
         exact, found = full.solve(point), condensed.solve(point)
-        assert found.forces() == pytest.approx(exact.forces(), abs=INTERPOLATED * exact.forces().max())
+        assert found.forces() == pytest.approx(
+            exact.forces(), abs=INTERPOLATED * exact.forces().max()
+        )
         assert found.displacement() == pytest.approx(exact.displacement(), abs=INTERPOLATED * 0.04)
     steps = 1e-3 * np.ptp([full.parameters.lower, full.parameters.upper], axis=0)
     gradient = full.solve(POINTS[0], gradient=True).outputs().gradient["force"]
     for slope, step in zip(gradient, np.diag(steps), strict=True):
-        up, down = (full.solve(np.array(POINTS[0]) + sign * step).outputs()["force"] for sign in (1, -1))
-        assert slope == pytest.approx((up - down) / (2 * step.max()), abs=1e-5 * np.abs(gradient).max())
+        up, down = (
+            full.solve(np.array(POINTS[0]) + sign * step).outputs()["force"] for sign in (1, -1)
+        )
+        assert slope == pytest.approx(
+            (up - down) / (2 * step.max()), abs=1e-5 * np.abs(gradient).max()
+        )
 
 
 @needs("constraints", "nonmatching", "obstacles", "places")
 @pytest.mark.filterwarnings("ignore:4 of 10 nodes of slave surface")
 def test_what_changes_with_a_shape_is_refused_by_name():
-    rigid = hhr.RigidMotion(hhr.Nodes(lambda points: (points[0] > 2.5) & (points[1] > 0.2) & (points[1] < 1.1)))
-    with pytest.raises(SceneError, match="coefficients of constraints are others than in the middle"):
+    rigid = hhr.RigidMotion(
+        hhr.Nodes(lambda points: (points[0] > 2.5) & (points[1] > 0.2) & (points[1] < 1.1))
+    )
+    with pytest.raises(
+        SceneError, match="coefficients of constraints are others than in the middle"
+    ):
         hhr.FullOrderModel(crowned(constraints=(rigid,)))
     chosen = hhr.Nodes(lambda points: (points[1] > 0.996) & (points[1] < 1.001))
     model = hhr.FullOrderModel(crowned(loads=(hhr.Springs(chosen, 0, 1.0),)))
@@ -108,5 +132,7 @@ def test_what_changes_with_a_shape_is_refused_by_name():
     with pytest.raises(SceneError, match="have friction, which reads the areas of slave nodes"):
         hhr.FullOrderModel(dataclasses.replace(crowned(), contacts=(friction,)))
     tool = hhr.Circle(side(FIRST, 0, True), center=("4 - drag", 0.5), radius=1.0)
-    with pytest.raises(NotOfferedError, match="contact 1 of scene 'crowned' is with a curved obstacle"):
+    with pytest.raises(
+        NotOfferedError, match="contact 1 of scene 'crowned' is with a curved obstacle"
+    ):
         hhr.FullOrderModel(crowned(tools=(tool,)))

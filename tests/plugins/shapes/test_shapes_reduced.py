@@ -1,4 +1,6 @@
-"""Hyper-reduction where shapes are parameters: the projection at any shape, and the full order at unseen points."""
+"""Hyper-reduction where shapes are parameters: the projection at any shape, and the full order at
+unseen points.
+"""
 
 import numpy as np
 import pytest
@@ -12,20 +14,36 @@ from hhr_dolfinx.plugins.moduli.interpolate import GridSettings
 from hhr_dolfinx.reduction.projection import open_conditions, reduced_domain
 
 pytestmark = pytest.mark.filterwarnings("ignore")
-BOX = {"push": (0.005, 0.02), "slide": (-0.01, 0.01), "E1": (1.0, 6.0), "crown": (0.01, 0.04), "tall": (0.8, 1.2)}
+BOX = {
+    "push": (0.005, 0.02),
+    "slide": (-0.01, 0.01),
+    "E1": (1.0, 6.0),
+    "crown": (0.01, 0.04),
+    "tall": (0.8, 1.2),
+}
 SHAPED = "E1", "crown", "tall"
 """Parameters that stay along a path."""
-OUTPUTS = hhr.LargestPressure("peak", 0), hhr.ContactForce("up", 0, (0.0, 1.0)), hhr.VonMises("stress", FIRST)
+OUTPUTS = (
+    hhr.LargestPressure("peak", 0),
+    hhr.ContactForce("up", 0, (0.0, 1.0)),
+    hhr.VonMises("stress", FIRST),
+)
 FORCES, DISPLACEMENT = 0.02, 0.01
-"""Errors asked for at unseen points, relative to the largest of them: of forces, and of displacements."""
+"""Errors asked for at unseen points, relative to the largest of them: of forces, and of
+displacements.
+"""
 
 
 def pair(contact=None, *, cells=(8, 8), dim=2, **others):
-    """A block pressed on another one, which has a crown, a height and Young's modulus as parameters."""
+    """A block pressed on another one, which has a crown, a height and Young's modulus as
+    parameters.
+    """
     up = "yz"[dim - 2]
     crowned = *("x", "y")[: dim - 1], f"1 + ({up} - 1) * tall - crown * {up} * (x - 1.5)**2"
     wide = (1.0, 0.0)[: dim - 1], (2.0, 1.0)[: dim - 1]
-    boxes = [((*wide[0], k), (*wide[1], k + 1.0), (*[n] * (dim - 1), 4)) for k, n in enumerate(cells)]
+    boxes = [
+        ((*wide[0], k), (*wide[1], k + 1.0), (*[n] * (dim - 1), 4)) for k, n in enumerate(cells)
+    ]
     top = side(SECOND, dim - 1, True)
     axes = (0.0,) * (dim - 1) + (1.0,)
     facing = side(FIRST, dim - 1, True), side(SECOND, dim - 1, False)
@@ -52,8 +70,12 @@ def made():
 
 @pytest.fixture(scope="module")
 def beside():
-    """A RID of a part of the surface, whose forces elsewhere are fitted, on meshes that do not match."""
-    contact = hhr.NodeToSurface(side(SECOND, 1, False), side(FIRST, 1, True))  # normals follow the shape
+    """A RID of a part of the surface, whose forces elsewhere are fitted, on meshes that do not
+    match.
+    """
+    contact = hhr.NodeToSurface(
+        side(SECOND, 1, False), side(FIRST, 1, True)
+    )  # normals follow the shape
     training = hhr.train(pair(contact, cells=(24, 23), outputs=OUTPUTS), hhr.Sobol(32), held_out=0)
     few = hhr.Recipe(hhr.Pod(1e-5), (hhr.Deim(hhr.Pod(1e-3)), hhr.LoadNodes()), hhr.Rid(0))
     return training, training.build(few.as_it_is())
@@ -63,14 +85,22 @@ KINDS = "made", "beside"
 
 
 def projected(full, facts, point):
-    """(1.61) and (5.23) at a point from dense matrices of the mesh there: K~, B~1, B~2, loads, gaps."""
+    """(1.61) and (5.23) at a point from dense matrices of the mesh there: K~, B~1, B~2, loads,
+    gaps.
+    """
     there = full.problem.at(point)
     inside = np.zeros(there.free.size, dtype=bool)
     inside[facts.sets.A] = True
     test = np.where(inside[:, None], facts.basis, 0.0)
     rows = there.contact.toarray()[facts.sets.A_lambda]
     stiffness = test.T @ there.stiffness.toarray() @ facts.basis
-    return stiffness, rows @ test, rows @ facts.basis, test.T @ there.loads.toarray(), there.gaps[facts.sets.A_lambda]
+    return (
+        stiffness,
+        rows @ test,
+        rows @ facts.basis,
+        test.T @ there.loads.toarray(),
+        there.gaps[facts.sets.A_lambda],
+    )
 
 
 def apart(found, expected):
@@ -81,7 +111,10 @@ def apart(found, expected):
 @needs("nonmatching")
 @pytest.mark.parametrize("name", KINDS)
 def test_it_is_the_projection_of_the_problem_at_any_shape(request, name):
-    """To five times the tolerance of the grid, 2e-5; K~ of the middle of the box is far off in a corner."""
+    """To five times the tolerance of the grid, 2e-5.
+
+    K~ of the middle of the box is far off in a corner.
+    """
     training, model = request.getfixturevalue(name)
     full, facts = training.full_order, model.offline.facts
     for point in full.parameters.random(3, seed=3):
@@ -90,12 +123,17 @@ def test_it_is_the_projection_of_the_problem_at_any_shape(request, name):
         for what, expected in zip(names.split(), projected(full, facts, point), strict=True):
             assert apart(getattr(found, what), expected) < 1e-4, what
     corner = np.array(full.parameters.upper)
-    in_the_middle = np.tensordot(model.problem.terms.weights(corner), model.problem.terms.stiffness, 1)
+    in_the_middle = np.tensordot(
+        model.problem.terms.weights(corner), model.problem.terms.stiffness, 1
+    )
     assert apart(in_the_middle, model.compliances.problem_at(corner).stiffness) > 1e-3
 
 
 def test_soft_modes_are_as_exact_as_stiff_ones(made):
-    """S of the RID, of which K~^-1 is a part, is off by 1e-6; in modes without scaling it was 50 times as much."""
+    """S of the RID, of which K~^-1 is a part, is off by 1e-6.
+
+    In modes without scaling it was 50 times as much.
+    """
     training, model = made
     full, facts = training.full_order, model.offline.facts
     for point in full.parameters.random(3, seed=4):
@@ -135,14 +173,21 @@ def test_unseen_points_in_space():
 
 @needs("nonmatching")
 def test_fields_outside_of_the_domain_follow_the_shape(beside):
-    """Gaps and B V of all conditions: those of the middle of the box are off by a thousandth and more."""
+    """Gaps and B V of all conditions: those of the middle of the box are off by a thousandth and
+    more.
+    """
     training, model = beside
     assert 1 < len(model.offline.facts.sets.A_lambda) < len(training.full_order.problem.gaps)
     for point in training.full_order.parameters.random(3, seed=3):
         there = training.full_order.problem.at(point)
         gaps, rows = model.fields._surface(point)
-        assert apart(gaps, there.gaps) < 1e-4 and apart(rows, there.contact @ model.offline.facts.basis) < 1e-4
-        assert apart(model.fields.gaps, gaps) > 1e-3 and apart(model.fields.contact_basis, rows) > 1e-4
+        assert (
+            apart(gaps, there.gaps) < 1e-4
+            and apart(rows, there.contact @ model.offline.facts.basis) < 1e-4
+        )
+        assert (
+            apart(model.fields.gaps, gaps) > 1e-3 and apart(model.fields.contact_basis, rows) > 1e-4
+        )
 
 
 @needs("nonmatching")
@@ -155,7 +200,9 @@ def test_slopes_are_those_of_differences(request, name):
     found = model.outputs(point, gradient=True).gradient
     width = np.subtract(model.parameters.upper, model.parameters.lower)
     for name, slopes in output_slopes(model, point, "peak", "up", "stress").items():
-        assert np.abs((found[name] - slopes) * width).max() < 1e-4 * np.abs(slopes * width).max(), name
+        assert np.abs((found[name] - slopes) * width).max() < 1e-4 * np.abs(slopes * width).max(), (
+            name
+        )
 
 
 @needs("nonmatching")
@@ -165,11 +212,16 @@ def test_a_file_answers_to_the_last_bit(request, name, tmp_path):
     hhr.save_model(tmp_path / "model.npz", model)
     again = hhr.load_model(tmp_path / "model.npz")
     for point in model.parameters.random(3, seed=5):
-        found, expected = (item.solve(point, gradient=True, outside="ignore") for item in (again, model))
+        found, expected = (
+            item.solve(point, gradient=True, outside="ignore") for item in (again, model)
+        )
         for what in ("forces", "displacement"):
             assert np.array_equal(getattr(found, what)(), getattr(expected, what)())
         assert np.array_equal(found.gradient.multipliers, expected.gradient.multipliers)
-        assert again.outputs(point, outside="ignore").values == model.outputs(point, outside="ignore").values
+        assert (
+            again.outputs(point, outside="ignore").values
+            == model.outputs(point, outside="ignore").values
+        )
 
 
 def test_outputs_are_those_of_the_full_order(made):
@@ -191,7 +243,9 @@ def test_a_projection_that_is_not_resolved_is_told(made, monkeypatch):
 
 @needs("nonmatching")
 def test_a_domain_is_closed_at_all_shapes():
-    """Nodes shift along a surface: conditions of other nodes act on a RID that is closed in the middle of the box."""
+    """Nodes shift along a surface: conditions of other nodes act on a RID that is closed in the
+    middle of the box.
+    """
     shifted = hhr.Shape(SECOND, ("x + 32 * (crown - 0.025) * (x - 1) * (2 - x)", "y"))
     contact = hhr.NodeToSurface(side(FIRST, 1, True), side(SECOND, 1, False), (0.0, 1.0))
     problem = hhr.FullOrderModel(pair(contact, cells=(8, 9), shapes=(shifted,))).problem
@@ -206,16 +260,24 @@ def test_a_domain_is_closed_at_all_shapes():
 
 @needs("friction")
 def test_paths_with_friction_are_those_of_the_full_order():
-    """Forces and displacements along an unseen path at an unseen shape, where contacts slip and stick."""
-    contact = hhr.NodeToNode(side(FIRST, 1, True), side(SECOND, 1, False), (0.0, 1.0), friction=hhr.Coulomb(0.3))
-    training = hhr.train(pair(contact), [path(seed) for seed in range(16)], held_out=[path(20), path(21)])
+    """Forces and displacements along an unseen path at an unseen shape, where contacts slip and
+    stick.
+    """
+    contact = hhr.NodeToNode(
+        side(FIRST, 1, True), side(SECOND, 1, False), (0.0, 1.0), friction=hhr.Coulomb(0.3)
+    )
+    training = hhr.train(
+        pair(contact), [path(seed) for seed in range(16)], held_out=[path(20), path(21)]
+    )
     model = training.build()
     for seed in (30, 31):
         exact, found = (item.march(path(seed)).answers for item in (training.full_order, model))
         sticks = np.array([answer.active[training.full_order.law.tangential] for answer in exact])
         assert sticks.any() and not sticks[1:].all()
         for name, most in (("forces", 2 * FORCES), ("displacement", DISPLACEMENT)):
-            off = largest_error([getattr(a, name)() for a in exact], [getattr(b, name)() for b in found])
+            off = largest_error(
+                [getattr(a, name)() for a in exact], [getattr(b, name)() for b in found]
+            )
             assert off < most, name
 
 
@@ -225,4 +287,7 @@ def path(seed):
     points = space.random(3, seed=seed)
     still = np.isin(space.names, SHAPED)
     points[:, still] = points[0, still]
-    return [(0.0, np.where(still, points[0], space.lower)), *((1.0 + k, point) for k, point in enumerate(points))]
+    return [
+        (0.0, np.where(still, points[0], space.lower)),
+        *((1.0 + k, point) for k, point in enumerate(points)),
+    ]

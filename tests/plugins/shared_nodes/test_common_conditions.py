@@ -1,4 +1,6 @@
-"""Conditions that two contacts state on one node are one: patch tests, whose pressure is 10 everywhere."""
+"""Conditions that two contacts state on one node are one: patch tests, whose pressure is 10
+everywhere.
+"""
 
 import dataclasses
 
@@ -14,9 +16,14 @@ from hhr_dolfinx.geometries import block
 from hhr_dolfinx.models.starts import KnownStatuses
 
 POINT = {"press": 10.0}
-LEFT, RIGHT = (hhr.NodeToNode(upper, lower, (0, -1)) for upper, lower in zip(split.UPPER, split.LOWER, strict=True))
+LEFT, RIGHT = (
+    hhr.NodeToNode(upper, lower, (0, -1))
+    for upper, lower in zip(split.UPPER, split.LOWER, strict=True)
+)
 TURNED = hhr.NodeToNode(RIGHT.second, RIGHT.first, (0, 1))
-"""Slave and master of the right half have changed their roles, and its force is that on the other body."""
+"""Slave and master of the right half have changed their roles, and its force is that on the other
+body.
+"""
 
 
 def values(answer):
@@ -51,15 +58,24 @@ def test_models_and_their_files_share_as_the_full_model_does(tmp_path):
 def test_the_command_says_the_force_of_each_contact(tmp_path):
     """One of two halves is 10; the parts of a body that is not split are those of its tags."""
     file = tmp_path / "halves.py"
-    file.write_text("import split, test_common_conditions as t\ndef scene(): return split.scene((t.LEFT, t.RIGHT))\n")
+    file.write_text(
+        "import split, test_common_conditions as t\ndef scene(): return split.scene((t.LEFT, "
+        "t.RIGHT))\n"
+    )
     code, output = invoke("solve", file, "--at", "press=10")
     assert code == 0, output
-    sums = [line.rpartition(": ")[2] for line in output.splitlines() if line.startswith("sum of the forces")]
+    sums = [
+        line.rpartition(": ")[2]
+        for line in output.splitlines()
+        if line.startswith("sum of the forces")
+    ]
     assert sums == ["10", "10"]
 
 
 def test_one_plane_of_two_faces():
-    """An obstacle for each half of the lower side of the upper block: the answer is that of one obstacle."""
+    """An obstacle for each half of the lower side of the upper block: the answer is that of one
+    obstacle.
+    """
     plane = [hhr.Obstacle(tag, (0, -1), 0.0) for tag in split.UPPER]
     found = [
         hhr.FullOrderModel(split.scene(pair, split=len(pair) == 2, outputs=())).solve(POINT)
@@ -75,39 +91,57 @@ def test_a_step_and_a_corner_are_two_conditions_of_a_node():
     step = split.scene([hhr.Obstacle(tag, (0, -1), offset) for tag, offset in heights])
     full = hhr.FullOrderModel(dataclasses.replace(step, outputs=()))
     assert full.conditions == 10 and full.problem.shares is None
-    sides = {(axis, upper): block.side(axis, upper=upper) for axis in (0, 1) for upper in (False, True)}
+    sides = {
+        (axis, upper): block.side(axis, upper=upper) for axis in (0, 1) for upper in (False, True)
+    }
     corner = hhr.Scene(
-        name="corner", hypothesis="plane_strain",
+        name="corner",
+        hypothesis="plane_strain",
         geometry=lambda comm: block.block(comm, lower=(0, 0), upper=(2, 1), cells=(4, 2)),
         bodies=(hhr.Body(block.SOLID, young=1e3, poisson=0.0),),
-        contacts=(hhr.Obstacle(sides[1, False], (0, -1), 0.0), hhr.Obstacle(sides[0, False], (-1, 0), 0.0)),
+        contacts=(
+            hhr.Obstacle(sides[1, False], (0, -1), 0.0),
+            hhr.Obstacle(sides[0, False], (-1, 0), 0.0),
+        ),
         displacements=(
             hhr.Displacement(sides[1, True], 1, hhr.Amplitude(slopes={"press": -1e-3})),
             hhr.Displacement(sides[0, True], 0, hhr.Amplitude(slopes={"press": -1e-3})),
         ),
         parameters=hhr.ParameterSpace(("press",), (0.0,), (20.0,)),
         outputs=(hhr.LargestPressure("floor", 0), hhr.LargestPressure("wall", 1)),
-    )  # fmt: skip
+    )
     full = hhr.FullOrderModel(corner)
     assert full.problem.shares is None
-    assert values(full.solve(POINT)) == pytest.approx({"floor": 10.0, "wall": 5.0})  # E u / h, E u / l
+    assert values(full.solve(POINT)) == pytest.approx(
+        {"floor": 10.0, "wall": 5.0}
+    )  # E u / h, E u / l
 
 
 def test_openings_of_one_condition():
-    """The same opening of both closes as one; different ones contradict each other at the common node."""
+    """The same opening of both closes as one.
+
+    Different ones contradict each other at the common node.
+    """
     opening = hhr.Amplitude(slopes={"press": 2e-3})
     both = tuple(hhr.Opening(k, opening) for k in (0, 1))
     closed = hhr.FullOrderModel(split.scene((LEFT, RIGHT), openings=both)).solve(POINT)
     assert closed.pressure() == pytest.approx(np.zeros(9), abs=1e-10)
     for some in (both[:1], (both[0], hhr.Opening(1, hhr.Amplitude(slopes={"press": 1e-3})))):
-        with pytest.raises(SceneError, match=r"contact 0 of 61, 51 and contact 1 of 62, 52 share .* openings differ"):
+        with pytest.raises(
+            SceneError,
+            match=r"contact 0 of 61, 51 and contact 1 of 62, 52 share .* openings differ",
+        ):
             hhr.FullOrderModel(split.scene((LEFT, RIGHT), openings=some))
 
 
 @needs("friction")
 def test_laws_of_one_condition():
-    """Both faces with one coefficient slip as one: work and areas of the halves add up to those of the whole."""
-    pull = hhr.Displacement(split.side(split.SECOND, 1, upper=True), 0, hhr.Amplitude(slopes={"pull": 1.0}))
+    """Both faces with one coefficient slip as one: work and areas of the halves add up to those of
+    the whole.
+    """
+    pull = hhr.Displacement(
+        split.side(split.SECOND, 1, upper=True), 0, hhr.Amplitude(slopes={"pull": 1.0})
+    )
     box = hhr.ParameterSpace(("press", "pull"), (0.0, 0.0), (20.0, 0.1))
     path = [(0.0, (0.0, 0.0)), (1.0, (10.0, 0.0)), (2.0, (10.0, 0.05))]
 
@@ -116,20 +150,28 @@ def test_laws_of_one_condition():
             output
             for k in range(len(contacts))
             for output in (
-                hhr.DissipatedWork(f"work {k}", k), hhr.SlipArea(f"slips {k}", k), hhr.StickArea(f"sticks {k}", k),
+                hhr.DissipatedWork(f"work {k}", k),
+                hhr.SlipArea(f"slips {k}", k),
+                hhr.StickArea(f"sticks {k}", k),
                 hhr.FrictionForce(f"force {k}", k, (1.0, 0.0)),
             )
-        ]  # fmt: skip
+        ]
         scene = split.scene(contacts, split=split_tags, parameters=box, outputs=tuple(outputs))
-        scene = dataclasses.replace(scene, displacements=(*scene.displacements[:2], scene.displacements[3], pull))
+        scene = dataclasses.replace(
+            scene, displacements=(*scene.displacements[:2], scene.displacements[3], pull)
+        )
         return values(hhr.FullOrderModel(scene).march(path).answers[-1])
 
     rough = [dataclasses.replace(pair, friction=0.3) for pair in (LEFT, RIGHT)]
     halves, whole = marched(rough, True), marched(rough[:1], False)
     for name in ("work", "slips", "sticks", "force"):
-        assert halves[f"{name} 0"] + halves[f"{name} 1"] == pytest.approx(whole[f"{name} 0"], rel=1e-9, abs=1e-12)
+        assert halves[f"{name} 0"] + halves[f"{name} 1"] == pytest.approx(
+            whole[f"{name} 0"], rel=1e-9, abs=1e-12
+        )
     assert whole["force 0"] == pytest.approx(-6.0) and whole["work 0"] > 0
-    with pytest.raises(SceneError, match=r"contact 0 of 61, 51 and contact 1 of 62, 52 share .* laws differ"):
+    with pytest.raises(
+        SceneError, match=r"contact 0 of 61, 51 and contact 1 of 62, 52 share .* laws differ"
+    ):
         hhr.FullOrderModel(split.scene((rough[0], RIGHT)))
 
 
@@ -142,4 +184,6 @@ def test_shares_follow_a_shape_of_the_bodies():
     scene = split.scene((LEFT, RIGHT), shapes=shapes, parameters=box)
     found = values(hhr.FullOrderModel(scene).solve({"press": 10.0, "c": 0.2}))
     wide = {"pressure": 1.0, "force": 1.2, "width": 1.2, "lost": 1.0, "moment": 1.44}
-    assert found == pytest.approx({name: wide[name[:-2]] * value for name, value in split.HALVES.items()}, abs=1e-10)
+    assert found == pytest.approx(
+        {name: wide[name[:-2]] * value for name, value in split.HALVES.items()}, abs=1e-10
+    )

@@ -1,4 +1,6 @@
-"""Bodies that slide past the mesh they were paired on: beside other meshes, the full order, and the laws."""
+"""Bodies that slide past the mesh they were paired on: beside other meshes, the full order, and the
+laws.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,13 @@ CELLS = 60
 
 def drawn(model, *ways, push=demo.PUSH):
     """A history of a punch that is pushed, and drawn to some ways."""
-    return model.march([(0.0, (0.0, 0.0)), (1.0, (push, 0.0)), *((2.0 + k, (push, way)) for k, way in enumerate(ways))])
+    return model.march(
+        [
+            (0.0, (0.0, 0.0)),
+            (1.0, (push, 0.0)),
+            *((2.0 + k, (push, way)) for k, way in enumerate(ways)),
+        ]
+    )
 
 
 @pytest.fixture(scope="module")
@@ -36,18 +44,27 @@ def rough():
 
 
 def test_without_friction_it_is_as_if_meshed_there(smooth):
-    """A mesh of its own, paired where it lies; rows of the pushed place and of the meshed one differ by .3 %."""
+    """A mesh of its own, paired where it lies.
+
+    Rows of the pushed place and of the meshed one differ by .3 %.
+    """
     history = drawn(smooth, 1.1, 6.05, 3.0)
     for answer, way in zip(history.answers[1:], (1.1, 6.05, 3.0), strict=True):
         assert answer.outputs()["pressed"] == pytest.approx(study.pressed_at(way, CELLS), rel=0.01)
         assert abs(answer.outputs()["drawn"]) < 0.02 * answer.outputs()["pressed"]
-    # back where it began, along whichever way, there is no memory: pairings settle to a thousandth of a facet
+    # back where it began, along whichever way, there is no memory: pairings settle to a thousandth
+    # of a facet
     back = drawn(smooth, 7.9, 0.0).answers
-    np.testing.assert_allclose(back[-1].slip.pressure, back[0].slip.pressure, atol=2e-3 * back[0].slip.pressure.max())
+    np.testing.assert_allclose(
+        back[-1].slip.pressure, back[0].slip.pressure, atol=2e-3 * back[0].slip.pressure.max()
+    )
 
 
 def test_rows_where_nothing_has_moved_are_those_of_the_pairing():
-    """Pressures and tangential rows on the mesh, from those of the dofs of surfaces; far nodes face nothing."""
+    """Pressures and tangential rows on the mesh, from those of the dofs of surfaces.
+
+    Far nodes face nothing.
+    """
     scene = demo.scene(cells=CELLS)
     fixed = hhr.FullOrderModel(scene, MPI.COMM_SELF).problem
     model = hhr.slide(scene, condensed=False)
@@ -59,19 +76,27 @@ def test_rows_where_nothing_has_moved_are_those_of_the_pairing():
     count = order.size
     np.testing.assert_allclose(paired.gap[order], fixed.gaps[:count, 0][other], atol=1e-12)
     for shift in (0, count):
-        np.testing.assert_allclose(rows[shift + order], fixed.contact.toarray()[shift + other], atol=1e-12)
+        np.testing.assert_allclose(
+            rows[shift + order], fixed.contact.toarray()[shift + other], atol=1e-12
+        )
 
 
 @pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.Mortar])
 def test_a_long_step_does_not_pass_through(pairing):
-    """Trial overlaps of .25 among cells .05 deep: what lies behind by more than a cell was taken for another side."""
+    """Trial overlaps of .25 among cells .05 deep: what lies behind by more than a cell was taken
+    for another side.
+    """
     scene = demo.scene(None, cells=CELLS)
     pair = pairing(*scene.contacts[0].tags)
     lower, upper = ((-6.0, -4.0), (6.0, 0.0), (CELLS, 80)), ((-1.0, 0.0), (1.0, 1.0), (12, 20))
     thin = dataclasses.replace(
-        scene, contacts=(pair,), parameters=hhr.ParameterSpace(("push", "way"), (0.0, 0.0), (0.3, 8.0)),
-        geometry=lambda comm: two_blocks(comm, first=lower, second=upper, warp=demo.punch(demo.START)),
-    )  # fmt: skip
+        scene,
+        contacts=(pair,),
+        parameters=hhr.ParameterSpace(("push", "way"), (0.0, 0.0), (0.3, 8.0)),
+        geometry=lambda comm: two_blocks(
+            comm, first=lower, second=upper, warp=demo.punch(demo.START)
+        ),
+    )
     model = hhr.slide(thin)
     pushes = [(float(k), (push, 0.0)) for k, push in enumerate(np.linspace(0.0, 0.25, 11))]
     drawn_ = [(11.0 + k, (0.25, way)) for k, way in enumerate(np.linspace(0.5, 4.0, 8))]
@@ -85,7 +110,9 @@ def test_a_long_step_does_not_pass_through(pairing):
 
 
 def test_mistakes_of_a_pair_are_those_of_the_pairing():
-    """What never faces where it is meshed is no pair that has left: wrong normals, and bodies in each other."""
+    """What never faces where it is meshed is no pair that has left: wrong normals, and bodies in
+    each other.
+    """
     scene = demo.scene(cells=CELLS)
     tags = scene.contacts[0].tags
     for normal in ((0.0, 1.0), (1.0, 0.0), (0.0, 0.0), (0.0, -1.0, 0.0)):
@@ -123,8 +150,12 @@ def test_what_is_drawn_bears_coulomb_and_forgets_where_it_was(rough):
     first, last = (history.answers[k].slip.statuses for k in (0, -1))
     pressed = [history.answers[k].slip.pressure > 0 for k in (0, -1)]
     assert 1 in first and set(last[pressed[1]].tolist()) == {2} and not last[~pressed[1]].any()
-    middles = [answer.slip.pressure @ (rough.slave_points()[:, 0] + answer.parameter[1]) / answer.slip.pressure.sum()
-               for answer in history.answers]  # fmt: skip
+    middles = [
+        answer.slip.pressure
+        @ (rough.slave_points()[:, 0] + answer.parameter[1])
+        / answer.slip.pressure.sum()
+        for answer in history.answers
+    ]
     np.testing.assert_allclose(np.diff(middles[5:]), 0.1, atol=0.03)
     # Archard: pressure times the way along which it slid
     worn = float(history.answers[-1].slip.wear @ rough.law.area)
@@ -136,7 +167,9 @@ def test_condensed_is_the_full_order(rough):
     ways = (0.2, 1.0, 5.0, 4.0)
     one, other = drawn(rough, *ways), drawn(full, *ways)
     for found, wanted in zip(one.answers, other.answers, strict=True):
-        np.testing.assert_allclose(found.multipliers, wanted.multipliers, atol=1e-9 * wanted.multipliers.max())
+        np.testing.assert_allclose(
+            found.multipliers, wanted.multipliers, atol=1e-9 * wanted.multipliers.max()
+        )
         np.testing.assert_allclose(found.displacement(), wanted.displacement(), atol=1e-10)
 
 
@@ -151,7 +184,10 @@ def test_a_punch_that_leaves_the_block_bears_nothing(smooth):
 
 
 def in_space(axis: int) -> hhr.Scene:
-    """A pad on a slab, pushed and drawn along x or y; the scene of one is that of the other, turned."""
+    """A pad on a slab, pushed and drawn along x or y.
+
+    The scene of one is that of the other, turned.
+    """
 
     def warp(points, tag):
         if tag == FIRST:
@@ -174,7 +210,9 @@ def in_space(axis: int) -> hhr.Scene:
             *hhr.Displacement.clamp(side(FIRST, 2, False), 3),
             *(hhr.Displacement(top, k, amplitude) for k, amplitude in moved.items()),
         ),
-        outputs=tuple(hhr.ContactForce(name, 0, tuple(np.eye(3)[k])) for k, name in enumerate("xyz")),
+        outputs=tuple(
+            hhr.ContactForce(name, 0, tuple(np.eye(3)[k])) for k, name in enumerate("xyz")
+        ),
     )
 
 
@@ -214,10 +252,15 @@ def test_what_is_not_built_in_is_refused_by_name(rough):
 
 
 def test_pressures_are_those_of_the_slave_nodes(smooth):
-    """Forces on dofs of surfaces have no areas, and were divided by them: all pressures were NaN."""
+    """Forces on dofs of surfaces have no areas, and were divided by them: all pressures were
+    NaN.
+    """
     answer = drawn(smooth).answers[-1]
     for full in (None, hhr.FullOrderModel(demo.scene(None, cells=CELLS), MPI.COMM_SELF)):
-        with pytest.raises(NotOfferedError, match=r"Pressures of the slave nodes are answer\.slip\.pressure / model\."):
+        with pytest.raises(
+            NotOfferedError,
+            match=r"Pressures of the slave nodes are answer\.slip\.pressure / model\.",
+        ):
             answer.pressure(full)
     pressed = answer.slip.pressure / smooth.law.area
     assert pressed @ smooth.law.area == pytest.approx(answer.outputs()["pressed"], rel=0.01)
@@ -225,13 +268,18 @@ def test_pressures_are_those_of_the_slave_nodes(smooth):
 
 @needs("checks", "tables")
 def test_what_tables_and_fields_say_of_sliding(rough, tmp_path):
-    """The whole force of a table is that of the pressures of slave nodes; fields of dofs are refused."""
+    """The whole force of a table is that of the pressures of slave nodes.
+
+    Fields of dofs are refused.
+    """
     points = np.array([(0.03, 0.0), (0.02, 0.005)])
     answers = hhr.answer_points(rough, points)
     for point, total in zip(points, answers.total_force, strict=True):
         answer = rough.solve(point)
         assert total == pytest.approx(answer.slip.pressure.sum(), rel=1e-12)
-        assert total == pytest.approx(answer.outputs()["pressed"], rel=0.05)  # normals are tilted by .1 at most
+        assert total == pytest.approx(
+            answer.outputs()["pressed"], rel=0.05
+        )  # normals are tilted by .1 at most
     full = hhr.FullOrderModel(demo.scene(cells=CELLS), MPI.COMM_SELF)
     with pytest.raises(SceneError, match="past their mesh, whose fields are not built in"):
         hhr.write_fields(tmp_path / "fields.vtu", full, answer)

@@ -1,4 +1,6 @@
-"""Strains that are not small: warned of from a tenth, refused from one, along histories and in training."""
+"""Strains that are not small: warned of from a tenth, refused from one, along histories and in
+training.
+"""
 
 import dataclasses
 import re
@@ -44,7 +46,9 @@ def test_histories_full_and_small():
         with warnings.catch_warnings(action="error", category=SmallStrainWarning):
             short = model.march(held(0.02), condensing.QUIET)
         assert short.answers[-1].plastic_strain().max() < 0.1
-        with pytest.warns(SmallStrainWarning, match="no small strain, and answers are those of small strains"):
+        with pytest.warns(
+            SmallStrainWarning, match="no small strain, and answers are those of small strains"
+        ):
             model.march(held(0.3), condensing.QUIET)
         with pytest.raises(ConvergenceError, match="no small strain"):
             model.march(held(10.0), dataclasses.replace(condensing.QUIET, cuts=0))
@@ -55,7 +59,9 @@ def test_strains_in_cells_are_those_of_a_linear_field():
     problem = hhr.FullOrderModel(tube(None, 1.0, cells=3)).problem
     r, z = problem.points.T
     field = np.stack([0.2 * r + 0.06 * z, 0.04 * r - 0.1 * z], axis=1).ravel()
-    found = (cells.strain_kinds(problem, axisymmetric=True)[0].matrix @ field).reshape(len(problem.cell_nodes), 4)
+    found = (cells.strain_kinds(problem, axisymmetric=True)[0].matrix @ field).reshape(
+        len(problem.cell_nodes), 4
+    )
     middle = problem.points[problem.cell_nodes].mean(axis=1)
     assert found[:, :3] == pytest.approx(np.tile([0.2, 0.05, -0.1], (len(middle), 1)), abs=1e-14)
     assert found[:, 3] == pytest.approx(0.2 + 0.06 * middle[:, 1] / middle[:, 0], abs=1e-14)
@@ -72,17 +78,27 @@ def test_rotations_in_cells_are_those_of_a_rigid_motion(hypothesis):
     field = (problem.points @ turn.T).ravel()
     strain, rotation = cells.strain_kinds(problem, axisymmetric=False)
     found = (rotation.matrix @ field).reshape(len(problem.cell_nodes), -1)
-    assert found == pytest.approx(np.tile(-turn[np.triu_indices(dim, 1)], (len(found), 1)), abs=1e-13)
+    assert found == pytest.approx(
+        np.tile(-turn[np.triu_indices(dim, 1)], (len(found), 1)), abs=1e-13
+    )
     assert np.abs(strain.matrix @ field).max() < 1e-13
 
 
 def strip(push):
-    """A strip of 20 x 0.5, clamped at one end, the other one pushed down over a floor that lies 1 below it."""
-    left, right, floor = block.side(0, upper=False), block.side(0, upper=True), block.side(1, upper=False)
+    """A strip of 20 x 0.5, clamped at one end, the other one pushed down over a floor that lies 1
+    below it.
+    """
+    left, right, floor = (
+        block.side(0, upper=False),
+        block.side(0, upper=True),
+        block.side(1, upper=False),
+    )
     held = (*hhr.Displacement.clamp(left, 2), hhr.Displacement(right, 1, slope("push", -1.0)))
     contacts = (hhr.Obstacle(floor, (0.0, -1.0), 20.0),)
     size = {"upper": (20, 0.5), "cells": (80, 2)}
-    return block_scene("strip", {"push": (0.0, push)}, contacts=contacts, displacements=held, **size)
+    return block_scene(
+        "strip", {"push": (0.0, push)}, contacts=contacts, displacements=held, **size
+    )
 
 
 def shortened(push):
@@ -106,12 +122,16 @@ def test_training_of_elastic_bodies(scene, warned, refused):
     raises = pytest.raises(ReductionError, match=refused) if refused else nullcontext()
     with collected(SmallStrainWarning) as caught, raises:
         hhr.train(scene, 3, held_out=0)
-    assert len(caught) == (warned is not None) and all(re.search(warned, item.message) for item in caught)
+    assert len(caught) == (warned is not None) and all(
+        re.search(warned, item.message) for item in caught
+    )
 
 
 @pytest.mark.filterwarnings("ignore:.*kept out of training")
 def test_corners_of_the_box_of_a_model_are_looked_at():
-    """A training may keep clear of them: a strain of (deepest - .5) / 10 is that of the whole block."""
+    """A training may keep clear of them: a strain of (deepest - .5) / 10 is that of the whole
+    block.
+    """
     full = hhr.FullOrderModel(squeezed(12.0))
     with pytest.raises(ReductionError, match=r"at down = 12: a strain of 1\.[12]"):
         full.strains.check_corners(full, condensed(full))
@@ -123,27 +143,43 @@ def test_corners_of_the_box_of_a_model_are_looked_at():
 
 
 def test_each_verb_warns_of_strains_that_are_large():
-    """The full model at the first answer that has them, and once more beyond all sense; condensation of its box."""
+    """The full model at the first answer that has them, and once more beyond all sense.
+
+    Condensation of its box.
+    """
     full = hhr.FullOrderModel(squeezed(12.0))
     with collected(SmallStrainWarning) as caught:
         for down in (0.7, 3.0, 3.5, 11.9, 12.0):
             full.solve([down])
     first, second = (item.message for item in caught)
-    assert first.startswith("at down = 3: a strain of 0.2") and second.startswith("at down = 11.9: a strain of 1.2")
+    assert first.startswith("at down = 3: a strain of 0.2") and second.startswith(
+        "at down = 11.9: a strain of 1.2"
+    )
     with pytest.warns(SmallStrainWarning, match=r"at down = 12: a strain of .*narrow it"):
         hhr.condense(squeezed(12.0))
 
 
 def test_a_model_keeps_the_limit_of_its_strains(tmp_path):
-    """A strain of 1 is that of (down - .5) / 10 within a tenth; a file, its answers and a table know the limit."""
-    with pytest.warns(SmallStrainWarning, match=r"are refused or warned of beyond down = 0 to (9|10)\."):
+    """A strain of 1 is that of (down - .5) / 10 within a tenth.
+
+    a file, its answers and a table know the limit.
+    """
+    with pytest.warns(
+        SmallStrainWarning, match=r"are refused or warned of beyond down = 0 to (9|10)\."
+    ):
         model = hhr.condense(squeezed(12.0))
     (limit,) = model.trained.upper
-    strain = hhr.FullOrderModel(squeezed(12.0)).strains._of_corners(model, np.array([[0.0], [limit]]))[1].max()
+    strain = (
+        hhr.FullOrderModel(squeezed(12.0))
+        .strains._of_corners(model, np.array([[0.0], [limit]]))[1]
+        .max()
+    )
     assert 0.99 < strain <= 1 and limit == pytest.approx(10.5, rel=0.1)
     hhr.save_model(tmp_path / "model.npz", model)
     read = hhr.load_model(tmp_path / "model.npz")
-    with pytest.warns(OutsideTrainingWarning, match="strains or rotations above 1, .* lower the load"):
+    with pytest.warns(
+        OutsideTrainingWarning, match="strains or rotations above 1, .* lower the load"
+    ):
         read.solve(11.9)
     with pytest.raises(OutsideTrainingError, match="beyond down = 0 to"):
         read.solve(11.9, outside="refuse")
@@ -152,23 +188,38 @@ def test_a_model_keeps_the_limit_of_its_strains(tmp_path):
 
 
 def test_a_load_that_is_largest_in_the_middle_of_the_box():
-    """The lid goes down by 12 t (2 - t), and not at all in the corners; a strain of 1 is that of t = 0.6."""
+    """The lid goes down by 12 t (2 - t), and not at all in the corners.
+
+    a strain of 1 is that of t = 0.6.
+    """
     scene = squeezed(12.0)
     still, moved = scene.displacements
     moved = dataclasses.replace(moved, amplitude="-12 * t * (2 - t)")
     space = hhr.ParameterSpace(("t",), (0.0,), (2.0,))
-    with pytest.warns(SmallStrainWarning, match=r"at t = 1: a strain of 1\.[12].*beyond t = 0 to 0\.5"):
-        model = hhr.condense(dataclasses.replace(scene, displacements=(still, moved), parameters=space))
+    with pytest.warns(
+        SmallStrainWarning, match=r"at t = 1: a strain of 1\.[12].*beyond t = 0 to 0\.5"
+    ):
+        model = hhr.condense(
+            dataclasses.replace(scene, displacements=(still, moved), parameters=space)
+        )
     assert model.trained.upper == pytest.approx([0.6], abs=0.05)
 
 
 def test_one_parameter_is_narrowed_if_that_is_enough():
-    """Strains are 1.25 |a|, and grow no more with E: a is kept as far as it may go, E whole; a range before is kept."""
+    """Strains are 1.25 |a|, and grow no more with E: a is kept as far as it may go, E whole.
+
+    a range before is kept.
+    """
     space = hhr.ParameterSpace(("a", "E"), (-1.0, 1.0), (2.0, 3.0))
     found = narrowed(space, lambda ends: 1.25 * np.abs(ends[:, 0]).max(), None)
-    assert found.upper == pytest.approx([0.8, 3.0], rel=2e-3) and found.lower == pytest.approx([-0.4, 1.0], rel=2e-3)
+    assert found.upper == pytest.approx([0.8, 3.0], rel=2e-3) and found.lower == pytest.approx(
+        [-0.4, 1.0], rel=2e-3
+    )
     before = TrainedRange(("a", "E"), np.array([0.0, 1.5]), np.array([2.0, 3.0]))
-    assert narrowed(space, lambda ends: 1.25 * np.abs(ends[:, 0]).max(), before).lower.tolist() == [0.0, 1.5]
+    assert narrowed(space, lambda ends: 1.25 * np.abs(ends[:, 0]).max(), before).lower.tolist() == [
+        0.0,
+        1.5,
+    ]
     assert narrowed(space, lambda ends: 2.0, None) is None
 
 
@@ -184,4 +235,7 @@ def test_cells_that_are_looked_at_stand_for_all(monkeypatch):
 def test_without_the_plug_in_nothing_is_checked(monkeypatch):
     monkeypatch.setattr(registry, "offered", lambda word: None)
     with warnings.catch_warnings(action="error", category=SmallStrainWarning):
-        assert hhr.condense(full := hhr.FullOrderModel(squeezed(12.0))).fields.exact and full.solve([12.0]).converged
+        assert (
+            hhr.condense(full := hhr.FullOrderModel(squeezed(12.0))).fields.exact
+            and full.solve([12.0]).converged
+        )

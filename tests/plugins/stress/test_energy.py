@@ -1,4 +1,6 @@
-"""Elastic energy beside springs, friction and heat, and of bodies with laws: closed forms, other meshes, gradients."""
+"""Elastic energy beside springs, friction and heat, and of bodies with laws: closed forms, other
+meshes, gradients.
+"""
 
 import dataclasses
 
@@ -21,7 +23,9 @@ FAR = 9.0
 
 
 def rods(**others):
-    """A rod 1 x 1 x 2 on a bed k, under a lid that sinks by ``down``: E a parameter, no lateral strain, ν = 0."""
+    """A rod 1 x 1 x 2 on a bed k, under a lid that sinks by ``down``: E a parameter, no lateral
+    strain, ν = 0.
+    """
     given = {
         "bodies": (hhr.Body(block.SOLID, "E", 0.0),),
         "contacts": (hhr.Obstacle(block.side(0, upper=True), (1.0, 0.0), FAR),),
@@ -38,7 +42,10 @@ def rods(**others):
 
 @needs("places", "moduli")
 def test_a_rod_in_series_with_a_spring():
-    """The stress is (down + ground) / (2 / E + 1 / k), and the energy of the rod its square over E; not of the bed."""
+    """The stress is (down + ground) / (2 / E + 1 / k), and the energy of the rod its square over E.
+
+    Not of the bed.
+    """
     full = hhr.FullOrderModel(rods())
     for point in ([0.05, 0.0, 30.0], [0.03, 0.04, 80.0]):
         down, ground, young = point
@@ -46,16 +53,23 @@ def test_a_rod_in_series_with_a_spring():
         found = full.outputs(point, gradient=True)
         assert found["energy"] == pytest.approx(stress**2 / young, rel=1e-9)
         by_push = 2 * stress / young / (2 / young + 1 / 20.0)
-        by_young = 2 * stress / young * stress * 2 / young**2 / (2 / young + 1 / 20.0) - stress**2 / young**2
+        by_young = (
+            2 * stress / young * stress * 2 / young**2 / (2 / young + 1 / 20.0)
+            - stress**2 / young**2
+        )
         assert found.gradient["energy"] == pytest.approx([by_push, by_push, by_young], rel=1e-7)
 
 
 def sprung(**others):
-    """Two blocks, the upper one pressed and sheared on the lower one, whose flank has a bed and a spring."""
+    """Two blocks, the upper one pressed and sheared on the lower one, whose flank has a bed and a
+    spring.
+    """
     loads = (
         hhr.Springs(side(FIRST, 0, True), 0, 4.0, bedding=True),
         hhr.Springs(hhr.Nodes.near((0.0, 0.5)), 1, 2.0, slope("push")),
-        hhr.Springs(side(SECOND, 0, True), 0, 3.0, bedding=True),  # of which the last is on an imposed dof
+        hhr.Springs(
+            side(SECOND, 0, True), 0, 3.0, bedding=True
+        ),  # of which the last is on an imposed dof
     )
     return rubbing(None, cells=4, loads=loads, outputs=ENERGY, **others)
 
@@ -69,7 +83,10 @@ def stored(scene, answer):
 
 @needs("places")
 def test_springs_have_no_part_in_it():
-    """Beside K of the bodies alone; condensed and hyper-reduced; gradients beside differences, off by their square."""
+    """Beside K of the bodies alone; condensed and hyper-reduced.
+
+    Gradients beside differences, off by their square.
+    """
     scene = sprung()
     full = hhr.FullOrderModel(scene)
     model = hhr.condense(full)
@@ -86,7 +103,9 @@ def test_springs_have_no_part_in_it():
 
 @needs("places")
 def test_springs_in_a_reduced_model_and_its_file(tmp_path):
-    """As good as its forces and displacement, thousandths here, and with the same bits from a file."""
+    """As good as its forces and displacement, thousandths here, and with the same bits from a
+    file.
+    """
     scene = sprung()
     training = hhr.train(scene, (6, 6), held_out=3)
     full, model = hhr.FullOrderModel(scene), training.build()
@@ -100,10 +119,14 @@ def test_springs_in_a_reduced_model_and_its_file(tmp_path):
 
 @needs("friction")
 def test_a_block_that_slips_all_over():
-    """σ = -p, τ = μ p under a lid that is moved aside: p² / 2E + τ² / 2G, G = E / 2, at each step of the slip."""
+    """σ = -p, τ = μ p under a lid that is moved aside: p² / 2E + τ² / 2G, G = E / 2, at each step
+    of the slip.
+    """
     young, friction, pressure = 50.0, 0.3, 2.0
     flanks = (
-        hhr.Traction(block.side(0, upper=upper), (0.0, 1.0), slope("p", (1 if upper else -1) * friction))
+        hhr.Traction(
+            block.side(0, upper=upper), (0.0, 1.0), slope("p", (1 if upper else -1) * friction)
+        )
         for upper in (False, True)
     )
     scene = block_scene(
@@ -128,7 +151,10 @@ def test_a_block_that_slips_all_over():
 @needs("friction")
 @pytest.mark.parametrize("law", [0.3, "tresca", "moduli"])
 def test_friction_counts_as_any_force(law):
-    """Beside K of the bodies, along a path that sticks, slips and turns round; condensed; gradients by differences."""
+    """Beside K of the bodies, along a path that sticks, slips and turns round; condensed.
+
+    Gradients by differences.
+    """
     bodies = (hhr.Body(FIRST, 3.0, 0.3), hhr.Body(SECOND, 5.0, 0.2))
     box = {"push": (-0.01, 0.05)}
     if law == "moduli":
@@ -141,10 +167,14 @@ def test_friction_counts_as_any_force(law):
     fixed = dataclasses.replace(scene, bodies=(hhr.Body(FIRST, 3.0, 0.3), bodies[1]))
     settings = hhr.MarchSettings(gradient=True)
     statuses = set()
-    for answer, other in zip(full.march(path, settings).answers, model.march(path).answers, strict=True):
+    for answer, other in zip(
+        full.march(path, settings).answers, model.march(path).answers, strict=True
+    ):
         found = answer.outputs()
         assert found["energy"] == pytest.approx(stored(fixed, answer), rel=1e-10)
-        assert other.outputs()["energy"] == pytest.approx(found["energy"], rel=1e-9 if law == "moduli" else 1e-10)
+        assert other.outputs()["energy"] == pytest.approx(
+            found["energy"], rel=1e-9 if law == "moduli" else 1e-10
+        )
         statuses |= set(answer.slip.statuses.tolist())
     assert statuses == {1, 2}  # sticks, slips
     # of the last step, along the whole history shifted
@@ -152,14 +182,19 @@ def test_friction_counts_as_any_force(law):
     for axis in range(len(path[0][1])):
         ends = []
         for sign in (1, -1):
-            moved = [(time, np.array(point) + sign * step * np.eye(len(point))[axis]) for time, point in path]
+            moved = [
+                (time, np.array(point) + sign * step * np.eye(len(point))[axis])
+                for time, point in path
+            ]
             ends.append(full.march(moved).answers[-1].outputs()["energy"])
         slope_of = (ends[0] - ends[1]) / (2 * step)
         assert found.gradient["energy"][axis] == pytest.approx(slope_of, rel=1e-4, abs=1e-9)
 
 
 def hot(hypothesis="plane_strain", simplices=True, **others):
-    """A block with a graded modulus and two strains without stress, E and ν parameters, between walls."""
+    """A block with a graded modulus and two strains without stress, E and ν parameters, between
+    walls.
+    """
     given = {
         "bodies": (hhr.Body(block.SOLID, "E", "nu"),),
         "contacts": (hhr.Obstacle(block.side(0, upper=True), (1.0, 0.0), 1.01),),
@@ -169,7 +204,9 @@ def hot(hypothesis="plane_strain", simplices=True, **others):
         ),
         "loads": (
             hhr.ThermalExpansion(block.SOLID, "1e-3 * (1 + T / 300)", "T"),
-            hhr.Eigenstrain(block.SOLID, slope("s", 0.02), ((1.0, 0.5, 0.0), (0.5, -0.3, 0.0), (0.0, 0.0, 0.4))),
+            hhr.Eigenstrain(
+                block.SOLID, slope("s", 0.02), ((1.0, 0.5, 0.0), (0.5, -0.3, 0.0), (0.0, 0.0, 0.4))
+            ),
         ),
         "outputs": ENERGY,
     }
@@ -180,13 +217,17 @@ def hot(hypothesis="plane_strain", simplices=True, **others):
 @needs("volume_loads", "moduli")
 @pytest.mark.parametrize("hypothesis", ["plane_strain", "plane_stress"])
 def test_the_energy_of_heated_bodies_is_that_of_their_stress(hypothesis):
-    """Stress is constant in triangles: the sum of σ : C^-1 σ / 2 over them is exact. ν = 0 has no part λ."""
+    """Stress is constant in triangles: the sum of σ : C^-1 σ / 2 over them is exact. ν = 0 has no
+    part λ.
+    """
     full = hhr.FullOrderModel(hot(hypothesis))
     areas = np.full(len(full.problem.cell_nodes), 1.0 / len(full.problem.cell_nodes))
     for point in ([80.0, 0.3, 3.0, 0.3], [60.0, -0.5, 2.0, 0.0]):
         answer = full.solve(point, gradient=True)
         stress = answer.stress()
-        compliance = hooke(*point[2:], stress.shape[1], plane_stress=hypothesis == "plane_stress")[1]
+        compliance = hooke(*point[2:], stress.shape[1], plane_stress=hypothesis == "plane_stress")[
+            1
+        ]
         expected = areas @ np.einsum("pi,ij,pj->p", stress, compliance, stress) / 2
         found = answer.outputs()
         assert found["energy"] == pytest.approx(expected, rel=1e-9)
@@ -198,10 +239,12 @@ def test_the_energy_of_heated_bodies_is_that_of_their_stress(hypothesis):
 @needs("volume_loads")
 @pytest.mark.parametrize("simplices", [False, True])
 def test_a_block_that_is_held_and_heated(simplices):
-    """3/2 E (α T)² / (1 - 2ν) between walls on all sides, of which one is a contact; nothing where it is free.
+    """3/2 E (α T)² / (1 - 2ν) between walls on all sides, of which one is a contact.
 
-    ν = 0.45 has the mean dilatation on quadrilaterals. With ν = 0, a strain along x alone and a modulus that grows from
-    1 to 2 times E across, it is E (1 + y) s² / 2, on the mean 3/4 E s².
+    Nothing where it is free.
+
+    ν = 0.45 has the mean dilatation on quadrilaterals. With ν = 0, a strain along x alone and a
+    modulus that grows from 1 to 2 times E across, it is E (1 + y) s² / 2, on the mean 3/4 E s².
     """
     young, strain = 3.0, 1e-3 * 60.0 * 1.2
     sides = [block.side(axis, upper=upper) for axis in (0, 1) for upper in (False, True)]
@@ -210,7 +253,12 @@ def test_a_block_that_is_held_and_heated(simplices):
 
     def energy(body, load, **others):
         box = hhr.ParameterSpace(("T",), (0.0,), (100.0,))
-        parts = {"displacements": (held[0], *held[2:]), "contacts": walls[:1], "loads": (load,), "parameters": box}
+        parts = {
+            "displacements": (held[0], *held[2:]),
+            "contacts": walls[:1],
+            "loads": (load,),
+            "parameters": box,
+        }
         scene = hot(simplices=simplices, bodies=(body,), **parts | others)
         return hhr.FullOrderModel(scene).outputs([60.0])["energy"]
 
@@ -220,12 +268,16 @@ def test_a_block_that_is_held_and_heated(simplices):
     free = {"displacements": held[::2], "contacts": walls[1:], "hypothesis": "plane_stress"}
     assert abs(energy(even, heat, **free)) < 1e-12 * closed
     graded = hhr.Body(block.SOLID, young, 0.0, grading=lambda x: 1 + x[1])
-    along = hhr.Eigenstrain(block.SOLID, slope("T", 1e-3), ((1.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    along = hhr.Eigenstrain(
+        block.SOLID, slope("T", 1e-3), ((1.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    )
     assert energy(graded, along) == pytest.approx(0.75 * young * 0.06**2, rel=1e-10)
 
 
 def pulled(law, hypothesis="axisymmetric", young="E", poisson=0.3, **others):
-    """A cylinder of radius 1 and height 2, pulled along its axis, free at its side; E a parameter."""
+    """A cylinder of radius 1 and height 2, pulled along its axis, free at its side; E a
+    parameter.
+    """
     held = (hhr.Displacement(block.side(axis, upper=False), axis) for axis in (0, 1))
     return block_scene(
         "bar",
@@ -240,13 +292,18 @@ def pulled(law, hypothesis="axisymmetric", young="E", poisson=0.3, **others):
     )
 
 
-TIGHT = hhr.MarchSettings(relative_stress=1e-9, relative_force=1e-9, floor_stress=1e-7, outside="ignore")
+TIGHT = hhr.MarchSettings(
+    relative_stress=1e-9, relative_force=1e-9, floor_stress=1e-7, outside="ignore"
+)
 
 
 @needs("inelastic", "moduli")
 @pytest.mark.filterwarnings("ignore:no training solution has contact")
 def test_a_bar_after_yield(tmp_path):
-    """σ² / 2E per volume, whose strain is σ / E + (σ - σ0) / H; σ after unloading too; condensed, from a file."""
+    """σ² / 2E per volume, whose strain is σ / E + (σ - σ0) / H; σ after unloading too.
+
+    condensed, from a file.
+    """
     strength, hardening, volume = 1.0, 10.0, 2 * np.pi
     full = hhr.FullOrderModel(pulled(hhr.Plasticity(strength, hardening)))
 
@@ -266,32 +323,46 @@ def test_a_bar_after_yield(tmp_path):
     model = hhr.build(full, hhr.SnapshotSet.of_histories(histories), CorrectionSettings())
     hhr.save_model(tmp_path / "model.npz", model)
     kept = hhr.load_model(tmp_path / "model.npz")
-    found, again = ([a.outputs()["energy"] for a in one.march(path(180.0), TIGHT).answers] for one in (model, kept))
-    assert found == pytest.approx(closed(180.0), rel=1e-3) and again == pytest.approx(found, rel=1e-12)
+    found, again = (
+        [a.outputs()["energy"] for a in one.march(path(180.0), TIGHT).answers]
+        for one in (model, kept)
+    )
+    assert found == pytest.approx(closed(180.0), rel=1e-3) and again == pytest.approx(
+        found, rel=1e-12
+    )
 
 
 @needs("inelastic")
 @pytest.mark.parametrize("hypothesis", ["plane_strain", "plane_stress", "axisymmetric"])
 def test_a_law_that_does_not_flow_has_the_energy_of_elastic_bodies(hypothesis):
-    """By the stress at Gauss points, beside the work of forces; off by the tolerance of the steps."""
-    elastic, lawful = (hhr.FullOrderModel(pulled(law, hypothesis)) for law in (None, hhr.Plasticity(1e6, 1.0)))
+    """By the stress at Gauss points, beside the work of forces; off by the tolerance of the
+    steps.
+    """
+    elastic, lawful = (
+        hhr.FullOrderModel(pulled(law, hypothesis)) for law in (None, hhr.Plasticity(1e6, 1.0))
+    )
     point = [0.01, 200.0]
     known = elastic.outputs(point)["energy"]
-    assert lawful.march([(0.0, (0.0, 200.0)), (1.0, point)], TIGHT).answers[-1].outputs()["energy"] == pytest.approx(
-        known, rel=1e-8
-    )
+    assert lawful.march([(0.0, (0.0, 200.0)), (1.0, point)], TIGHT).answers[-1].outputs()[
+        "energy"
+    ] == pytest.approx(known, rel=1e-8)
 
 
 @needs("conformance", "friction", "shapes")
 def test_friction_of_bodies_whose_shape_varies():
-    """Beside K and the displacement on the mesh of the shape; condensed, off by its interpolation over shapes."""
+    """Beside K and the displacement on the mesh of the shape.
+
+    condensed, off by its interpolation over shapes.
+    """
     from hhr_dolfinx.plugins.conformance.draft import Chosen, composed, switches
 
     known = switches()
     draft = composed(Chosen(name, known[name]) for name in ("friction", "energy", "shape"))
     path = draft.path()
     full = hhr.FullOrderModel(draft.scene())
-    for answer, other in zip(full.march(path).answers, hhr.condense(full).march(path).answers, strict=True):
+    for answer, other in zip(
+        full.march(path).answers, hhr.condense(full).march(path).answers, strict=True
+    ):
         stiffness = full.problem.reshaped(answer.parameter).stiffness
         field = answer.displacement()
         energy = answer.outputs()["energy"]
@@ -332,13 +403,18 @@ def test_bodies_with_laws_whose_shape_varies():
     for longer in (0.9, 1.1):
         strains = np.array([0.004, 0.012]) / longer
         stress = np.minimum(200.0 * strains, 200.0 * (1.0 + 10.0 * strains) / 210.0)
-        assert along(scene, longer)[:2] == pytest.approx(2 * np.pi * longer * stress**2 / 400.0, rel=1e-6)
+        assert along(scene, longer)[:2] == pytest.approx(
+            2 * np.pi * longer * stress**2 / 400.0, rel=1e-6
+        )
 
 
 def along(scene, young=200.0):
     """Energies of a bar that yields and is unloaded."""
     path = [(float(k), (pull, young)) for k, pull in enumerate((0.0, 0.004, 0.012, 0.01))]
-    return [answer.outputs()["energy"] for answer in hhr.FullOrderModel(scene).march(path, TIGHT).answers]
+    return [
+        answer.outputs()["energy"]
+        for answer in hhr.FullOrderModel(scene).march(path, TIGHT).answers
+    ]
 
 
 HARDENS = hhr.Plasticity(1.0, 10.0)
@@ -356,10 +432,13 @@ def graded(x):
 @needs("inelastic", "moduli")
 @pytest.mark.parametrize("hypothesis", ["plane_stress", "axisymmetric"])
 def test_the_elasticity_of_bodies_with_laws_is_that_of_the_point(hypothesis):
-    """Formulas of E and ν beside their numbers, after yield: the same steps, and so the same up to their tolerance."""
+    """Formulas of E and ν beside their numbers, after yield: the same steps, and so the same up to
+    their tolerance.
+    """
     numbers = {"young": 202.0, "poisson": 0.25}
     found, expected = (
-        along(pulled(HARDENS, hypothesis, **constants, grading=graded)) for constants in (VARIES, numbers)
+        along(pulled(HARDENS, hypothesis, **constants, grading=graded))
+        for constants in (VARIES, numbers)
     )
     assert found == pytest.approx(expected, rel=1e-7)
 
@@ -368,7 +447,9 @@ def test_the_elasticity_of_bodies_with_laws_is_that_of_the_point(hypothesis):
 @needs("inelastic", "moduli")
 @pytest.mark.parametrize("hypothesis", ["plane_strain", "plane_stress", "axisymmetric"])
 def test_graded_bodies_with_laws(hypothesis):
-    """The same factor everywhere is one of E, after yield; without flow, graded bodies beside the work of forces.
+    """The same factor everywhere is one of E, after yield.
+
+    Without flow, graded bodies beside the work of forces.
 
     In axisymmetry strains around are u/r, no polynomials, and both differ as their Gauss points do.
     """
@@ -376,7 +457,10 @@ def test_graded_bodies_with_laws(hypothesis):
     assert along(twice) == pytest.approx(along(pulled(HARDENS, hypothesis, 200.0)), rel=1e-8)
     point = [0.01, 200.0]
     for law in (hhr.Plasticity(1e6, 1.0), hhr.Norton(1e12, 1.0)):
-        elastic, lawful = (hhr.FullOrderModel(pulled(own, hypothesis, **VARIES, grading=graded)) for own in (None, law))
+        elastic, lawful = (
+            hhr.FullOrderModel(pulled(own, hypothesis, **VARIES, grading=graded))
+            for own in (None, law)
+        )
         last = lawful.march([(0.0, (0.0, 200.0)), (1.0, point)], TIGHT).answers[-1]
         assert last.outputs()["energy"] == pytest.approx(
             elastic.outputs(point)["energy"], rel=1e-4 if hypothesis == "axisymmetric" else 1e-7
@@ -386,11 +470,16 @@ def test_graded_bodies_with_laws(hypothesis):
 @IDLE
 @needs("inelastic")
 def test_a_law_that_changes_the_elasticity_is_refused():
-    """σ : C^-1 σ / 2 with C of the body would be off by the ratio of the moduli; that of the body passes."""
+    """σ : C^-1 σ / 2 with C of the body would be off by the ratio of the moduli.
+
+    That of the body passes.
+    """
     for modulus in ("E", 190.0):
         for hypothesis in ("axisymmetric", "plane_stress"):
             with pytest.raises(SceneError, match="changes the elasticity of its body"):
-                hhr.FullOrderModel(pulled(hhr.ChangingStiffness(HARDENS, modulus), hypothesis, young=200.0))
+                hhr.FullOrderModel(
+                    pulled(hhr.ChangingStiffness(HARDENS, modulus), hypothesis, young=200.0)
+                )
     scene = pulled(hhr.ChangingStiffness(HARDENS, 200.0), young=200.0)
     assert along(scene) == pytest.approx(along(pulled(HARDENS, young=200.0)), rel=1e-6)
 
@@ -399,7 +488,9 @@ def test_a_law_that_changes_the_elasticity_is_refused():
 def test_heat_in_plane_stress_changes_no_elasticity():
     """A heated law that is cooled to no strain has the energy of the law itself."""
     heated = hhr.Heated(HARDENS, 1e-3, "E - 200", 0.0)
-    scene, plain = (pulled(law, "plane_stress", 200.0 if law is heated else "E") for law in (heated, HARDENS))
+    scene, plain = (
+        pulled(law, "plane_stress", 200.0 if law is heated else "E") for law in (heated, HARDENS)
+    )
     assert along(scene) == pytest.approx(along(plain), rel=1e-8)
 
 

@@ -28,10 +28,12 @@ if present("inelastic"):
 @pytest.mark.parametrize("elastic", ELASTIC)
 @pytest.mark.parametrize("hypothesis", ["plane_strain", "plane_stress", "axisymmetric", "solid"])
 def test_von_mises_stress_of_heated_bodies(hypothesis, elastic):
-    """That of the stress of the mesh in the middle of each cell; a strain without stress is no part of it.
+    """That of the stress of the mesh in the middle of each cell.
 
-    In plane stress that is more than its change of volume, as is the stress of wood for a strain that is the same in
-    all directions. Derivatives by differences.
+    a strain without stress is no part of it.
+
+    In plane stress that is more than its change of volume, as is the stress of wood for a strain
+    that is the same in all directions. Derivatives by differences.
     """
     scene = with_bodies(pressed_block(hypothesis, cells=3), **ELASTIC[elastic])
     names = hhr.ParameterSpace(("push", "T"), (0.0, 0.0), (0.1, 1.0))
@@ -39,10 +41,15 @@ def test_von_mises_stress_of_heated_bodies(hypothesis, elastic):
     swell = hhr.Eigenstrain(block.SOLID, "T", np.diag([0.01, 0.0, 0.0]).tolist())
     outputs = hhr.VonMises("peak", block.SOLID), hhr.VonMises("mean", block.SOLID, kind="mean")
     for loads in ((heat,), (heat, swell)):
-        full = hhr.FullOrderModel(dataclasses.replace(scene, parameters=names, loads=loads, outputs=outputs))
+        full = hhr.FullOrderModel(
+            dataclasses.replace(scene, parameters=names, loads=loads, outputs=outputs)
+        )
         answer = full.solve({"push": 0.05, "T": 0.7})
         found = full.outputs({"push": 0.05, "T": 0.7}, gradient=True)
         assert found["peak"] == pytest.approx(von_mises(answer.stress()).max(), rel=1e-12)
         for name, slope in found.gradient.items():
-            ends = [full.solve({"push": 0.05, "T": 0.7 + step}).outputs()[name] for step in (-1e-5, 1e-5)]
+            ends = [
+                full.solve({"push": 0.05, "T": 0.7 + step}).outputs()[name]
+                for step in (-1e-5, 1e-5)
+            ]
             assert slope[1] == pytest.approx((ends[1] - ends[0]) / 2e-5, rel=1e-6), name

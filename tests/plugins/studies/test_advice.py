@@ -28,7 +28,9 @@ def exact_report(condensed, reduced):
 def test_exact_condensation_is_advised_unless_it_is_much_slower(times_slower, method):
     found = advice.advice(exact_report(times_slower * 1e-3, 1e-3))
     assert found.method == method
-    opening = "Use exact condensation while" if method == "condensed" else "Use the hyper-reduced model: "
+    opening = (
+        "Use exact condensation while" if method == "condensed" else "Use the hyper-reduced model: "
+    )
     assert found.text.startswith(opening)
     assert "0.1 % median, 0.2 % at 95 %, 0.3 % at most" in found.text
 
@@ -36,10 +38,18 @@ def test_exact_condensation_is_advised_unless_it_is_much_slower(times_slower, me
 @pytest.mark.parametrize(
     ("seconds", "errors", "favoured"),
     [
-        ({"a": 1e-3, "b": 2.9e-3}, {"a": 1e-2, "b": 1e-5}, "b"),  # more exact, and within three times as long
+        (
+            {"a": 1e-3, "b": 2.9e-3},
+            {"a": 1e-2, "b": 1e-5},
+            "b",
+        ),  # more exact, and within three times as long
         ({"a": 1e-3, "b": 3.1e-3}, {"a": 1e-2, "b": 1e-5}, "a"),  # too slow
         ({"a": 1e-3, "b": 2e-3}, {"a": 1e-4, "b": 1e-3}, "a"),
-        ({"a": 2e-3, "b": 1e-3}, {"a": 1e-13, "b": 1e-12}, "b"),  # both are round-off: the quicker one
+        (
+            {"a": 2e-3, "b": 1e-3},
+            {"a": 1e-13, "b": 1e-12},
+            "b",
+        ),  # both are round-off: the quicker one
         ({"a": 1e-3, "b": 1.0}, {"a": math.inf, "b": 1e-2}, "b"),  # an answer is missing
         ({"a": 1e-3, "b": 2e-3}, {"a": math.inf, "b": math.inf}, "a"),
     ],
@@ -51,16 +61,24 @@ def test_the_most_exact_of_the_quick_methods_is_advised(seconds, errors, favoure
 
 
 @pytest.mark.parametrize(
-    ("reduced", "method", "opening"), [(1e-3, "hhr", "Use the hyper"), (3e-3, "fom_best", "Use the full order")]
+    ("reduced", "method", "opening"),
+    [(1e-3, "hhr", "Use the hyper"), (3e-3, "fom_best", "Use the full order")],
 )
 def test_a_reduced_model_alone_is_advised_where_it_is_quicker(reduced, method, opening):
-    times = {"condensed_full": None, "online_forces": {"median": reduced}, "fom_best": {"median": 2e-3}}
+    times = {
+        "condensed_full": None,
+        "online_forces": {"median": reduced},
+        "fom_best": {"median": 2e-3},
+    }
     found = advice.advice(exact_report(1.0, 1.0) | {"times": times})
     assert found.method == method and found.text.startswith(opening)
 
 
 def test_break_even_counts_what_an_answer_of_the_small_model_takes():
-    """10 s of training against 5 ms of the full order: 2500 queries of 1 ms each, not 2000; never if it is slower."""
+    """10 s of training against 5 ms of the full order: 2500 queries of 1 ms each, not 2000.
+
+    Never if it is slower.
+    """
     times = {
         "offline": {"snapshots": 8.0, "basis": 2.0},
         "condensed_full": None,
@@ -74,7 +92,9 @@ def test_break_even_counts_what_an_answer_of_the_small_model_takes():
 def test_answers_that_were_read_from_files_cost_what_they_would_cost_today():
     """Of 20 answers 15 were read: 15 times what the best full order takes."""
     training = SimpleNamespace(read=15, snapshots=SimpleNamespace(histories=[]))
-    assert figures._read_from_files(training, {"median": 0.2}) == {figures.FROM_FILES: pytest.approx(3.0)}
+    assert figures._read_from_files(training, {"median": 0.2}) == {
+        figures.FROM_FILES: pytest.approx(3.0)
+    }
 
 
 HUNDRED = np.arange(1.0, 101.0) / 100
@@ -82,7 +102,9 @@ HUNDRED = np.arange(1.0, 101.0) / 100
 
 
 def test_a_row_of_a_report_names_its_figures_rightly():
-    errors = measure.Errors({"primal_l2": HUNDRED, "dual_full_floored": 2 * HUNDRED}, np.ones(100, dtype=bool), {})
+    errors = measure.Errors(
+        {"primal_l2": HUNDRED, "dual_full_floored": 2 * HUNDRED}, np.ones(100, dtype=bool), {}
+    )
     row = measure.Row("HHR", "this model", np.array([1.0, 2.0, 9.0]), errors).as_report()
     assert row["online_s"] == 2.0
     for name, factor in (("primal_l2", 1), ("dual_full_floored", 2)):
@@ -93,7 +115,10 @@ def test_a_row_of_a_report_names_its_figures_rightly():
 def cells_below(html, head):
     """Cells of the first table with a head, row by row, by the names of its columns."""
     table = next(part for part in html.split("<table>") if head in part)
-    rows = [re.findall(r"<t[hd][^>]*>([^<]*)</t[hd]>", line) for line in table.split("</table>")[0].split("<tr>")[1:]]
+    rows = [
+        re.findall(r"<t[hd][^>]*>([^<]*)</t[hd]>", line)
+        for line in table.split("</table>")[0].split("<tr>")[1:]
+    ]
     return [dict(zip(rows[0], row, strict=True)) for row in rows[1:]]
 
 
@@ -103,23 +128,49 @@ def test_columns_of_the_page_hold_what_their_heads_say(tmp_path):
         "scene": "made up",
         "errors": {"dual_full_floored": errors},
         "outputs": {"peak": errors | {"largest": 7.0, "unit": "MPa"}},
-        "times": {"online": {"median": 1e-3, "p95": 2e-3}, "fom_best": {"median": 5e-3, "p95": 6e-3}},
+        "times": {
+            "online": {"median": 1e-3, "p95": 2e-3},
+            "fom_best": {"median": 5e-3, "p95": 6e-3},
+        },
         "work_precision": [
-            {"method": "HHR", "setting": "this model", "online_s": 1e-3,
-             "primal_l2": 0.04, "dual_full_floored": 0.05, "dual_full_floored_max": 0.06}
+            {
+                "method": "HHR",
+                "setting": "this model",
+                "online_s": 1e-3,
+                "primal_l2": 0.04,
+                "dual_full_floored": 0.05,
+                "dual_full_floored_max": 0.06,
+            }
         ],
-    }  # fmt: skip
+    }
     html = page.page_of(report, tmp_path)
     own = {"median": "1.00 ms", "95 %": "2.00 ms", "times the reduced model": "1.0"}
     full = {"median": "5.00 ms", "95 %": "6.00 ms", "times the reduced model": "5.0"}
     for head, *rows in (
-        ("worst seen", {"half of the answers below": "1 %", "95 % below": "2 %", "worst seen": "3 %"}),
+        (
+            "worst seen",
+            {"half of the answers below": "1 %", "95 % below": "2 %", "worst seen": "3 %"},
+        ),
         (
             "median error",
-            {"output": "peak [MPa]", "largest": "7", "median error": "1 %", "95 %": "2 %", "worst": "3 %"},
+            {
+                "output": "peak [MPa]",
+                "largest": "7",
+                "median error": "1 %",
+                "95 %": "2 %",
+                "worst": "3 %",
+            },
         ),
         ("way to answer", own, full),
-        ("forces, worst", {"time": "1.00 ms", "displacement": "4 %", "forces, median": "5 %", "forces, worst": "6 %"}),
+        (
+            "forces, worst",
+            {
+                "time": "1.00 ms",
+                "displacement": "4 %",
+                "forces, median": "5 %",
+                "forces, worst": "6 %",
+            },
+        ),
     ):
         for found, known in zip(cells_below(html, head), rows, strict=True):
             assert found.items() >= known.items()
@@ -127,11 +178,16 @@ def test_columns_of_the_page_hold_what_their_heads_say(tmp_path):
 
 @needs("one_call")
 def test_the_mutation_run_still_finds_these_rules(monkeypatch):
-    """``make mutants`` changes lines of the code by their text: each is there once, and what comes out is Python."""
+    """``make mutants`` changes lines of the code by their text: each is there once, and what comes
+    out is Python.
+    """
     monkeypatch.syspath_prepend(str(Path(__file__).parents[3] / "scripts"))
     mutants = importlib.import_module("mutants")
     made = list(mutants.decisions())
     assert len(made) == 13
     for mutant in made:
         compile(mutant.text, mutant.path, "exec")
-        assert any("test_decisions.py" in test or "test_advice.py" in test for test in mutants.tests_of(mutant.path))
+        assert any(
+            "test_decisions.py" in test or "test_advice.py" in test
+            for test in mutants.tests_of(mutant.path)
+        )

@@ -1,4 +1,6 @@
-"""Charts of reports: marks where their numbers are, what nothing beats, every answer in one bin, nothing of none."""
+"""Charts of reports: marks where their numbers are, what nothing beats, every answer in one bin,
+nothing of none.
+"""
 
 import math
 import re
@@ -12,7 +14,11 @@ from hhr_dolfinx.plugins.studies import charts
 
 def drawn(svg, kind, of=None):
     """Elements of a chart, by their tag and class."""
-    return [item for item in ElementTree.fromstring(svg).iter(kind) if of is None or item.get("class") == of]
+    return [
+        item
+        for item in ElementTree.fromstring(svg).iter(kind)
+        if of is None or item.get("class") == of
+    ]
 
 
 MARKS = [
@@ -47,7 +53,9 @@ def test_errors_over_times_are_where_their_logarithms_are():
 def test_a_histogram_counts_every_answer_once():
     errors = np.geomspace(1e-9, 1e-3, 200)
     svg = charts.histogram([*errors, math.nan], (2 * errors).tolist(), "error", "bound")
-    told = [int(item.text.split()[0]) for item in drawn(svg, "title") if item.text.endswith("answers")]
+    told = [
+        int(item.text.split()[0]) for item in drawn(svg, "title") if item.text.endswith("answers")
+    ]
     assert sum(told) == 200 and max(told) < 40
     heights = [float(item.get("height")) for item in drawn(svg, "rect", "bar")]
     assert np.array(heights) / heights[0] == pytest.approx(np.array(told) / told[0], abs=0.02)
@@ -57,11 +65,19 @@ def test_a_histogram_counts_every_answer_once():
 
 def test_a_map_has_points_where_parameters_are_and_the_worst_on_top():
     points = [(0.0, 10.0), (1.0, 20.0), (0.5, 15.0), (math.nan, 12.0)]
-    svg = charts.map_of(points, [1e-6, 1e-2, math.nan, 1e-3], ("a", "b"), [(0.0, 1.0), (10.0, 20.0)])
+    svg = charts.map_of(
+        points, [1e-6, 1e-2, math.nan, 1e-3], ("a", "b"), [(0.0, 1.0), (10.0, 20.0)]
+    )
     low, high = drawn(svg, "circle")
     assert (low.get("class"), high.get("class")) == ("shade0", "shade5")
-    assert (float(low.get("cx")), float(low.get("cy"))) == (charts.LEFT, charts.HEIGHT - charts.BOTTOM)
-    assert (float(high.get("cx")), float(high.get("cy"))) == (charts.WIDTH - charts.RIGHT, charts.TOP)
+    assert (float(low.get("cx")), float(low.get("cy"))) == (
+        charts.LEFT,
+        charts.HEIGHT - charts.BOTTOM,
+    )
+    assert (float(high.get("cx")), float(high.get("cy"))) == (
+        charts.WIDTH - charts.RIGHT,
+        charts.TOP,
+    )
 
 
 def test_nothing_is_drawn_of_no_numbers():
@@ -73,4 +89,6 @@ def test_nothing_is_drawn_of_no_numbers():
 def test_equal_numbers_and_zeros_have_an_axis():
     for errors in ([0.0, 0.0], [1e-3] * 5, [1e300, 1e-300], [1.7e308, 1.7e308]):
         ElementTree.fromstring(charts.histogram(errors, errors, "error", "bound"))
-        ElementTree.fromstring(charts.work_precision([charts.Mark("a", 1.0, error) for error in errors], "error"))
+        ElementTree.fromstring(
+            charts.work_precision([charts.Mark("a", 1.0, error) for error in errors], "error")
+        )

@@ -1,4 +1,6 @@
-"""One study for scenes that are elastic and scenes that flow: rivals, variants, resumption, nothing needless loaded."""
+"""One study for scenes that are elastic and scenes that flow: rivals, variants, resumption, nothing
+needless loaded.
+"""
 
 import json
 from dataclasses import replace
@@ -31,13 +33,18 @@ def elastic():
 def flowing():
     """The same blocks, the upper of which yields."""
     base = elastic()
-    bodies = tuple(replace(body, law=hhr.Plasticity(0.05, 0.5)) if body.tag == 2 else body for body in base.bodies)
+    bodies = tuple(
+        replace(body, law=hhr.Plasticity(0.05, 0.5)) if body.tag == 2 else body
+        for body in base.bodies
+    )
     return replace(base, bodies=bodies)
 
 
 def pushed(side, steps=4):
     """Ten hundredths down and aside, in a second."""
-    return [(share, np.array([0.05 * share, side * share])) for share in np.arange(steps + 1) / steps]
+    return [
+        (share, np.array([0.05 * share, side * share])) for share in np.arange(steps + 1) / steps
+    ]
 
 
 @cache
@@ -84,10 +91,21 @@ def test_a_study_of_histories(study):
     assert nearest["primal_l2"] > 10 * ours["primal_l2"] > exact["primal_l2"] == 0.0
     assert nearest["primal_l2"] > 10 * condensed["primal_l2"] > 0.0
     assert [row["value"] for row in report["histories"]] == [0.01, 0.015]
-    names = {"offline", "offline_condensed", "fom_best", "fom_searches", "condensed", "online", "parts"}
+    names = {
+        "offline",
+        "offline_condensed",
+        "fom_best",
+        "fom_searches",
+        "condensed",
+        "online",
+        "parts",
+    }
     assert names == set(report["times"])
     # the fastest one is what reduced histories are held against
-    assert set(searches) == {"frozen", "tangent", "elastic"} and min(searches, key=searches.get) == exact["setting"]
+    assert (
+        set(searches) == {"frozen", "tangent", "elastic"}
+        and min(searches, key=searches.get) == exact["setting"]
+    )
     assert report["stability"]["tangent"] > 0 and "active_set" not in report
     skipped = {item["stage"] for item in report["skipped"]}
     assert "indicator" in skipped and not skipped & {"HHR", "condensed"}
@@ -96,10 +114,16 @@ def test_a_study_of_histories(study):
 
 @needs("inelastic")
 def test_condensed_flow_beside_the_hyper_reduced_model(study):
-    """Its sizes, its own check, its errors, alone and per history, when it pays, and an advice that quotes both."""
+    """Its sizes, its own check, its errors, alone and per history, when it pays, and an advice that
+    quotes both.
+    """
     report, model = study.report, study.measured.models["condensed"]
     told, record = report["models"]["condensed"], model.offline
-    assert told["sizes"] == {"modes": record.modes, "points": record.points, "candidates": record.candidates}
+    assert told["sizes"] == {
+        "modes": record.modes,
+        "points": record.points,
+        "candidates": record.candidates,
+    }
     row = next(row for row in report["work_precision"] if row["method"] == "condensed")
     assert row["setting"] == f"{record.modes} modes, {record.points} points"
     assert told["check"]["misfit"] == record.misfit and told["check"]["energy"] == record.energy
@@ -109,13 +133,18 @@ def test_condensed_flow_beside_the_hyper_reduced_model(study):
     missing = set(report["errors"]) - set(told["errors"])
     assert missing == {"dual_rid", "dual_rid_floored", "stress_rr", "plastic_strain"}
     assert report["models"]["hhr"]["errors"] == report["errors"]
-    for history, key in ((history, key) for history in report["histories"] for key in told["errors"]):
+    for history, key in (
+        (history, key) for history in report["histories"] for key in told["errors"]
+    ):
         assert 0 <= history["condensed"][key] <= told["errors"][key]["max"]
     assert report["times"]["offline_condensed"] == record.log.times
     assert report["ratios"]["fom_best/condensed"] > 0 and report["ratios"]["fom_best/online"] > 0
     assert set(report["break_even"]) == {"forces", "fields", "fields, condensed"}
     assert report["break_even"]["forces"] is None
-    assert "condensed flow: " in report["advice"].lower() and "the hyper-reduced model: " in report["advice"].lower()
+    assert (
+        "condensed flow: " in report["advice"].lower()
+        and "the hyper-reduced model: " in report["advice"].lower()
+    )
 
 
 @needs("inelastic")
@@ -127,14 +156,22 @@ def test_a_method_that_is_refused_has_its_reason_in_its_place(study, monkeypatch
     monkeypatch.setattr(type(study.training), "build" if method == "HHR" else "condense", refuse)
     again = run_study(study.training, replace(settings_of_paths(), variants=()))
     report = again.report
-    other, time, key = ("condensed", "online", "hhr") if method == "HHR" else ("HHR", "condensed", "condensed")
+    other, time, key = (
+        ("condensed", "online", "hhr") if method == "HHR" else ("HHR", "condensed", "condensed")
+    )
     rows = {row["method"]: row for row in report["work_precision"]}
-    assert list(rows) == [other, "fom_best", method] and rows[method]["refused"] == "it cannot be trusted"
+    assert (
+        list(rows) == [other, "fom_best", method]
+        and rows[method]["refused"] == "it cannot be trusted"
+    )
     assert {"stage": method, "why": "it cannot be trusted"} in report["skipped"]
     assert report["times"][time] is None and report["ratios"][f"fom_best/{time}"] is None
     assert report["models"][key] == {"refused": "it cannot be trusted"}
     name = "condensed flow" if other == "condensed" else "the hyper-reduced model"
-    assert report["advice"].startswith(f"Use {name}: ") and "is refused here: it cannot be trusted" in report["advice"]
+    assert (
+        report["advice"].startswith(f"Use {name}: ")
+        and "is refused here: it cannot be trusted" in report["advice"]
+    )
     print_report(report, make_console(quiet=True))
     monkeypatch.setattr(type(study.training), "build" if method != "HHR" else "condense", refuse)
     with pytest.raises(UnstableModelError, match="cannot be trusted"):
@@ -153,7 +190,11 @@ def test_a_path_without_an_answer_counts(study, monkeypatch):
         return solve(model, path, settings)
 
     monkeypatch.setattr(kind, "march", march)
-    monkeypatch.setattr(type(study.training), "condense", lambda training, settings: study.measured.models["condensed"])
+    monkeypatch.setattr(
+        type(study.training),
+        "condense",
+        lambda training, settings: study.measured.models["condensed"],
+    )
     report = run_study(study.training, replace(settings_of_paths(), variants=())).report
     row = next(row for row in report["work_precision"] if row["method"] == "condensed")
     assert row["unconverged"] == 1 and row["primal_l2_max"] == np.inf
@@ -190,12 +231,24 @@ def test_a_study_of_histories_finds_what_was_solved(study, folder):
 @pytest.mark.parametrize(
     ("scene", "changes", "message"),
     [
-        (flowing, {"tests": 5}, r"bodies of scene 'stacked_blocks' have laws: tests = 5 must be paths"),
-        (flowing, {"training": [8, 8]}, r"answers of scene 'stacked_blocks' depend on the path .* on a list of paths"),
+        (
+            flowing,
+            {"tests": 5},
+            r"bodies of scene 'stacked_blocks' have laws: tests = 5 must be paths",
+        ),
+        (
+            flowing,
+            {"training": [8, 8]},
+            r"answers of scene 'stacked_blocks' depend on the path .* on a list of paths",
+        ),
         (flowing, {"correction": 3}, "correction = 3 of a study must be CorrectionSettings"),
         (flowing, {"points": [[0.05, 0.0]]}, "points must be paths"),
         (elastic, {}, r"bodies of scene 'stacked_blocks' are elastic: tests must be"),
-        (elastic, {"training": [8, 8], "tests": 5, "correction": "usual"}, r"are elastic: leave out the correction"),
+        (
+            elastic,
+            {"training": [8, 8], "tests": 5, "correction": "usual"},
+            r"are elastic: leave out the correction",
+        ),
     ],
 )
 def test_what_is_of_the_other_kind(tmp_path, scene, changes, message):
@@ -220,4 +273,6 @@ def test_what_was_read_from_files_is_paid_for_too(tmp_path):
     assert read >= 9 and found == pytest.approx(read * again["times"]["fom_best"]["median"])
     even, times = again["break_even"], again["times"]
     saved = times["fom_best"]["median"] - times["online_forces"]["median"]
-    assert even["forces"] == (pytest.approx(sum(times["offline"].values()) / saved) if saved > 0 else None)
+    assert even["forces"] == (
+        pytest.approx(sum(times["offline"].values()) / saved) if saved > 0 else None
+    )

@@ -1,4 +1,6 @@
-"""Ranks that eliminate what is inside of their rows: covers of couplings, shares of meshes, parts of the border."""
+"""Ranks that eliminate what is inside of their rows: covers of couplings, shares of meshes, parts
+of the border.
+"""
 
 from itertools import combinations
 
@@ -29,15 +31,22 @@ def test_no_fewer_vertices_cover_all_edges(edges):
 
 def grid(*cells):
     """Points and cells of a block of cubes."""
-    points = np.stack(np.meshgrid(*(np.arange(count + 1.0) for count in cells), indexing="ij"), axis=-1).reshape(-1, 3)
+    points = np.stack(
+        np.meshgrid(*(np.arange(count + 1.0) for count in cells), indexing="ij"), axis=-1
+    ).reshape(-1, 3)
     numbers = np.arange(len(points)).reshape([count + 1 for count in cells])
-    corners = [numbers[x : x + cells[0], y : y + cells[1], z : z + cells[2]] for x, y, z in np.ndindex(2, 2, 2)]
+    corners = [
+        numbers[x : x + cells[0], y : y + cells[1], z : z + cells[2]]
+        for x, y, z in np.ndindex(2, 2, 2)
+    ]
     return points, np.stack(corners, axis=-1).reshape(-1, 8)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 7])
 def test_each_body_is_shared_out_alike_by_flat_cuts(count):
-    """Two bodies of other sizes: all ranks have as much of each, and two halves have one layer of points in common."""
+    """Two bodies of other sizes: all ranks have as much of each, and two halves have one layer of
+    points in common.
+    """
     bodies = [grid(12, 6, 4), grid(9, 4, 5)]
     points = np.concatenate([bodies[0][0], bodies[1][0] + 10.0])
     cells = np.concatenate([bodies[0][1], bodies[1][1] + len(bodies[0][0])])
@@ -53,10 +62,16 @@ def test_each_body_is_shared_out_alike_by_flat_cuts(count):
 
 @pytest.mark.parametrize("count", [2, 3, 5])
 def test_bodies_of_fewer_cells_than_ranks_go_round(count):
-    """All of a body where there is least: no rank is without cells as long as there are bodies enough."""
+    """All of a body where there is least: no rank is without cells as long as there are bodies
+    enough.
+    """
     one, cells = grid(1, 1, 1)
     bodies = [(one + 5.0 * number, cells + 8 * number) for number in range(12)]
-    found = shares(np.concatenate([body[0] for body in bodies]), np.concatenate([body[1] for body in bodies]), count)
+    found = shares(
+        np.concatenate([body[0] for body in bodies]),
+        np.concatenate([body[1] for body in bodies]),
+        count,
+    )
     sizes = np.bincount(found, minlength=count)
     assert sizes.max() - sizes.min() <= 1
 
@@ -64,13 +79,19 @@ def test_bodies_of_fewer_cells_than_ranks_go_round(count):
 def test_work_of_ranks_differs_by_no_more_than_a_part():
     sizes = [500, 400, 390, 380, 100, 90]
     owners = np.array(_owners(sizes, 3))
-    work = [sum(size**3 for size, owner in zip(sizes, owners, strict=True) if owner == rank) for rank in range(3)]
+    work = [
+        sum(size**3 for size, owner in zip(sizes, owners, strict=True) if owner == rank)
+        for rank in range(3)
+    ]
     assert max(work) - min(work) <= max(sizes) ** 3
     assert set(owners) == {0, 1, 2}
 
 
 def test_triangles_are_added_where_they_belong(monkeypatch):
-    """In blocks of rows, at places that are not all neighbours; what is below the diagonal does not count."""
+    """In blocks of rows, at places that are not all neighbours.
+
+    What is below the diagonal does not count.
+    """
     monkeypatch.setattr(border, "SENT", 12)
     places = np.array([0, 1, 2, 5, 6, 9])
     left = np.random.default_rng(0).standard_normal((6, 6))

@@ -1,4 +1,6 @@
-"""User-defined systems beside constraints and springs: K of all dofs is restricted, and springs are added to it."""
+"""User-defined systems beside constraints and springs: K of all dofs is restricted, and springs are
+added to it.
+"""
 
 import dataclasses
 import json
@@ -27,9 +29,18 @@ from hhr_dolfinx.models.estimates import NUMBERS, Estimate
 pytestmark = needs("constraints", "places")
 
 SWITCHES = (
-    "bedding", "bolt_force", "directed", "equation", "mean_motion", "periodic", "preload", "rigid_motion",
-    "serendipity", "springs", "tie",
-)  # fmt: skip
+    "bedding",
+    "bolt_force",
+    "directed",
+    "equation",
+    "mean_motion",
+    "periodic",
+    "preload",
+    "rigid_motion",
+    "serendipity",
+    "springs",
+    "tie",
+)
 TEMPLATE = str(Path(__file__).parents[3] / "extension_templates" / "system")
 STIFF = "stiff"
 """Parameter that multiplies K of all bodies."""
@@ -42,7 +53,11 @@ class Stiffened(System):
         super().__init__(*given)
         self.axis = self.problem.parameters.names.index(STIFF)
         own = self.problem.free[self.problem.rows]
-        self.pulled = csr_matrix(self.problem.own_stiffness @ self.problem.lifts).multiply(own[:, None]).tocsc()
+        self.pulled = (
+            csr_matrix(self.problem.own_stiffness @ self.problem.lifts)
+            .multiply(own[:, None])
+            .tocsc()
+        )
 
     def equations(self, point, theta):
         problem = self.problem
@@ -56,7 +71,9 @@ class Stiffened(System):
         acting, slopes = problem.amplitudes.slopes_at(point)
         left = -(problem.external[problem.rows][:, acting] @ slopes)
         left += point[self.axis] * (self.pulled[:, acting] @ slopes)
-        left[:, self.axis] += problem.own_stiffness @ unknown + self.pulled @ problem.amplitudes(point)
+        left[:, self.axis] += problem.own_stiffness @ unknown + self.pulled @ problem.amplitudes(
+            point
+        )
         return left, problem.gaps[:, acting] @ slopes
 
 
@@ -68,7 +85,9 @@ class StiffenedParts(Stiffened):
 
 
 def drafted(switch, system=None):
-    """Scene of two blocks with a capability, whose stiffness is a parameter: by their moduli, or by a system."""
+    """Scene of two blocks with a capability, whose stiffness is a parameter: by their moduli, or by
+    a system.
+    """
     from hhr_dolfinx.plugins.conformance.draft import Chosen, composed, switches
 
     draft = composed([Chosen(switch, switches()[switch])]).with_parameter(STIFF, 0.5, 2.0, 1.5)
@@ -82,7 +101,9 @@ def drafted(switch, system=None):
 @pytest.mark.filterwarnings("ignore:displacements are of second order and the sides")
 @pytest.mark.parametrize("switch", SWITCHES)
 def test_it_is_the_scene_without_it_whose_stiffness_is_the_same(switch):
-    """Answers and outputs to 1e-10, gradients to 1e-8: K is assembled in another order and solved for anew."""
+    """Answers and outputs to 1e-10, gradients to 1e-8: K is assembled in another order and solved
+    for anew.
+    """
     draft = drafted(switch)
     exact = draft.model(draft.scene())
     full = hhr.FullOrderModel(drafted(switch, StiffenedParts).scene(), MPI.COMM_SELF)
@@ -112,13 +133,17 @@ def places():
 
 
 def joined(system, **changes):
-    """The pair with an equation that has a value, springs at a dof of it and at a free one, and a foundation."""
+    """The pair with an equation that has a value, springs at a dof of it and at a free one, and a
+    foundation.
+    """
     left, right, low = places()
     equation = hhr.Equation(((left, 0, 1.0), (right, 0, -2.0)), "0.1 * slide + 0.0002 * k")
     springs = hhr.Springs(left, 0, 3.0, "0.001 * k"), hhr.Springs(low, 0, 2.0)
     pressed = hhr.Pressure(side(SECOND, 0, True), hhr.Amplitude(slopes={"load": 1.0}))
     given = {"constraints": (equation,), "loads": (pressed, *springs), "system": system} | changes
-    return pressed_pair("plane_strain", ((3.0, 0.3), (4.0, 0.3)), {"k": (0.0, 20.0)}, cells=4, **given)
+    return pressed_pair(
+        "plane_strain", ((3.0, 0.3), (4.0, 0.3)), {"k": (0.0, 20.0)}, cells=4, **given
+    )
 
 
 @pytest.fixture(scope="module")
@@ -134,13 +159,18 @@ def bare():
 
 
 def saddle(bare, point, active):
-    """Displacement and forces of one dense matrix, in which the equation has a multiplier of its own."""
+    """Displacement and forces of one dense matrix, in which the equation has a multiplier of its
+    own.
+    """
     problem = bare.problem
     theta, k = problem.amplitudes(point), point[problem.parameters.names.index("k")]
     slide = point[problem.parameters.names.index("slide")]
     free = np.flatnonzero(problem.free)
     stiffness = problem.stiffness.toarray() + k * problem.mass.toarray()
-    number = [2 * int(np.abs(problem.points - place).sum(axis=1).argmin()) for place in ((1, 1.5), (2, 1.5), (1, 0.5))]
+    number = [
+        2 * int(np.abs(problem.points - place).sum(axis=1).argmin())
+        for place in ((1, 1.5), (2, 1.5), (1, 0.5))
+    ]
     pushed = np.zeros(problem.free.size)
     for dof, modulus, ground in ((number[0], 3.0, 0.001 * k), (number[2], 2.0, 0.0)):
         stiffness[dof, dof] += modulus
@@ -152,7 +182,9 @@ def saddle(bare, point, active):
     rows = np.vstack([equation, problem.contact[active].toarray()])[:, free]
     value = 0.1 * slide + 0.0002 * k - equation @ lifted
     whole = np.block([[stiffness[np.ix_(free, free)], rows.T], [rows, np.zeros((len(rows),) * 2)]])
-    solved = np.linalg.solve(whole, np.concatenate([loads[free], [value], (problem.gaps @ theta)[active]]))
+    solved = np.linalg.solve(
+        whole, np.concatenate([loads[free], [value], (problem.gaps @ theta)[active]])
+    )
     unknown = np.zeros(problem.free.size)
     unknown[free] = solved[: free.size]
     forces = np.zeros(len(problem.gaps))
@@ -184,9 +216,13 @@ def test_moduli_of_bodies_may_be_parameters(system):
     box = {"k": (0.0, 20.0), "stiff": (2.0, 6.0), "nu": (0.1, 0.4)}
     joint = joined(system)
     changed = {"constraints": joint.constraints, "loads": joint.loads, "system": system}
-    varied = hhr.FullOrderModel(pressed_pair("plane_strain", (("stiff", "nu"), (4.0, 0.3)), box, cells=4, **changed))
+    varied = hhr.FullOrderModel(
+        pressed_pair("plane_strain", (("stiff", "nu"), (4.0, 0.3)), box, cells=4, **changed)
+    )
     for stiff, nu in ((2.1, 0.38), (5.5, 0.12)):
-        numbers = pressed_pair("plane_strain", ((stiff, nu), (4.0, 0.3)), {"k": (0.0, 20.0)}, cells=4, **changed)
+        numbers = pressed_pair(
+            "plane_strain", ((stiff, nu), (4.0, 0.3)), {"k": (0.0, 20.0)}, cells=4, **changed
+        )
         exact = hhr.FullOrderModel(numbers).solve(point)
         found = varied.solve(point | {"stiff": stiff, "nu": nu})
         assert largest_difference(found.displacement(), exact.displacement()) <= 1e-9
@@ -197,16 +233,23 @@ def test_moduli_of_bodies_may_be_parameters(system):
 @pytest.mark.parametrize("system", [Parted, MySystem("k")])
 @needs("moduli")
 def test_small_models_and_their_bounds(system):
-    """Condensed and hyper-reduced; errors of answers that nothing was trained on are within what is said."""
+    """Condensed and hyper-reduced; errors of answers that nothing was trained on are within what is
+    said.
+    """
     trained = hhr.train(joined(system), hhr.Sobol(40), held_out=4, comm=MPI.COMM_SELF)
     full = trained.full_order
-    models = trained.condense(), trained.build(hhr.Recipe(hhr.Pod(1e-10), domain=hhr.Rid(20, 20)).as_it_is())
+    models = (
+        trained.condense(),
+        trained.build(hhr.Recipe(hhr.Pod(1e-10), domain=hhr.Rid(20, 20)).as_it_is()),
+    )
     for model, off in zip(models, (1e-5, 1e-3), strict=True):
         for point in full.parameters.random(6, 1):
             answer, exact = model.solve(point, outside="ignore"), full.solve(point)
             assert largest_difference(answer.forces(), exact.forces()) <= off
             assert largest_difference(answer.displacement(), exact.displacement()) <= off
-            left, right = (2 * np.abs(full.problem.points - (x, 1.5)).sum(axis=1).argmin() for x in (1, 2))
+            left, right = (
+                2 * np.abs(full.problem.points - (x, 1.5)).sum(axis=1).argmin() for x in (1, 2)
+            )
             value = 0.1 * point[1] + 0.0002 * point[4]
             u = answer.displacement()
             assert abs(u[left] - 2 * u[right] - value) <= 1e-10
@@ -217,7 +260,9 @@ def test_small_models_and_their_bounds(system):
 
 @pytest.mark.filterwarnings("ignore")
 def test_without_parts_reductors_refuse_it(full):
-    with pytest.raises(NotOfferedError, match="is not offered for a user-defined system without parts"):
+    with pytest.raises(
+        NotOfferedError, match="is not offered for a user-defined system without parts"
+    ):
         hhr.condense(full)
 
 
@@ -284,8 +329,12 @@ LIES = {Late: "K of", OnDependent: "K of", Soft: "K of", Drawn: "the loads of"}
 
 @pytest.mark.parametrize("system", LIES)
 def test_parts_are_compared_before_dofs_are_eliminated(system):
-    """At the corners of the box too, and each entry with its own diagonal: the norm of K hid a bedding."""
-    with pytest.raises(SceneError, match=f"states parts, and {LIES[system]} its equations differ from their sum by"):
+    """At the corners of the box too, and each entry with its own diagonal: the norm of K hid a
+    bedding.
+    """
+    with pytest.raises(
+        SceneError, match=f"states parts, and {LIES[system]} its equations differ from their sum by"
+    ):
         hhr.FullOrderModel(joined(system))
 
 
@@ -329,7 +378,9 @@ def test_what_it_cannot_be(system):
         hhr.FullOrderModel(joined(system))
 
 
-@pytest.mark.parametrize("what", [pytest.param(name, marks=needs(name)) for name in ("inelastic", "shapes")])
+@pytest.mark.parametrize(
+    "what", [pytest.param(name, marks=needs(name)) for name in ("inelastic", "shapes")]
+)
 def test_what_states_k_too_is_refused(what):
     """A law of a body, and a mesh that moves; each with its reason."""
     first, second = joined(Parted).bodies
@@ -338,7 +389,9 @@ def test_what_states_k_too_is_refused(what):
     else:
         changes = {"shapes": (hhr.Shape(FIRST, ("x", "y * (1 + 0.001 * k)")),)}
     named = {"inelastic": "laws of bodies", "shapes": "shapes"}[what]
-    with pytest.raises(SceneError, match=f"has {named} and a system of its own: .*Leave one of them out"):
+    with pytest.raises(
+        SceneError, match=f"has {named} and a system of its own: .*Leave one of them out"
+    ):
         dataclasses.replace(joined(Parted), **changes)
 
 
@@ -360,12 +413,17 @@ class Vanishing(Parted):
 
 @needs("floating")
 def test_a_kernel_of_the_middle_alone_is_refused():
-    """Motions of the body were unknowns of all answers, as if the foundation never resisted them: 6.06 for 4.99.
+    """Motions of the body were unknowns of all answers, as if the foundation never resisted them:
+    6.06 for 4.99.
 
-    Beside supports the same system is solved and reduced, with a weight that vanishes in the middle.
+    Beside supports the same system is solved and reduced, with a weight that vanishes in the
+    middle.
     """
     box = space(p=(1.0, 10.0), k=(0.0, 20.0))
-    with pytest.raises(NotSolvableError, match=r"can move freely in the middle of the box: .* the system of the scene"):
+    with pytest.raises(
+        NotSolvableError,
+        match=r"can move freely in the middle of the box: .* the system of the scene",
+    ):
         hhr.FullOrderModel(lying(cells=(4, 2), parameters=box, system=Vanishing))
     full = hhr.FullOrderModel(lying(cells=(4, 2), parameters=box, system=Parted))
     with pytest.raises(NotSolvableError, match="singular at this parameter"):
@@ -374,7 +432,9 @@ def test_a_kernel_of_the_middle_alone_is_refused():
 
 
 class Upright(Parted):
-    """A foundation along the last axis alone: nothing resists motions sideways, which no load drives."""
+    """A foundation along the last axis alone: nothing resists motions sideways, which no load
+    drives.
+    """
 
     def __init__(self, *given):
         super().__init__(*given)
@@ -384,9 +444,14 @@ class Upright(Parted):
 @needs("floating", "moduli", "differences")
 @pytest.mark.filterwarnings("ignore")
 def test_a_kernel_that_the_system_leaves_has_no_bound_and_says_so():
-    """It was said to be held by contact alone, and the foundation holds it; answers agree with full ones."""
+    """It was said to be held by contact alone, and the foundation holds it.
+
+    Answers agree with full ones.
+    """
     box = space(p=(1.0, 10.0), k=(1.0, 20.0))
-    training = hhr.train(lying(cells=(4, 2), parameters=box, system=Upright), hhr.Sobol(24), held_out=4)
+    training = hhr.train(
+        lying(cells=(4, 2), parameters=box, system=Upright), hhr.Sobol(24), held_out=4
+    )
     full = training.full_order
     assert full.problem.kernel.idle.shape[1] == 1 and not full.problem.held_by_contact
     for model in (training.build(), training.condense()):
@@ -403,7 +468,9 @@ def test_a_weight_that_vanishes_in_the_middle_is_reduced():
     full = trained.full_order
     model = trained.build(hhr.Recipe(hhr.Pod(1e-10), domain=hhr.Rid(20, 20)).as_it_is())
     points = full.parameters.random(6, 1)
-    found, exact = ([one.solve(point, outside="ignore").forces() for point in points] for one in (model, full))
+    found, exact = (
+        [one.solve(point, outside="ignore").forces() for point in points] for one in (model, full)
+    )
     assert largest_difference(found, exact) <= 1e-3
 
 
@@ -420,9 +487,13 @@ def test_a_bound_is_compared_without_parts():
     sets = [hhr.compute_snapshots(full, full.parameters.random(8, seed)) for seed in (0, 1)]
     model = system.build(hhr.Recipe(hhr.Pod(1e-4), domain=hhr.Rid(20, 20)).as_it_is())
     said = Estimate("bound", **(dict.fromkeys(NUMBERS, 1e3) | {"primal": 1e-9}))
-    fields = type("Said", (type(model.fields),), {"exact": False, "estimate": lambda self, answer: said})
+    fields = type(
+        "Said", (type(model.fields),), {"exact": False, "estimate": lambda self, answer: said}
+    )
     own = {one.name: getattr(model.fields, one.name) for one in dataclasses.fields(model.fields)}
-    with pytest.raises(ClaimError, match="a bound of 1e-09 of the displacement in energy, and the error is"):
+    with pytest.raises(
+        ClaimError, match="a bound of 1e-09 of the displacement in energy, and the error is"
+    ):
         hhr.build(full, sets[0], returning(model.changed(fields=fields(**own))), sets[1])
 
 
@@ -432,7 +503,11 @@ def test_k_of_the_bodies_at_a_point_has_their_response():
     class Sometimes(Foundation):
         def equations(self, point, theta):
             problem, stiffness, loads = super().equations(point, theta)
-            return problem, stiffness if point[self.axis] else self.made(problem.own_stiffness, problem), loads
+            return (
+                problem,
+                stiffness if point[self.axis] else self.made(problem.own_stiffness, problem),
+                loads,
+            )
 
     point = [0.05, 0.0, 0.05, 0.0, 0.0]
     found = hhr.FullOrderModel(joined(Sometimes, constraints=(), loads=())).solve(point)
@@ -484,7 +559,13 @@ def on_one():
 def on_ranks(ranks):
     """Answers of a program on some ranks, by system and model."""
     said = launch(
-        ranks, ["-W", "ignore", "-c", PROGRAM.format(folders=[*SCENE_FOLDERS, str(Path(__file__).parent), TEMPLATE])]
+        ranks,
+        [
+            "-W",
+            "ignore",
+            "-c",
+            PROGRAM.format(folders=[*SCENE_FOLDERS, str(Path(__file__).parent), TEMPLATE]),
+        ],
     )
     return json.loads(said.partition("OUT")[2].splitlines()[0])
 
@@ -492,7 +573,9 @@ def on_ranks(ranks):
 @needs("ranks", "moduli")
 @pytest.mark.parametrize("ranks", [2, 3])
 def test_ranks_answer_alike(on_one, ranks):
-    """A gathered model had its foundation twice: its parts were K of the bodies of another such system."""
+    """A gathered model had its foundation twice: its parts were K of the bodies of another such
+    system.
+    """
     found = on_ranks(ranks)
     assert found.keys() == on_one.keys()
     for name, arrays in on_one.items():
@@ -504,7 +587,9 @@ def test_ranks_answer_alike(on_one, ranks):
 
 
 def test_the_example_of_the_page(tmp_path):
-    """The stiffness of another code, with its own numbers of nodes, in the place of that of a body."""
+    """The stiffness of another code, with its own numbers of nodes, in the place of that of a
+    body.
+    """
     page = (Path(__file__).parents[3] / "docs" / "systems.md").read_text("utf-8")
     scope = {"__name__": "example"}
     exec(page.partition("```python\n")[2].partition("```")[0], scope)
@@ -548,10 +633,22 @@ class Summed(MySystem):
 
 TERMS = [
     (lambda p: {"moduli": p.moduli[:1]}, "has 1 weights of 2 matrices"),
-    (lambda p: {"moduli": (p.moduli[0], Modulus("k", "1", p.moduli[1].names[::-1]))}, "must name all parameters"),
-    (lambda p: {"stiffness_terms": (p.stiffness_terms[0], p.stiffness_terms[1].toarray())}, "is no csr_matrix in the"),
-    (lambda p: {"stiffness_terms": (p.stiffness_terms[0], p.stiffness_terms[1][:-1])}, "is no csr_matrix in the"),
-    (lambda p: {"stiffness_terms": (p.stiffness_terms[0], p.mass @ p.mass)}, "is no csr_matrix in the"),
+    (
+        lambda p: {"moduli": (p.moduli[0], Modulus("k", "1", p.moduli[1].names[::-1]))},
+        "must name all parameters",
+    ),
+    (
+        lambda p: {"stiffness_terms": (p.stiffness_terms[0], p.stiffness_terms[1].toarray())},
+        "is no csr_matrix in the",
+    ),
+    (
+        lambda p: {"stiffness_terms": (p.stiffness_terms[0], p.stiffness_terms[1][:-1])},
+        "is no csr_matrix in the",
+    ),
+    (
+        lambda p: {"stiffness_terms": (p.stiffness_terms[0], p.mass @ p.mass)},
+        "is no csr_matrix in the",
+    ),
 ]
 
 
@@ -581,7 +678,9 @@ def test_moduli_that_a_system_leaves_out_are_named(system, recwarn):
     bodies = hhr.Body(LOWER_BODY, "E", 0.3), hhr.Body(UPPER_BODY, 5.0, 0.3)
     box = {"k": (0.1, 20.0), "E": (1.0, 4.0)}
     full = hhr.FullOrderModel(pressed_blocks(box, bodies=bodies, system=system("k")))
-    said = [str(item.message) for item in recwarn if "K of its system does not" in str(item.message)]
+    said = [
+        str(item.message) for item in recwarn if "K of its system does not" in str(item.message)
+    ]
     point = {name: 0.5 * sum(ends) for name, ends in {**BOX, "k": (0.1, 20.0)}.items()}
     soft, stiff = (full.solve({**point, "E": modulus}).forces() for modulus in (1.0, 4.0))
     alike = np.abs(soft - stiff).max() <= 1e-12 * np.abs(stiff).max()
@@ -596,11 +695,15 @@ def test_gaps_and_loads_of_another_problem_are_refused(constraints):
     from hhr_dolfinx.testing import pressed_blocks
 
     left, right, _ = places()
-    more = {"constraints": (hhr.Equation(((left, 0, 1.0), (right, 0, -2.0))),)} if constraints else {}
+    more = (
+        {"constraints": (hhr.Equation(((left, 0, 1.0), (right, 0, -2.0))),)} if constraints else {}
+    )
     for changes, what in (
         (lambda p: {"gaps": 1.5 * p.gaps}, "the gaps"),
         (lambda p: {"forces": 1.5 * p.forces}, "the loads"),
         (lambda p: {"contact": 1.5 * p.contact}, "B"),
     ):
         with pytest.raises(SceneError, match=f"parts, and {what} of its equations"):
-            hhr.FullOrderModel(pressed_blocks({"k": (0.1, 20.0)}, system=Summed("k", changes), **more))
+            hhr.FullOrderModel(
+                pressed_blocks({"k": (0.1, 20.0)}, system=Summed("k", changes), **more)
+            )

@@ -1,4 +1,6 @@
-"""Frames, series and data sets are read by the names of their columns, whatever the order of these."""
+"""Frames, series and data sets are read by the names of their columns, whatever the order of
+these.
+"""
 
 import numpy as np
 import pytest
@@ -16,16 +18,30 @@ pytestmark = needs("tables")
 def test_frames_of_pandas():
     pandas = pytest.importorskip("pandas")
     frame = pandas.DataFrame(ROWS, columns=SPACE.names)[["pull", "push"]]
-    for table in (frame, frame.to_dict("list"), frame.to_dict("records"), frame.to_records(index=False)):
+    for table in (
+        frame,
+        frame.to_dict("list"),
+        frame.to_dict("records"),
+        frame.to_records(index=False),
+    ):
         assert np.array_equal(SPACE.points(table), ROWS)
     rows = [row for _, row in frame.iterrows()]
-    for table in (rows, list(frame.itertuples(index=False)), pandas.DataFrame(ROWS), pandas.DataFrame(ROWS).to_numpy()):
+    for table in (
+        rows,
+        list(frame.itertuples(index=False)),
+        pandas.DataFrame(ROWS),
+        pandas.DataFrame(ROWS).to_numpy(),
+    ):
         assert np.array_equal(SPACE.points(table), ROWS)
     assert np.array_equal(SPACE.point(frame.iloc[0]), ROWS[0])
     assert np.array_equal(SPACE.point(pandas.Series(ROWS[0])), ROWS[0])
-    assert np.array_equal(checked_path(SPACE, [(0, frame.iloc[0] * 0), (1, frame.iloc[0])])[1][1], ROWS[0])
+    assert np.array_equal(
+        checked_path(SPACE, [(0, frame.iloc[0] * 0), (1, frame.iloc[0])])[1][1], ROWS[0]
+    )
     times = frame.assign(time=[0.0, 1.0])
-    assert np.array_equal([point for _, point in checked_path(SPACE, times.itertuples(index=False))], ROWS)
+    assert np.array_equal(
+        [point for _, point in checked_path(SPACE, times.itertuples(index=False))], ROWS
+    )
     with pytest.raises(ParameterError, match="'case' is unknown"):
         SPACE.points(frame.assign(case=1.0))
     with pytest.raises(ParameterError, match="'pull' is missing"):
@@ -49,4 +65,6 @@ def test_data_of_xarray():
 
 def test_tables_of_pyarrow():
     pyarrow = pytest.importorskip("pyarrow")
-    assert np.array_equal(SPACE.points(pyarrow.table({"pull": ROWS[:, 1], "push": ROWS[:, 0]})), ROWS)
+    assert np.array_equal(
+        SPACE.points(pyarrow.table({"pull": ROWS[:, 1], "push": ROWS[:, 0]})), ROWS
+    )

@@ -1,4 +1,6 @@
-"""Contact problems given as matrices: the answers of the full order that they are of, what fits nothing, no DOLFINx."""
+"""Contact problems given as matrices: the answers of the full order that they are of, what fits
+nothing, no DOLFINx.
+"""
 
 from contextlib import nullcontext
 
@@ -21,12 +23,17 @@ def full():
 
 @pytest.fixture(scope="module")
 def given(full):
-    """Matrices of a scene as another program would give them: without imposed dofs, one column for each parameter."""
+    """Matrices of a scene as another program would give them: without imposed dofs, one column for
+    each parameter.
+    """
     problem = full.problem
     free = np.flatnonzero(problem.free)
     # columns of θ = (1, ...): what each parameter adds is the difference of two points
     columns = [problem.amplitudes(point) for point in (np.zeros(2), *np.eye(2))]
-    loads, gaps = (np.column_stack([matrix @ theta for theta in columns]) for matrix in (problem.loads, problem.gaps))
+    loads, gaps = (
+        np.column_stack([matrix @ theta for theta in columns])
+        for matrix in (problem.loads, problem.gaps)
+    )
     assert not loads[:, 0].any() and abs(gaps[:, 0]).max() < 1e-15
     stiffness = sum(problem.stiffness_terms)[free][:, free]
     return {
@@ -43,7 +50,10 @@ def test_answers_are_those_of_the_full_order(full, given, tmp_path):
     free = full.problem.free
     row, weights = np.random.default_rng(0).normal(size=free.sum()), np.arange(4.0)
     model = hhr.condense_matrices(
-        **given, areas=full.problem.contact_areas, displacement_outputs={"moved": row}, force_outputs={"sum": weights}
+        **given,
+        areas=full.problem.contact_areas,
+        displacement_outputs={"moved": row},
+        force_outputs={"sum": weights},
     )
     hhr.save_model(tmp_path / "model.npz", model)
     again = hhr.load_model(tmp_path / "model.npz")
@@ -86,9 +96,17 @@ def shifted(given, by, k=0):
     [
         (lambda given: shifted(given, -10), NotSolvableError, "not positive definite"),
         (lambda given: shifted(given, 1, k=1), SceneError, "not symmetric"),
-        (lambda given: {"contact": given["contact"][[0, *range(3)]]}, NotSolvableError, "depend on each other"),
+        (
+            lambda given: {"contact": given["contact"][[0, *range(3)]]},
+            NotSolvableError,
+            "depend on each other",
+        ),
         (lambda given: {"contact": 0 * given["contact"]}, NotSolvableError, "moves nothing"),
-        (lambda given: {"stiffness": 0 * given["stiffness"]}, NotSolvableError, "not positive definite"),
+        (
+            lambda given: {"stiffness": 0 * given["stiffness"]},
+            NotSolvableError,
+            "not positive definite",
+        ),
         (lambda given: {"loads": given["loads"][:-1]}, SceneError, "loads are"),
         (lambda given: {"loads": given["loads"] * np.nan}, SceneError, "not finite"),
         (lambda given: {"gaps": given["gaps"].T}, SceneError, "gaps are"),
@@ -101,7 +119,11 @@ def shifted(given, by, k=0):
         (lambda given: {"pairs": [0.5, 0, 1, 1]}, SceneError, "pairs must be whole"),
         (lambda given: {"pairs": [0, 1e30, 1, 1]}, SceneError, "pairs must be whole"),
         (lambda given: {"pairs": [0, -1, 1, 1]}, SceneError, "pairs must be whole"),
-        (lambda given: {"stiffness": given["stiffness"] * 1j}, SceneError, "stiffness must be a matrix of real"),
+        (
+            lambda given: {"stiffness": given["stiffness"] * 1j},
+            SceneError,
+            "stiffness must be a matrix of real",
+        ),
         (lambda given: {"stiffness": "abc"}, SceneError, "stiffness must be a matrix"),
         (lambda given: {"stiffness": None}, SceneError, "stiffness must be a matrix"),
         (lambda given: {"stiffness": np.ones((2, 2, 2))}, SceneError, "stiffness must be a matrix"),
@@ -109,12 +131,28 @@ def shifted(given, by, k=0):
         (lambda given: {"loads": given["loads"] * 1j}, SceneError, "loads must be real"),
         (lambda given: {"parameters": ("push", "load")}, SceneError, "must be a ParameterSpace"),
         (lambda given: {"amplitudes": None}, SceneError, "amplitudes must be a tuple"),
-        (lambda given: {"amplitudes": ["push", "sqrt(load - 0.05)"]}, SceneError, "finite everywhere in the box"),
-        (lambda given: {"amplitudes": ["push", "min(1, sqrt(load - 0.05))"]}, SceneError, "finite everywhere"),
-        (lambda given: {"amplitudes": ["push", "table(load, 0, 0, 0.01, 1)"]}, SceneError, "amplitude = table"),
+        (
+            lambda given: {"amplitudes": ["push", "sqrt(load - 0.05)"]},
+            SceneError,
+            "finite everywhere in the box",
+        ),
+        (
+            lambda given: {"amplitudes": ["push", "min(1, sqrt(load - 0.05))"]},
+            SceneError,
+            "finite everywhere",
+        ),
+        (
+            lambda given: {"amplitudes": ["push", "table(load, 0, 0, 0.01, 1)"]},
+            SceneError,
+            "amplitude = table",
+        ),
         (lambda given: {"force_outputs": [np.ones(4)]}, SceneError, "arrays by name"),
         (lambda given: {"force_outputs": {3: np.ones(4)}}, SceneError, "arrays by name"),
-        (lambda given: {"areas": np.ones(4), "force_outputs": {"peak": np.ones(4)}}, SceneError, "same name"),
+        (
+            lambda given: {"areas": np.ones(4), "force_outputs": {"peak": np.ones(4)}},
+            SceneError,
+            "same name",
+        ),
     ],
 )
 def test_what_does_not_fit_is_refused(given, wrong, error, words):
@@ -147,7 +185,9 @@ def test_numbers_and_matrices_of_any_kind_are_taken(given):
     np.testing.assert_allclose(other.solve(point).forces(), model.solve(point).forces(), rtol=1e-10)
     fixed = {name: np.column_stack([given[name] * (0.05, 0.05)]) for name in ("loads", "gaps")}
     constant = hhr.condense_matrices(**given | fixed | {"amplitudes": [np.float32(1), np.int64(1)]})
-    np.testing.assert_allclose(constant.solve(point).forces(), model.solve(point).forces(), rtol=1e-10)
+    np.testing.assert_allclose(
+        constant.solve(point).forces(), model.solve(point).forces(), rtol=1e-10
+    )
 
 
 SPRINGS = """

@@ -30,7 +30,9 @@ def model():
 def rows(model):
     points = model.parameters.random(ROWS, 3)
     points[7, 0] = np.nan
-    return [TableRow(k + 2, [repr(value) for value in point]) for k, point in enumerate(points.tolist())]
+    return [
+        TableRow(k + 2, [repr(value) for value in point]) for k, point in enumerate(points.tolist())
+    ]
 
 
 def quiet():
@@ -66,9 +68,14 @@ def test_a_table_that_was_killed_goes_on_where_it_was(ending, model, rows, tmp_p
     assert answer_table(model, rows, whole, quiet()) == 1
     killed(model, rows, target)
     assert not target.exists() and (tmp_path / f"a{ending}.parts").is_dir()
-    assert blocks_of(model, rows, target) == [2, 3, 4] and not (tmp_path / f"a{ending}.parts").exists()
+    assert (
+        blocks_of(model, rows, target) == [2, 3, 4] and not (tmp_path / f"a{ending}.parts").exists()
+    )
     if ending == ".csv":
-        assert target.read_bytes() == whole.read_bytes() and len(target.read_text().splitlines()) == ROWS + 1
+        assert (
+            target.read_bytes() == whole.read_bytes()
+            and len(target.read_text().splitlines()) == ROWS + 1
+        )
     else:
         from pyarrow import parquet
 
@@ -97,11 +104,15 @@ def test_blocks_of_another_model_or_table_are_not_taken(change, model, rows, tmp
 @pytest.mark.parametrize("resume", [None, "model"])
 @pytest.mark.parametrize("name", ["thesis.tex", "000000.csv", "of.json"])
 def test_a_folder_of_the_user_is_left_alone(name, resume, model, rows, tmp_path):
-    """Refused before anything is answered, whatever it is called and holds: it has no mark of ours."""
+    """Refused before anything is answered, whatever it is called and holds: it has no mark of
+    ours.
+    """
     folder = tmp_path / "a.csv.parts"
     (folder / "deeper").mkdir(parents=True)
     (folder / name).write_text('"years of work"')
-    with pytest.raises(FileError, match=r"a\.csv\.parts is where blocks of answers are kept .*: .*Move the folder"):
+    with pytest.raises(
+        FileError, match=r"a\.csv\.parts is where blocks of answers are kept .*: .*Move the folder"
+    ):
         answer_table(model, rows, tmp_path / "a.csv", quiet(), pytest.fail, resume=resume)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv.parts"]
     assert (folder / name).read_text() == '"years of work"' and (folder / "deeper").is_dir()
@@ -109,18 +120,24 @@ def test_a_folder_of_the_user_is_left_alone(name, resume, model, rows, tmp_path)
 
 @pytest.mark.parametrize("resume", [None, "another"])
 def test_what_a_user_puts_beside_blocks_stays(resume, model, rows, tmp_path):
-    """Blocks of an earlier run are removed one by one, and the folder only where nothing else is in it."""
+    """Blocks of an earlier run are removed one by one, and the folder only where nothing else is in
+    it.
+    """
     killed(model, rows, tmp_path / "a.csv")
     folder = tmp_path / "a.csv.parts"
     (folder / "note.txt").write_text("why")
     assert len(list(folder.iterdir())) == 6
     answer_table(model, rows, tmp_path / "a.csv", quiet(), resume=resume)
-    assert [path.name for path in folder.iterdir()] == ["note.txt"] and (folder / "note.txt").read_text() == "why"
+    assert [path.name for path in folder.iterdir()] == ["note.txt"] and (
+        folder / "note.txt"
+    ).read_text() == "why"
     assert len((tmp_path / "a.csv").read_text().splitlines()) == ROWS + 1
 
 
 def test_an_empty_folder_is_as_good_as_none(model, rows, tmp_path):
-    """As a run leaves it that is killed at its very beginning, with or without a file that it had begun."""
+    """As a run leaves it that is killed at its very beginning, with or without a file that it had
+    begun.
+    """
     (tmp_path / "a.csv.parts").mkdir()
     (tmp_path / "a.csv.parts" / "of.json.0123456789abcdef.part").write_text("")
     assert answer_table(model, rows, tmp_path / "a.csv", quiet(), resume="model") == 1
@@ -131,8 +148,12 @@ def test_an_empty_folder_is_as_good_as_none(model, rows, tmp_path):
 def test_estimates_are_left_out_where_nobody_asks(model, rows, tmp_path):
     answer_table(model, rows, tmp_path / "a.csv", quiet(), estimates=False)
     answer_table(model, rows, tmp_path / "b.csv", quiet())
-    heads = [(tmp_path / name).read_text().splitlines()[0].split(",") for name in ("a.csv", "b.csv")]
-    assert [head for head in heads[1] if "bound of" not in head] == heads[0] and len(heads[1]) == len(heads[0]) + 4
+    heads = [
+        (tmp_path / name).read_text().splitlines()[0].split(",") for name in ("a.csv", "b.csv")
+    ]
+    assert [head for head in heads[1] if "bound of" not in head] == heads[0] and len(
+        heads[1]
+    ) == len(heads[0]) + 4
 
 
 def test_many_bad_rows_are_counted_and_some_are_told(model, tmp_path):
@@ -140,7 +161,10 @@ def test_many_bad_rows_are_counted_and_some_are_told(model, tmp_path):
     console = quiet()
     assert answer_table(model, rows, tmp_path / "a.csv", console) == 30
     said = console.export_text()
-    assert said.count("is outside") >= 20 and "and 10 more, with their reasons in the column 'status'" in said
+    assert (
+        said.count("is outside") >= 20
+        and "and 10 more, with their reasons in the column 'status'" in said
+    )
     assert (tmp_path / "a.csv").read_text().count("is outside") >= 30
 
 
@@ -177,9 +201,14 @@ def test_commands_without_dolfinx(model, rows, tmp_path):
     """Files answer; what needs DOLFINx says how to get it."""
     hhr.save_model(tmp_path / "m.npz", model)
     names = model.parameters.names
-    (tmp_path / "q.csv").write_text("\n".join([",".join(names), *(",".join(row.cells) for row in rows[:3])]) + "\n")
+    (tmp_path / "q.csv").write_text(
+        "\n".join([",".join(names), *(",".join(row.cells) for row in rows[:3])]) + "\n"
+    )
     at = ",".join(f"{name}={cell}" for name, cell in zip(names, rows[0].cells, strict=True))
     run = python("-c", WITHOUT, at, cwd=tmp_path)
     assert "3 answers and 0 bad rows" in run.stdout and "largest displacement" in run.stdout
     assert "3 error: DOLFINx is not installed (no module mpi4py)" in run.stdout
-    assert "MissingPackageError DOLFINx is not installed" in run.stdout and "hhr_dolfinx[solver]" in run.stdout
+    assert (
+        "MissingPackageError DOLFINx is not installed" in run.stdout
+        and "hhr_dolfinx[solver]" in run.stdout
+    )

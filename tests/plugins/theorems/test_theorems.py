@@ -1,4 +1,6 @@
-"""The thesis' theorems: right sides are no less than left ones, constants are those of LAPACK, hypotheses are asked."""
+"""The thesis' theorems: right sides are no less than left ones, constants are those of LAPACK,
+hypotheses are asked.
+"""
 
 import argparse
 import dataclasses
@@ -21,13 +23,19 @@ from hhr_dolfinx.geometries import pellet_cladding as pellet_geometry
 from hhr_dolfinx.plugins.theorems import ellipticity
 from hhr_dolfinx.plugins.theorems import full_constants as constants
 from hhr_dolfinx.plugins.theorems.constants import Spaces, refused, sharp_constants
-from hhr_dolfinx.plugins.theorems.ellipticity import Ellipticity, largest_eigenvalue, smallest_eigenvalue
+from hhr_dolfinx.plugins.theorems.ellipticity import (
+    Ellipticity,
+    largest_eigenvalue,
+    smallest_eigenvalue,
+)
 from hhr_dolfinx.plugins.theorems.full_constants import FullConstants, smallest_singular_value
 from hhr_dolfinx.plugins.theorems.rid_norms import Directions, Domain, EnergyNorms, EuclideanNorms
 from hhr_dolfinx.plugins.theorems.theorems import THEOREMS, ImposedInterface, ThesisBounds
 
 BODIES = (2.0, 0.3), (1.0, 0.2)
-RECIPE = hhr.Recipe.thesis(1e-7, nodes=(hhr.Deim(), hhr.ForceDeim(1e-5), hhr.LoadNodes()), enrichment=hhr.Enrich(1.0))
+RECIPE = hhr.Recipe.thesis(
+    1e-7, nodes=(hhr.Deim(), hhr.ForceDeim(1e-5), hhr.LoadNodes()), enrichment=hhr.Enrich(1.0)
+)
 """Of section 2.6.3, with a larger tolerance for the coarser mesh."""
 
 
@@ -41,7 +49,9 @@ def in_metres(scene):
     ends = (tuple(METRES * end) for end in (scene.parameters.lower, scene.parameters.upper))
     return dataclasses.replace(
         scene,
-        geometry=lambda comm: pellet_geometry.pellet_cladding(comm, **lengths, **pellet_demo.QUICK_MESH),
+        geometry=lambda comm: pellet_geometry.pellet_cladding(
+            comm, **lengths, **pellet_demo.QUICK_MESH
+        ),
         bodies=tuple(dataclasses.replace(body, young=1e6 * body.young) for body in scene.bodies),
         parameters=hhr.ParameterSpace(scene.parameters.names, *ends),
     )
@@ -49,7 +59,9 @@ def in_metres(scene):
 
 def trained(scene, counts, recipe):
     full = hhr.FullOrderModel(scene)
-    return full, hhr.build(full, hhr.compute_snapshots(full, full.parameters.grid(counts)), recipe.as_it_is())
+    return full, hhr.build(
+        full, hhr.compute_snapshots(full, full.parameters.grid(counts)), recipe.as_it_is()
+    )
 
 
 @pytest.fixture(scope="module")
@@ -67,9 +79,14 @@ def blocks(request):
 
 
 def check_sides(full, model, norm, points):
-    """No left side exceeds its right one; what is refused, and right sides over left ones of theorem 4."""
+    """No left side exceeds its right one.
+
+    What is refused, and right sides over left ones of theorem 4.
+    """
     bounds = ThesisBounds.of(full, model, norm)
-    rows = [bounds.bounds(model.solve(point, outside="ignore"), full.solve(point)) for point in points]
+    rows = [
+        bounds.bounds(model.solve(point, outside="ignore"), full.solve(point)) for point in points
+    ]
     for found in rows:
         assert found.keys() == set(THEOREMS) - bounds.refused.keys()
         assert all(sides.left <= sides.right for sides in found.values())
@@ -91,17 +108,29 @@ def test_pairs_of_blocks(blocks, norm):
 
 
 def test_units_change_no_effectivity_in_energy(pellet):
-    """In mm and MPa, and in m and Pa; those of the formulas in Euclidean norms change by a thousand."""
+    """In mm and MPa, and in m and Pa; those of the formulas in Euclidean norms change by a
+    thousand.
+    """
     full, model = pellet
     other = trained(in_metres(full.scene), [6, 5], RECIPE)
     points = full.parameters.random(10, 8)
     assert np.array_equal(other[1].offline.sets.A, model.offline.sets.A)
     found = []
-    for each, kind in ((pellet, {}), (other, {}), (pellet, {"as_printed": True}), (other, {"as_printed": True})):
+    for each, kind in (
+        (pellet, {}),
+        (other, {}),
+        (pellet, {"as_printed": True}),
+        (other, {"as_printed": True}),
+    ):
         scale = METRES if each is other else 1.0
         bounds = ThesisBounds.of(*each, "euclidean" if kind else "energy", **kind)
-        sides = [bounds.sides(each[1].solve(scale * p, outside="ignore"), each[0].solve(scale * p)) for p in points]
-        found.append({name: np.array([row[name].effectivity for row in sides]) for name in sides[0]})
+        sides = [
+            bounds.sides(each[1].solve(scale * p, outside="ignore"), each[0].solve(scale * p))
+            for p in points
+        ]
+        found.append(
+            {name: np.array([row[name].effectivity for row in sides]) for name in sides[0]}
+        )
     ours, theirs, printed, printed_in_metres = found
     for name in THEOREMS:
         assert theirs[name] == pytest.approx(ours[name], rel=1e-3), name
@@ -122,14 +151,23 @@ def clustered(size, width):
 @pytest.mark.parametrize("width", [1e-3, 1e-5, 1e-7])
 @pytest.mark.parametrize("size", [216, 3000])
 def test_eigenvalues_that_lie_close(size, width):
-    """LAPACK finds those of few rows to round-off; of 3000 rows the value is as near as the second tolerance, 1e-5."""
+    """LAPACK finds those of few rows to round-off.
+
+    Of 3000 rows the value is as near as the second tolerance, 1e-5.
+    """
     values = clustered(size, width)
     accuracy = 1e-12 if size <= constants.DENSE else constants.TOLERANCES[1]
     matrix, turned = diags(values).tocsr(), diags(5 - values).tocsr()
-    assert smallest_singular_value(diags(np.sqrt(values)).tocsr()) == pytest.approx(np.sqrt(values.min()), rel=accuracy)
-    assert smallest_eigenvalue(matrix, lambda rhs: rhs / values) == pytest.approx(values.min(), rel=accuracy)
+    assert smallest_singular_value(diags(np.sqrt(values)).tocsr()) == pytest.approx(
+        np.sqrt(values.min()), rel=accuracy
+    )
+    assert smallest_eigenvalue(matrix, lambda rhs: rhs / values) == pytest.approx(
+        values.min(), rel=accuracy
+    )
     assert largest_eigenvalue(turned) == pytest.approx(5 - values.min(), rel=accuracy)
-    if size > constants.DENSE:  # continuity is not below the largest one, and coercivity not above the smallest one
+    if (
+        size > constants.DENSE
+    ):  # continuity is not below the largest one, and coercivity not above the smallest one
         assert largest_eigenvalue(turned) >= 5 - values.min()
         assert smallest_eigenvalue(matrix, lambda rhs: rhs / values) <= values.min()
 
@@ -157,17 +195,25 @@ def check_constants(full):
 
 def test_constants_of_the_full_model_are_those_of_lapack(hertz):
     values, found = check_constants(hertz)
-    assert found.coercivity <= values[0] * (1 + 1e-13) and found.continuity >= values[-1] * (1 - 1e-13)
+    assert found.coercivity <= values[0] * (1 + 1e-13) and found.continuity >= values[-1] * (
+        1 - 1e-13
+    )
 
 
 @needs("elasticity")
 def test_constants_where_the_stiffness_depends_on_parameters():
-    """Those of the middle of the box, whatever was solved before, and factors are left as they are asked for."""
-    full = hhr.FullOrderModel(pressed_pair("plane_strain", (("E1", 0.3), (2.0, 0.3)), {"E1": (1.0, 2.0)}, cells=3))
+    """Those of the middle of the box, whatever was solved before, and factors are left as they are
+    asked for.
+    """
+    full = hhr.FullOrderModel(
+        pressed_pair("plane_strain", (("E1", 0.3), (2.0, 0.3)), {"E1": (1.0, 2.0)}, cells=3)
+    )
     points = full.parameters.random(2, 1)
     before = [full.solve(point).multipliers for point in points]
     check_constants(full)
-    assert [full.solve(point).multipliers for point in points] == [pytest.approx(each, rel=1e-9) for each in before]
+    assert [full.solve(point).multipliers for point in points] == [
+        pytest.approx(each, rel=1e-9) for each in before
+    ]
 
 
 def test_constants_of_a_model_are_found_once(hertz, monkeypatch):
@@ -182,14 +228,18 @@ def test_constants_on_the_rid_are_those_of_lapack(hertz, hertz_reduction):
     domain = Domain.of(hertz, record.sets)
     norms, inner = EuclideanNorms(domain), domain.inner.toarray()
     values = linalg.eigvalsh(inner)
-    assert (norms.inner.coercivity, norms.inner.continuity) == pytest.approx((values[0], values[-1]), rel=1e-8)
+    assert (norms.inner.coercivity, norms.inner.continuity) == pytest.approx(
+        (values[0], values[-1]), rel=1e-8
+    )
     interface = record.sets.I[problem.free[record.sets.I]]
     edge = problem.stiffness[record.sets.A][:, interface].toarray()
     assert norms.from_interface == pytest.approx(np.linalg.norm(edge, 2), rel=1e-8)
     test = Directions.spanned(record.basis[record.sets.A], norms.inside)
     assert test.vectors.T @ test.vectors == pytest.approx(np.eye(test.vectors.shape[1]), abs=1e-12)
     rows = problem.stiffness[record.sets.A][:, np.flatnonzero(problem.free)].toarray()
-    assert norms.continuity(test) == pytest.approx(np.linalg.norm(test.vectors.T @ rows, 2), rel=1e-10)
+    assert norms.continuity(test) == pytest.approx(
+        np.linalg.norm(test.vectors.T @ rows, 2), rel=1e-10
+    )
     assert largest_eigenvalue(domain.inner) <= Ellipticity.of(hertz).continuity * (1 + 1e-8)
     assert norms.inner.coercivity >= Ellipticity.of(hertz).coercivity
 
@@ -198,13 +248,19 @@ def test_energy_on_the_rid_is_the_least_of_all_extensions(hertz, hertz_reduction
     """Against a dense Schur complement; no continuation of the field has less."""
     domain = Domain.of(hertz, hertz_reduction.offline.sets)
     areas = hertz.problem.contact_areas[domain.sets.A_lambda]
-    norms, rng, stiffness = EnergyNorms(domain, 1 / areas), np.random.default_rng(0), hertz.problem.stiffness.toarray()
-    inside, outside = np.flatnonzero(domain.support), np.flatnonzero(domain.free & ~domain.support)
-    schur = stiffness[np.ix_(inside, inside)] - stiffness[np.ix_(inside, outside)] @ np.linalg.solve(
-        stiffness[np.ix_(outside, outside)], stiffness[np.ix_(outside, inside)]
+    norms, rng, stiffness = (
+        EnergyNorms(domain, 1 / areas),
+        np.random.default_rng(0),
+        hertz.problem.stiffness.toarray(),
     )
+    inside, outside = np.flatnonzero(domain.support), np.flatnonzero(domain.free & ~domain.support)
+    schur = stiffness[np.ix_(inside, inside)] - stiffness[
+        np.ix_(inside, outside)
+    ] @ np.linalg.solve(stiffness[np.ix_(outside, outside)], stiffness[np.ix_(outside, inside)])
     field = rng.standard_normal(domain.free.size) * domain.free
-    assert norms.on_domain(field) == pytest.approx(np.sqrt(field[inside] @ schur @ field[inside]), rel=1e-9)
+    assert norms.on_domain(field) == pytest.approx(
+        np.sqrt(field[inside] @ schur @ field[inside]), rel=1e-9
+    )
     assert norms.on_domain(field) <= np.sqrt(field @ stiffness @ field)
     field[~np.isin(np.arange(field.size), domain.sets.A)] = 0.0
     assert norms.on_domain(field) == pytest.approx(np.sqrt(field @ stiffness @ field), rel=1e-9)
@@ -215,7 +271,9 @@ def test_energy_on_the_rid_is_the_least_of_all_extensions(hertz, hertz_reduction
 
 def test_formulas_of_the_thesis(hertz, pellet):
     """Values printed in sections 2.6.2 and 2.6.3."""
-    assert dataclasses.astuple(Ellipticity.of_materials(hertz.scene.bodies)) == pytest.approx((37.03, 11.11), rel=1e-3)
+    assert dataclasses.astuple(Ellipticity.of_materials(hertz.scene.bodies)) == pytest.approx(
+        (37.03, 11.11), rel=1e-3
+    )
     found = Ellipticity.of_materials(pellet[0].scene.bodies)
     assert dataclasses.astuple(found) == pytest.approx((3.65e5, 5.82e4), rel=2e-3)
     with pytest.raises(BoundError, match=r"moduli of body 1 .* \(2.143\)"):
@@ -228,22 +286,31 @@ def test_formulas_are_constants_in_the_norm_of_the_strain(hertz):
     strain = hhr.FullOrderModel(dataclasses.replace(hertz.scene, bodies=bodies))
     values = linalg.eigvalsh(on_free(hertz), on_free(strain))
     moduli = Ellipticity.of_materials(hertz.scene.bodies)
-    assert moduli.coercivity <= values[0] * (1 + 1e-9) and moduli.continuity >= values[-1] * (1 - 1e-9)
+    assert moduli.coercivity <= values[0] * (1 + 1e-9) and moduli.continuity >= values[-1] * (
+        1 - 1e-9
+    )
 
 
 def test_lemma_1(pellet):
-    """With all functions of the RID in the place of modes, and the interface imposed, the full answer comes out."""
+    """With all functions of the RID in the place of modes, and the interface imposed, the full
+    answer comes out.
+    """
     full, model = pellet
     domain = Domain.of(full, model.offline.sets)
     imposed = ImposedInterface.of(full.problem, domain, np.eye(domain.sets.A.size))
     for point in full.parameters.random(5, 9):
         exact = full.solve(point)
         found = imposed.solve(exact.unknown, full.problem.theta(point))
-        assert found == pytest.approx(exact.unknown[domain.sets.A], abs=1e-9 * np.abs(exact.unknown).max())
+        assert found == pytest.approx(
+            exact.unknown[domain.sets.A], abs=1e-9 * np.abs(exact.unknown).max()
+        )
 
 
 def test_figures_of_the_thesis(tmp_path):
-    """The half-discs in its size: theorems 4, 5 and 8 as printed are as near as it says; no bound is exceeded."""
+    """The half-discs in its size: theorems 4, 5 and 8 as printed are as near as it says.
+
+    No bound is exceeded.
+    """
     options = argparse.Namespace(out=tmp_path, progress=lambda name: lambda items: items)
     training = hhr.train(hertz_demo.scene(), [31])
     points = training.full_order.parameters.random(30, 1)
@@ -253,7 +320,10 @@ def test_figures_of_the_thesis(tmp_path):
     for name in ("4", "5", "8"):
         assert printed[name]["mean"] == pytest.approx(printed[name]["thesis mean"], rel=0.5)
     assert not any(row["exceeded"] for row in rows if row["way"] != "as printed")
-    assert all(row["no bound"] for row in printed.values()) and (tmp_path / "theorems_half-discs.png").exists()
+    assert (
+        all(row["no bound"] for row in printed.values())
+        and (tmp_path / "theorems_half-discs.png").exists()
+    )
     assert [row["theorem"] for row in thesis_bounds.shown(rows)] == list(THEOREMS)
 
 
@@ -261,7 +331,9 @@ def test_figures_of_the_thesis(tmp_path):
 
 
 def test_evaluations_of_the_thesis_are_no_bounds(hertz, hertz_reduction):
-    """Moduli are no constants of the nodal matrix, and infima over all of the reduced space are in no proof."""
+    """Moduli are no constants of the nodal matrix, and infima over all of the reduced space are in
+    no proof.
+    """
     printed = ThesisBounds.of(hertz, hertz_reduction, "euclidean", as_printed=True)
     answer, exact = hertz_reduction.solve(0.2345), hertz.solve(0.2345)
     assert printed.sides(answer, exact).keys() == printed.refused.keys() == set(THEOREMS)
@@ -270,10 +342,16 @@ def test_evaluations_of_the_thesis_are_no_bounds(hertz, hertz_reduction):
             printed.bound(name, answer, exact)
     whole = Ellipticity.of(hertz)
     safe = ThesisBounds.of(hertz, hertz_reduction, "euclidean", whole, as_printed=True)
-    assert safe.refused.keys() == {"4", "4 kernel", "5", "6"} and safe.bounds(answer, exact).keys() == {"3", "8"}
-    with pytest.raises(BoundError, match=r"theorem 6: its infimum is over all of the reduced space, \(2.142\)"):
+    assert safe.refused.keys() == {"4", "4 kernel", "5", "6"} and safe.bounds(
+        answer, exact
+    ).keys() == {"3", "8"}
+    with pytest.raises(
+        BoundError, match=r"theorem 6: its infimum is over all of the reduced space, \(2.142\)"
+    ):
         safe.bound("6", answer, exact)
-    shared = ThesisBounds.of(hertz, hertz_reduction, "euclidean", Ellipticity(whole.continuity, 5.0), as_printed=True)
+    shared = ThesisBounds.of(
+        hertz, hertz_reduction, "euclidean", Ellipticity(whole.continuity, 5.0), as_printed=True
+    )
     assert "alpha' of (2.46)" in shared.refused["6"]
     with pytest.raises(BoundError, match="is none of 3, 4"):
         printed.bound("7", answer, exact)
@@ -289,7 +367,9 @@ def test_constants_that_are_none_are_refused(hertz, hertz_reduction):
     answer, exact = hertz_reduction.solve(0.2345), hertz.solve(0.2345)
     sharp = ThesisBounds.of(hertz, hertz_reduction, "euclidean").bounds(answer, exact)
     for name, sides in safe.bounds(answer, exact).items():
-        assert sides.left == pytest.approx(sharp[name].left) and sides.right >= sharp[name].right * (1 - 1e-9)
+        assert sides.left == pytest.approx(sharp[name].left) and sides.right >= sharp[
+            name
+        ].right * (1 - 1e-9)
 
 
 @needs("nonmatching")
@@ -304,24 +384,37 @@ def test_contact_on_the_interface_fails_h2():
     assert full.problem.contact[sets.A_lambda][:, sets.I].nnz
     point = full.parameters.random(1, 3)[0]
     with pytest.raises(BoundError, match=r"theorem 8: \(H2\), \(2.101\), fails"):
-        ThesisBounds.of(full, model).bound("8", model.solve(point, outside="ignore"), full.solve(point))
+        ThesisBounds.of(full, model).bound(
+            "8", model.solve(point, outside="ignore"), full.solve(point)
+        )
 
 
 def test_inf_sup_constants_that_are_zero(hertz, hertz_reduction):
     record = hertz_reduction.offline
     worse = dataclasses.replace(record.stability.energy, beta_HR=np.nan, alpha_prime=None)
-    facts = dataclasses.replace(record.facts, stability=dataclasses.replace(record.stability, energy=worse))
-    bounds = ThesisBounds.of(hertz, hertz_reduction.changed(offline=dataclasses.replace(record, facts=facts)))
+    facts = dataclasses.replace(
+        record.facts, stability=dataclasses.replace(record.stability, energy=worse)
+    )
+    bounds = ThesisBounds.of(
+        hertz, hertz_reduction.changed(offline=dataclasses.replace(record, facts=facts))
+    )
     assert bounds.refused.keys() == {"3", "6"}
     assert "beta_HR" in bounds.refused["3"] and "alpha'" in bounds.refused["6"]
-    assert bounds.sides(hertz_reduction.solve(0.3), hertz.solve(0.3)).keys() == {"4", "4 kernel", "5", "8"}
+    assert bounds.sides(hertz_reduction.solve(0.3), hertz.solve(0.3)).keys() == {
+        "4",
+        "4 kernel",
+        "5",
+        "8",
+    }
 
 
 def test_no_mode_leaves_the_gaps_as_they_are(hertz, hertz_reduction):
     """As many contacts as modes: kernels are empty, and constants on them are none."""
     domain = Domain.of(hertz, hertz_reduction.offline.sets)
     norms, basis = EuclideanNorms(domain), hertz_reduction.offline.basis
-    square = dataclasses.replace(hertz_reduction.problem, contact_test=np.eye(8), contact_trial=np.eye(8))
+    square = dataclasses.replace(
+        hertz_reduction.problem, contact_test=np.eye(8), contact_trial=np.eye(8)
+    )
     spaces = Spaces.of(norms, square, basis)
     assert spaces.test_kernel.vectors.shape == (domain.sets.A.size, 0)
     assert spaces.trial_kernel.distance(hertz.solve(0.3).unknown) > 0
@@ -332,7 +425,9 @@ def test_no_mode_leaves_the_gaps_as_they_are(hertz, hertz_reduction):
 
 @needs("elasticity")
 def test_models_and_answers_that_the_theorems_are_not_on(hertz, hertz_reduction, tmp_path):
-    varying = hhr.FullOrderModel(pressed_pair("plane_strain", (("E1", 0.3), (2.0, 0.3)), {"E1": (1.0, 2.0)}, cells=2))
+    varying = hhr.FullOrderModel(
+        pressed_pair("plane_strain", (("E1", 0.3), (2.0, 0.3)), {"E1": (1.0, 2.0)}, cells=2)
+    )
     other = hhr.FullOrderModel(pressed_pair("plane_strain", BODIES, cells=2))
     hhr.save_model(tmp_path / "model.npz", hertz_reduction)
     refused = [

@@ -1,4 +1,6 @@
-"""Loads on whole bodies and amplitudes as formulas, against closed forms, in the full order and reduced."""
+"""Loads on whole bodies and amplitudes as formulas, against closed forms, in the full order and
+reduced.
+"""
 
 import dataclasses
 from functools import partial
@@ -35,8 +37,13 @@ def alone(hypothesis, loads, *, poisson="nu", held=(), cells=3, lower=None, uppe
         cells=np.broadcast_to(cells, dim).tolist(),
         hypothesis=hypothesis,
         bodies=(hhr.Body(block.SOLID, "E", poisson, **body),),
-        contacts=(hhr.Obstacle(block.side(0, True), tuple(float(axis == 0) for axis in range(dim)), 10.0),),
-        displacements=(*(hhr.Displacement(block.side(axis, False), axis) for axis in range(dim)), *held),
+        contacts=(
+            hhr.Obstacle(block.side(0, True), tuple(float(axis == 0) for axis in range(dim)), 10.0),
+        ),
+        displacements=(
+            *(hhr.Displacement(block.side(axis, False), axis) for axis in range(dim)),
+            *held,
+        ),
         loads=loads,
     )
 
@@ -59,8 +66,8 @@ HYPOTHESES = ("plane_strain", "plane_stress", "axisymmetric", "solid")
 def test_free_expansion(hypothesis, poisson):
     """No stress but that of what plane strain holds; "0.05 + nu" and 0.49 take the mean dilatation.
 
-    Clamped between its ends, the stress along a bar is -E alpha T, and along both axes that plane strain holds
-    -E alpha T / (1 - nu).
+    Clamped between its ends, the stress along a bar is -E alpha T, and along both axes that plane
+    strain holds -E alpha T / (1 - nu).
     """
     ratio = {"nu": MU["nu"], "0.05 + nu": 0.05 + MU["nu"]}.get(poisson, poisson)
     plane, up = hypothesis == "plane_strain", 2 if hypothesis == "solid" else 1
@@ -86,13 +93,19 @@ def test_a_graded_body_expands_without_stress(poisson):
 
 
 def test_strains_add_up_and_have_directions():
-    """Swelling along axes and heat leave no stress, and shear leaves none of a block that only stands."""
-    swelling = hhr.Eigenstrain(block.SOLID, hhr.Amplitude(0.1, {"T": 0.2}), ((1, 0, 0), (0, 2, 0), (0, 0, -1.0)))
+    """Swelling along axes and heat leave no stress, and shear leaves none of a block that only
+    stands.
+    """
+    swelling = hhr.Eigenstrain(
+        block.SOLID, hhr.Amplitude(0.1, {"T": 0.2}), ((1, 0, 0), (0, 2, 0), (0, 0, -1.0))
+    )
     points, displacement, stress = solved(alone("plane_stress", (swelling, HEAT)))
     expected = (0.1 + 0.2 * MU["T"]) * np.array([1.0, 2.0]) + STRAIN
     assert displacement == pytest.approx(expected * points, abs=1e-13)
     assert stress == pytest.approx(0 * stress, abs=1e-13)
-    shear = hhr.Eigenstrain(block.SOLID, "T**2", ((0, 0.1, 0), (0.1, 0, 0), (0, 0, 0)), lambda x: 2.0)
+    shear = hhr.Eigenstrain(
+        block.SOLID, "T**2", ((0, 0.1, 0), (0.1, 0, 0), (0, 0, 0)), lambda x: 2.0
+    )
     clamped = tuple(hhr.Displacement(block.side(1, False), axis) for axis in (0, 1))
     scene = dataclasses.replace(alone("plane_strain", (shear,)), displacements=clamped)
     points, displacement, stress = solved(scene)
@@ -107,24 +120,34 @@ def test_a_column_under_its_weight(hypothesis):
     weight = hhr.BodyForce(block.SOLID, (0.0,) * (dim - 1) + (-1.0,), "0.1 * T**2")
     points, displacement, _ = solved(alone(hypothesis, (weight,), poisson=0.0))
     y = points[:, -1]
-    assert displacement[:, -1] == pytest.approx(-0.1 * MU["T"] ** 2 * (HEIGHT * y - y**2 / 2) / MU["E"], abs=1e-12)
+    assert displacement[:, -1] == pytest.approx(
+        -0.1 * MU["T"] ** 2 * (HEIGHT * y - y**2 / 2) / MU["E"], abs=1e-12
+    )
 
 
 def test_a_ring_that_turns():
-    """Held in height, so in plane strain, it meets Lame's closed form with the square of the size of the cells.
+    """Held in height, so in plane strain, it meets Lame's closed form with the square of the size
+    of the cells.
 
-    Of rho omega^2 = 0.3 T^2 the radial displacement of a free ring is a particular one, C1 r and C2 / r.
+    Of rho omega^2 = 0.3 T^2 the radial displacement of a free ring is a particular one, C1 r and C2
+    / r.
     """
     (young, nu, heat), ends = MU.values(), np.array([1.0, 2.0])
     lam, mu = young * nu / (1 + nu) / (1 - 2 * nu), young / 2 / (1 + nu)
     factor = -0.3 * heat**2 / (8 * (lam + 2 * mu))
     rows = np.stack([np.full(2, 2 * (lam + mu)), -2 * mu / ends**2], axis=1)
     c1, c2 = np.linalg.solve(rows, -factor * (3 * (lam + 2 * mu) + lam) * ends**2)
-    load, held, errors = hhr.Centrifugal(block.SOLID, "0.3 * T**2"), (hhr.Displacement(block.side(1, True), 1),), []
+    load, held, errors = (
+        hhr.Centrifugal(block.SOLID, "0.3 * T**2"),
+        (hhr.Displacement(block.side(1, True), 1),),
+        [],
+    )
     for cells in (8, 16, 32):
         corners = {"lower": (1.0, 0.0), "upper": (2.0, 0.25), "cells": (cells, 2)}
         scene = alone("axisymmetric", (load,), held=held, **corners)
-        points, displacement, _ = solved(dataclasses.replace(scene, displacements=scene.displacements[1:]))
+        points, displacement, _ = solved(
+            dataclasses.replace(scene, displacements=scene.displacements[1:])
+        )
         r = points[:, 0]
         radial = factor * r**3 + c1 * r + c2 / r
         errors.append(np.abs(displacement[:, 0] - radial).max() / np.abs(radial).max())
@@ -136,7 +159,11 @@ def test_a_ring_that_turns():
     ("hypothesis", "place", "distance"),
     [
         ("plane_stress", {"axis_point": (0.5, -1.0)}, (0.25, 2.0)),
-        ("solid", {"axis_point": (0.5, 0.0, 0.0), "axis_direction": (0.0, 3.0, 4.0)}, (0.25, 0.0, 0.0)),
+        (
+            "solid",
+            {"axis_point": (0.5, 0.0, 0.0), "axis_direction": (0.0, 3.0, 4.0)},
+            (0.25, 0.0, 0.0),
+        ),
         ("solid", {"axis_direction": (0.0, 0.0, 4.0)}, (0.75, 0.75, 0.0)),
     ],
 )
@@ -147,26 +174,42 @@ def test_axes_of_what_turns(hypothesis, place, distance):
     (term,) = load.terms(discretisation.assembler(load))
     # forces of the amplitude 1 on all nodes, held or not
     forces = term.columns.reshape(-1, len(distance))
-    assert forces.sum(axis=0) == pytest.approx(1.5 ** (len(distance) - 1) * HEIGHT * np.array(distance), abs=1e-12)
+    assert forces.sum(axis=0) == pytest.approx(
+        1.5 ** (len(distance) - 1) * HEIGHT * np.array(distance), abs=1e-12
+    )
 
 
 def layers(*, young="E1", poisson="nu1", clamped=False, loads=None):
-    """Two blocks on each other that grow into a gap, in plane stress; clamped, they do so unevenly."""
+    """Two blocks on each other that grow into a gap, in plane stress; clamped, they do so
+    unevenly.
+    """
     low, high = SERIES
     boxes = ((0.0, 0.0), (1.0, low), (6, 4)), ((0.0, low), (1.0, low + high), (6, 4))
     ends = (two_blocks.side(FIRST, 1, False), two_blocks.side(SECOND, 1, True))
     sides = tuple(hhr.Displacement(two_blocks.side(body, 0, False), 0) for body in (FIRST, SECOND))
-    held = tuple(hhr.Displacement(end, axis) for end in ends for axis in ((0, 1) if clamped else (1,)))
+    held = tuple(
+        hhr.Displacement(end, axis) for end in ends for axis in ((0, 1) if clamped else (1,))
+    )
     moduli = {"E1": (1.0, 3.0), "nu1": (0.1, 0.4)}
-    box = {name: moduli[name] for name in moduli if name in (young, poisson)} | {"T": (0.5, 2.0), "gap": (0.0, 0.02)}
-    heat = hhr.ThermalExpansion(FIRST, "0.02 * (1 + 0.1 * T)", "T"), hhr.Eigenstrain(SECOND, "0.01 * T")
+    box = {name: moduli[name] for name in moduli if name in (young, poisson)} | {
+        "T": (0.5, 2.0),
+        "gap": (0.0, 0.02),
+    }
+    heat = (
+        hhr.ThermalExpansion(FIRST, "0.02 * (1 + 0.1 * T)", "T"),
+        hhr.Eigenstrain(SECOND, "0.01 * T"),
+    )
     return pair_scene(
         "layers",
         box,
         *boxes,
         ((young, poisson), (2.0, 0.3)),
         hypothesis="plane_stress",
-        contacts=(hhr.NodeToNode(two_blocks.side(FIRST, 1, True), two_blocks.side(SECOND, 1, False), (0.0, 1.0)),),
+        contacts=(
+            hhr.NodeToNode(
+                two_blocks.side(FIRST, 1, True), two_blocks.side(SECOND, 1, False), (0.0, 1.0)
+            ),
+        ),
         displacements=held if clamped else (*held, *sides),
         loads=heat if loads is None else loads,
         openings=(hhr.Opening(0, slope("gap")),),
@@ -174,7 +217,9 @@ def layers(*, young="E1", poisson="nu1", clamped=False, loads=None):
 
 
 UNEVEN = (
-    hhr.ThermalExpansion(FIRST, "table(T, 0, 0.02, 1, 0.025, 2, 0.027)", "T", lambda x: 1 + 2 * x[0] ** 2),
+    hhr.ThermalExpansion(
+        FIRST, "table(T, 0, 0.02, 1, 0.025, 2, 0.027)", "T", lambda x: 1 + 2 * x[0] ** 2
+    ),
     hhr.Eigenstrain(SECOND, slope("T", 0.01), ((1.0, 0, 0), (0, 2.0, 0), (0, 0, 0))),
     hhr.BodyForce(SECOND, (0.0, -1.0), "0.01 * T**2"),
     hhr.Pressure(two_blocks.side(FIRST, 0, True), "0.02 * sqrt(T)"),
@@ -187,7 +232,11 @@ def test_two_layers_that_grow_into_a_gap():
     full = hhr.FullOrderModel(layers())
     for point in full.parameters.random(5, seed=1):
         young, _, temperature, gap = point
-        grown = 0.02 * (1 + 0.1 * temperature) * temperature * SERIES[0] + 0.01 * temperature * SERIES[1] - gap
+        grown = (
+            0.02 * (1 + 0.1 * temperature) * temperature * SERIES[0]
+            + 0.01 * temperature * SERIES[1]
+            - gap
+        )
         pressure = max(grown, 0.0) / (SERIES[0] / young + SERIES[1] / 2.0)
         answer = full.solve(point)
         assert answer.forces().sum() == pytest.approx(pressure, abs=1e-12)
@@ -232,15 +281,22 @@ def test_gradients(training, how):
 
 
 def test_files(tmp_path):
-    """Formulas are kept as text; a file that names other parameters, or functions that are unknown, is refused."""
+    """Formulas are kept as text; a file that names other parameters, or functions that are unknown,
+    is refused.
+    """
     scene = layers(young=1.5, poisson=0.2, clamped=True, loads=UNEVEN)
     model = hhr.train(scene, [4, 4], held_out=0, folder=tmp_path / "snapshots").build()
     path = tmp_path / "model.npz"
     hhr.save_model(path, model)
     for point in scene.parameters.random(5, seed=5):
-        assert np.array_equal(hhr.load_model(path).solve(point).forces(), by_lapack(model).solve(point).forces())
+        assert np.array_equal(
+            hhr.load_model(path).solve(point).forces(), by_lapack(model).solve(point).forces()
+        )
     for numbers, message in (
-        ({"text": "gap", "names": ["gap", "T"]}, r"a formula is one of other parameters than \('T', 'gap'\)"),
+        (
+            {"text": "gap", "names": ["gap", "T"]},
+            r"a formula is one of other parameters than \('T', 'gap'\)",
+        ),
         ({"text": "exit(gap)", "names": ["T", "gap"]}, "calls 'exit'"),
         ({"text": "other", "names": ["T", "gap"]}, "names \\['other'\\]"),
     ):
@@ -252,12 +308,16 @@ def test_files(tmp_path):
 
 
 def test_names_and_numbers_stay_affine():
-    """Answers of affine scenes are tabulated, so that a bare name is made a slope, and a bare number a constant."""
+    """Answers of affine scenes are tabulated, so that a bare name is made a slope, and a bare
+    number a constant.
+    """
     pressure = partial(hhr.Pressure, two_blocks.side(FIRST, 0, True))
     loads = pressure(" T "), pressure("2e-3 * 5"), hhr.ThermalExpansion(SECOND, 1e-2, 3.0)
     amplitudes = hhr.FullOrderModel(layers(young=1.0, poisson=0.2, loads=loads)).problem.amplitudes
     assert amplitudes.nonaffine == ()
-    assert amplitudes.constant[2:].tolist() == [0.0, 0.01, 0.03] and amplitudes.slopes[2].tolist() == [1.0, 0.0]
+    assert amplitudes.constant[2:].tolist() == [0.0, 0.01, 0.03] and amplitudes.slopes[
+        2
+    ].tolist() == [1.0, 0.0]
 
 
 def test_idle_parameters():
@@ -287,21 +347,48 @@ SKEW = ((0, 1, 0), (0, 0, 0), (0, 0, 0))
 @pytest.mark.parametrize(
     ("make", "message"),
     [
-        (lambda: hhr.BodyForce(1, (0.0, 0.0), 1.0), "the direction .* of the body force on tag 1 must not be zero"),
+        (
+            lambda: hhr.BodyForce(1, (0.0, 0.0), 1.0),
+            "the direction .* of the body force on tag 1 must not be zero",
+        ),
         (lambda: hhr.BodyForce(1, (0.0, "1"), 1.0), "must hold finite numbers"),
-        (lambda: hhr.BodyForce(1.0, (0.0, 1.0), 1.0), r"the tag 1\.0 of a body force must be an integer"),
-        (lambda: hhr.BodyForce(1, (0.0, 1.0), None), "the amplitude None of the body force on tag 1"),
-        (lambda: hhr.BodyForce(1, (0.0, 1.0), "2 *"), "the amplitude of the body force on tag 1.*cannot be read"),
-        (lambda: hhr.Centrifugal(1, 1.0, axis_direction=(0, 0, 0)), "axis_direction .* must not be zero"),
+        (
+            lambda: hhr.BodyForce(1.0, (0.0, 1.0), 1.0),
+            r"the tag 1\.0 of a body force must be an integer",
+        ),
+        (
+            lambda: hhr.BodyForce(1, (0.0, 1.0), None),
+            "the amplitude None of the body force on tag 1",
+        ),
+        (
+            lambda: hhr.BodyForce(1, (0.0, 1.0), "2 *"),
+            "the amplitude of the body force on tag 1.*cannot be read",
+        ),
+        (
+            lambda: hhr.Centrifugal(1, 1.0, axis_direction=(0, 0, 0)),
+            "axis_direction .* must not be zero",
+        ),
         (lambda: hhr.Eigenstrain(1, 1.0, SKEW), "must be a symmetric 3x3 tensor"),
         (lambda: hhr.Eigenstrain(1, 1.0, 0.0), "must be a symmetric 3x3 tensor"),
         (lambda: hhr.Eigenstrain(1, 1.0, ((1, 0), (0, 1))), "must be a symmetric 3x3 tensor"),
-        (lambda: hhr.Eigenstrain(1, 1.0, field=3.0), r"the field 3\.0 of the eigenstrain of body 1 must be a function"),
-        (lambda: hhr.ThermalExpansion(1, None, 3.0), "expansion of the thermal expansion of body 1 = None"),
-        (lambda: hhr.ThermalExpansion(1, 1.0, "exit()"), "temperature of the thermal expansion of body 1.*'exit'"),
+        (
+            lambda: hhr.Eigenstrain(1, 1.0, field=3.0),
+            r"the field 3\.0 of the eigenstrain of body 1 must be a function",
+        ),
+        (
+            lambda: hhr.ThermalExpansion(1, None, 3.0),
+            "expansion of the thermal expansion of body 1 = None",
+        ),
+        (
+            lambda: hhr.ThermalExpansion(1, 1.0, "exit()"),
+            "temperature of the thermal expansion of body 1.*'exit'",
+        ),
         (lambda: hhr.PartialPressure(1, "2 * p", "h"), "must be a finite number or an Amplitude"),
         (lambda: turning_about("solid"), "needs an axis_direction of 3 components"),
-        (lambda: turning_about("axisymmetric", (1.0, 0.0)), "the axis of an axisymmetric scene is at r = 0"),
+        (
+            lambda: turning_about("axisymmetric", (1.0, 0.0)),
+            "the axis of an axisymmetric scene is at r = 0",
+        ),
     ],
 )
 def test_loads_that_are_none(make, message):
@@ -312,17 +399,32 @@ def test_loads_that_are_none(make, message):
 @pytest.mark.parametrize(
     ("load", "message"),
     [
-        (hhr.Pressure(221, "2 * p"), r"the amplitude of Pressure.*names \['p'\], the parameters are"),
+        (
+            hhr.Pressure(221, "2 * p"),
+            r"the amplitude of Pressure.*names \['p'\], the parameters are",
+        ),
         (hhr.Pressure(221, "log(T - 1)"), "is nan at .*finite everywhere in the box"),
-        (hhr.ThermalExpansion(FIRST, "table(T, 0, 1, 1, 2)", "T"), "outside the table from 0 to 1.*further points"),
+        (
+            hhr.ThermalExpansion(FIRST, "table(T, 0, 1, 1, 2)", "T"),
+            "outside the table from 0 to 1.*further points",
+        ),
         (hhr.BodyForce(FIRST, (1.0, 0.0, 0.0), "T"), "must have 2 components"),
         (hhr.BodyForce(7, (1.0, 0.0), "T"), "cell tag.*7"),
         (hhr.Eigenstrain(7, "T"), "cell tag.*7"),
         (hhr.Centrifugal(FIRST, "T", axis_point=(0.0,)), "must have 2 components"),
-        (hhr.Centrifugal(FIRST, "T", axis_direction=(0, 0, 1)), "the axis of a scene in plane_stress is known"),
+        (
+            hhr.Centrifugal(FIRST, "T", axis_direction=(0, 0, 1)),
+            "the axis of a scene in plane_stress is known",
+        ),
         (hhr.Eigenstrain(FIRST, "T", ((0, 0, 1), (0, 0, 0), (1, 0, 0))), "shears out of the plane"),
-        (hhr.Eigenstrain(FIRST, "T", field=lambda x: x), "must map UFL coordinates to a UFL scalar"),
-        (hhr.Eigenstrain(FIRST, "T", field=lambda x: "hot"), "must map UFL coordinates to a UFL scalar"),
+        (
+            hhr.Eigenstrain(FIRST, "T", field=lambda x: x),
+            "must map UFL coordinates to a UFL scalar",
+        ),
+        (
+            hhr.Eigenstrain(FIRST, "T", field=lambda x: "hot"),
+            "must map UFL coordinates to a UFL scalar",
+        ),
         (hhr.Eigenstrain(FIRST, "T", field=lambda x: 1 / (x[0] - x[0])), "not finite"),
     ],
 )
@@ -332,7 +434,9 @@ def test_loads_that_do_not_fit_the_scene(load, message):
 
 
 def test_amplitudes_whose_names_are_no_words():
-    """An affine amplitude may have any names, but those that are multiplied by a modulus become formulas."""
+    """An affine amplitude may have any names, but those that are multiplied by a modulus become
+    formulas.
+    """
     scene = layers()
     names = ("E1", "nu1", "T - 1", "gap")
     space = dataclasses.replace(scene.parameters, names=names)
