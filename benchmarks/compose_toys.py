@@ -18,7 +18,7 @@ from hhr_dolfinx.pairings.obstacle import Obstacle
 from hhr_dolfinx.registry import Plugin
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.plugins.conformance.draft import Draft
+    from hhr_dolfinx.plugins.conformance.draft import SceneDraft
 
 ROOT = Path(__file__).parents[1]
 PLACES = ("extension_templates/contact_law", "extension_templates/law", "tests")
@@ -26,7 +26,7 @@ FOLDERS = [str(ROOT / name) for name in PLACES]
 """Folders of the parts: two templates, and the toys of the tests."""
 
 
-def own_contact_law(draft: Draft, neutral: bool) -> Draft:
+def own_contact_law(draft: SceneDraft, neutral: bool) -> SceneDraft:
     """Wear of a contact with a plane, which remembers: the template of contact laws."""
     from my_contact_law import Wear
 
@@ -35,7 +35,7 @@ def own_contact_law(draft: Draft, neutral: bool) -> Draft:
     return draft.with_obstacle(Obstacle(flank, draft.vector(-1.0, 0.0), offset, law=wears))
 
 
-def own_body_law(draft: Draft, neutral: bool) -> Draft:
+def own_body_law(draft: SceneDraft, neutral: bool) -> SceneDraft:
     """Linear creep: the template of laws of bodies."""
     from my_law import MyLaw
 
@@ -43,7 +43,7 @@ def own_body_law(draft: Draft, neutral: bool) -> Draft:
     return (draft.of_simplices() if neutral else draft).with_body_law(law)
 
 
-def own_system(draft: Draft, neutral: bool) -> Draft:
+def own_system(draft: SceneDraft, neutral: bool) -> SceneDraft:
     """Bodies on a foundation whose stiffness is a parameter: the toy of systems."""
     from toy_system import Parted
 

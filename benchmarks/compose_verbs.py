@@ -24,9 +24,9 @@ from mpi4py import MPI
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import HHRError, NotOfferedError
 from hhr_dolfinx.plugins.conformance.draft import (
-    Chosen,
-    Draft,
+    ChosenSwitch,
     Excluded,
+    SceneDraft,
     composed,
     has_neutral,
     switches,
@@ -162,17 +162,17 @@ class Case:
         HHRError: if the scene is refused.
     """
 
-    def __init__(self, names: Iterable[str], draft: Draft | None = None):
+    def __init__(self, names: Iterable[str], draft: SceneDraft | None = None):
         self.names = tuple(names)
         self.draft = composed(self.chosen()) if draft is None else draft
         self.scene = self.draft.scene()
         self.path = self.draft.path()
         self._kept: dict[str, Any] = {}
 
-    def chosen(self, neutral: str = "") -> list[Chosen]:
+    def chosen(self, neutral: str = "") -> list[ChosenSwitch]:
         """Switches, one of them neutral."""
         known = switches()
-        return [Chosen(name, known[name], name == neutral) for name in self.names]
+        return [ChosenSwitch(name, known[name], name == neutral) for name in self.names]
 
     def _once(self, name: str, make: Callable[[], Made]) -> Made:
         """The value, or the error that making it raised."""
@@ -445,7 +445,7 @@ def _changed(case: Case, name: str) -> tuple[float, str]:
     """
     rest = [one for one in case.chosen() if one.name != name]
     with_it = composed([*rest, *(one for one in case.chosen(name) if one.name == name)])
-    without = composed(rest, Draft(kind=with_it.kind))
+    without = composed(rest, SceneDraft(kind=with_it.kind))
     settings = TIGHT if case.inelastic else {}
     found, expected = (outputs_of(draft, **settings) for draft in (with_it, without))
     if any(body.grading is not None for body in case.scene.bodies) and case.inelastic:
@@ -454,7 +454,7 @@ def _changed(case: Case, name: str) -> tuple[float, str]:
     return apart(found, expected), name
 
 
-def outputs_of(draft: Draft, **settings: Any) -> list[dict[str, float]]:
+def outputs_of(draft: SceneDraft, **settings: Any) -> list[dict[str, float]]:
     """Outputs of the full model of a draft along its path."""
     return answers_of(draft.model(draft.scene()), draft.path(), **settings).outputs
 

@@ -20,7 +20,7 @@ from verify import recorded_warnings
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import stacked_blocks as geometry
 
-YOUNG, PUSH = {geometry.LOWER: 3.0, geometry.UPPER: 7.0}, 0.05
+YOUNG, PUSH = {geometry.LOWER_BLOCK: 3.0, geometry.UPPER_BLOCK: 7.0}, 0.05
 PRESSURE = PUSH / sum(1 / young for young in YOUNG.values())
 
 
@@ -42,7 +42,7 @@ def scene(
     upper: tuple[int, ...] = (5, 4),
     poisson: float = 0.0,
     by_normal: bool = True,
-    slave: int = geometry.UPPER,
+    slave: int = geometry.UPPER_BLOCK,
     **shape: Any,
 ) -> hhr.Scene:
     """The lower block clamped, the upper pushed down by its top and aside.
@@ -54,9 +54,9 @@ def scene(
         3 - slave,
         geometry.rotation(len(lower), shape.get("angle", 0.0)),
     )
-    towards = turn[:, -1] if slave == geometry.LOWER else -turn[:, -1]
+    towards = turn[:, -1] if slave == geometry.LOWER_BLOCK else -turn[:, -1]
     tags = geometry.interface(slave, dim), geometry.interface(master, dim)
-    down = {geometry.LOWER: np.zeros(dim), geometry.UPPER: -turn[:, -1]}
+    down = {geometry.LOWER_BLOCK: np.zeros(dim), geometry.UPPER_BLOCK: -turn[:, -1]}
     moves = tuple(
         hhr.Displacement(geometry.outer_end(body, dim), k, hhr.Amplitude(slopes={"push": way[k]}))
         for body, way in down.items()
@@ -71,7 +71,9 @@ def scene(
         contacts=(pairing(*tags, tuple(towards) if by_normal else None),),
         parameters=hhr.ParameterSpace(("push", "side"), (0.0, 0.0), (0.1, 0.05)),
         displacements=moves,
-        loads=(hhr.Traction(geometry.side(geometry.UPPER, 0, False), tuple(turn[:, 0]), aside),),
+        loads=(
+            hhr.Traction(geometry.side(geometry.UPPER_BLOCK, 0, False), tuple(turn[:, 0]), aside),
+        ),
     )
 
 

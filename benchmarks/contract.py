@@ -30,7 +30,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx import registry
 from hhr_dolfinx.errors import NotOfferedError, OutsideTrainingError, ParameterError
 from hhr_dolfinx.geometries import two_blocks
-from hhr_dolfinx.models.estimates import FORCES, STRESS
+from hhr_dolfinx.models.estimates import FORCES_INDICATOR, STRESS_INDICATOR
 
 EXACT = 1e-9
 """Difference that copies, files and tables may make: other libraries and other orders of summation,
@@ -459,7 +459,7 @@ def _estimate(item: Context) -> None:
     if estimate is None:
         raise Unknown
     assert (
-        estimate.kind in ("bound", "estimate", "indicator", STRESS, FORCES)
+        estimate.kind in ("bound", "estimate", "indicator", STRESS_INDICATOR, FORCES_INDICATOR)
         and estimate.dual_relative >= 0
     )
 

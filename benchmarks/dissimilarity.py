@@ -30,7 +30,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.plugins.local.subspaces import theorem_9
 from hhr_dolfinx.plugins.theorems.ellipticity import Ellipticity
-from hhr_dolfinx.plugins.theorems.theorems import ROUND_OFF, ThesisBounds
+from hhr_dolfinx.plugins.theorems.theorems import RIGHT_SIDE_ROUND_OFF, ThesisBounds
 from hhr_dolfinx.study.training.train import Training
 
 HEIGHTS = np.array([0.5, 0.75, 1.0, 1.25, 1.5])
@@ -103,7 +103,7 @@ def _compared(full: Any, model: hhr.ReducedModel) -> dict[str, Any]:
             row["relative"] = float(error / np.linalg.norm(field))
             for name, factor in factors.items():
                 sides = theorem_9(spanned, basis, weights, factor)
-                holds = error <= sides.angles + ROUND_OFF * np.linalg.norm(field)
+                holds = error <= sides.angles + RIGHT_SIDE_ROUND_OFF * np.linalg.norm(field)
                 row |= {
                     f"{name}bound_129": sides.angles,
                     f"{name}bound_130": sides.distance,

@@ -16,7 +16,7 @@ import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.plugins.friction.laws import Friction
-from hhr_dolfinx.plugins.friction.sliding_set import Increment, SlidingContact
+from hhr_dolfinx.plugins.friction.sliding_set import SlidingContact, SlidingIncrement
 
 NONE = np.zeros(0)
 WRONG = 1e-8
@@ -91,7 +91,7 @@ def random_problem(rng):
         rng.random(contacts) < 0.2, rng.random(contacts) * np.abs(wanted).max(), np.inf
     )
     coefficient[(rng.random(contacts) < 0.3) & np.isfinite(limit)] = np.inf
-    return schur, friction, Increment(schur @ wanted, coefficient, limit, NONE)
+    return schur, friction, SlidingIncrement(schur @ wanted, coefficient, limit, NONE)
 
 
 def tried(count: int, rng: np.random.Generator) -> dict[str, Any]:

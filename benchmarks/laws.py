@@ -20,7 +20,7 @@ import numpy as np
 from points import LAWS, POISSON, YOUNG, Point, at_rest
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.plugins.inelastic.law import Given, LawProgram, program_of
+from hhr_dolfinx.plugins.inelastic.law import LawNumbers, LawProgram, program_of
 from hhr_dolfinx.plugins.inelastic.local_solver import (
     AFTER,
     LOCAL,
@@ -38,18 +38,18 @@ PACES = (1e-3, 1.0, 1e3)
 OFF = 1e-6
 
 
-def given_of(program: LawProgram) -> Given:
+def given_of(program: LawProgram) -> LawNumbers:
     """Constants of a law, also of one of F."""
     if program.strains != 9:
         return program.given(YOUNG, POISSON)
     whole = np.eye(9)
-    return Given(
+    return LawNumbers(
         np.array([[YOUNG], [POISSON], *([float(value)] for value in program.values)]), whole, whole
     )
 
 
 def stepped(
-    program: LawProgram, given: Given, strain: np.ndarray, old: np.ndarray, dt: float
+    program: LawProgram, given: LawNumbers, strain: np.ndarray, old: np.ndarray, dt: float
 ) -> tuple[Any, ...]:
     """Stress, (c, n), memory, (k, n), tangents, (c, c, n), and results of a step, which raises
     nothing.
@@ -65,7 +65,7 @@ def stepped(
 
 def false_answers(
     program: LawProgram,
-    given: Given,
+    given: LawNumbers,
     strain: np.ndarray,
     old: np.ndarray,
     dt: float,
@@ -102,7 +102,7 @@ def false_answers(
 
 def tangent_error(
     program: LawProgram,
-    given: Given,
+    given: LawNumbers,
     strain: np.ndarray,
     old: np.ndarray,
     dt: float,

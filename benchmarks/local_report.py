@@ -14,7 +14,7 @@ from hhr_dolfinx.plugins.local.models import LocalModels
 from hhr_dolfinx.plugins.studies.points import time_queries
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.plugins.studies.measure import Errors, References
+    from hhr_dolfinx.plugins.studies.measure import MeasuredErrors, References
 
 BORDER = 0.05
 """Part of the width of the part of a model within which a point lies by its border."""
@@ -49,7 +49,7 @@ def stripe(local: LocalModels, points: np.ndarray, errors: np.ndarray) -> float:
 
 
 def local_part(
-    local: LocalModels, references: References, errors: Errors, fresh: np.ndarray
+    local: LocalModels, references: References, errors: MeasuredErrors, fresh: np.ndarray
 ) -> dict[str, Any]:
     """The ``local`` part of a report.
 

@@ -103,18 +103,21 @@ def warm_stack() -> hhr.Scene:
 
     Both moduli are parameters.
     """
-    upper = stacked_blocks.UPPER
-    faces = stacked_blocks.interface(stacked_blocks.LOWER, 2), stacked_blocks.interface(upper, 2)
+    upper = stacked_blocks.UPPER_BLOCK
+    faces = (
+        stacked_blocks.interface(stacked_blocks.LOWER_BLOCK, 2),
+        stacked_blocks.interface(upper, 2),
+    )
     return hhr.Scene(
         name="warm_stack",
         geometry=lambda comm: stacked_blocks.stacked_blocks(
             comm, lower=(24, 12), upper=(24, 12), bulge=0.01
         ),
         hypothesis="plane_stress",
-        bodies=(hhr.Body(stacked_blocks.LOWER, "E1", 0.3), hhr.Body(upper, "E2", 0.2)),
+        bodies=(hhr.Body(stacked_blocks.LOWER_BLOCK, "E1", 0.3), hhr.Body(upper, "E2", 0.2)),
         contacts=(hhr.NodeToNode(*faces, (0.0, 1.0)),),
         displacements=(
-            *hhr.Displacement.clamp(stacked_blocks.outer_end(stacked_blocks.LOWER, 2), 2),
+            *hhr.Displacement.clamp(stacked_blocks.outer_end(stacked_blocks.LOWER_BLOCK, 2), 2),
             hhr.Displacement(
                 stacked_blocks.outer_end(upper, 2), 1, hhr.Amplitude(slopes={"push": -1.0})
             ),
@@ -122,7 +125,9 @@ def warm_stack() -> hhr.Scene:
         ),
         loads=(
             hhr.Traction(side(upper, 0, False), (1.0, 0.0), hhr.Amplitude(slopes={"shear": 1.0})),
-            hhr.ThermalExpansion(stacked_blocks.LOWER, 1e-4, hhr.Amplitude(slopes={"warm": 1.0})),
+            hhr.ThermalExpansion(
+                stacked_blocks.LOWER_BLOCK, 1e-4, hhr.Amplitude(slopes={"warm": 1.0})
+            ),
         ),
         parameters=hhr.ParameterSpace(
             ("push", "shear", "warm", "E1", "E2"),

@@ -3,7 +3,7 @@
 import numpy as np
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.plugins.inelastic.law import State, program_of
+from hhr_dolfinx.plugins.inelastic.law import InternalVariables, program_of
 from hhr_dolfinx.plugins.inelastic.laws import MooneyRivlin, NeoHooke
 
 YOUNG, POISSON = 210e3, 0.3
@@ -37,7 +37,9 @@ LAWS = {
 def at_rest(program, points=1):
     """State of a law at rest."""
     own = program.remembered - program.strains - 1
-    return State(np.zeros((points, program.strains)), np.zeros(points), np.zeros((points, own)))
+    return InternalVariables(
+        np.zeros((points, program.strains)), np.zeros(points), np.zeros((points, own))
+    )
 
 
 class Point:

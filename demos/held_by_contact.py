@@ -47,18 +47,18 @@ def o_ring(fine: float = 0.06) -> hhr.Scene:
 
 def punch(cells: int = 24) -> hhr.Scene:
     """A crowned block on another one, pressed down on its top and on its side."""
-    upper, counts = blocks.UPPER, (cells, cells // 2)
+    upper, counts = blocks.UPPER_BLOCK, (cells, cells // 2)
     return hhr.Scene(
         name="punch",
         geometry=lambda comm: blocks.stacked_blocks(comm, lower=counts, upper=counts, bulge=0.02),
         hypothesis="plane_strain",
-        bodies=(hhr.Body(blocks.LOWER, 1000.0, 0.3), hhr.Body(upper, 3000.0, 0.3)),
+        bodies=(hhr.Body(blocks.LOWER_BLOCK, 1000.0, 0.3), hhr.Body(upper, 3000.0, 0.3)),
         contacts=(
             hhr.NodeToNode(
-                blocks.interface(blocks.LOWER, 2), blocks.interface(upper, 2), (0.0, 1.0)
+                blocks.interface(blocks.LOWER_BLOCK, 2), blocks.interface(upper, 2), (0.0, 1.0)
             ),
         ),
-        displacements=hhr.Displacement.clamp(blocks.outer_end(blocks.LOWER, 2), 2),
+        displacements=hhr.Displacement.clamp(blocks.outer_end(blocks.LOWER_BLOCK, 2), 2),
         loads=(
             hhr.Traction(
                 blocks.outer_end(upper, 2), (0.0, -1.0), hhr.Amplitude(slopes={"force": 1.0})

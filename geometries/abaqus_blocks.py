@@ -51,7 +51,7 @@ this.
 
 
 @dataclass
-class Deck:
+class DeckContents:
     """Contents of a deck, filled block by block.
 
     Attributes:
@@ -173,7 +173,7 @@ def blocks(path: Path) -> Iterator[tuple[int, str, dict[str, str], list[list[str
         yield start, keyword, options, rows
 
 
-def take(deck: Deck, keyword: str, options: dict[str, str], rows: list[list[str]]) -> None:
+def take(deck: DeckContents, keyword: str, options: dict[str, str], rows: list[list[str]]) -> None:
     """Add a block to a deck; blocks that are not part of a mesh are skipped."""
     if keyword == "NODE":
         system = options.get("SYSTEM", "R").upper()
@@ -225,7 +225,7 @@ def number_of(word: str) -> float:
     return float(word.upper().replace("D", "E")) if word else 0.0
 
 
-def _surface(deck: Deck, options: dict[str, str], rows: list[list[str]]) -> None:
+def _surface(deck: DeckContents, options: dict[str, str], rows: list[list[str]]) -> None:
     """Add a surface of faces or nodes, or a union of surfaces; other types are left out."""
     name = deck.named("surface", options["NAME"])
     kind = options.get("TYPE", "ELEMENT").upper()
@@ -246,7 +246,7 @@ def _surface(deck: Deck, options: dict[str, str], rows: list[list[str]]) -> None
         )
 
 
-def _elements(deck: Deck, options: dict[str, str], rows: list[list[str]]) -> None:
+def _elements(deck: DeckContents, options: dict[str, str], rows: list[list[str]]) -> None:
     """Add a block of elements; elements that are not cells, lines or facets keep only types and
     sets.
     """
@@ -310,7 +310,7 @@ def _members(sets: dict[str, list[int]], rows: list[list[str]], ranges: bool) ->
     return found
 
 
-def name_loaded(deck: Deck, block: str, rows: list[list[str]]) -> None:
+def name_loaded(deck: DeckContents, block: str, rows: list[list[str]]) -> None:
     """Name the nodes and faces that supports and loads give by numbers, so that a scene can have
     the same ones.
     """
@@ -324,7 +324,9 @@ def name_loaded(deck: Deck, block: str, rows: list[list[str]]) -> None:
             )
 
 
-def name_coupled(deck: Deck, block: str, options: dict[str, str], rows: list[list[str]]) -> None:
+def name_coupled(
+    deck: DeckContents, block: str, options: dict[str, str], rows: list[list[str]]
+) -> None:
     """Name the nodes of constraints: each one of an equation, and all nodes of another constraint
     by its block.
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from hhr_dolfinx.errors import FileContentError
-from hhr_dolfinx.geometries.abaqus_blocks import Deck, blocks
+from hhr_dolfinx.geometries.abaqus_blocks import DeckContents, blocks
 from hhr_dolfinx.geometries.abaqus_parts import Assembly
 from hhr_dolfinx.geometries.cells import (
     DIMENSION,
@@ -35,7 +35,7 @@ def read_deck(path: Path) -> RawMesh:
     return _mesh_of(flat_deck(path), path)
 
 
-def flat_deck(path: Path) -> Deck:
+def flat_deck(path: Path) -> DeckContents:
     """Nodes, elements and sets of a deck with its includes; FileContentError for a damaged one."""
     assembly = Assembly()
     for line, keyword, options, rows in blocks(path):
@@ -47,7 +47,7 @@ def flat_deck(path: Path) -> Deck:
     return assembly.flat()
 
 
-def _mesh_of(deck: Deck, path: Path) -> RawMesh:
+def _mesh_of(deck: DeckContents, path: Path) -> RawMesh:
     """Make the mesh of a deck: cells of the highest dimension, and sets of them."""
     dimensions = {DIMENSION.get(kind, 3) for kind, _ in deck.elements.values() if kind != "line"}
     if not dimensions:
@@ -109,7 +109,7 @@ def _mesh_of(deck: Deck, path: Path) -> RawMesh:
     )
 
 
-def _others(deck: Deck, kinds: dict[int, str], kept: str) -> dict[str | int, str]:
+def _others(deck: DeckContents, kinds: dict[int, str], kept: str) -> dict[str | int, str]:
     """Reasons why sets with elements of other kinds, by number, are no bodies."""
     found: dict[str | int, Counter[str]] = {}
     for name, numbers in deck.element_sets.items():
@@ -119,7 +119,7 @@ def _others(deck: Deck, kinds: dict[int, str], kept: str) -> dict[str | int, str
 
 
 def _facets(
-    deck: Deck, kind: str, cells: np.ndarray, node_of: dict[int, int]
+    deck: DeckContents, kind: str, cells: np.ndarray, node_of: dict[int, int]
 ) -> dict[int, np.ndarray]:
     """Corners of the elements that are sides of cells, by number: shells on a solid, lines around a
     plane body.
@@ -140,7 +140,7 @@ def _facets(
     }
 
 
-def _idle_elements(deck: Deck, used: set[int]) -> dict[str | int, str]:
+def _idle_elements(deck: DeckContents, used: set[int]) -> dict[str | int, str]:
     """Elements that are neither cells nor sides of cells, by set, or by type if they are in
     none.
     """
@@ -165,7 +165,11 @@ def _idle_elements(deck: Deck, used: set[int]) -> dict[str | int, str]:
 
 
 def _surfaces(
-    deck: Deck, kind: str, cells: np.ndarray, row_of: dict[int, int], facets: dict[int, np.ndarray]
+    deck: DeckContents,
+    kind: str,
+    cells: np.ndarray,
+    row_of: dict[int, int],
+    facets: dict[int, np.ndarray],
 ) -> tuple[dict[str | int, np.ndarray], dict[str | int, str]]:
     """Corners of the facets of sets of elements and of surfaces, (f, k), by name, and reasons for
     those without.
@@ -197,7 +201,7 @@ def _surfaces(
 
 
 def _faces(
-    deck: Deck, item: tuple[str, str], kind: str, cells: np.ndarray, row_of: dict[int, int],
+    deck: DeckContents, item: tuple[str, str], kind: str, cells: np.ndarray, row_of: dict[int, int],
     facets: dict[int, np.ndarray], name: str,
 ) -> np.ndarray | str:  # fmt: skip
     """Corners of the faces of an element or a set in a surface, (f, k), or the reason why there are

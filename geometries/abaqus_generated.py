@@ -9,7 +9,7 @@ from itertools import product
 
 import numpy as np
 
-from hhr_dolfinx.geometries.abaqus_blocks import Deck, number_of
+from hhr_dolfinx.geometries.abaqus_blocks import DeckContents, number_of
 
 Arc = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 """Places, (n, 3), between two ends at some shares of the way, (n, 1)."""
@@ -20,7 +20,9 @@ _CURVED = {"NGEN": ("SYSTEM",), "NFILL": ("BIAS", "SINGULAR", "TWO STEP")}
 """Options of lines that are divided into unequal parts, or whose centres are in another system."""
 
 
-def generate(deck: Deck, keyword: str, options: dict[str, str], rows: list[list[str]]) -> None:
+def generate(
+    deck: DeckContents, keyword: str, options: dict[str, str], rows: list[list[str]]
+) -> None:
     """Add the nodes or elements of a block to a deck.
 
     Raises:
@@ -62,7 +64,7 @@ def generate(deck: Deck, keyword: str, options: dict[str, str], rows: list[list[
 
 
 def _line(
-    deck: Deck, first: int, last: int, step: int, count: float, on_arc: Arc | None = None
+    deck: DeckContents, first: int, last: int, step: int, count: float, on_arc: Arc | None = None
 ) -> list[int]:
     """Add nodes between two nodes, which divide the line into ``count`` equal parts.
 
@@ -80,7 +82,7 @@ def _line(
     return [*numbers, last]
 
 
-def _arc(deck: Deck, given: list[str]) -> Arc:
+def _arc(deck: DeckContents, given: list[str]) -> Arc:
     """Arc about a centre, which is a node or three coordinates.
 
     ValueError for one that needs its normal.
@@ -110,7 +112,7 @@ def _arc(deck: Deck, given: list[str]) -> Arc:
     return places
 
 
-def _copies(deck: Deck, words: list[int]) -> list[int]:
+def _copies(deck: DeckContents, words: list[int]) -> list[int]:
     """Add copies of an element in rows and layers: count, and increments of nodes and elements, of
     each direction.
     """

@@ -16,7 +16,7 @@ from hhr_dolfinx.geometries.abaqus_blocks import (
     COUPLED,
     LOADED,
     STRIDE,
-    Deck,
+    DeckContents,
     name_coupled,
     name_loaded,
     number_of,
@@ -39,12 +39,12 @@ class Assembly:
     """
 
     def __init__(self) -> None:
-        self.deck = Deck()
-        self.parts: dict[str, Deck] = {}
+        self.deck = DeckContents()
+        self.parts: dict[str, DeckContents] = {}
         self.placed: set[str] = set()
         self._own = self.deck
         self._instance = ""
-        self._coupled: list[tuple[Deck, str, dict[str, str], list[list[str]]]] = []
+        self._coupled: list[tuple[DeckContents, str, dict[str, str], list[list[str]]]] = []
 
     def take(
         self, keyword: str, options: dict[str, str], rows: list[list[str]], line: int = 0
@@ -65,7 +65,9 @@ class Assembly:
         ):
             self._close()
         if keyword == "PART":
-            self._own = self.parts.setdefault(self.deck.named("part", options["NAME"]), Deck())
+            self._own = self.parts.setdefault(
+                self.deck.named("part", options["NAME"]), DeckContents()
+            )
         elif keyword == "INSTANCE":
             self._open(options, rows)
         else:
@@ -79,7 +81,7 @@ class Assembly:
                 # their sets may follow
                 self._coupled.append((self._own, f"{keyword}:{line}", options, numbered))
 
-    def flat(self) -> Deck:
+    def flat(self) -> DeckContents:
         """All instances as one deck; parts are taken as they are if nothing places them."""
         self._close()
         self._name_coupled()
@@ -224,7 +226,7 @@ def _moved(nodes: dict[int, list[float]], rows: list[list[float]]) -> dict[int, 
     return dict(zip(nodes, points.tolist(), strict=True))
 
 
-def _join(deck: Deck, instance: str, own: Deck) -> None:
+def _join(deck: DeckContents, instance: str, own: DeckContents) -> None:
     """Add an instance to a deck: its numbers increase by a multiple of STRIDE, and its names have
     its name in front.
     """
@@ -260,7 +262,7 @@ def _join(deck: Deck, instance: str, own: Deck) -> None:
         )
 
 
-def _add_short_names(deck: Deck) -> None:
+def _add_short_names(deck: DeckContents) -> None:
     """Add the sets of instances by their names without that of the instance, unless several sets
     have this name.
     """
@@ -283,7 +285,7 @@ def _add_short_names(deck: Deck) -> None:
             deck.left_out[short] = f"is in several instances: name it {said}"
 
 
-def _add_short_name(deck: Deck, kind: str, name: str, full: str, spelt: str) -> None:
+def _add_short_name(deck: DeckContents, kind: str, name: str, full: str, spelt: str) -> None:
     """Add one set by its short name."""
     deck.spelling[kind, name] = spelt
     if kind == "surface" and full in deck.unions:

@@ -16,11 +16,11 @@ import numpy as np
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.geometries.cells import (
+    CELL_KINDS,
     CORNERS,
     DIMENSION,
     FACES,
     FACET_KINDS,
-    KINDS,
     OTHERS,
     of_other_kinds,
     one_kind,
@@ -44,7 +44,7 @@ NO_MARKERS = (
 )
 """Arrays of integers, in small letters, that do not number bodies."""
 _ONE = np.ones(1)
-MOST = 1000
+MOST_MARKERS = 1000
 """Largest count of different numbers in an array of unknown name that may number bodies and
 surfaces.
 """
@@ -69,7 +69,7 @@ class Elements:
     @property
     def kind(self) -> str:
         """Kind of cells; empty for elements that are no cells."""
-        return KINDS.get(self.type) or next(
+        return CELL_KINDS.get(self.type) or next(
             (kind for start, kind in OTHERS.items() if self.type.startswith(start)), ""
         )
 
@@ -218,7 +218,7 @@ def raw_mesh(
     there = [block for block in elements if block.kind]
     if not there:
         kinds = sorted({block.type for block in elements})
-        high = any(kind.rstrip("0123456789") in KINDS for kind in kinds)
+        high = any(kind.rstrip("0123456789") in CELL_KINDS for kind in kinds)
         why = (
             "it is empty, or of a format that is not understood. Write it as .msh, .inp, .med, .e "
             "or .vtu"
@@ -333,7 +333,7 @@ def _whole_arrays(
     return {
         name: own
         for name, own in found.items()
-        if name.lower() not in NO_MARKERS and np.unique(own[1]).size <= MOST
+        if name.lower() not in NO_MARKERS and np.unique(own[1]).size <= MOST_MARKERS
     }
 
 

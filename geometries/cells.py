@@ -29,7 +29,7 @@ cells in space in that of Abaqus. Nodes have the order of most formats.
 """
 CORNERS = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
 DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
-KINDS = {
+CELL_KINDS = {
     "triangle": "triangle", "triangle6": "triangle", "triangle7": "triangle",
     "quad": "quadrilateral", "quad8": "quadrilateral", "quad9": "quadrilateral",
     "tetra": "tetrahedron", "tetra10": "tetrahedron",
@@ -128,7 +128,7 @@ EDGE_ORDERS: dict[str, dict[str, tuple[tuple[int, int], ...]]] = {
 """Corners of edges as :data:`EDGES`, for formats with another order."""
 WHOLE = {"triangle": (7,), "quadrilateral": (9,), "hexahedron": (27,)}
 """Numbers of nodes of cells that also have nodes in the middle of their faces and of the cell."""
-TENSOR = {"quadrilateral": [0, 1, 3, 2], "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6]}
+TENSOR_ORDER = {"quadrilateral": [0, 1, 3, 2], "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6]}
 """Indices of the nodes of a cell in the order of DOLFINx."""
 TENSOR_FACET = [0, 1, 3, 2]
 

@@ -31,7 +31,7 @@ from hhr_dolfinx.geometries.cells import (
 )
 from hhr_dolfinx.geometries.conforming import conforming
 from hhr_dolfinx.geometries.partition import shares
-from hhr_dolfinx.geometries.raw_mesh import Numbers, RawMesh, facets_by_number
+from hhr_dolfinx.geometries.raw_mesh import ItemNumbers, RawMesh, facets_by_number
 from hhr_dolfinx.geometries.summary import Summary, summary_of
 from hhr_dolfinx.registry import load, named, remedy
 
@@ -51,7 +51,7 @@ BY_GMSH = (".med", ".mmed", ".rmed", ".cgns")
 of DOLFINx.
 """
 
-ENDINGS = (".msh", ".inp", ".e", ".xdmf", ".vtk", ".vtu", ".med", ".cgns")
+MESH_ENDINGS = (".msh", ".inp", ".e", ".xdmf", ".vtk", ".vtu", ".med", ".cgns")
 """Endings of the usual formats, for messages."""
 
 
@@ -152,7 +152,7 @@ def _advice(path: Path) -> str:
         return "It names other files: give one of the .vtu files in it"
     return (
         "Write it again, or in another format: "
-        f"{', '.join(dict.fromkeys((*ENDINGS, *named('readers'))))}"
+        f"{', '.join(dict.fromkeys((*MESH_ENDINGS, *named('readers'))))}"
     )
 
 
@@ -294,7 +294,7 @@ def _joined(entities: list[Entity], width: int) -> tuple[np.ndarray, dict[str | 
 
 def _arrays(raw: RawMesh, scale: float) -> tuple[tuple[np.ndarray, ...], Any]:
     """Points, cells, tagged cells and facets with their tags, and the names of tags."""
-    bodies = Numbers.of(raw.bodies, len(raw.cells))
+    bodies = ItemNumbers.of(raw.bodies, len(raw.cells))
     facets, surfaces = facets_by_number(raw)
     points, whole = raw.whole()
     cells = raw.ordered()

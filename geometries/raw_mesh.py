@@ -14,8 +14,8 @@ from hhr_dolfinx.geometries.cells import (
     DIMENSION,
     EDGES,
     FACES,
-    TENSOR,
     TENSOR_FACET,
+    TENSOR_ORDER,
     outer_faces,
 )
 
@@ -124,7 +124,7 @@ class RawMesh:
 
     def ordered(self) -> np.ndarray:
         """Corners of the cells in the order of DOLFINx."""
-        return self.cells[:, TENSOR[self.kind]] if self.kind in TENSOR else self.cells
+        return self.cells[:, TENSOR_ORDER[self.kind]] if self.kind in TENSOR_ORDER else self.cells
 
     def whole(self) -> tuple[np.ndarray, np.ndarray]:
         """Points, (nodes, dim), and all nodes of the cells in the order of DOLFINx, (c, K)."""
@@ -132,11 +132,11 @@ class RawMesh:
             return self.points, self.ordered()
         self._check_sides(self.sides)
         corners = self.ordered()
-        places = TENSOR.get(self.kind, range(corners.shape[1]))
+        places = TENSOR_ORDER.get(self.kind, range(corners.shape[1]))
         own = [frozenset(edge) for edge in EDGES[self.kind]]
         edges, faces = topology(self.kind)
         sides = self.sides[:, [own.index(frozenset((places[a], places[b]))) for a, b in edges]]
-        if self.kind not in TENSOR:
+        if self.kind not in TENSOR_ORDER:
             return self.points, np.hstack([corners, sides])
         points = self.points
         cells = np.hstack([corners, sides])
@@ -182,7 +182,7 @@ def _middles_of_faces(
 
 
 @dataclass(frozen=True)
-class Numbers:
+class ItemNumbers:
     """A number for each item that is in some set, and the numbers of each set.
 
     Attributes:
@@ -196,7 +196,7 @@ class Numbers:
     sets: dict[str | int, tuple[int, ...]]
 
     @classmethod
-    def of(cls, sets: Mapping[str | int, np.ndarray], count: int) -> Numbers:
+    def of(cls, sets: Mapping[str | int, np.ndarray], count: int) -> ItemNumbers:
         """Number the items of sets of indices among ``count`` items: items that are in the same
         sets share a number.
 
@@ -231,18 +231,18 @@ def _same(sets: Mapping[str | int, np.ndarray], names: Iterable[str | int]) -> b
     return all(np.array_equal(first, other) for other in others)
 
 
-def facets_by_number(raw: RawMesh) -> tuple[np.ndarray, Numbers]:
+def facets_by_number(raw: RawMesh) -> tuple[np.ndarray, ItemNumbers]:
     """All facets of sets, each once, (f, k) in the order of DOLFINx, and their numbers."""
     surfaces = raw.all_surfaces()
     width = len(FACES[raw.kind][0])
     if not surfaces:
-        return np.zeros((0, width), dtype=np.int64), Numbers.of({}, 0)
+        return np.zeros((0, width), dtype=np.int64), ItemNumbers.of({}, 0)
     every = np.concatenate(list(surfaces.values()))
     _, first, which = np.unique(
         np.sort(every, axis=1), axis=0, return_index=True, return_inverse=True
     )
     ends = np.cumsum([len(facets) for facets in surfaces.values()])
     parts = np.split(which.ravel(), ends[:-1])
-    numbers = Numbers.of(dict(zip(surfaces, parts, strict=True)), len(first))
+    numbers = ItemNumbers.of(dict(zip(surfaces, parts, strict=True)), len(first))
     facets = every[first]
     return (facets[:, TENSOR_FACET] if width == 4 else facets)[numbers.items], numbers

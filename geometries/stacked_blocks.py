@@ -17,19 +17,19 @@ if TYPE_CHECKING:
 
     from hhr_dolfinx.compat import TaggedMesh
 
-LOWER = FIRST
-UPPER = SECOND
+LOWER_BLOCK = FIRST
+UPPER_BLOCK = SECOND
 """Cell tags of the two blocks."""
 
 
 def interface(body: int, dim: int) -> int:
     """Facet tag of the side of a block that faces the other one."""
-    return side(body, dim - 1, body == LOWER)
+    return side(body, dim - 1, body == LOWER_BLOCK)
 
 
 def outer_end(body: int, dim: int) -> int:
     """Facet tag of the side of a block that looks away from the other one."""
-    return side(body, dim - 1, body == UPPER)
+    return side(body, dim - 1, body == UPPER_BLOCK)
 
 
 def rotation(dim: int, angle: float) -> np.ndarray:
@@ -63,7 +63,7 @@ def stacked_blocks(
 
     def warp(points: np.ndarray, body: int) -> np.ndarray:
         points = points.copy()
-        if body == UPPER:
+        if body == UPPER_BLOCK:
             points[:, 0] += shift
             away = np.sum((points[:, :up] - 0.5) ** 2, axis=1)
             points[:, up] += 4 * bulge * away * (2 - points[:, up])

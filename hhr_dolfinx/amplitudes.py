@@ -199,7 +199,7 @@ def checked_count(amplitude: object, space: ParameterSpace, owner: object) -> in
     return count
 
 
-DIFFERENCE = 1e-5
+AMPLITUDE_STEP = 1e-5
 """Step over the size of the box in differences of amplitudes: the truncation error is 1e-10,
 round-off 1e-11.
 """
@@ -222,7 +222,7 @@ def _derivative(
         space = ParameterSpace(
             tuple(map(str, range(point.size))), tuple(point - sizes), tuple(point + sizes)
         )
-    return space.differences(acting, point, DIFFERENCE)
+    return space.differences(acting, point, AMPLITUDE_STEP)
 
 
 def _shapes(degree: int, s: float) -> tuple[float, ...]:

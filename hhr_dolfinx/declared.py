@@ -2,10 +2,11 @@
 its arrays.
 
 ``stiffness: Annotated[Floats, "ell", "ell"]`` is a square array of floating-point numbers. The same
-name is the same size everywhere in an object, and in a whole model if it is one of :data:`SHARED`;
-``"points * components"`` is a product of sizes. ``Annotated[Integers, "m", "< N"]`` has indices
-from 0 to N - 1, and ``Annotated[Size, "N"]`` is itself the size. Other annotations declare no
-sizes. Files are written and checked by these declarations, see :mod:`hhr_dolfinx.plain`.
+name is the same size everywhere in an object, and in a whole model if it is one of
+:data:`SHARED_SIZES`; ``"points * components"`` is a product of sizes. ``Annotated[Integers,
+"m", "< N"]`` has indices from 0 to N - 1, and ``Annotated[Size, "N"]`` is itself the size.
+Other annotations declare no sizes. Files are written and checked by these declarations, see
+:mod:`hhr_dolfinx.plain`.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ import numpy as np
 from scipy.sparse import issparse
 
 from hhr_dolfinx.errors import FileContentError, SceneError
-from hhr_dolfinx.files import KINDS
+from hhr_dolfinx.files import NUMBER_KINDS
 
 Floats = np.ndarray
 """Array of float64, in annotations."""
@@ -41,7 +42,7 @@ TYPES = {
     "Integers": np.dtype(np.int64),
     "Booleans": np.dtype(np.bool_),
 }
-SHARED = frozenset({"N", "N_lambda", "m", "ell", "terms", "P", "components", "gauss points"})
+SHARED_SIZES = frozenset({"N", "N_lambda", "m", "ell", "terms", "P", "components", "gauss points"})
 """Sizes that all parts of a model share: dofs, conditions on the whole surface and of the model,
 modes, terms of θ (1 + T), parameters, components of a strain, and Gauss points of the full model.
 """
@@ -197,13 +198,13 @@ def check_layout(
         raise FileContentError(f"arrays {missing} are missing and {unknown} are unknown")
     found = Sizes(known=sizes)
     for name, (kind, *labels) in layout.items():
-        if KINDS.get(arrays[name].dtype.str) != kind:
+        if NUMBER_KINDS.get(arrays[name].dtype.str) != kind:
             raise FileContentError(f"{name} has type {arrays[name].dtype}, it must be {kind}")
         found.claim(name, DeclaredArray(kind, tuple(labels), ""), arrays[name])
 
 
 class Sizes:
-    """Sizes by name, collected while the parts of a model are read; see :data:`SHARED`."""
+    """Sizes by name, collected while the parts of a model are read; see :data:`SHARED_SIZES`."""
 
     def __init__(self, whole: bool = False, known: Mapping[str, int] = MappingProxyType({})):
         self.shared: dict[str, int] = dict(known)
@@ -255,7 +256,7 @@ class Sizes:
         if "*" in label:
             self._waiting.append((self, path, label, size))
             return True
-        return (self.shared if label in SHARED else self.own).setdefault(label, size) == size
+        return (self.shared if label in SHARED_SIZES else self.own).setdefault(label, size) == size
 
     def _value(self, label: str) -> int | None:
         """A size, or a product of several; None while one of them is unknown."""

@@ -36,10 +36,10 @@ try:
 except ImportError:  # not Unix
     resource = None  # type: ignore[assignment]
 
-MOST_BYTES = 16 * 2**30
+MOST_FILE_BYTES = 16 * 2**30
 """Size beyond which a file is not read: a sparse file may claim any size without using the disk."""
 
-MAPPED = 2**20
+MAPPED_BYTES = 2**20
 """Bytes from which on arrays may be mapped from disk: smaller ones are not worth it."""
 _CHUNK = 2**20  # bytes read at once; the directories of a few dozen members take some kilobytes
 
@@ -162,7 +162,7 @@ def read_arrays(
         os.stat(path)  # raises with the reason, which is_file would hide
         if not path.is_file():
             raise _Damage("it is no regular file")
-        arrays = _members(path, MAPPED if mapped else MOST_BYTES + 1)
+        arrays = _members(path, MAPPED_BYTES if mapped else MOST_FILE_BYTES + 1)
         text = arrays.pop("header", None)
         if text is None or text.dtype.kind not in "SU" or text.ndim:
             raise _Damage("it has no header")
@@ -183,7 +183,7 @@ def read_arrays(
     return header, arrays
 
 
-KINDS = {"<f8": "float", "<i8": "int", "<i4": "int", "|b1": "bool"}
+NUMBER_KINDS = {"<f8": "float", "<i8": "int", "<i4": "int", "|b1": "bool"}
 """Kinds of numbers of arrays in files, by their names in numpy."""
 _UTF8 = 0x800
 """Flag of members of archives with names that are not ASCII."""
@@ -317,11 +317,11 @@ def _members(path: Path, mapped: int) -> dict[str, np.ndarray]:
     whole = None
     with _Pieces(path) as file, zipfile.ZipFile(file) as archive:
         if not _descriptors_left():
-            mapped = MOST_BYTES + 1
+            mapped = MOST_FILE_BYTES + 1
         size = os.fstat(file.fileno()).st_size
         infos = archive.infolist()
-        if size > MOST_BYTES:
-            raise _Damage(f"its {size} bytes are more than {MOST_BYTES}")
+        if size > MOST_FILE_BYTES:
+            raise _Damage(f"its {size} bytes are more than {MOST_FILE_BYTES}")
         for info in infos:
             name = info.filename.removesuffix(".npy")
             if (
@@ -395,7 +395,7 @@ def _check_numbers(name: str, array: np.ndarray) -> None:
     """Raise for unsupported kinds of numbers, non-finite numbers, and booleans that are neither 0
     nor 1.
     """
-    if array.dtype.str not in KINDS:
+    if array.dtype.str not in NUMBER_KINDS:
         raise _Damage(f"{name} has type {array.dtype}")
     if array.dtype.kind == "f" and not np.isfinite(array).all():
         raise _Damage(f"{name} is not finite")

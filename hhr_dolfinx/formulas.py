@@ -24,13 +24,13 @@ Values = Mapping[str, Any]
 """Numbers or arrays by name; complex ones have a derivative in the imaginary part."""
 _Evaluate = Callable[[Values], Any]
 
-STEP = 1e-30
+IMAGINARY_STEP = 1e-30
 """Imaginary step of a derivative: f(x + i h) = f(x) + i h f'(x) has no cancellation, so that h may
 be this small.
 """
-LONGEST = 20_000
+LONGEST_FORMULA = 20_000
 """Largest number of characters of a formula."""
-DEEPEST = 400
+DEEPEST_FORMULA = 400
 """Largest depth of nested operations, such as a sum of 400 terms: each takes a frame of Python,
 which allows 1000.
 """
@@ -109,7 +109,7 @@ class Formula(Rebuilt):
     text: str
 
     def __post_init__(self) -> None:
-        if not isinstance(self.text, str) or not 0 < len(self.text) <= LONGEST:
+        if not isinstance(self.text, str) or not 0 < len(self.text) <= LONGEST_FORMULA:
             raise SceneError(
                 f"a formula must be a text, such as '2 * E', and is {str(self.text)[:60]!r}"
             )
@@ -127,7 +127,7 @@ class Formula(Rebuilt):
             tree = ast.parse(self.text.strip(), mode="eval").body
             level = 0
             nodes = [tree]
-            while nodes and level <= DEEPEST:
+            while nodes and level <= DEEPEST_FORMULA:
                 level += 1
                 nodes = [
                     inner
@@ -135,9 +135,10 @@ class Formula(Rebuilt):
                     for inner in ast.iter_child_nodes(node)
                     if isinstance(inner, ast.expr)
                 ]
-            if level > DEEPEST:
+            if level > DEEPEST_FORMULA:
                 raise SceneError(
-                    f"{what} nests more than {DEEPEST} operations: put parts of a long sum in "
+                    f"{what} nests more than {DEEPEST_FORMULA} operations: put parts of a "
+                    f"long sum in "
                     "brackets"
                 )
             return _compiled(tree, names, what), tuple(names)
@@ -244,8 +245,8 @@ class Scalar(Rebuilt):
         found = np.zeros(len(self.names))
         values = {name: complex(point[place]) for name, place in self._places}
         for name, place in self._places:
-            changed = self.formula(values | {name: values[name] + 1j * STEP})
-            found[place] = np.imag(changed) / STEP
+            changed = self.formula(values | {name: values[name] + 1j * IMAGINARY_STEP})
+            found[place] = np.imag(changed) / IMAGINARY_STEP
         return found
 
     def __call__(self, point: np.ndarray) -> tuple[list[int], list[float]]:

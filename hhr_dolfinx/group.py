@@ -51,7 +51,7 @@ def share(count: int, number: int, parts: int) -> range:
     return range(first, first + each + (number < more))
 
 
-class Group:
+class ProcessGroup:
     """One process, with the communicator that DOLFINx and PETSc get; all methods are collective."""
 
     size: int = 1  # number of processes
@@ -151,23 +151,23 @@ class Group:
         raise NotImplementedError  # one process has all rows
 
 
-ALONE = Group()
+ALONE = ProcessGroup()
 
 
-def group_of(comm: Comm | Group) -> Group:
+def group_of(comm: Comm | ProcessGroup) -> ProcessGroup:
     """The processes of a communicator, or a group itself.
 
     NotOfferedError for several that no plug-in serves.
     """
-    if isinstance(comm, Group):
+    if isinstance(comm, ProcessGroup):
         return comm
     if comm.size == 1:
-        return Group(comm)
-    several: Group = registry.tool("group", f"work on {comm.size} ranks")(comm)
+        return ProcessGroup(comm)
+    several: ProcessGroup = registry.tool("group", f"work on {comm.size} ranks")(comm)
     return several
 
 
-def launched() -> Group:
+def launched() -> ProcessGroup:
     """All processes that a launcher started; each is alone if no plug-in serves several."""
     comm = world()
     return (

@@ -33,7 +33,7 @@ Or columns or rows with names.
 
 PLAIN = frozenset({float, int, np.float64})
 """Types of numbers that need no conversion."""
-LINE = 2001
+LINE_POINTS = 2001
 """Points along a parameter at which formulas are checked: a spike a thousandth of the box wide has
 two of them.
 """
@@ -418,15 +418,17 @@ class ParameterSpace(KnownArguments):
         return np.random.default_rng(seed).uniform(self.lower, self.upper, (count, len(self.names)))
 
     def lines(self, places: Sequence[int], count: int = 3) -> np.ndarray:
-        """Points on lines along parameters, ``LINE`` on each: the first through the middle, others
-        random, (n, P).
+        """Points on lines along parameters, ``LINE_POINTS`` on each: the first through the
+        middle, others random, (n, P).
         """
         ends = np.array([self.lower, self.upper], dtype=float)
         middle = ends.mean(axis=0)
         bases = np.vstack([middle, self.random(count - 1, seed=1)]) if count > 1 else middle[None]
-        found = np.tile(np.repeat(bases, LINE, axis=0), (len(places), 1, 1))
+        found = np.tile(np.repeat(bases, LINE_POINTS, axis=0), (len(places), 1, 1))
         for points, place in zip(found, places, strict=True):
-            points[:, place] = np.tile(np.linspace(ends[0, place], ends[1, place], LINE), count)
+            points[:, place] = np.tile(
+                np.linspace(ends[0, place], ends[1, place], LINE_POINTS), count
+            )
         return found.reshape(-1, len(self.names))
 
 

@@ -27,13 +27,13 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.declared import TYPES, Sizes, annotations_of, declared_array, fits, shown
 from hhr_dolfinx.errors import FileContentError, MissingPackageError, ModelFileError
-from hhr_dolfinx.files import KINDS
+from hhr_dolfinx.files import NUMBER_KINDS
 from hhr_dolfinx.registry import remedy
 
-DEEPEST = 16
+DEEPEST_TREE = 16
 """Largest depth of nested tuples and values: damaged files must not exhaust the stack."""
 SPARSE = {"csc": csc_matrix, "csr": csr_matrix}
-SMALL = 64
+SMALL_ARRAY = 64
 """Number of entries below which an array is not checked for zeros."""
 MOST_DIMENSIONS = 32
 """Largest number of dimensions of an array, as in numpy 1."""
@@ -204,7 +204,7 @@ class _Writer:
         key = (array.dtype.str, array.shape, order, hashlib.sha256(bits).digest())
         first = self._first.setdefault(key, path)
         dense = (
-            array.size < SMALL
+            array.size < SMALL_ARRAY
             or array.dtype.kind != "f"
             or 3 * np.count_nonzero(flat.view(np.int64)) > array.size
         )
@@ -411,7 +411,7 @@ def _of_type(path: str, array: np.ndarray, declared: Any) -> np.ndarray:
 def _checked_array(path: str, array: np.ndarray) -> np.ndarray:
     if (
         type(array) is not np.ndarray
-        or array.dtype.str not in KINDS
+        or array.dtype.str not in NUMBER_KINDS
         or not np.isfinite(array).all()
     ):
         kind = getattr(array, "dtype", type(array).__name__)
@@ -428,8 +428,8 @@ def _is_shape(shape: object) -> bool:
 
 
 def _check_depth(path: str, depth: int) -> None:
-    if depth > DEEPEST:
-        raise FileContentError(f"{path[:_SHOWN]} nests more than {DEEPEST} tuples or values")
+    if depth > DEEPEST_TREE:
+        raise FileContentError(f"{path[:_SHOWN]} nests more than {DEEPEST_TREE} tuples or values")
 
 
 def _scalar(path: str, value: object) -> bool | int | float | str | None:

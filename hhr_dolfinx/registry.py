@@ -27,7 +27,7 @@ GROUP = "hhr_dolfinx.plugins"
 """Group of entry points of plug-ins."""
 OURS = Path(__file__).with_name("plug_ins.json")
 """Names that the plug-ins of this package add, for messages where one of them is deleted."""
-SHARED = (
+SHARED_NAMES = (
     "public",
     "classes",
     "commands",
@@ -211,7 +211,7 @@ def _registered(plugin: Plugin) -> dict[tuple[str, str], str]:
     """Places of all that a plug-in registers by a name, which no other plug-in may have, by kind
     and name.
     """
-    named = {what: getattr(plugin, what) for what in SHARED} | dict(plugin.parts)
+    named = {what: getattr(plugin, what) for what in SHARED_NAMES} | dict(plugin.parts)
     return {
         (what, name): place for what, mapping in named.items() for name, place in places_in(mapping)
     }

@@ -39,14 +39,14 @@ BOX = {"push": (0.005, 0.06), "slide": (-0.02, 0.02), "load": (0.0, 0.1), "gap":
 """Bounds of the motion of the top down and aside, of the pressure on the flank, and of the opening
 of the contact.
 """
-STEP = 1e-5
-ROUND_OFF = 1e-8
+TESTED_STEP = 1e-5
+"""Step of differences over the box or the size of a block."""
+TESTED_ROUND_OFF = 1e-8
+"""Relative error of exact answers, for cond(K) < 1e4."""
 OF_FUNCTIONS = 1e-6
+"""Relative error of differences of smooth functions."""
 OF_ANSWERS = 1e-5
-"""Step of differences over the box or the size of a block, and relative errors: of exact answers,
-for cond(K) < 1e4; of differences of smooth functions; and of those of answers, whose round-off is
-larger.
-"""
+"""Relative error of differences of answers, whose round-off is larger."""
 Bounds = Mapping[str, tuple[float, float]]
 OTHER_IN_A_FILE = "a copy from a file answers otherwise: keep all that it needs in its fields"
 """What a check says of a part that a file changes."""

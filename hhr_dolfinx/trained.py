@@ -22,7 +22,7 @@ range.
 OUTSIDE = ("warn", "refuse", "ignore")
 """Reactions to a query outside the training range."""
 
-MARGIN = 0.05
+RANGE_MARGIN = 0.05
 """Fraction of the range of a parameter by which a query may lie outside it: slight extrapolation
 was found harmless.
 """
@@ -72,7 +72,9 @@ class TrainedRange:
         """The range of training points, (S, P); round-off of the box counts as inside."""
         lower = points.min(axis=0)
         upper = points.max(axis=0)
-        margin = MARGIN * (upper - lower) + 1e-9 * (np.array(space.upper) - np.array(space.lower))
+        margin = RANGE_MARGIN * (upper - lower) + 1e-9 * (
+            np.array(space.upper) - np.array(space.lower)
+        )
         return cls(tuple(space.names), lower - margin, upper + margin)
 
     def covers(self, space: ParameterSpace) -> bool:

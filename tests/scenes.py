@@ -322,7 +322,7 @@ def stacked(
 
 def lying(*, bulge=0.05, cells=(8, 4), tilt=0.0, sideways=0.0, young=1000.0, **changes):
     """A block that lies on another one, held by contact alone, and is pressed down by a force."""
-    under, over = stacked_blocks.LOWER, stacked_blocks.UPPER
+    under, over = stacked_blocks.LOWER_BLOCK, stacked_blocks.UPPER_BLOCK
     pressed = hhr.Traction(stacked_blocks.outer_end(over, 2), (sideways, -1.0), slope("p"))
     surfaces = (stacked_blocks.interface(body, 2) for body in (under, over))
     given = {

@@ -41,7 +41,7 @@ class WholeSurface:
     def nodes(
         self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray
     ) -> np.ndarray:
-        """Their numbers; see :class:`hhr_dolfinx.reduction.recipe.Nodes`."""
+        """Their numbers; see :class:`hhr_dolfinx.reduction.recipe.NodeChoice`."""
         return problem.contact_slaves[problem.contact_pairs == self.pair]
 
 

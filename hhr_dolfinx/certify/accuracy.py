@@ -22,7 +22,7 @@ ROUND_OFF_FORCE = 1e-9
 """Fraction of the forces in the bodies below which contact forces are round-off: there is no
 contact.
 """
-ROUND_OFF = 1e-14
+PRODUCT_ROUND_OFF = 1e-14
 """Relative error of a sum of products K_ij u_j.
 
 50 units in the last place, for rows of some dozen entries.
@@ -107,7 +107,7 @@ def round_off_force(problem: ContactProblem, solutions: Solutions) -> float:
     fields = solutions.displacements + lifts
     internal = rows.norms(stiffness @ fields).max()
     products = rows.norms(abs(stiffness) @ np.abs(fields)).max()
-    return max(ROUND_OFF_FORCE * float(internal), ROUND_OFF * float(products))
+    return max(ROUND_OFF_FORCE * float(internal), PRODUCT_ROUND_OFF * float(products))
 
 
 @dataclass(frozen=True)
@@ -151,7 +151,9 @@ def contact_residuals(
         residual = residual - idle @ rows.sum(idle.T @ residual)
     # K lift, the reaction to imposed displacements, is far larger than the forces on a body
     scale = max(norm(problem.external @ theta), norm(contact_load))
-    if scale <= ROUND_OFF * norm(load):  # nothing presses: forces are zero but for round-off
+    if scale <= PRODUCT_ROUND_OFF * norm(
+        load
+    ):  # nothing presses: forces are zero but for round-off
         scale = norm(load)
     left = residual * rows.of(problem.free)
     imbalance = float(np.sqrt(rows.sum(left @ left))) / scale if scale > 0 else 0.0

@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 from hhr_dolfinx.certify.accuracy import Solutions
 from hhr_dolfinx.certify.compare import Comparison
 from hhr_dolfinx.certify.constants import Stability
-from hhr_dolfinx.contact.problem import DEPENDENT, ContactProblem, IndexSets
+from hhr_dolfinx.contact.problem import DEPENDENT_ROWS, ContactProblem, IndexSets
 from hhr_dolfinx.errors import (
     NotSolvableError,
     ReductionError,
@@ -39,7 +39,7 @@ empty.
 """
 EMPTY_SHARE = 0.1
 """Part of the box that may be empty; random points leave some per cent."""
-ALIKE = 1e-10
+EQUAL_NORMALS = 1e-10
 """One less the cosine of two normals of a node up to which they are equal."""
 UNSEEN = 0.5
 UNSEEN_LEAST = 0.05
@@ -188,7 +188,7 @@ def _twins(problem: ContactProblem, sets: IndexSets) -> str:
         row[:] = problem.contact[number][:, dofs].toarray()[0]
     directions = normalised(normals)
     nodes = problem.contact_slaves[sets.A_lambda]
-    alike = (nodes[:, None] == nodes) & (directions @ directions.T > 1 - ALIKE)
+    alike = (nodes[:, None] == nodes) & (directions @ directions.T > 1 - EQUAL_NORMALS)
     one, other = (sets.A_lambda[ends] for ends in np.nonzero(np.triu(alike, k=1)))
     if not one.size:
         return ""
@@ -209,7 +209,7 @@ def _parallel_rows(contact: csr_matrix) -> int:
     lengths = np.sqrt(np.asarray(contact.multiply(contact).sum(axis=1)).ravel())
     units = csr_matrix(diags(1 / np.where(lengths > 0, lengths, 1.0)) @ contact)
     alike = triu(units @ units.T, k=1).tocoo()
-    return len(set(alike.row[alike.data > 1 - DEPENDENT].tolist()))
+    return len(set(alike.row[alike.data > 1 - DEPENDENT_ROWS].tolist()))
 
 
 def check_stability(stability: Stability, limits: TrustLimits) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.command.speaking import first_rank, guarded
-from hhr_dolfinx.command.words import AT, KNOWN, examples
+from hhr_dolfinx.command.words import AT, KNOWN_OPTION, examples
 from hhr_dolfinx.compat import extra
 
 if TYPE_CHECKING:
@@ -133,7 +133,7 @@ def _meshed(model: AnsweringModel, scene: str | None) -> AnsweringModel:
     "meshed_by",
     help="with --out: the scene of a model in a file, for its mesh [that beside the model]",
 )
-@KNOWN
+@KNOWN_OPTION
 @guarded
 def solve(
     what: str,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.command.speaking import Command, first_rank, resumable, spoken
-from hhr_dolfinx.command.words import OUT, PART, SCENE, examples
+from hhr_dolfinx.command.words import OUT, PART_OPTION, SCENE, examples
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.group import group_of
 
@@ -17,22 +17,23 @@ if TYPE_CHECKING:
 with extra("study", "the command hhr"):
     import click
 
-KINDS = {
+MODEL_KINDS = {
     "hhr": "build",
     "condensed": "condense",
     **{name: name for name in registry.named("kinds")},
 }
 """Kinds of models made by a training, and their functions."""
-TRAINING = (
+TRAINING_OPTIONS = (
     click.option("--grid", help="train on a regular grid: counts along the parameters, as 16,16"),
     click.option("--sobol", type=click.IntRange(2), help="train on so many Sobol points"),
     *(option for way in registry.loadable("trainings").values() for option in way.options),
 )
+"""Options of all commands that train a model."""
 
 
 def with_training(command: Command) -> Command:
     """Add the options of a training to a command."""
-    for option in reversed(TRAINING):
+    for option in reversed(TRAINING_OPTIONS):
         command = option(command)
     return command
 
@@ -47,7 +48,7 @@ def with_training(command: Command) -> Command:
 @click.option(
     "--model",
     "kind",
-    type=click.Choice(list(KINDS)),
+    type=click.Choice(list(MODEL_KINDS)),
     default="hhr",
     show_default=True,
     help="what to build",
@@ -57,7 +58,7 @@ def with_training(command: Command) -> Command:
     default=None,
     help="ranks have one full model together, or one each [by the memory that there is]",
 )
-@PART
+@PART_OPTION
 @OUT
 @resumable
 def train(
@@ -129,7 +130,7 @@ def train(
                 "problems side by side",
             ):  # reused snapshots, shares of processes
                 console.print(item["why"], highlight=False)
-        model = getattr(training, KINDS[kind])()
+        model = getattr(training, MODEL_KINDS[kind])()
     target = folder / f"{kind}.npz"
     target.parent.mkdir(parents=True, exist_ok=True)
     write_companions(full, folder)

@@ -19,8 +19,10 @@ from hhr_dolfinx.group import launched, world
 with extra("study", "the command hhr"):
     import click
 
-REFUSED = 3
+EXIT_OF_ERRORS = 3
+"""Exit code of refused input and of errors, as in :mod:`hhr_dolfinx.command.start`."""
 INTERRUPTED = 130
+"""Exit code after Ctrl+C: 128 and the number of the signal, as shells have it."""
 _GOES_ON = ": answers that were done are kept, and the same command goes on from there"
 Command = Callable[..., Any]
 
@@ -68,7 +70,7 @@ def _last_words(error: BaseException, kept: str) -> tuple[int, str]:
     if isinstance(error, click.exceptions.Exit | click.ClickException):
         return error.exit_code, ""
     if isinstance(error, Exception) and (words := _explained(error)):
-        return REFUSED, f"error: {words}"
+        return EXIT_OF_ERRORS, f"error: {words}"
     return 1, ""
 
 

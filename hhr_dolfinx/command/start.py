@@ -6,7 +6,7 @@ import sys
 
 from hhr_dolfinx.errors import MissingPackageError
 
-REFUSED = 3
+EXIT_REFUSED = 3
 """Exit code of :mod:`hhr_dolfinx.command.main` for refused input."""
 
 
@@ -16,5 +16,5 @@ def main() -> None:
         from hhr_dolfinx.command.main import main as command
     except MissingPackageError as error:
         print(f"error: {error}", file=sys.stderr)
-        sys.exit(REFUSED)
+        sys.exit(EXIT_REFUSED)
     command()

@@ -9,7 +9,7 @@ from hhr_dolfinx.compat import extra
 with extra("study", "the command hhr"):
     import click
 
-NO_ANSWER = 1
+EXIT_NO_ANSWER = 1
 """Exit code for missing answers, or for mistakes that a check found."""
 
 
@@ -28,14 +28,15 @@ AT = click.option(
     "--at", "words", multiple=True, help="values of parameters: name=value, or several with commas"
 )
 
-KNOWN = click.option(
+KNOWN_OPTION = click.option(
     "--known",
     multiple=True,
     help="user-defined class of the model, law.py:Voce; once for each [none]",
 )
+"""Option for user-defined classes in a file."""
 
 
-class Part(click.ParamType):
+class PartArgument(click.ParamType):
     """``3/8``, the third of eight."""
 
     name = "i/n"
@@ -52,4 +53,7 @@ class Part(click.ParamType):
         return int(words[0]), int(words[1])
 
 
-PART = click.option("--part", type=Part(), help="one part of it alone, as 3/8: a job of an array")
+PART_OPTION = click.option(
+    "--part", type=PartArgument(), help="one part of it alone, as 3/8: a job of an array"
+)
+"""Option for one part of the work alone."""

@@ -33,12 +33,12 @@ from hhr_dolfinx.linear.dense import (
     solve_columns,
 )
 
-TOLERANCE = 1e-11
+STATUS_TOLERANCE = 1e-11
 """Negative forces and slacks below this fraction of the largest of their pair are round-off
 (measured 1e-13).
 """
 
-ROUND_OFF = 1e-15
+OTHER_PAIRS_ROUND_OFF = 1e-15
 """Fraction of the largest force, or closed gap, of all pairs that reaches the other pairs as
 round-off.
 """
@@ -189,12 +189,12 @@ def _noise(forces: np.ndarray, free_slack: np.ndarray, pairs: Pairs | None) -> t
     """Sizes below which negative forces and slacks are round-off, numbers or (m,) each."""
     sizes = abs(free_slack)
     if pairs is None:
-        return TOLERANCE * forces.max(), TOLERANCE * sizes.max()
+        return STATUS_TOLERANCE * forces.max(), STATUS_TOLERANCE * sizes.max()
     # an obstacle out of reach has a large slack, but no force that could bring round-off to other
     # pairs
     closing = max(-free_slack.min(), 0.0)
-    pulling = TOLERANCE * pairs.largest(forces) + ROUND_OFF * forces.max()
-    return pulling, TOLERANCE * pairs.largest(sizes) + ROUND_OFF * closing
+    pulling = STATUS_TOLERANCE * pairs.largest(forces) + OTHER_PAIRS_ROUND_OFF * forces.max()
+    return pulling, STATUS_TOLERANCE * pairs.largest(sizes) + OTHER_PAIRS_ROUND_OFF * closing
 
 
 def _wrong(

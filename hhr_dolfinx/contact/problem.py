@@ -28,7 +28,7 @@ from hhr_dolfinx.amplitudes import Amplitudes, Theta
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw
 from hhr_dolfinx.contact.prolongation import OnRows, Prolongation
 from hhr_dolfinx.errors import NotOfferedError, SceneError
-from hhr_dolfinx.group import ALONE, Group, group_of
+from hhr_dolfinx.group import ALONE, ProcessGroup, group_of
 from hhr_dolfinx.linear.rows import Rows, rows_of
 from hhr_dolfinx.parameters import ParameterSpace, PointLike
 
@@ -105,7 +105,7 @@ class ScaledBodies:
         return self._values(self.problem.middle)
 
 
-DEPENDENT = 1e-13
+DEPENDENT_ROWS = 1e-13
 """Singular value of B V over the norm of B below which its rows are dependent to round-off."""
 
 ROUND_OFF_OF_MOTIONS = 1e-13
@@ -208,7 +208,7 @@ class ContactProblem:
     # B with the columns of imposed dofs, (N_lambda, N), for forces on them; None if it is unknown
     whole_contact: csr_matrix | None = None
     law: ContactLaw = UNILATERAL  # law of the contact conditions, those of pressures first
-    group: Group = ALONE  # processes that have some rows each
+    group: ProcessGroup = ALONE  # processes that have some rows each
     shares: Shares | None = (
         None  # of contact pairs in conditions that several state; None without such conditions
     )
@@ -531,7 +531,7 @@ class ContactProblem:
         """
         return (
             largest / smallest
-            if smallest > DEPENDENT * max(largest, self.contact_norm)
+            if smallest > DEPENDENT_ROWS * max(largest, self.contact_norm)
             else math.inf
         )
 

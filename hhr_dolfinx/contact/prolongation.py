@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeVar
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags, vstack
 
-from hhr_dolfinx.group import ALONE, Group
+from hhr_dolfinx.group import ALONE, ProcessGroup
 
 if TYPE_CHECKING:
     from hhr_dolfinx.linear.rows import Rows
@@ -126,7 +126,7 @@ class Prolongation:
         others = np.where(self.dependent[:, None], 0.0, fields)
         return (fields - self.prolong(others))[self.dependent]
 
-    def on_rows(self, spread: Rows, group: Group) -> OnRows | None:
+    def on_rows(self, spread: Rows, group: ProcessGroup) -> OnRows | None:
         """Products with local rows; None for the identity."""
         if self.map is None:
             return None
@@ -139,7 +139,7 @@ class Prolongation:
         return OnRows(spread.matrix(self.map[rows]), spread.matrix(transposed), columns)
 
     def stiffness(
-        self, parts: Sequence[csr_matrix], rows: slice = ALL, group: Group = ALONE
+        self, parts: Sequence[csr_matrix], rows: slice = ALL, group: ProcessGroup = ALONE
     ) -> tuple[csr_matrix, ...]:
         """T^T K T, (N, N), or local rows of it, (own, N), by those of the parts of K.
 
@@ -171,7 +171,7 @@ class Prolongation:
         assert self.map is not None
         return csr_matrix(self.map[:, rows].T)
 
-    def _with_dependent(self, own: csr_matrix, rows: slice, group: Group) -> csr_matrix:
+    def _with_dependent(self, own: csr_matrix, rows: slice, group: ProcessGroup) -> csr_matrix:
         """Local rows of a matrix, (own, k), and those of the dependent dofs on all processes, (N,
         k).
         """

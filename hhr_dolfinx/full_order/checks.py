@@ -18,12 +18,12 @@ from hhr_dolfinx.body import laws_of_scenes
 from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import SceneError, SceneWarning, rounded
 from hhr_dolfinx.full_order.names import TagNames
-from hhr_dolfinx.group import Group
+from hhr_dolfinx.group import ProcessGroup
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.warn import warn
 
-CORNERS = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
+SUPPORTED_CELLS = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
 """Supported cells, with their number of corners."""
 FOLDED = 1e-6
 """Part of the largest Jacobian of a cell up to which an opposite sign is round-off of
@@ -35,7 +35,7 @@ aspect 1e4.
 """
 
 
-def build_geometry(scene: Scene, group: Group) -> Any:
+def build_geometry(scene: Scene, group: ProcessGroup) -> Any:
     """Mesh, cell tags, facet tags, their names and sets of nodes.
 
     Raises SceneError unless they fit the scene.
@@ -114,10 +114,10 @@ def _check_mesh(scene, mesh, group):
             f"the mesh of scene '{scene.name}' has cells of dimension {tdim} in a space of "
             f"dimension {gdim}: {remedy}"
         )
-    if kind not in CORNERS:
+    if kind not in SUPPORTED_CELLS:
         raise SceneError(
             f"cells of kind {kind} of scene '{scene.name}' are not supported, only "
-            f"{', '.join(CORNERS)}"
+            f"{', '.join(SUPPORTED_CELLS)}"
         )
     wanted = 3 if scene.hypothesis == "solid" else 2
     if gdim != wanted:
@@ -136,7 +136,7 @@ def _check_cells(scene, mesh, group):
     order.
     """
     dim = mesh.topology.dim
-    count = CORNERS[mesh.topology.cell_name()]
+    count = SUPPORTED_CELLS[mesh.topology.cell_name()]
     nodes = compat.geometry_dofmap(mesh)[: mesh.topology.index_map(dim).size_local]
     without = group.gathered(len(nodes)).count(0)
     if without:
@@ -202,7 +202,7 @@ def _overlapping_neighbours(mesh):
     owned = mesh.topology.index_map(dim - 1).size_local
     both = mesh.topology.connectivity(dim - 1, dim)
     inner = np.flatnonzero(np.diff(both.offsets[: owned + 1]) == 2)
-    corners = compat.geometry_dofmap(mesh)[:, : CORNERS[mesh.topology.cell_name()]]
+    corners = compat.geometry_dofmap(mesh)[:, : SUPPORTED_CELLS[mesh.topology.cell_name()]]
     nodes = corners[both.array[both.offsets[inner][:, None] + [0, 1]]]
     same = nodes[:, 0, :, None] == nodes[:, 1, None, :]
     # cells with more than one common facet have been found as folded or empty before
@@ -274,7 +274,7 @@ def check_tags(
     mesh: dmesh.Mesh,
     tags: Any,
     names: TagNames,
-    group: Group,
+    group: ProcessGroup,
     sets: Container[object] = (),
 ) -> None:
     """Raise SceneError for tags of the scene that the mesh lacks, and for cells that belong to no
@@ -309,7 +309,7 @@ def check_tags(
 
 
 def check_present(
-    kind: str, tags: dmesh.MeshTags, wanted: Iterable[Tag], names: TagNames, group: Group
+    kind: str, tags: dmesh.MeshTags, wanted: Iterable[Tag], names: TagNames, group: ProcessGroup
 ) -> set[int]:
     """All tags of a mesh; raises SceneError if a wanted one, by number or name, is missing."""
     there = set().union(*group.gathered(set(tags.values.tolist())))
@@ -330,7 +330,12 @@ def tagged(tags: dmesh.MeshTags, numbers: Iterable[int]) -> np.ndarray:
 
 
 def check_outer(
-    load: str, tag: Tag, mesh: dmesh.Mesh, facet_tags: dmesh.MeshTags, names: TagNames, group: Group
+    load: str,
+    tag: Tag,
+    mesh: dmesh.Mesh,
+    facet_tags: dmesh.MeshTags,
+    names: TagNames,
+    group: ProcessGroup,
 ) -> None:
     """Raise SceneError for loads on missing facets or on facets inside the mesh, where surface
     integrals are zero.

@@ -21,7 +21,7 @@ from hhr_dolfinx import compat
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import contact, elasticity
 from hhr_dolfinx.full_order.checks import (
-    CORNERS,
+    SUPPORTED_CELLS,
     build_geometry,
     check_outer,
     check_present,
@@ -196,7 +196,7 @@ class DiscreteSpace(ABC):
         ]
         nodes = self.space.dofmap.list
         edges, _ = compat.topology(self.mesh.topology.cell_name())
-        corners = CORNERS[self.mesh.topology.cell_name()]
+        corners = SUPPORTED_CELLS[self.mesh.topology.cell_name()]
         held = np.zeros(nodes.shape, dtype=bool)
         held[:, : inside.shape[1]] = inside
         if self.order > 1 and inside.shape[1] == corners:
@@ -253,7 +253,7 @@ class DiscreteSpace(ABC):
             for k in range(len(to_facets.links(0)))
         ]
         coordinates = self.space.tabulate_dof_coordinates()[:, :dim]
-        vertices = CORNERS[topology.cell_name()]
+        vertices = SUPPORTED_CELLS[topology.cell_name()]
         nodes = []
         inner = []
         for facet in tagged(self._facet_tags, self.names.facet(tag)):

@@ -29,7 +29,7 @@ from hhr_dolfinx.errors import SceneError, rounded
 from hhr_dolfinx.full_order.checks import conditions_with_unknowns, warn_of_idle_parameters
 from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
 from hhr_dolfinx.full_order.elasticity import elasticity_of
-from hhr_dolfinx.full_order.eliminated import Eliminated
+from hhr_dolfinx.full_order.eliminated import DependentDofs
 from hhr_dolfinx.full_order.free_bodies import free_bodies
 from hhr_dolfinx.full_order.still import StillMesh
 from hhr_dolfinx.loads import Assembler, Load, Term, Terms, checked_terms
@@ -143,7 +143,7 @@ class Discretisation(DiscreteSpace):
         rows: ContactRows,
         pairs: np.ndarray,
         opened: np.ndarray,
-        eliminated: Eliminated,
+        eliminated: DependentDofs,
         amplitudes: Amplitudes,
     ) -> tuple[ContactRows, np.ndarray, np.ndarray, ContactLaw, Shares | None]:
         """Rows, pairs, gaps, law and shares of the conditions with unknowns.
@@ -180,17 +180,17 @@ class Discretisation(DiscreteSpace):
             gaps = np.vstack([gaps, -(rows.matrix[len(gaps) :] @ lifts).toarray()])
         return rows, pairs, gaps, law, shares
 
-    def _eliminated(self, free: np.ndarray, imposed: list[Term]) -> Eliminated:
+    def _eliminated(self, free: np.ndarray, imposed: list[Term]) -> DependentDofs:
         """Dependent dofs of the constraints.
 
         ``free`` ones are not imposed, (N,), and the lifts of others are.
         """
         if not self.scene.constraints:
-            return Eliminated(Prolongation.of_free(free))
+            return DependentDofs(Prolongation.of_free(free))
         eliminate = registry.tool(
             "constraints", f"scene '{self.scene.name}', which has constraints,"
         )
-        eliminated: Eliminated = eliminate(
+        eliminated: DependentDofs = eliminate(
             self.scene, self.assembler, self._cell_nodes(), free, imposed
         )
         return eliminated

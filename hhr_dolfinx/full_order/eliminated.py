@@ -27,7 +27,7 @@ def all_of_them(prolongation: Prolongation, *conditions: object) -> tuple:
 
 
 @dataclass(frozen=True)
-class Eliminated:
+class DependentDofs:
     """Dependent dofs of a scene.
 
     Attributes:

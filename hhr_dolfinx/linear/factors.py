@@ -23,7 +23,7 @@ NO_ROOM = (-8, -9, -14, -15)
 """Increases of MUMPS' workspace, ICNTL(14), in per cent, and its error codes for too little
 workspace: seen on three ranks with few dofs.
 """
-BLOCK_NUMBERS = 2_000_000
+PRODUCT_NUMBERS = 2_000_000
 """Numbers in one block of a product, 16 MB."""
 _WRONG_ARGUMENT = 62  # PETSC_ERR_ARG_WRONG
 
@@ -286,7 +286,7 @@ def add_between(rows: csr_matrix, inverse: np.ndarray, found: np.ndarray) -> Non
     """
     used = np.flatnonzero(np.diff(rows.indptr))
     own = csr_matrix(rows[used])
-    height = max(BLOCK_NUMBERS // max(inverse.shape[0], 1), 1)
+    height = max(PRODUCT_NUMBERS // max(inverse.shape[0], 1), 1)
     for first in range(0, used.size, height):
         block = slice(first, first + height)
         found[np.ix_(used[block], used)] += (own @ (own[block] @ inverse).T).T

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import linalg
 from scipy.sparse import csr_matrix
 
-from hhr_dolfinx.group import Group
+from hhr_dolfinx.group import ProcessGroup
 
 T = TypeVar("T")
 
@@ -87,7 +87,7 @@ class Rows:
         raise NotImplementedError  # all rows are here
 
 
-def rows_of(own: slice, count: int, group: Group) -> Rows:
+def rows_of(own: slice, count: int, group: ProcessGroup) -> Rows:
     """Rows of a group of processes, each of which has a range of them after those of the ones
     before it.
     """

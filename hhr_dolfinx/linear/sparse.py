@@ -19,15 +19,15 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
 
-BLOCK = 128
+RIGHT_SIDES = 128
 """Right-hand sides solved at once: the factors are read once for all of them, and they take little
 memory.
 """
-BLOCK_NUMBERS = 16e6
+SOLVED_NUMBERS = 16e6
+"""Largest count of numbers in a block of solutions, 128 MB."""
 REFINED_NUMBERS = 8e6
-"""Largest count of numbers in a block of solutions, 128 MB, and in a block that is refined, which
-takes several arrays of its size.
-"""
+"""Largest count of numbers in a block of solutions that is refined: it takes several arrays of
+its size."""
 MOST_LAST = 7000
 """Largest count of dofs that are eliminated last: K^-1 between them takes 0.4 GB, and three times
 as much while it is made. With a million dofs, 7,786 of them last, a condensed model took about half
@@ -42,17 +42,18 @@ regular one, and vectors that are tried between them.
 LOW_RANK = ((150_000, 1e-10), (600_000, 1e-8))
 ANEW = 60_000
 REFINED = 5
-PRECISE = 1e-13
+REFINED_RESIDUAL = 1e-13
 HALF = 0.5
-STALLED = 1e-9
+STALLED_RESIDUAL = 1e-9
 """Compression of factors by MUMPS in space, and iterative refinement of solutions by compressed
 factors.
 
 ``LOW_RANK``: dofs from which on MUMPS compresses blocks, each with its tolerance. ``ANEW``: dofs
 from which on it compresses factors that are made for every parameter. Refinement takes at most
-``REFINED`` steps, down to the relative residual ``PRECISE``, or until a step leaves more than
-``HALF`` of the residual, as round-off does from 2e-13 on with 285,186 dofs. A residual above
-``STALLED`` is a failure: round-off of stiff bodies next to soft ones is far below.
+``REFINED`` steps, down to the relative residual ``REFINED_RESIDUAL``, or until a step leaves
+more than ``HALF`` of the residual, as round-off does from 2e-13 on with 285,186 dofs. A
+residual above ``STALLED_RESIDUAL`` is a failure: round-off of stiff bodies next to soft ones is
+far below.
 
 Measured once on hexahedra. With 42,618 dofs forces differed by 8e-10 from those of whole factors,
 and by 3e-7 with tolerance 1e-8; with 1,004,496 dofs tolerance 1e-10 took 19 GB. With 92,514 and
@@ -283,7 +284,7 @@ class FreeCholesky:
     def _refine(self, factors: Factors, columns: csc_matrix, solutions: np.ndarray) -> None:
         """Refine solutions by compressed factors in place.
 
-        NotSolvableError if the residual stays above STALLED.
+        NotSolvableError above STALLED_RESIDUAL.
         """
         sizes = _norms(columns.multiply(columns).sum(axis=0), self._comm)
         image, change = (np.empty(solutions.shape, order="F") for _ in range(2))
@@ -292,13 +293,13 @@ class FreeCholesky:
             factors.multiply(solutions, image)
             left = np.asfortranarray(columns - image)
             lengths = _norms((left * left).sum(axis=0), self._comm)
-            gains = (lengths > PRECISE * sizes) & (lengths < HALF * before)
+            gains = (lengths > REFINED_RESIDUAL * sizes) & (lengths < HALF * before)
             if steps == REFINED or not gains.any():
                 break
             before = lengths
             factors.solve_block(left, change)
             solutions += change
-        if not (lengths <= STALLED * sizes).all():
+        if not (lengths <= STALLED_RESIDUAL * sizes).all():
             raise NotSolvableError(
                 f"solutions by compressed factors of scene '{self._scene}' stay "
                 f"{(lengths / sizes).max():.1e} off: leave out less than {self.low_rank:g} by the "
@@ -330,9 +331,9 @@ class FreeCholesky:
         moving = place[wanted] >= 0
         rows = place[wanted[moving]]
         refining = refined and self.low_rank is not None
-        most = REFINED_NUMBERS if refining else BLOCK_NUMBERS
+        most = REFINED_NUMBERS if refining else SOLVED_NUMBERS
         each = self._columns.size / self._comm.size  # the same blocks on all ranks
-        block_size = max(min(BLOCK, int(most / each), count), 1)
+        block_size = max(min(RIGHT_SIDES, int(most / each), count), 1)
         solutions = np.empty((own, block_size), order="F")
         for first in range(0, count, block_size):
             part = slice(first, min(first + block_size, count))

@@ -148,12 +148,12 @@ class ModelFields:
 
         Empty where there are none.
         """
-        from hhr_dolfinx.models.estimates import FORCES
+        from hhr_dolfinx.models.estimates import FORCES_INDICATOR
 
         if self.bound is not None:
             return self.bound.kind
         of_laws = "" if self.flow is None else self.flow.kind
-        known = {"indicator": self.indicator, of_laws: self.flow, FORCES: self.interface}
+        known = {"indicator": self.indicator, of_laws: self.flow, FORCES_INDICATOR: self.interface}
         return next((kind for kind, own in known.items() if own is not None), "")
 
     def displacement(self, answer: Answer) -> np.ndarray:

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals.functional import Functional, Functionals
     from hhr_dolfinx.models.gradient import Gradient
 
-ROUND_OFF = 1e-10
+BOUND_ROUND_OFF = 1e-10
 """Part of an answer that is round-off of the exact one too: smaller errors are unknown."""
 
 

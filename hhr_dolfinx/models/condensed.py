@@ -29,10 +29,12 @@ from hhr_dolfinx.parameters import ParameterSpace, PointsLike
 from hhr_dolfinx.trained import USUAL, TrainedRange
 
 MOST_ROWS = 16_000
-NUMBERS = 8_000_000
-"""Most rows of a table that are answered at once, and most numbers of their answers, 64 MB. 200,000
-rows of the pellet took 26 s by 1000 and 11 s by 16,000, measured once.
+"""Most rows of a table that are answered at once.
+
+200,000 rows of the pellet took 26 s by 1000 and 11 s by 16,000, measured once.
 """
+ROW_NUMBERS = 8_000_000
+"""Most numbers of the answers of these rows, 64 MB."""
 
 
 class CondensedModel(KeptModel):
@@ -139,7 +141,7 @@ class CondensedModel(KeptModel):
         """More if rows with the same statuses share factors, as far as memory allows."""
         if not self.eliminated.shares_factors:
             return super().rows_at_once
-        return max(super().rows_at_once, min(MOST_ROWS, NUMBERS // sum(self.sizes)))
+        return max(super().rows_at_once, min(MOST_ROWS, ROW_NUMBERS // sum(self.sizes)))
 
     @property
     def tabulated(self) -> bool:

@@ -32,21 +32,21 @@ from hhr_dolfinx.warn import warn
 
 NO_OUTPUTS: Mapping[str, float] = {}
 """Outputs of a model without outputs, or without estimates of them."""
-NUMBERS = tuple(
+ESTIMATE_NUMBERS = tuple(
     "primal dual primal_relative dual_relative "
     "forces_euclid pressure forces_euclid_relative pressure_relative".split()
 )
 """Attributes of an estimate that do not belong to outputs."""
-SHOWN = {
+RELATIVE_ERRORS = {
     "displacement": "primal_relative",
     "forces": "forces_euclid_relative",
     "pressure": "pressure_relative",
     "forces in energy": "dual_relative",
 }
 """Relative errors by their names for users."""
-STRESS = "indicator of the stress"
+STRESS_INDICATOR = "indicator of the stress"
 """Kind of the estimates of laws of bodies, which cover only the stress."""
-FORCES = "indicator of the forces"
+FORCES_INDICATOR = "indicator of the forces"
 """Kind of the estimates of hyper-reduced laws of interfaces, which cover only forces."""
 
 
@@ -56,9 +56,9 @@ class Estimate(NamedTuple):
     Attributes:
         kind: ``bound``, which no error exceeds: the error itself, up to round-off, for a constant
             stiffness; ``estimate``, a bound except for an interpolation without a proof;
-            ``indicator``, which follows the error; :data:`STRESS`, which follows that of the stress
-            alone, relative to the stress of the same step; or :data:`FORCES`, the same for the
-            Euclidean norm of forces.
+            ``indicator``, which follows the error; :data:`STRESS_INDICATOR`, which follows that
+            of the stress alone, relative to the stress of the same step; or
+            :data:`FORCES_INDICATOR`, the same for the Euclidean norm of forces.
         primal: of the displacement in energy, (v^T K v)^1/2.
         dual: of the contact forces in the S norm, (λ^T S λ)^1/2: the energy of the displacement of
             the forces alone. Indicators have no units: this and all other absolute errors are then
@@ -96,10 +96,10 @@ class Estimate(NamedTuple):
                 f"an indicator says {value!r}: it must be a relative error, a number from 0 on"
             )
         value = float(value)
-        if kind == FORCES:
+        if kind == FORCES_INDICATOR:
             return cls(kind, math.inf, math.inf, math.inf, math.inf, forces_euclid_relative=value)
         # an indicator of the stress says nothing about forces: these errors are infinite
-        forces = math.inf if kind == STRESS else value
+        forces = math.inf if kind == STRESS_INDICATOR else value
         return cls(kind, math.inf, math.inf, value, value, forces_euclid_relative=forces)
 
     @classmethod
@@ -165,12 +165,12 @@ class Estimates:
         bounds = [dict(self.outputs_of(k)) for k in range(len(self))]
         return Estimates, (
             self.kind,
-            *(getattr(self, name) for name in NUMBERS),
+            *(getattr(self, name) for name in ESTIMATE_NUMBERS),
             bounds.__getitem__,
         )
 
     def __getitem__(self, k: int) -> Estimate:
-        numbers = {name: float(getattr(self, name)[k]) for name in NUMBERS}
+        numbers = {name: float(getattr(self, name)[k]) for name in ESTIMATE_NUMBERS}
         return Estimate(self.kind, outputs=self.outputs_of(k), **numbers)
 
     @classmethod
@@ -213,21 +213,21 @@ class Estimates:
         cls, kinds: set[str], count: int, parts: Sequence[tuple[np.ndarray, Any]]
     ) -> Estimates:
         """Estimates with attributes at some indices, NaN elsewhere."""
-        numbers = np.full((len(NUMBERS), count), np.nan)
+        numbers = np.full((len(ESTIMATE_NUMBERS), count), np.nan)
         for rows, part in parts:
-            for row, name in zip(numbers, NUMBERS, strict=True):
+            for row, name in zip(numbers, ESTIMATE_NUMBERS, strict=True):
                 row[rows] = getattr(part, name)
         return cls(" and ".join(sorted(kinds)), *numbers)
 
 
 def shown_of(kind: str) -> dict[str, str]:
     """Names of the attributes that estimates of a kind show, by the heads of their columns."""
-    if kind == STRESS:
-        return {STRESS: "primal_relative"}
-    if kind == FORCES:
-        return {FORCES: "forces_euclid_relative"}
-    names = ("displacement", "forces") if kind == "indicator" else tuple(SHOWN)
-    return {f"{kind} of {name}": SHOWN[name] for name in names}
+    if kind == STRESS_INDICATOR:
+        return {STRESS_INDICATOR: "primal_relative"}
+    if kind == FORCES_INDICATOR:
+        return {FORCES_INDICATOR: "forces_euclid_relative"}
+    names = ("displacement", "forces") if kind == "indicator" else tuple(RELATIVE_ERRORS)
+    return {f"{kind} of {name}": RELATIVE_ERRORS[name] for name in names}
 
 
 def columns(kind: str, outputs: Mapping[str, str]) -> list[str]:
@@ -249,7 +249,7 @@ HOW = {
 NOT_ASKED = "the recipe asks for none"
 """Reason for a missing bound in a model built without one."""
 NORMS = "the displacement in energy; nodal contact forces, Euclidean and in energy; pressures"
-ASKED = ("forces", "pressure", "displacement")
+FALLBACK_ERRORS = ("forces", "pressure", "displacement")
 """Errors that may trigger a fall-back, in addition to those of outputs."""
 
 
@@ -268,7 +268,7 @@ def known_error(fields: Any) -> str:
         return "indicator of the recipe: follows errors as far as it is made to, without a proof"
     if fields.flow is not None:
         return str(fields.flow.known_error)
-    if kind == FORCES:
+    if kind == FORCES_INDICATOR:
         return (
             "indicator of the forces: the part of those on the RID that no training explains; "
             "without a proof"
@@ -299,17 +299,17 @@ def warn_unbounded(fields: Any) -> None:
 
 
 def check_asked(fields: Any, of: Any) -> None:
-    """Check an error by its name: None, one of :data:`ASKED`, or the name of an output with a
-    bound.
+    """Check an error by its name: None, one of :data:`FALLBACK_ERRORS`, or the name of an
+    output with a bound.
 
     Raises:
         ParameterError: for another name, or an output without a bound, with the reason.
     """
-    if fields.estimated == FORCES:
+    if fields.estimated == FORCES_INDICATOR:
         check_of_forces(of)
     known, others = _outputs(fields)
     check_word([*known, *others], of)
-    if of in others and of not in ASKED:
+    if of in others and of not in FALLBACK_ERRORS:
         why = "it reads more of the displacement than there is room for"
         if fields.output_bound is None:
             why = (
@@ -318,7 +318,7 @@ def check_asked(fields: Any, of: Any) -> None:
             )
         raise ParameterError(
             f"there is no estimate of the error of output {of!r}: {why}. Take "
-            f"{', '.join([*ASKED, *known])}"
+            f"{', '.join([*FALLBACK_ERRORS, *known])}"
         )
 
 
@@ -334,11 +334,13 @@ def check_of_forces(of: object) -> None:
 
 
 def check_word(outputs: Sequence[str], of: object) -> None:
-    """Raise ParameterError unless it is None, one of :data:`ASKED`, or the name of an output."""
-    if of is not None and not (isinstance(of, str) and of in (*ASKED, *outputs)):
+    """Raise ParameterError unless it is None, one of :data:`FALLBACK_ERRORS`, or the name of an
+    output."""
+    if of is not None and not (isinstance(of, str) and of in (*FALLBACK_ERRORS, *outputs)):
         raise ParameterError(
             f"of = {of!r} is no error that is known here: give "
-            f"{', '.join(repr(word) for word in (*ASKED, *outputs))}, or None for displacement "
+            f"{', '.join(repr(word) for word in (*FALLBACK_ERRORS, *outputs))}, or None "
+            f"for displacement "
             "and forces in energy"
         )
 
@@ -356,8 +358,8 @@ def relative_error(answer: Any, estimate: Estimate, of: str | None) -> float:
         # with a NaN no comparison is true
         worst = (estimate.primal_relative, estimate.dual_relative)
         return math.nan if any(map(math.isnan, worst)) else max(worst)
-    if of in SHOWN:
-        return float(getattr(estimate, SHOWN[of]))
+    if of in RELATIVE_ERRORS:
+        return float(getattr(estimate, RELATIVE_ERRORS[of]))
     error = estimate.outputs.get(of, math.inf)
     if error == 0:  # for exact answers too, which have no bounds
         return 0.0
@@ -380,7 +382,7 @@ def relative_errors(many: Any, of: str | None, known: Estimates | None = None) -
         of: see :func:`check_asked`.
         known: ``many.estimates()``, if it is already computed.
     """
-    if of is not None and of not in SHOWN:
+    if of is not None and of not in RELATIVE_ERRORS:
         singles = [(answer, answer.estimate()) for answer in many]
         return np.array(
             [
@@ -394,5 +396,5 @@ def relative_errors(many: Any, of: str | None, known: Estimates | None = None) -
     return (
         np.maximum(found.primal_relative, found.dual_relative)
         if of is None
-        else getattr(found, SHOWN[of])
+        else getattr(found, RELATIVE_ERRORS[of])
     )

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities
     from hhr_dolfinx.contact.problem import ContactProblem, ScaledBodies
     from hhr_dolfinx.contact.stiffness import FactorStore, SparseStiffness, Stiffness
-    from hhr_dolfinx.group import Group
+    from hhr_dolfinx.group import ProcessGroup
     from hhr_dolfinx.linear.rows import Rows
     from hhr_dolfinx.linear.sparse import FreeCholesky
     from hhr_dolfinx.models.answer_mesh import AnswerMesh
@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 Checked = TypeVar("Checked", bound=AnsweringModel)
 
-KEPT_BYTES = 1e9
+RESPONSE_BYTES = 1e9
 """Memory that K^-1 B^T may take; if it would take more its columns are dropped after use."""
 
 
@@ -89,7 +89,7 @@ class FullModel(AnsweringModel, ElasticFields):
     """
 
     scene: Any  # messages need its name
-    group: Group  # processes that have the model together
+    group: ProcessGroup  # processes that have the model together
     # the algebraic contact problem; on several ranks each has the rows of its dofs
     problem: ContactProblem
     system: Equations  # the equations at any point
@@ -271,7 +271,7 @@ class FullModel(AnsweringModel, ElasticFields):
 
     def has_room(self, rows: int) -> bool:
         """True if an array with so many rows, and a column for each condition, may be kept."""
-        return 8 * rows * self.conditions <= KEPT_BYTES
+        return 8 * rows * self.conditions <= RESPONSE_BYTES
 
     @abstractmethod
     def factors_of(

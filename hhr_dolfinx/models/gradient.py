@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-GRAZING = 1e-7
+CHANGING_STATUS = 1e-7
 """Part of the largest force, or slack, below which a condition counts as about to change its
 status.
 """
@@ -46,5 +46,8 @@ class Gradient(NamedTuple):
 
 def grazing(active: np.ndarray, forces: np.ndarray, slack: np.ndarray) -> np.ndarray:
     """Conditions about to change their status, (m,) bool."""
-    near = GRAZING * np.abs(forces).max(initial=0.0), GRAZING * np.abs(slack).max(initial=0.0)
+    near = (
+        CHANGING_STATUS * np.abs(forces).max(initial=0.0),
+        CHANGING_STATUS * np.abs(slack).max(initial=0.0),
+    )
     return np.where(active, forces <= near[0], slack <= near[1])

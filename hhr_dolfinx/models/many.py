@@ -18,12 +18,14 @@ from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.one_thread import one_thread
 
-BLOCK = 1024
+POINTS_AT_ONCE = 1024
 """Points whose unknown is computed at once, so that temporary arrays stay small compared with the
 answers.
 """
-FEWEST = 4096
-APART = 16
+FEWEST_POINTS = 4096
+"""Fewest points for which some are solved first: fewer start from the statuses that the model
+knows."""
+STRIDE_OF_STARTS = 16
 """One of so many points is solved first, for the others to start from."""
 
 
@@ -155,8 +157,8 @@ def answers_by_statuses(
     forces, iterations, left = settled(schur, free_slack, active)
     unknown = np.empty((n, len(response) - m))
     status = [Status.CONVERGED] * n
-    for first in range(0, n, BLOCK):
-        block = slice(first, first + BLOCK)
+    for first in range(0, n, POINTS_AT_ONCE):
+        block = slice(first, first + POINTS_AT_ONCE)
         unknown[block] = theta[block] @ response[m:].T
         unknown[block] -= forces[block] @ per_force.T
     for k in left:
@@ -179,9 +181,9 @@ def _starts(
     Of many points one of every so many is solved first. The others start from the nearest of these,
     which mostly has the same statuses.
     """
-    if len(points) < FEWEST:
+    if len(points) < FEWEST_POINTS:
         return known.starts(points)
-    first = np.arange(0, len(points), APART)
+    first = np.arange(0, len(points), STRIDE_OF_STARTS)
     statuses = _starts(known, schur, points[first], free_slack[first])
     settled(schur, free_slack[first], statuses)
     widths = np.ptp(points, axis=0)

@@ -44,7 +44,7 @@ from hhr_dolfinx.models.histories.equilibrium import (
 )
 from hhr_dolfinx.models.histories.path import checked_path
 from hhr_dolfinx.models.histories.steps import steps_of
-from hhr_dolfinx.models.shown import MOST, Shown, counted
+from hhr_dolfinx.models.shown import SHOWN_NUMBERS, Shown, counted
 from hhr_dolfinx.plain import rebuilt
 from hhr_dolfinx.trained import USUAL, Trained, TrainedRange, check_outside
 from hhr_dolfinx.warn import warn
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.parameters import ParameterSpace, PointLike, PointsLike
 
 
-ROWS = 1000
+ROWS_AT_ONCE = 1000
 """Most rows of a table answered at once by models that solve them one by one."""
 NEAREST = "nearest"
 """Default start of the search."""
@@ -136,7 +136,8 @@ class AnsweringModel(Shown):
         )
         unknowns = self.sizes[0]
         return {
-            "parameters": f"{counted(len(names), 'parameter')} ({', '.join(names[:MOST])})",
+            "parameters": f"{counted(len(names), 'parameter')} "
+            f"({', '.join(names[:SHOWN_NUMBERS])})",
             **({"unknowns": counted(unknowns, "unknown")} if unknowns else {}),
             "contact": kept,
             "errors": "exact"
@@ -187,7 +188,7 @@ class AnsweringModel(Shown):
         """Rows of a table to answer at once: more are not faster, and are lost if a run is
         killed.
         """
-        return ROWS
+        return ROWS_AT_ONCE
 
     @property
     def by_paths(self) -> bool:

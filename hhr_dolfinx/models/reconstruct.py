@@ -26,7 +26,7 @@ from hhr_dolfinx.models.bound import (
     driven,
 )
 from hhr_dolfinx.models.displacement import LinearDisplacement, dense
-from hhr_dolfinx.models.estimates import FORCES, NO_OUTPUTS, Estimate, Estimates
+from hhr_dolfinx.models.estimates import FORCES_INDICATOR, NO_OUTPUTS, Estimate, Estimates
 from hhr_dolfinx.plain import CODE, OF_THE_MESH, Rebuilt
 
 if TYPE_CHECKING:
@@ -351,5 +351,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         if self.indicator is not None:
             return Estimate.indicated(self.indicator(answer))
         if self.interface is not None and self.flow is None:
-            return Estimate.indicated(self.interface.indicated(*self.indicating(answer)), FORCES)
+            return Estimate.indicated(
+                self.interface.indicated(*self.indicating(answer)), FORCES_INDICATOR
+            )
         return None if self.flow is None else self.flow.estimate(answer)

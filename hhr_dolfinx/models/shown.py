@@ -8,7 +8,7 @@ from html import escape
 
 import numpy as np
 
-MOST = 8
+SHOWN_NUMBERS = 8
 """Most numbers of a point that are shown."""
 
 
@@ -16,8 +16,8 @@ def point_of(values: Sequence[float] | np.ndarray, names: Sequence[str] = ()) ->
     """A point of the box, with the names of parameters if they are known: ``push=3e+07,
     pull=1e+07``.
     """
-    numbers = [f"{float(value):.6g}" for value in list(values)[:MOST]]
-    left = ["..."] if len(values) > MOST else []
+    numbers = [f"{float(value):.6g}" for value in list(values)[:SHOWN_NUMBERS]]
+    left = ["..."] if len(values) > SHOWN_NUMBERS else []
     if len(names) == len(values):
         return ", ".join(
             [*(f"{name}={number}" for name, number in zip(names, numbers, strict=False)), *left]

@@ -15,7 +15,7 @@ from hhr_dolfinx.declared import Booleans, Floats
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.plain import Rebuilt
 
-BLOCK = 1024
+SLOPES_AT_ONCE = 1024
 """Points whose slopes are gathered at once."""
 
 
@@ -117,9 +117,9 @@ class LinearStarts(KnownStatuses):
         """
         offsets, directions = self.distances
         active = np.empty((len(points), self.margins.shape[1]), dtype=bool)
-        for first in range(0, len(points), BLOCK):
-            part = points[first : first + BLOCK]
+        for first in range(0, len(points), SLOPES_AT_ONCE):
+            part = points[first : first + SLOPES_AT_ONCE]
             near = (offsets - part @ directions.T).argmin(axis=1)
             change = np.einsum("nmp,np->nm", self.slopes[near], part - self.points[near])
-            active[first : first + BLOCK] = self.margins[near] + change > 0
+            active[first : first + SLOPES_AT_ONCE] = self.margins[near] + change > 0
         return active

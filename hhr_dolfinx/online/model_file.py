@@ -31,11 +31,13 @@ from hhr_dolfinx.models.model import AnsweringModel, KeptModel
 from hhr_dolfinx.plain import add_kind, as_plain, by_name, restored
 from hhr_dolfinx.warn import ignored, warn
 
-FORMAT = "hhr_dolfinx model"
-VERSION = 8
-NAMES = ("model", "hhr", "condensed", "local", "study")
+MODEL_FORMAT = "hhr_dolfinx model"
+"""Content of a file, in its header."""
+MODEL_VERSION = 8
+"""Version of this format, in the header too."""
+MODEL_NAMES = ("model", "hhr", "condensed", "local", "study")
 """Names under which commands leave models in a folder."""
-TABLES = (".csv", ".parquet")
+TABLE_ENDINGS = (".csv", ".parquet")
 """Endings of tables, which users give instead of a model by mistake."""
 
 MODULES = {
@@ -120,7 +122,9 @@ def save_model(path: str | Path, model: KeptModel) -> None:
         warn(f"{path} holds no code, {why}", ModelFileWarning)
     try:
         tree, arrays = as_plain(plain, Kinds())
-        write_arrays(path, {"format": FORMAT, "version": VERSION, "model": tree}, arrays)
+        write_arrays(
+            path, {"format": MODEL_FORMAT, "version": MODEL_VERSION, "model": tree}, arrays
+        )
     except (FileContentError, SceneError) as error:
         raise ModelFileError(f"this model cannot be kept in {path}: {error}") from error
 
@@ -153,11 +157,11 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> Any:
     if Path(path).is_dir():
         raise ModelFileError(f"{path} is a folder, and a model is a file{_meant(Path(path))}")
     try:
-        header, arrays = read_arrays(path, FORMAT, VERSION)
+        header, arrays = read_arrays(path, MODEL_FORMAT, MODEL_VERSION)
     except FileNotFoundError:
         raise ModelFileError(f"there is no model file {path}{_meant(Path(path).parent)}") from None
     except FileContentError as error:
-        if Path(path).suffix in TABLES:
+        if Path(path).suffix in TABLE_ENDINGS:
             raise ModelFileError(
                 f"{path} is a table and no model: the model comes first, MODEL TABLE"
             ) from error
@@ -190,7 +194,7 @@ def _meant(folder: Path) -> str:
             path
             for pattern in ("*.npz", "*/*.npz")
             for path in folder.glob(pattern)
-            if path.stem in NAMES
+            if path.stem in MODEL_NAMES
         )
     except OSError:
         return ""

@@ -21,7 +21,7 @@ from hhr_dolfinx.warn import warn as report
 CREASE = np.cos(np.deg2rad(40.0))
 """Facets that meet at more than 40 degrees form an edge; normals are not averaged across it."""
 
-GRAZING = 1e-3
+GRAZING_NORMAL = 1e-3
 """Cosine to a normal given by the user below which a side does not look along it: a half-disc may
 be tagged up to where the normal is tangential.
 """
@@ -191,7 +191,7 @@ def along_normal(surface: Surface, normal: np.ndarray) -> tuple[np.ndarray, np.n
 
     All nodes of a parallel surface.
     """
-    looks, areas = looking(surface, normal, GRAZING)
+    looks, areas = looking(surface, normal, GRAZING_NORMAL)
     if not looks.any():
         return np.arange(len(surface.nodes)), surface.areas
     return np.flatnonzero(looks), areas
@@ -321,7 +321,7 @@ def check_facing(
     ``upright`` is set.
     """
     towards = surface.outward @ (normal if along else -normal)
-    if towards.max() <= GRAZING and (towards.min() < -1e-9 or not upright):
+    if towards.max() <= GRAZING_NORMAL and (towards.min() < -1e-9 or not upright):
         middle = surface.points.mean(axis=0).tolist()
         raise SceneError(
             f"surface {surface.tag} around {middle} should look {'along' if along else 'against'} "

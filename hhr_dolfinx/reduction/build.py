@@ -21,7 +21,7 @@ from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.reduction.completion import Completion, bound_of
+from hhr_dolfinx.reduction.completion import ReconstructionData, bound_of
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
 from hhr_dolfinx.reduction.kinds import OfPoints, kind_of
 from hhr_dolfinx.reduction.projection import project, reduced_domain
@@ -56,7 +56,7 @@ class Offline:
     recipe: Recipe
     basis: np.ndarray  # before enrichment, (own, ell)
     nodes: np.ndarray  # from which the RID is made
-    completion: Completion  # of answers
+    completion: ReconstructionData  # of answers
     computed: dict[str, Any] = field(
         default_factory=dict
     )  # what stages compute once for all attempts, by name
@@ -247,7 +247,7 @@ class HyperReduction(Reductor[Offline]):
         with log.stage("rid", task.announce):
             nodes = chosen_nodes(problem, snapshots, recipe, basis)
         with log.stage("reconstruction", task.announce):
-            completion = Completion.of(problem, snapshots)
+            completion = ReconstructionData.of(problem, snapshots)
         for stage, why in task.kind.skipped(recipe):
             log.skip(stage, why)
         return Offline(task, snapshots, recipe, basis, nodes, completion)

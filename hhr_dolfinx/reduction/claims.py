@@ -15,7 +15,7 @@ from hhr_dolfinx.certify.accuracy import mass_norm
 from hhr_dolfinx.errors import ClaimError, NotOfferedError
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.full import FullModel
-from hhr_dolfinx.reduction.kinds import ROUND_OFF, OfPoints
+from hhr_dolfinx.reduction.kinds import EXACT_MODEL, OfPoints
 from hhr_dolfinx.snapshots.records import SnapshotSet
 
 LIGHT = 1e-2
@@ -95,7 +95,7 @@ def _check_bounds(name: str, full: FullModel, pairs: ANSWERED) -> None:
                 relative = getattr(estimate, f"{BOUNDED[what]}_relative")
                 compared.append((f"{what}, relative", error / size, relative, 1.0))
             for said, off, most, scale in compared:
-                if not off <= (1 + ROUND_OFF) * most + ROUND_OFF * scale:
+                if not off <= (1 + EXACT_MODEL) * most + EXACT_MODEL * scale:
                     raise ClaimError(
                         f"{name}: its model says a bound of {most:.3g} of the {said}, and the "
                         f"error is {off:.3g} at {label}: say 'estimate' or 'indicator' as the "
@@ -134,7 +134,7 @@ def _errors(full: FullModel, exact: Answer, answer: Answer) -> dict[str, tuple[f
     off = answer.forces() - exact.forces()
     # forces of equivalent conditions have several values; sizes of all answers are the scale of
     # round-off
-    if np.linalg.norm(problem.contact.T @ off) <= ROUND_OFF * np.linalg.norm(
+    if np.linalg.norm(problem.contact.T @ off) <= EXACT_MODEL * np.linalg.norm(
         problem.contact.T @ exact.forces()
     ):
         off = np.zeros_like(off)

@@ -29,14 +29,14 @@ the fraction of the largest force below which a relative force error is meaningl
 
 
 @dataclass(frozen=True)
-class Completion:
+class ReconstructionData:
     """Reconstruction data that depend on training alone, computed once for all attempts."""
 
     forces: np.ndarray  # of training, (N_lambda, S)
     gap_scale: np.ndarray  # length scale of gaps, (N_lambda,)
 
     @classmethod
-    def of(cls, problem: ContactProblem, snapshots: SnapshotSet) -> Completion:
+    def of(cls, problem: ContactProblem, snapshots: SnapshotSet) -> ReconstructionData:
         """Data from training answers."""
         # the scale of the gaps of a pair is the largest gap or relative motion of its bodies, not
         # the largest slack: if contact never opens in training the slack is round-off, and relative

@@ -21,7 +21,7 @@ import numpy as np
 from scipy import linalg
 from scipy.sparse import csr_matrix
 
-from hhr_dolfinx.contact.problem import DEPENDENT, ContactProblem, IndexSets
+from hhr_dolfinx.contact.problem import DEPENDENT_ROWS, ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.linear.dense import GrowingColumns
 from hhr_dolfinx.linear.rows import Rows
@@ -33,12 +33,12 @@ DISTINCT = 1e-8
 round-off.
 """
 
-MOSTLY = math.sqrt(0.5)
+LENGTH_LEFT = math.sqrt(0.5)
 """Remaining length of a unit function above which round-off is small enough (Daniel, Gragg, Kaufman
 and Stewart, Mathematics of Computation 30, 1976).
 """
 
-ORTHONORMAL = 1e-8
+MODE_ROUND_OFF = 1e-8
 """Round-off allowed in products of orthogonal modes, and in modes on imposed dofs."""
 
 
@@ -140,21 +140,21 @@ def check_basis(
     imposed = rows.largest(
         np.abs(basis).max(axis=1, initial=0.0) * ~rows.of(problem.prolongation.movable)
     )[1]
-    if imposed > ORTHONORMAL:
+    if imposed > MODE_ROUND_OFF:
         raise ReductionError(
-            f"{whose} moves imposed dofs by {imposed:.1e} > {ORTHONORMAL:g}: make its modes of "
+            f"{whose} moves imposed dofs by {imposed:.1e} > {MODE_ROUND_OFF:g}: make its modes of "
             "snapshots.displacements"
         )
     broken = rows.largest(np.abs(basis - problem.prolonged(basis)).max(axis=1, initial=0.0))[1]
-    if broken > ORTHONORMAL:
+    if broken > MODE_ROUND_OFF:
         raise ReductionError(
-            f"{whose} breaks constraints by {broken:.1e} > {ORTHONORMAL:g}: make its modes of "
+            f"{whose} breaks constraints by {broken:.1e} > {MODE_ROUND_OFF:g}: make its modes of "
             "snapshots.displacements"
         )
     skew = float(np.abs(rows.sum(basis.T @ basis) - np.eye(basis.shape[1])).max())
-    if skew > ORTHONORMAL:
+    if skew > MODE_ROUND_OFF:
         raise ReductionError(
-            f"{whose} is not orthonormal, by {skew:.1e} > {ORTHONORMAL:g}: return "
+            f"{whose} is not orthonormal, by {skew:.1e} > {MODE_ROUND_OFF:g}: return "
             "np.linalg.qr(modes)[0]"
         )
 
@@ -179,7 +179,7 @@ def _outside(
         if length <= DISTINCT:
             return None
         column /= length
-        if length > MOSTLY:
+        if length > LENGTH_LEFT:
             break
         along = rows.sum(np.concatenate([part.T @ column for part in parts]))
     return column
@@ -276,7 +276,7 @@ class _Table:
         outside = self.outside
         direction = outside[:, chosen]
         size = np.linalg.norm(direction)
-        if size > DEPENDENT * self.problem.contact_norm:
+        if size > DEPENDENT_ROWS * self.problem.contact_norm:
             # Householder's reflection onto the first coordinate, which is removed then
             normal = direction / size
             normal[0] += math.copysign(1.0, normal[0])

@@ -20,7 +20,7 @@ from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.reduction.kinds import kind_of
 from hhr_dolfinx.reduction.reductor import Reductor, Task
 
-STARTS = 64
+SOLVED_STATUSES = 64
 """Points whose statuses are solved in advance on S, without snapshots."""
 
 
@@ -134,6 +134,6 @@ def _known_statuses(full: FullModel) -> KnownStatuses:
     problem = full.problem
     nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
     model = exact_condensation(full, nothing, field=False)
-    points = Sobol(STARTS).points(problem.parameters)
+    points = Sobol(SOLVED_STATUSES).points(problem.parameters)
     answers = (model.solve(point, start=None, raise_on_failure=False) for point in points)
     return KnownStatuses.of_answers(answers) or nothing

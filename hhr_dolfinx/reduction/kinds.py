@@ -44,7 +44,7 @@ MOST_SURE = 4
 """Answers by which a claim is compared at most: a model that claims too much is off nearly
 everywhere.
 """
-ROUND_OFF = 1e-6
+EXACT_MODEL = 1e-6
 """Relative error up to which a model may call itself exact; those of the package are off by
 1e-12.
 """
@@ -172,7 +172,7 @@ class OfPoints:
 
     def round_off(self, known: SnapshotSet) -> float:
         """Relative error by which a model that calls itself exact may be off of known answers."""
-        return ROUND_OFF
+        return EXACT_MODEL
 
     def pairs(self, model: Model, known: SnapshotSet) -> Answered:
         """Some known answers with those of a model, by which its claims are compared."""

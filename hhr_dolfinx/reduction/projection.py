@@ -19,7 +19,7 @@ from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem, ReducedTerms
 
-PANEL = 16
+MODES_AT_ONCE = 16
 """Modes that K of a whole mesh is multiplied with at once."""
 COPIED = 20_000_000
 """Most numbers copied of the modes of one body, 160 MB, so that its part of K is not multiplied
@@ -112,8 +112,8 @@ class _Modes:
         own = own if few else np.arange(basis.shape[1])
         trial = basis[:, own] if few else basis
         found = np.zeros((basis.shape[1], basis.shape[1]))
-        for first in range(0, own.size, PANEL):
-            part = slice(first, first + PANEL)
+        for first in range(0, own.size, MODES_AT_ONCE):
+            part = slice(first, first + MODES_AT_ONCE)
             found[np.ix_(own, own[part])] = self._test_by(
                 trial, stiffness @ (cut[:, None] * trial[:, part])
             )
@@ -126,7 +126,10 @@ class _Modes:
         # a row of zeros times random numbers is zero; any other row gives zero with probability
         # zero
         rows = cut & (stiffness @ np.random.default_rng(0).standard_normal(len(cut)) != 0)
-        parts = [slice(first, first + PANEL) for first in range(0, self._basis.shape[1], PANEL)]
+        parts = [
+            slice(first, first + MODES_AT_ONCE)
+            for first in range(0, self._basis.shape[1], MODES_AT_ONCE)
+        ]
         return np.flatnonzero(
             np.concatenate([(self._basis[:, part] != 0)[rows].any(axis=0) for part in parts])
         )

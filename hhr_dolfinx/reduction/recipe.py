@@ -26,11 +26,11 @@ from hhr_dolfinx import registry
 from hhr_dolfinx.certify.trust import TrustLimits
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.group import ALONE, Group
+from hhr_dolfinx.group import ALONE, ProcessGroup
 from hhr_dolfinx.linear.rows import Rows
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.parameters import is_whole
-from hhr_dolfinx.reduction.enrichment import ORTHONORMAL, check_basis
+from hhr_dolfinx.reduction.enrichment import MODE_ROUND_OFF, check_basis
 from hhr_dolfinx.reduction.modes import deim, pod
 from hhr_dolfinx.reduction.projection import checked_nodes, load_nodes
 from hhr_dolfinx.snapshots.records import SnapshotSet
@@ -68,7 +68,7 @@ class Basis(Protocol):
         """V with orthonormal columns, most important first, zero on imposed dofs, (N, ell)."""
 
 
-class Nodes(Protocol):
+class NodeChoice(Protocol):
     """A choice of nodes, around which the RID is built.
 
     The same on all ranks of a distributed problem.
@@ -94,7 +94,7 @@ def _on_rows(*steps: object) -> bool:
     return all(getattr(step, "by_rows", False) is True for step in steps)
 
 
-METHODS = {
+STEP_METHODS = {
     "modes": "modes(problem, snapshots), as Pod(1e-9) has",
     "nodes": "nodes(problem, snapshots, basis), as Deim() has",
     "prepared": "prepared(problem, basis, sets)",
@@ -105,7 +105,7 @@ METHODS = {
 def _check_step(said: str, step: object, method: str) -> None:
     """Raise ReductionError for a step that is a class, or an object without a method."""
     if isinstance(step, type) or not callable(getattr(step, method, None)):
-        raise ReductionError(f"{said} must have {METHODS[method]}")
+        raise ReductionError(f"{said} must have {STEP_METHODS[method]}")
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ class Pod(Truncated):
         return self.of_columns(problem, snapshots.displacements)
 
     def of_columns(
-        self, problem: ContactProblem, columns: np.ndarray, group: Group = ALONE
+        self, problem: ContactProblem, columns: np.ndarray, group: ProcessGroup = ALONE
     ) -> np.ndarray:
         """Modes of any displacements, (N, S).
 
@@ -217,7 +217,7 @@ class Deim:
     def nodes(
         self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray
     ) -> np.ndarray:
-        """See :class:`Nodes`."""
+        """See :class:`NodeChoice`."""
         modes = basis if self.pod is None else self.pod.modes(problem, snapshots)
         return deim(modes, problem.spread) // problem.block_size
 
@@ -242,8 +242,8 @@ class ForceDeim(Truncated):
     def nodes(
         self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray
     ) -> np.ndarray:
-        """See :class:`Nodes`; without contact in training one node, since a RID needs at least one
-        condition.
+        """See :class:`NodeChoice`; without contact in training one node, since a RID needs at
+        least one condition.
         """
         if not snapshots.any_contact(problem):
             return problem.contact_slaves[:1]
@@ -284,7 +284,7 @@ class Zone:
     def nodes(
         self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray
     ) -> np.ndarray:
-        """See :class:`Nodes`."""
+        """See :class:`NodeChoice`."""
         return checked_nodes(np.asarray(self.choose(problem)), len(problem.points))
 
 
@@ -361,7 +361,7 @@ class Recipe(metaclass=_Named):
     """
 
     basis: Basis = Pod(1e-13, relative=True)
-    nodes: tuple[Nodes, ...] = (Deim(), ForceDeim(1e-6, relative=True), LoadNodes())
+    nodes: tuple[NodeChoice, ...] = (Deim(), ForceDeim(1e-6, relative=True), LoadNodes())
     domain: Rid = Rid()
     enrichment: Enrich | None = Enrich()
     trust: TrustLimits | None = TrustLimits()
@@ -440,7 +440,7 @@ def _prolonged(problem: ContactProblem, basis: np.ndarray) -> np.ndarray:
     rows = problem.spread
     kept = problem.prolonged(basis)
     moved = rows.largest(np.abs(kept - basis).max(axis=1, initial=0.0))[1]
-    return rows.orthonormal(kept)[0] if moved > ORTHONORMAL else kept
+    return rows.orthonormal(kept)[0] if moved > MODE_ROUND_OFF else kept
 
 
 def basis_of(step: Any, problem: ContactProblem, snapshots: SnapshotSet) -> np.ndarray:

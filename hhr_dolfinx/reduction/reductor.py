@@ -39,7 +39,7 @@ from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.trained import Trained, TrainedRange
 from hhr_dolfinx.warn import Warned, collected, repeat
 
-SURE = 2
+EXACTNESS_SAMPLES = 2
 """Full answers that are solved for to compare a model that calls itself exact, if none were held
 out.
 """
@@ -68,7 +68,7 @@ class Task:
     announce: Announce = unannounced
     # full answers solved for to compare a model that calls itself exact; 0 if the caller compares
     # it
-    sure: int = SURE
+    sure: int = EXACTNESS_SAMPLES
 
     @cached_property
     def kind(self) -> OfPoints:
@@ -363,7 +363,7 @@ def _fresh(full: FullModel, count: int) -> SnapshotSet:
 
 
 @dataclass(frozen=True)
-class Given(Reductor[Task]):
+class SingleAttempt(Reductor[Task]):
     """An object with ``reduced(full, snapshots, held_out)`` alone: one attempt, which checks its
     model by itself.
     """
@@ -387,7 +387,7 @@ def as_reductor(given: Any) -> Reductor | None:
     if isinstance(given, Reductor):
         return given
     return (
-        Given(given)
+        SingleAttempt(given)
         if callable(getattr(given, "reduced", None)) and not isinstance(given, type)
         else None
     )

@@ -8,7 +8,7 @@ import numpy as np
 
 from hhr_dolfinx.contact.active_set import Pairs
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.group import ALONE, Group
+from hhr_dolfinx.group import ALONE, ProcessGroup
 from hhr_dolfinx.models.answer import ModelFields
 from hhr_dolfinx.models.eliminations.elimination import Elimination, answer_of
 from hhr_dolfinx.models.starts import LinearStarts
@@ -24,7 +24,7 @@ def linear_starts(
     points: np.ndarray,
     pairs: np.ndarray | None,
     active: np.ndarray | None = None,
-    group: Group = ALONE,
+    group: ProcessGroup = ALONE,
     announce: Announce = unannounced,
 ) -> LinearStarts:
     """Starts from answers at some points, (S, P), with derivatives.

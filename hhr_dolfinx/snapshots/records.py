@@ -20,7 +20,7 @@ from hhr_dolfinx import registry
 from hhr_dolfinx.certify.accuracy import force_floor, round_off_force
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, ReductionError, TrainingWarning
-from hhr_dolfinx.group import Group, group_of, share
+from hhr_dolfinx.group import ProcessGroup, group_of, share
 from hhr_dolfinx.models.answer import Answer, History, Path
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.shown import Shown, counted
@@ -301,7 +301,9 @@ def compute_snapshots(
             one.
     """
     given = queries_of(full.parameters, queries)
-    return _some(given.solved(Solver(full, progress, store, settings, lost)), lost, len(given))
+    return _some(
+        given.solved(SnapshotSolver(full, progress, store, settings, lost)), lost, len(given)
+    )
 
 
 def _some(found: SnapshotSet | None, lost: Lost | None, count: int) -> SnapshotSet:
@@ -334,10 +336,12 @@ class Queries(Protocol):
     def part(self, numbers: Sequence[int]) -> Queries:
         """Select some of them."""
 
-    def solved(self, solver: Solver) -> SnapshotSet | None:
+    def solved(self, solver: SnapshotSolver) -> SnapshotSet | None:
         """Answers; None if none has an answer and the lost ones are recorded."""
 
-    def gathered(self, own: SnapshotSet | None, full: FullModel, group: Group) -> SnapshotSet:
+    def gathered(
+        self, own: SnapshotSet | None, full: FullModel, group: ProcessGroup
+    ) -> SnapshotSet:
         """Answers of all ranks; some have any."""
 
 
@@ -346,11 +350,11 @@ def queries_of(space: ParameterSpace, queries: Any) -> Queries:
     if _are_paths(queries):
         made: Queries = registry.tool("histories", "a set of snapshots along paths")(queries)
         return made
-    return Points(space.points(queries))
+    return SingleParameters(space.points(queries))
 
 
 @dataclass(frozen=True)
-class Solver:
+class SnapshotSolver:
     """A full model with what is done with its answers, see :func:`compute_snapshots`."""
 
     full: FullModel
@@ -369,7 +373,7 @@ class Solver:
 
 
 @dataclass(frozen=True)
-class Points:
+class SingleParameters:
     """Single parameters, (S, P), each solved from the statuses of the one before."""
 
     values: np.ndarray
@@ -381,11 +385,11 @@ class Points:
         """See :class:`Queries`."""
         return [f"{len(self.values)} points", np.array(self.values, dtype=float)]
 
-    def part(self, numbers: Sequence[int]) -> Points:
+    def part(self, numbers: Sequence[int]) -> SingleParameters:
         """See :class:`Queries`."""
-        return Points(self.values[list(numbers)])
+        return SingleParameters(self.values[list(numbers)])
 
-    def solved(self, solver: Solver) -> SnapshotSet | None:
+    def solved(self, solver: SnapshotSolver) -> SnapshotSet | None:
         """See :class:`Queries`."""
         full = solver.full
         full.group.agreed("snapshots", self.asked)
@@ -394,7 +398,7 @@ class Points:
             answers = list(self._answers(solver))
             return SnapshotSet.of_answers(answers, rows=full.spread) if answers else None
 
-    def _answers(self, solver: Solver) -> Iterator[Answer]:
+    def _answers(self, solver: SnapshotSolver) -> Iterator[Answer]:
         full = solver.full
         store = solver.store
         start: str | np.ndarray = "nearest"
@@ -411,7 +415,9 @@ class Points:
             yield answer
             _log.debug("answer at %s: %d iterations", point, answer.iterations)
 
-    def gathered(self, own: SnapshotSet | None, full: FullModel, group: Group) -> SnapshotSet:
+    def gathered(
+        self, own: SnapshotSet | None, full: FullModel, group: ProcessGroup
+    ) -> SnapshotSet:
         """See :class:`Queries`."""
         return _concatenated([part for part in group.gathered(own) if part is not None])
 
@@ -433,7 +439,7 @@ def _stored(full: FullModel, store: SnapshotStore, point: np.ndarray) -> Answer 
 def spread_snapshots(
     full: FullModel,
     queries: Any,
-    comm: Comm | Group,
+    comm: Comm | ProcessGroup,
     progress: Progress = iter,
     store: SnapshotStore | None = None,
     settings: MarchSettings = DEFAULT_MARCH,
@@ -457,7 +463,7 @@ def spread_snapshots(
         # consecutive queries on one rank, so that each one starts from a near solution
         mine = share(len(given), group.number, group.size)
         if mine:
-            own = given.part(mine).solved(Solver(full, progress, store, settings, lost))
+            own = given.part(mine).solved(SnapshotSolver(full, progress, store, settings, lost))
     if group.size == 1:
         return _some(own, lost, len(given))
     if lost is not None:

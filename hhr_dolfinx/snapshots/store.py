@@ -80,8 +80,10 @@ def parts_of(item: Any) -> list[Any]:
     return [item]
 
 
-FORMAT = "hhr_dolfinx snapshot"
-VERSION = 6
+SNAPSHOT_FORMAT = "hhr_dolfinx snapshot"
+"""Content of a file, in its header."""
+SNAPSHOT_VERSION = 6
+"""Version of this format: snapshots of another one are not found, and solved for again."""
 _LAYOUT: dict[str, tuple[str, ...]] = {
     "unknown": ("float", "N"),
     "multipliers": ("float", "N_lambda"),
@@ -94,9 +96,9 @@ _PARTS: dict[str, tuple[str, ...]] = {
 }
 """Additional arrays of a step that may be solved in parts."""
 
-UNKNOWN = -1.0
+NO_TIME_ERROR = -1.0
 """Time error of a step without an estimate."""
-SOLVED = 1e-2
+SNAPSHOT_RESIDUAL = 1e-2
 """Largest relative residual of a solution: round-off reaches 1e-4 if bodies are displaced by 1e8
 times their size.
 """
@@ -274,7 +276,7 @@ class SnapshotStore:
     def _read(self, point: np.ndarray, query: list) -> Answer | None:
         path = self._path(query)
         try:
-            header, arrays = read_arrays(path, FORMAT, VERSION, mapped=True)
+            header, arrays = read_arrays(path, SNAPSHOT_FORMAT, SNAPSHOT_VERSION, mapped=True)
         except FileNotFoundError:
             return None
         if header != self._header(query):
@@ -288,7 +290,7 @@ class SnapshotStore:
         Count solutions.
         """
         worst = self.laws.residual(answer, forces)
-        if not worst <= SOLVED:
+        if not worst <= SNAPSHOT_RESIDUAL:
             raise FileContentError(
                 f"{self._path(query)} holds no solution, residuals of {worst:.1g}"
             )
@@ -303,7 +305,7 @@ class SnapshotStore:
         if np.isnan(
             answer.time_error
         ):  # without a tolerance there is none; files hold finite numbers
-            values["time_error"] = UNKNOWN
+            values["time_error"] = NO_TIME_ERROR
         arrays = {name: np.asarray(values[name]) for name in self._layout()}
         check_layout(arrays, self._layout(), self._sizes)
         # one file in thousands: leftovers were cleared when the folder was opened
@@ -321,7 +323,7 @@ class SnapshotStore:
             iterations = int(arrays["iterations"])
             known = float(arrays["time_error"])
             steps = {
-                "time_error": math.nan if known == UNKNOWN else known,
+                "time_error": math.nan if known == NO_TIME_ERROR else known,
                 "ends": tuple(arrays["ends"].tolist()),
             }
         unknown, multipliers, active = (arrays[name] for name in _LAYOUT)
@@ -330,8 +332,8 @@ class SnapshotStore:
 
     def _header(self, query: list) -> dict:
         return {
-            "format": FORMAT,
-            "version": VERSION,
+            "format": SNAPSHOT_FORMAT,
+            "version": SNAPSHOT_VERSION,
             "problem": self._fingerprint.hex(),
             "point": query,
         }
@@ -354,7 +356,9 @@ def _digest_of(full: FullModel) -> bytes:
     solved again on a machine that assembles other last digits, or with another distribution of rows
     over ranks.
     """
-    digest = hashlib.sha256(f"{FORMAT} {VERSION} of hhr_dolfinx {__version__}\0".encode())
+    digest = hashlib.sha256(
+        f"{SNAPSHOT_FORMAT} {SNAPSHOT_VERSION} of hhr_dolfinx {__version__}\0".encode()
+    )
     problem: ContactProblem = full.problem
     problem.require_parts("a store of snapshots")
     others = "amplitudes parameters moduli reshaped kernel whole_contact law group".split()

@@ -24,7 +24,7 @@ from hhr_dolfinx.models.eliminations.constant import ConstantElimination
 from hhr_dolfinx.models.eliminations.elimination import Responses
 from hhr_dolfinx.models.reduced import ADVICE, ReducedModel, ReducedProblem
 from hhr_dolfinx.models.starts import KnownStatuses
-from hhr_dolfinx.reduction.completion import Completion
+from hhr_dolfinx.reduction.completion import ReconstructionData
 from hhr_dolfinx.reduction.exact import exact_condensation
 from hhr_dolfinx.reduction.projection import project
 
@@ -257,7 +257,7 @@ def test_every_model_keeps_its_pairs_apart(kind, unlike):
     elif kind == "condensed":
         forces = exact_condensation(full, known).solve(point).forces()
     elif kind == "reduced":
-        completion = Completion.of(problem, hhr.SnapshotSet.of_answers([full.solve(point)]))
+        completion = ReconstructionData.of(problem, hhr.SnapshotSet.of_answers([full.solve(point)]))
         fields = completion.reconstruction(problem, basis, sets)
         reduced = ReducedModel(
             project(problem, basis, sets), problem.parameters, fields, known=known

@@ -17,7 +17,13 @@ from scenes import pressed_block
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import BoundError, ParameterError, StabilityWarning
-from hhr_dolfinx.models.estimates import NUMBERS, STRESS, Estimate, Estimates, relative_error
+from hhr_dolfinx.models.estimates import (
+    ESTIMATE_NUMBERS,
+    STRESS_INDICATOR,
+    Estimate,
+    Estimates,
+    relative_error,
+)
 
 POOR = hhr.Recipe().as_it_is()
 OUTPUTS = (hhr.LargestPressure("peak", 0, unit="MPa"), hhr.ContactWidth("area", 0))
@@ -107,8 +113,8 @@ def test_many_estimates_are_those_of_each(reduced):
         for k, point in enumerate(points):
             assert known[k].outputs and dict(known[k].outputs) == dict(many[k].estimate().outputs)
             alone = reduced.solve(point, outside="ignore").estimate()
-            least = 1e-9 * max(getattr(alone, name) for name in NUMBERS)
-            for name in NUMBERS:
+            least = 1e-9 * max(getattr(alone, name) for name in ESTIMATE_NUMBERS)
+            for name in ESTIMATE_NUMBERS:
                 # of displacements 1e-9 of their energies is left, known to the round-off of these:
                 # 2e-6 were measured
                 part = 1e-5 if name.startswith("primal") else 1e-6
@@ -137,7 +143,7 @@ def test_estimates_of_parts_are_put_in_order():
     assert both[2] == one[0] and both[0] == one[1]
     assert Estimates.joined([(np.array([0]), None)], 1) is None
     # an indicator of the stress is silent on forces, and has no number for them
-    assert np.isinf(Estimate.indicated(0.5, STRESS).forces_euclid_relative)
+    assert np.isinf(Estimate.indicated(0.5, STRESS_INDICATOR).forces_euclid_relative)
     single = Estimates.of([None, Estimate.indicated(0.5)])
     assert (
         single.kind == "indicator"

@@ -551,7 +551,7 @@ def test_arrays_on_the_disk_are_those_in_memory(tmp_path, monkeypatch):
         "flags": np.ones(9, bool),
     }
     write_arrays(tmp_path / "a.npz", {"format": "a", "version": 1}, given)
-    monkeypatch.setattr(files, "MAPPED", 150)
+    monkeypatch.setattr(files, "MAPPED_BYTES", 150)
     header, found = read_arrays(tmp_path / "a.npz", "a", 1, mapped=True)
     assert header["version"] == 1 and found.keys() == given.keys()
     for name, array in given.items():
@@ -569,7 +569,7 @@ def test_descriptors_are_left_for_others(tmp_path, monkeypatch):
 
     What comes then is read into memory.
     """
-    monkeypatch.setattr(files, "MAPPED", 150)
+    monkeypatch.setattr(files, "MAPPED_BYTES", 150)
     arrays = {name: np.arange(100.0) for name in "abc"}
     for k in range(80):
         write_arrays(tmp_path / f"{k}.npz", {"format": "a", "version": 1}, arrays)
@@ -590,7 +590,7 @@ def test_descriptors_are_left_for_others(tmp_path, monkeypatch):
 def test_damage_is_found_in_arrays_on_the_disk(place, tmp_path, monkeypatch):
     path = tmp_path / "a.npz"
     write_arrays(path, {"format": "a", "version": 1}, {"values": np.arange(1000.0)})
-    monkeypatch.setattr(files, "MAPPED", 150)
+    monkeypatch.setattr(files, "MAPPED_BYTES", 150)
     content = bytearray(path.read_bytes())
     if place is None:
         content = content[: len(content) // 2]

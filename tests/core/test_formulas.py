@@ -14,8 +14,8 @@ import pytest
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ParameterError, SceneError
 from hhr_dolfinx.formulas import (
-    DEEPEST,
-    LONGEST,
+    DEEPEST_FORMULA,
+    LONGEST_FORMULA,
     Formula,
     Modulus,
     Scalar,
@@ -204,7 +204,7 @@ NO_FORMULAS = [
     "x # E in MPa",
     "9" * 400,
     "9" * 5000,
-    "x" * (LONGEST + 1),
+    "x" * (LONGEST_FORMULA + 1),
     "(" * 300 + "x" + ")" * 300,
     "-" * 5000 + "x",
     "+".join(["x"] * 5000),
@@ -298,14 +298,14 @@ def test_huge_powers_end_at_once():
 
 
 def test_what_was_accepted_is_answered_from_deep_within_a_program_too():
-    formula = Formula("+".join(["x"] * (DEEPEST - 1)))
+    formula = Formula("+".join(["x"] * (DEEPEST_FORMULA - 1)))
 
     def deep(levels):
         return formula({"x": 1.0}) if levels == 0 else deep(levels - 1)
 
-    assert deep(300) == DEEPEST - 1
-    with pytest.raises(SceneError, match=f"nests more than {DEEPEST}"):
-        Formula("+".join(["x"] * (DEEPEST + 1)))
+    assert deep(300) == DEEPEST_FORMULA - 1
+    with pytest.raises(SceneError, match=f"nests more than {DEEPEST_FORMULA}"):
+        Formula("+".join(["x"] * (DEEPEST_FORMULA + 1)))
     assert Formula("+".join(["(" + "+".join(["x"] * 100) + ")"] * 90))({"x": 1.0}) == 9000
 
 

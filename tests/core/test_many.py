@@ -116,7 +116,7 @@ def test_many_points_start_from_their_neighbours(training, monkeypatch):
     )
     points = model.parameters.random(600, seed=6)
     far = model.solve_many(points)
-    monkeypatch.setattr(several, "FEWEST", 50)
+    monkeypatch.setattr(several, "FEWEST_POINTS", 50)
     near = model.solve_many(points)
     assert np.array_equal(near.active, far.active)
     assert np.abs(near.multipliers - far.multipliers).max() <= 1e-11 * np.abs(far.multipliers).max()

@@ -32,7 +32,7 @@ from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries import pellet_cladding as geometry
 from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.models.model import KeptModel
-from hhr_dolfinx.online.model_file import FORMAT, MODULES, VERSION, Kinds, check_answers
+from hhr_dolfinx.online.model_file import MODEL_FORMAT, MODEL_VERSION, MODULES, Kinds, check_answers
 from hhr_dolfinx.plain import as_plain, restored
 
 OF_MESH = {
@@ -920,7 +920,7 @@ def test_a_signed_file_that_was_not_changed_is_read(kind, file):
     """Else the tests above would pass with a wrong signature."""
     path = file(kind)
     rewrite_signed(path, lambda header, arrays: None)
-    assert (FORMAT, VERSION) == ("hhr_dolfinx model", 8) and hhr.load_model(path)
+    assert (MODEL_FORMAT, MODEL_VERSION) == ("hhr_dolfinx model", 8) and hhr.load_model(path)
     rewrite_signed(path, lambda header, arrays: header.update(more=1))
     refused(path, "its header has the keys")
 

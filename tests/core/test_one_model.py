@@ -29,7 +29,7 @@ from hhr_dolfinx.errors import (
     SceneError,
 )
 from hhr_dolfinx.geometries import block
-from hhr_dolfinx.models.estimates import STRESS
+from hhr_dolfinx.models.estimates import STRESS_INDICATOR
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.warn import collected
 
@@ -288,7 +288,10 @@ def test_fields_of_a_flowing_answer(flowing, flowing_models):
     points = flowing.equilibrium.points
     assert np.array_equal(answer.stress()[points], answer.gauss.stress)
     assert np.array_equal(answer.plastic_strain()[points], answer.gauss.state.cumulated)
-    estimate, kind = answer.estimate(), "bound" if flowing is flowing_models["full"] else STRESS
+    estimate, kind = (
+        answer.estimate(),
+        "bound" if flowing is flowing_models["full"] else STRESS_INDICATOR,
+    )
     assert estimate.kind == kind and 0 <= estimate.primal_relative < 1
 
 

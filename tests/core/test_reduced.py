@@ -7,7 +7,7 @@ from scenes import check_closed, check_contact_conditions, references_at, whole_
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.models.starts import KnownStatuses
-from hhr_dolfinx.reduction.completion import Completion
+from hhr_dolfinx.reduction.completion import ReconstructionData
 from hhr_dolfinx.reduction.modes import deim
 from hhr_dolfinx.reduction.projection import project, reduced_domain
 
@@ -64,7 +64,7 @@ def test_full_basis_on_the_whole_domain_is_the_full_order(hertz, hertz_snapshots
     problem = hertz.problem
     basis = np.eye(problem.free.size)[:, problem.free]
     sets = whole_domain(problem)
-    fields = Completion.of(problem, hertz_snapshots).reconstruction(problem, basis, sets)
+    fields = ReconstructionData.of(problem, hertz_snapshots).reconstruction(problem, basis, sets)
     known = hertz_snapshots.known_statuses()
     model = hhr.ReducedModel(project(problem, basis, sets), problem.parameters, fields, known=known)
     for mu in (0.15, 0.217, 0.3, 0.45):

@@ -43,7 +43,7 @@ SCENES = {
 def both(make, monkeypatch):
     """A full model that keeps its columns, and one that has no room for them."""
     kept = hhr.FullOrderModel(make(), MPI.COMM_SELF)
-    monkeypatch.setattr(full_order, "KEPT_BYTES", 0)
+    monkeypatch.setattr(full_order, "RESPONSE_BYTES", 0)
     return kept, hhr.FullOrderModel(make(), MPI.COMM_SELF)
 
 
@@ -220,7 +220,7 @@ def test_s_is_made_once(monkeypatch, by_columns, counted):
     np.testing.assert_array_equal(forces, answer.forces())
     lean.solve(mu)
     # fields, a solution for each start and body, and random forces; not S once more
-    assert counted()[0] - before < 2 * condense.STARTS + 50 and not lean.stiffness.has_response
+    assert counted()[0] - before < 2 * condense.MOST_STARTS + 50 and not lean.stiffness.has_response
     assert counted()[1] == inverses
     exact = kept.solve(mu).forces()
     assert np.linalg.norm(forces - exact) < 1e-10 * np.linalg.norm(exact)
@@ -233,7 +233,7 @@ def test_factors_that_are_let_go_are_made_anew(monkeypatch):
 
     scene = contract.blocks((3.0, "n"), box={"n": (0.1, 0.4)})
     kept = hhr.condense(scene, fields=True)
-    monkeypatch.setattr(components, "LARGE", 0)
+    monkeypatch.setattr(components, "LARGE_COMPONENT", 0)
     destroyed = []
     plain = sparse.FreeCholesky.release
     monkeypatch.setattr(
@@ -364,7 +364,11 @@ def test_bounds_know_what_compressed_factors_leave_out(part, monkeypatch):
             coarse = answer.estimate()
         assert error < coarse.forces_euclid_relative
         fine = answer.estimate().pressure_relative
-        assert fine * np.exp(-least_response.STEP / 2) <= coarse.pressure_relative < 3**0.5 * fine
+        assert (
+            fine * np.exp(-least_response.LOG_WEIGHT_STEP / 2)
+            <= coarse.pressure_relative
+            < 3**0.5 * fine
+        )
 
 
 @needs("nonmatching")

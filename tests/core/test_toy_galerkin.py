@@ -19,7 +19,7 @@ from toy_reductor import DenseCondensation
 import hhr_dolfinx as hhr
 from hhr_dolfinx import errors, registry
 from hhr_dolfinx.geometries.two_blocks import side
-from hhr_dolfinx.models.estimates import NUMBERS, Estimate
+from hhr_dolfinx.models.estimates import ESTIMATE_NUMBERS, Estimate
 from hhr_dolfinx.models.exact import ExactFields
 from hhr_dolfinx.reduction import build as building
 from hhr_dolfinx.reduction import claims
@@ -157,7 +157,7 @@ class Bounding(GalerkinFields):
     said: ClassVar[dict[str, float]] = {}
 
     def estimate(self, answer):
-        honest = dict.fromkeys(NUMBERS, 1e3)
+        honest = dict.fromkeys(ESTIMATE_NUMBERS, 1e3)
         return Estimate(self.kind, **(honest | self.said))
 
 
@@ -217,7 +217,9 @@ def test_a_bound_along_a_path_that_an_answer_exceeds_is_refused():
             return 1.1 * super().forces(answer)
 
         def estimate(self, answer):
-            return Estimate("bound", **(dict.fromkeys(NUMBERS, 1e3) | {"forces_euclid": 1e-9}))
+            return Estimate(
+                "bound", **(dict.fromkeys(ESTIMATE_NUMBERS, 1e3) | {"forces_euclid": 1e-9})
+            )
 
     fields = Weaker(
         **{one.name: getattr(exact.fields, one.name) for one in dataclasses.fields(exact.fields)}
@@ -236,7 +238,9 @@ def test_round_off_of_an_answer_near_zero_denies_no_bound(training, monkeypatch)
     """Errors are over the largest answer: those of grazing contact are round-off of the others, and
     no lie.
     """
-    exact = SimpleNamespace(estimate=lambda: Estimate("bound", **dict.fromkeys(NUMBERS, 1e-12)))
+    exact = SimpleNamespace(
+        estimate=lambda: Estimate("bound", **dict.fromkeys(ESTIMATE_NUMBERS, 1e-12))
+    )
     errors_of = iter([{"contact forces": (0.0, 1.0)}, {"contact forces": (5e-10, 1e-9)}])
     # a name that is looked up at each call, so that the second iterator counts too
     monkeypatch.setattr(claims, "_errors", lambda *given: next(errors_of))

@@ -21,11 +21,11 @@ from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimin
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem, ReducedTerms
 from hhr_dolfinx.plain import Rebuilt
 
-ROUND_OFF = 1e-12
+COUPLING_ROUND_OFF = 1e-12
 """Part of the largest entry of a part of K~ below which an entry couples no modes."""
 
 
-class Block(NamedTuple):
+class ModeBlock(NamedTuple):
     """Modes that share entries of K~ with each other alone."""
 
     modes: np.ndarray  # their indices, (k,)
@@ -55,7 +55,7 @@ class BlockElimination(Rebuilt, Elimination):
     amplitudes: Amplitudes  # θ as a function of the parameters
 
     @cached_property
-    def blocks(self) -> list[Block]:
+    def blocks(self) -> list[ModeBlock]:
         """Blocks of modes that share entries of K~."""
         return blocks_of(self.problem)
 
@@ -154,7 +154,7 @@ class BlockElimination(Rebuilt, Elimination):
         return slack, found
 
 
-def factored(block: Block, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def factored(block: ModeBlock, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """LU factors of a block of K~ with weights of its parts, (q,)."""
     size = block.modes.size
     lu, pivots, info = dgetrf((weights @ block.entries).reshape(size, size).T, overwrite_a=1)
@@ -163,24 +163,24 @@ def factored(block: Block, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]
     return lu, pivots
 
 
-def blocks_of(problem: ReducedProblem) -> list[Block]:
+def blocks_of(problem: ReducedProblem) -> list[ModeBlock]:
     """Blocks of a reduced problem whose stiffness is a sum of parts."""
     terms = problem.terms
     if terms is None:
         return []
     sizes = np.abs(terms.stiffness)
     # orthonormal modes of one body have round-off on the other
-    coupled = np.any(sizes > ROUND_OFF * sizes.max(axis=(1, 2), keepdims=True), axis=0)
+    coupled = np.any(sizes > COUPLING_ROUND_OFF * sizes.max(axis=(1, 2), keepdims=True), axis=0)
     _, label = connected_components(coupled, directed=False)
     return [_block(problem, terms, np.flatnonzero(label == k)) for k in range(label.max() + 1)]
 
 
-def _block(problem: ReducedProblem, terms: ReducedTerms, modes: np.ndarray) -> Block:
+def _block(problem: ReducedProblem, terms: ReducedTerms, modes: np.ndarray) -> ModeBlock:
     parts = terms.stiffness[:, modes][:, :, modes]
     largest = np.abs(terms.stiffness).max(axis=(1, 2))
-    touching = np.flatnonzero(np.abs(parts).max(axis=(1, 2)) > ROUND_OFF * largest)
+    touching = np.flatnonzero(np.abs(parts).max(axis=(1, 2)) > COUPLING_ROUND_OFF * largest)
     entries = np.ascontiguousarray(parts[touching].transpose(0, 2, 1)).reshape(touching.size, -1)
     test = np.asfortranarray(problem.contact_test[:, modes].T)
-    return Block(
+    return ModeBlock(
         modes, touching, entries, test, np.ascontiguousarray(problem.contact_trial[:, modes])
     )

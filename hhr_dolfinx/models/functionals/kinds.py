@@ -18,7 +18,7 @@ TIE = 1e-9
 
 The derivative is then one-sided.
 """
-LOADED = 1e-3
+UNDER_LOAD = 1e-3
 """Part of the largest pressure of a contact above which a condition is under load: smaller forces
 that a reduced model completes outside its domain are noise.
 """
@@ -153,7 +153,7 @@ class Loaded(OfPressures):
         return self.areas
 
     def value(self, state: State) -> float:
-        """Area whose pressure exceeds :data:`LOADED` of the largest pressure."""
+        """Area whose pressure exceeds :data:`UNDER_LOAD` of the largest pressure."""
         return float(self.offset + self.factor * self.counted[self._loaded(state)].sum())
 
     def slopes(self, state: State) -> Slopes:
@@ -169,7 +169,7 @@ class Loaded(OfPressures):
         """Conditions under load, (c,) bool."""
         pressures = self.pressures(state)
         largest = pressures.max()
-        return (pressures > LOADED * largest) & (largest > 0)
+        return (pressures > UNDER_LOAD * largest) & (largest > 0)
 
 
 @dataclass(frozen=True, eq=False)

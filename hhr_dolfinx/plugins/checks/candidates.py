@@ -16,14 +16,15 @@ from hhr_dolfinx.full_order.free_bodies import components_of_nodes
 from hhr_dolfinx.geometries.cells import outer_faces_of_cells
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
-NEAR = 0.1
-DEEP = 0.01
-"""Largest gap and overlap of a pair over the size of the smaller piece."""
-TRIED = 8
+NEARBY_PIECES = 0.1
+"""Largest gap of a pair over the size of the smaller piece."""
+LARGEST_OVERLAP = 0.01
+"""Largest overlap of a pair over the size of the smaller piece."""
+NEAREST_FACETS = 8
 """Nearest facets of the other surface that a point is projected on."""
-FACING = -0.5
+FACING_COSINE = -0.5
 """Largest cosine between outer normals of two facets that face each other."""
-ROUND_OFF = 1e-9
+ON_FACET = 1e-9
 """Distance over the size of the largest piece up to which a point counts as one on a facet."""
 
 
@@ -77,21 +78,23 @@ class OuterFacets:
         Inf without one in front.
 
         A gap is the distance along the normal of a near facet that looks back. It is negative for
-        an overlap, which is no deeper than ``DEEP`` of the smaller piece: two sides that look away
-        from each other do not face.
+        an overlap, which is no deeper than ``LARGEST_OVERLAP`` of the smaller piece: two sides
+        that look away from each other do not face.
         """
         points = np.concatenate([self.corners[rows], self._middles[rows][:, None]], axis=1)
         normals = self.normals[others]
         middles = self._middles[others]
-        tried = min(TRIED, len(others))
+        tried = min(NEAREST_FACETS, len(others))
         near = cKDTree(middles).query(points, k=tried)[1].reshape(*points.shape[:2], tried)
         off = points[:, :, None] - middles[near]
         gaps = np.einsum("fptd,fptd->fpt", off, normals[near])
         across = np.linalg.norm(off - gaps[..., None] * normals[near], axis=-1)
         reach = np.linalg.norm(self.corners[others] - middles[:, None], axis=2).max(axis=1)
         facing = across <= 1.001 * reach[near]
-        facing &= np.einsum("fd,fptd->fpt", self.normals[rows], normals[near]) < FACING
-        deepest = DEEP * min(self.sizes[self.pieces[one]].min() for one in (rows, others))
+        facing &= np.einsum("fd,fptd->fpt", self.normals[rows], normals[near]) < FACING_COSINE
+        deepest = LARGEST_OVERLAP * min(
+            self.sizes[self.pieces[one]].min() for one in (rows, others)
+        )
         facing &= (gaps >= 0) | ((gaps > -deepest) & self._inside(points, others)[..., None])
         return np.where(facing, gaps, np.inf).min(axis=2)
 
@@ -104,7 +107,7 @@ class OuterFacets:
         of_pieces = np.flatnonzero(np.isin(self.pieces, self.pieces[rows]))
         nearest = of_pieces[cKDTree(self._middles[of_pieces]).query(points)[1]]
         outside = np.einsum("fpd,fpd->fp", points - self._middles[nearest], self.normals[nearest])
-        return outside <= ROUND_OFF * self.sizes.max()
+        return outside <= ON_FACET * self.sizes.max()
 
 
 def contact_candidates(raw: RawMesh) -> list[tuple[str, float]]:
@@ -121,7 +124,7 @@ def contact_candidates(raw: RawMesh) -> list[tuple[str, float]]:
     pairs = []
     for first, second in combinations([list(rows) for rows in names if rows], 2):
         pieces, others = (set(outside.pieces[rows].tolist()) for rows in (first, second))
-        limit = NEAR * min(outside.sizes[piece] for piece in pieces | others)
+        limit = NEARBY_PIECES * min(outside.sizes[piece] for piece in pieces | others)
         low, high = zip(*(_box(outside.corners[rows]) for rows in (first, second)), strict=True)
         if pieces & others or (np.maximum(*low) > np.minimum(*high) + limit).any():
             continue

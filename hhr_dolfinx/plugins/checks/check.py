@@ -28,7 +28,7 @@ from hhr_dolfinx.plugins.checks.mesh import (
 )
 from hhr_dolfinx.scene import Scene
 
-TOUCHING = 1e-6
+TOUCHING_AS_DRAWN = 1e-6
 """Gaps below so many times the sag of facets count as zero: the bodies touch as drawn."""
 SMALL_GAP = 2.0
 """Gaps below so many times the sag of facets come from the mesh rather than from the bodies: a
@@ -212,7 +212,7 @@ def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None
             float(own.min()),
             float(problem.amplitudes.least(problem.gaps[rows], problem.parameters)[0].min()),
         ]
-        small = [gap for gap in small if TOUCHING * sag < gap < SMALL_GAP * sag]
+        small = [gap for gap in small if TOUCHING_AS_DRAWN * sag < gap < SMALL_GAP * sag]
         if small:
             found.note(
                 f"contact {place} of {names}: the smallest gap, {small[0]:.3g}{unit}, is below "

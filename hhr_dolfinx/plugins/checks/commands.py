@@ -6,14 +6,15 @@ import sys
 from pathlib import Path
 
 from hhr_dolfinx.command.speaking import guarded, spoken
-from hhr_dolfinx.command.words import AT, NO_ANSWER, SCENE, examples
+from hhr_dolfinx.command.words import AT, EXIT_NO_ANSWER, SCENE, examples
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.registry import named, offered
 
 with extra("study", "the command hhr"):
     import click
 
-PICTURES = (".png", ".pdf", ".svg")
+PICTURE_ENDINGS = (".png", ".pdf", ".svg")
+"""Endings of pictures of a scene."""
 MESHES = frozenset(
     ".msh .inp .e .ex2 .exo .xdmf .vtk .vtu .med .unv .bdf .nas .cgns .su2 .mesh".split()
 )
@@ -53,7 +54,7 @@ def check(scene: str, words: tuple[str, ...], picture: Path | None, mesh_error: 
     """
     from hhr_dolfinx.command.loading import checked_target, point_of, scene_of
 
-    checked_target(picture, PICTURES)
+    checked_target(picture, PICTURE_ENDINGS)
     console, _ = spoken()
     if _is_mesh(scene):
         if words or mesh_error:
@@ -64,7 +65,7 @@ def check(scene: str, words: tuple[str, ...], picture: Path | None, mesh_error: 
 
     made = scene_of(scene)
     picture = picture or Path(f"{made.name}_check.png")
-    checked_target(picture, PICTURES)
+    checked_target(picture, PICTURE_ENDINGS)
     point = point_of(words, made.parameters, others=made.parameters.middle) if words else None
     found = check_scene(made, point)
     if mesh_error and not found.mistakes:
@@ -78,7 +79,7 @@ def check(scene: str, words: tuple[str, ...], picture: Path | None, mesh_error: 
 
         figure_of_scene(found).savefig(picture, dpi=150)
         console.print(f"picture: {picture}")
-    sys.exit(NO_ANSWER if found.mistakes else 0)
+    sys.exit(EXIT_NO_ANSWER if found.mistakes else 0)
 
 
 def _is_mesh(name: str) -> bool:

@@ -15,7 +15,8 @@ from pathlib import Path
 
 from hhr_dolfinx import compat
 
-SECONDS = 60
+CHECK_SECONDS = 60
+"""Longest duration of a command whose version is checked."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +141,9 @@ def examined() -> list[Found]:
 def _output_of(command: list[str]) -> str:
     """Output of a command, or the error if it does not run."""
     try:
-        run = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, check=False)
+        run = subprocess.run(
+            command, capture_output=True, text=True, timeout=CHECK_SECONDS, check=False
+        )
     except (OSError, subprocess.TimeoutExpired) as error:
         return str(error)
     return run.stdout + run.stderr

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from hhr_dolfinx.compat import extra
-from hhr_dolfinx.geometries.cells import DIMENSION, TENSOR, outer_faces
+from hhr_dolfinx.geometries.cells import DIMENSION, TENSOR_ORDER, outer_faces
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 from hhr_dolfinx.plugins.checks.findings import SceneCheck
 from hhr_dolfinx.plugins.checks.mesh import MeshLook
@@ -24,14 +24,14 @@ AROUND = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
 ARROWS = ("crimson", "purple", "darkorange", "teal", "olive", "navy")
 """Colours of loads, in turn."""
 LENGTH = 0.07
+"""Length of arrows over the size of the mesh."""
 FAINT = 0.02
-MOST = 20
-"""Length of arrows over the mesh size, part of the largest force below which none is drawn, most
-arrows of a load.
-"""
+"""Part of the largest force below which no arrow is drawn."""
+MOST_ARROWS = 20
+"""Most arrows of a load."""
 MOST_SURFACES = 20
 """Surfaces of a mesh file that are drawn."""
-HELD = "^sDvp*h"
+SUPPORT_MARKS = "^sDvp*h"
 """Marks of surfaces with imposed displacements, in turn."""
 
 
@@ -47,7 +47,7 @@ def figure_of_scene(found: SceneCheck) -> Figure:
     figure, axes = _new_figure(look.points)
     for place, body in enumerate(bodies):
         cells = look.cells[look.owner == place, : look.corners]
-        cells = cells[:, TENSOR[kind]] if kind in TENSOR else cells
+        cells = cells[:, TENSOR_ORDER[kind]] if kind in TENSOR_ORDER else cells
         _draw_cells(
             axes, look.points, kind, cells, {"facecolor": f"C{place}", "label": f"body {body.tag}"}
         )
@@ -167,7 +167,7 @@ def _draw_supports(found: SceneCheck, axes: Axes, size: float) -> None:
         )
         nodes = points[discretisation._tagged_dofs(tag, 0) // points.shape[1]]
         look: dict[str, Any] = {
-            "marker": HELD[place % len(HELD)],
+            "marker": SUPPORT_MARKS[place % len(SUPPORT_MARKS)],
             "color": "black",
             "fillstyle": "none",
         }
@@ -191,7 +191,7 @@ def _draw_loads(found: SceneCheck, axes: Axes) -> None:
             continue
         # ordered along the surface, so that the left-out ones are spread evenly
         loaded = loaded[np.lexsort(points[loaded].T)]
-        shown = loaded[np.unique(np.linspace(0, loaded.size - 1, MOST).round().astype(int))]
+        shown = loaded[np.unique(np.linspace(0, loaded.size - 1, MOST_ARROWS).round().astype(int))]
         ways = length * forces[shown] / sizes[shown, None]
         look: dict[str, Any] = {
             "color": ARROWS[place % len(ARROWS)],

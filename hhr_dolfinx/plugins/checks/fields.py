@@ -29,7 +29,8 @@ with extra("pictures", "fields for ParaView"):
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.full import FullOrderModel
 
-ENDINGS = (".vtkhdf", ".vtu")
+FIELD_ENDINGS = (".vtkhdf", ".vtu")
+"""Endings of files of fields, as VTK reads them."""
 
 
 def write_fields(path: str | Path, full: AnsweringModel, answer: Answer | History) -> list[Path]:
@@ -57,8 +58,8 @@ def write_fields(path: str | Path, full: AnsweringModel, answer: Answer | Histor
         NotOfferedError: for a model from a file without the mesh beside it.
     """
     path = Path(path)
-    if path.suffix not in ENDINGS:
-        raise FileError(f"{path}: fields are written as {' or '.join(ENDINGS)}")
+    if path.suffix not in FIELD_ENDINGS:
+        raise FileError(f"{path}: fields are written as {' or '.join(FIELD_ENDINGS)}")
     meshed = full.fields.full if isinstance(full, AnsweringModel) else None
     if meshed is None:
         raise SceneError(

@@ -24,7 +24,7 @@ with extra("pictures", "pictures of scenes and answers"):
 if TYPE_CHECKING:
     from hhr_dolfinx.scene import Scene
 
-CORNERS = {5: 3, 69: 3, 9: 4, 70: 4}
+VTK_CORNERS = {5: 3, 69: 3, 9: 4, 70: 4}
 """Corners of plane cells by VTK's numbers, of linear and Lagrange triangles and quadrilaterals."""
 SHIFT = 0.1
 """Limit of drawn displacements, over the extent of the mesh: smaller ones are magnified by a power
@@ -114,7 +114,7 @@ def _draw_bodies(
     limit = SHIFT * float(np.ptp(mesh.points, axis=0).max())
     largest = float(lengths.max(initial=0.0))
     factor = max(1.0, 10.0 ** np.floor(np.log10(limit / largest))) if largest > 0 else 1.0
-    cells = mesh.cells[:, : CORNERS[mesh.kind]]
+    cells = mesh.cells[:, : VTK_CORNERS[mesh.kind]]
     drawn = PolyCollection(
         (mesh.points + factor * displacement)[cells],
         array=lengths[cells].mean(axis=1),

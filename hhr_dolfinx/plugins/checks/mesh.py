@@ -15,7 +15,7 @@ from scipy.spatial import cKDTree
 from hhr_dolfinx.amplitudes import Amplitude, bound
 from hhr_dolfinx.body import Body
 from hhr_dolfinx.errors import rounded
-from hhr_dolfinx.full_order.checks import CORNERS
+from hhr_dolfinx.full_order.checks import SUPPORTED_CELLS
 from hhr_dolfinx.full_order.free_bodies import components_of_nodes
 from hhr_dolfinx.geometries.mesh_file import MeshFile
 from hhr_dolfinx.pairings.surface import Surface
@@ -24,15 +24,15 @@ from hhr_dolfinx.plugins.checks.findings import SceneCheck
 
 BAD_CELL = 0.1
 """Scaled Jacobian of a cell below which it is reported."""
-SMALL = 1e-4
-LARGE = 50.0
+SMALLEST_EXTENT = 1e-4
+"""Extent of a mesh in m below which its unit may be another one than the scene states."""
+LARGEST_EXTENT = 50.0
 """Extent of a mesh in m beyond which its unit may be another one than the scene states."""
-SOFT = 1e9
+SOFT_MODULUS = 1e9
+"""Modulus in Pa below which its unit may be another one: structural plastics are stiffer."""
 STIFF = 1.2e12
-"""Moduli in Pa: structural plastics are stiffer than the first, and diamond is the stiffest
-material.
-"""
-APART = 1e6
+"""Modulus in Pa above which its unit may be another one: diamond is the stiffest material."""
+MODULI_RATIO = 1e6
 """Ratio of the moduli of two bodies above which one may be in another unit: steel is 1e5 times as
 stiff as rubber.
 """
@@ -57,7 +57,7 @@ class MeshLook:
     def of(cls, found: SceneCheck) -> MeshLook:
         """Nodes and cells of a scene with a mesh."""
         discretisation = found.meshed
-        corners = CORNERS[discretisation.mesh.topology.cell_name()]
+        corners = SUPPORTED_CELLS[discretisation.mesh.topology.cell_name()]
         return cls(
             discretisation._points(),
             discretisation._cell_nodes(),
@@ -111,7 +111,7 @@ def look_at_mesh(found: SceneCheck) -> None:
     _large_motions(found, look)
 
 
-COARSE = 0.1
+COARSE_MESH = 0.1
 """Estimated part of the stress in energy above which a mesh is reported as coarse."""
 
 
@@ -132,9 +132,9 @@ def look_at_mesh_error(found: SceneCheck, point: PointLike | None = None) -> Non
         full = FullOrderModel(found.scene, MPI.COMM_SELF)
         answer = full.solve(full.parameters.middle if point is None else point)
         off = mesh_error(full, answer)
-        if off[0] > COARSE:
+        if off[0] > COARSE_MESH:
             remedy = "refine the mesh, or take Scene(order=2) where surfaces of contact are flat"
-            found.note(f"{off.in_words()}; more than {COARSE:.0%} is much: {remedy}")
+            found.note(f"{off.in_words()}; more than {COARSE_MESH:.0%} is much: {remedy}")
         else:
             found.say(off.in_words())
 
@@ -282,7 +282,7 @@ def _modulus(found: SceneCheck, body: Body) -> None:
     young = young_of(body, found.scene.parameters)
     pascals = units.pascals(young)
     unit = f"give E in {units.stress}, the unit of stress of the scene"
-    if pascals < SOFT:
+    if pascals < SOFT_MODULUS:
         text = (
             "is softer than plastics (1 GPa), as rubber and foam are: where a stiffer one is "
             f"meant, {unit}"
@@ -303,7 +303,7 @@ def _stiffness_apart(found: SceneCheck) -> None:
         return
     soft, softest = known[0]
     stiff, stiffest = known[-1]
-    if stiff > APART * soft:
+    if stiff > MODULI_RATIO * soft:
         found.note(
             f"body {stiffest} with E = {stiff:g} is {stiff / soft:.2g} times as stiff as body "
             f"{softest} with E = {soft:g}: give both in one unit; where that is meant, take the "
@@ -313,7 +313,7 @@ def _stiffness_apart(found: SceneCheck) -> None:
 
 def _unit_of_length(found: SceneCheck, look: MeshLook) -> None:
     units = found.scene.units
-    if units is None or SMALL <= units.metres(look.extent) <= LARGE:
+    if units is None or SMALLEST_EXTENT <= units.metres(look.extent) <= LARGEST_EXTENT:
         return
     made = found.scene.geometry
     what = (

@@ -25,7 +25,7 @@ from hhr_dolfinx.full_order.elasticity import field_of
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import Answer
 
-PRECISE = 1e-8
+PROJECTION_RESIDUAL = 1e-8
 """Residual of the projections: masses are well-conditioned, and some twenty steps reach it."""
 
 
@@ -234,7 +234,9 @@ def _projected(mass: csr_matrix, loads: np.ndarray) -> np.ndarray:
     inside = mass.diagonal() > 0
     own = csr_matrix(mass[inside][:, inside])
     found = np.zeros(inside.size)
-    found[inside], failed = cg(own, loads[inside], rtol=PRECISE, M=diags(1 / own.diagonal()))
+    found[inside], failed = cg(
+        own, loads[inside], rtol=PROJECTION_RESIDUAL, M=diags(1 / own.diagonal())
+    )
     if failed:
         raise ConvergenceError(
             "stresses could not be recovered: cells of the mesh are too flat. Mend them"

@@ -39,7 +39,7 @@ from hhr_dolfinx.online.model_file import load_model, save_model
 from hhr_dolfinx.pairings.node_to_node import NodeToNode
 from hhr_dolfinx.pairings.surface import mean_normal
 from hhr_dolfinx.parameters import ParameterSpace, is_number
-from hhr_dolfinx.plugins.conformance.draft import Between
+from hhr_dolfinx.plugins.conformance.draft import NodesBetween
 from hhr_dolfinx.plugins.conformance.in_c import compilable, in_c
 from hhr_dolfinx.reduction.build import build
 from hhr_dolfinx.reduction.kinds import kind_of
@@ -56,8 +56,8 @@ from hhr_dolfinx.testing import (
     OF_ANSWERS,
     OF_FUNCTIONS,
     OTHER_IN_A_FILE,
-    ROUND_OFF,
-    STEP,
+    TESTED_ROUND_OFF,
+    TESTED_STEP,
     UPPER_BODY,
     UPPER_SURFACE,
     Bounds,
@@ -72,7 +72,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.plugins.contact_laws.interface import Range
     from hhr_dolfinx.plugins.contact_laws.ranges import RangeSolver, RangeStep
 
-LEFT_OUT = 1e-14
+MODES_LEFT_OUT = 1e-14
 """Part of the squared answers that the modes of a hyper-reduced model of the whole mesh leave
 out.
 """
@@ -80,7 +80,7 @@ RESUMED = 1e-13
 """Relative difference of a history that goes on from known steps, whose slack is that of their
 displacement again.
 """
-WRONG = {
+FAILED_CHECKS = {
     "file": OTHER_IN_A_FILE,
     "nodes": "rows or `slaves` name nodes that are on none of its surfaces: take `surface.nodes`",
     "rows": (
@@ -204,7 +204,7 @@ WRONG = {
 
 
 def _require(fits: bool | np.bool_, wrong: str, *given: Any) -> None:
-    require(fits, WRONG[wrong], *given)
+    require(fits, FAILED_CHECKS[wrong], *given)
 
 
 def pressed_blocks(parameters: Bounds | None = None, *, cells: int = 4, **changes: Any) -> Scene:
@@ -262,7 +262,7 @@ def check_pairing(pairing: Any) -> None:
         motion = np.zeros((space.size // 2, 2))
         gaps = []
         motion[surface.nodes] = normal
-        for step in (-STEP, STEP):
+        for step in (-TESTED_STEP, TESTED_STEP):
             shifted = replace(surface, points=surface.points + step * normal)
             with ignored(PairingWarning):
                 gaps.append(
@@ -271,24 +271,24 @@ def check_pairing(pairing: Any) -> None:
                     ).gap
                 )
         if len(surfaces) > 1 or not np.array_equal(*gaps):  # not a given number
-            found = (gaps[1] - gaps[0]) / (2 * STEP)
+            found = (gaps[1] - gaps[0]) / (2 * TESTED_STEP)
             expected = -(rows.matrix @ motion.ravel())
             worst = int(np.abs(found - expected).argmax())
             right = abs(found - expected)[worst] <= OF_FUNCTIONS
             _require(right, "gap", worst, found[worst], surface.tag, expected[worst])
-    if np.ptp(rows.gap) > ROUND_OFF:
+    if np.ptp(rows.gap) > TESTED_ROUND_OFF:
         return
     pressures = [Pressure(tag, Amplitude(1.0)) for tag in pairing.tags]
     uniform = sum(load.terms(space.assembler(load))[0].columns for load in pressures)
     off = np.abs(rows.matrix.T @ rows.areas + uniform).max() / rows.areas.max()
-    _require(off <= ROUND_OFF, "patch", off)
-    if len(surfaces) == 2 and np.abs(rows.gap).max() <= ROUND_OFF:
+    _require(off <= TESTED_ROUND_OFF, "patch", off)
+    if len(surfaces) == 2 and np.abs(rows.gap).max() <= TESTED_ROUND_OFF:
         places = np.zeros((space.size // 2, 2))
         for surface in surfaces:
             places[surface.nodes] = surface.points
         # x and y times each unit vector: all linear fields are sums of them
         seen = rows.matrix @ np.hstack([np.kron(column[:, None], np.eye(2)) for column in places.T])
-        _require(np.abs(seen).max() <= ROUND_OFF, "partner")
+        _require(np.abs(seen).max() <= TESTED_ROUND_OFF, "partner")
 
 
 @blaming
@@ -316,7 +316,7 @@ def check_load(load: object, parameters: Bounds | None = None) -> None:
     _require(np.abs(sums[1] - sums[0]).max() <= 0.01 * size, "sum", sums[0][0], sums[1][0])
     for point in points:
         acting, slopes = amplitudes.slopes_at(point)
-        expected = scene.parameters.differences(force, point, STEP)
+        expected = scene.parameters.differences(force, point, TESTED_STEP)
         _require(_near(columns[:, acting] @ slopes, expected, OF_FUNCTIONS), "derivative")
     for amplitude in amplitudes.nonaffine:
         kept = from_file(amplitude)
@@ -343,11 +343,13 @@ def check_output(output: Any, parameters: Bounds | None = None) -> None:
     _require(np.isfinite(values).all() and np.ptp(values) > 1e-12, "value", values)
     condensed = condense(full)
     found = [value(condensed, point) for point in points]
-    _require(_near(found, values, ROUND_OFF), "condensed")
+    _require(_near(found, values, TESTED_ROUND_OFF), "condensed")
     for point in points[:6] if item.differentiable else ():
         answer: Any = full.outputs(point, gradient=True)
         slopes = answer.gradient[output.name]
-        expected = space.differences(lambda there: np.array([value(full, there)]), point, STEP)[0]
+        expected = space.differences(
+            lambda there: np.array([value(full, there)]), point, TESTED_STEP
+        )[0]
         # over the box, beside the round-off of values; at kinks there are two slopes
         widths = np.subtract(space.upper, space.lower)
         size = np.abs(values).max()
@@ -373,7 +375,7 @@ def check_system(system: Callable[..., Any], parameters: Bounds | None = None) -
         return
     equation, springs = (registry.load(known[name]) for name in ("Equation", "Springs"))
     low, left, right = (
-        Between(x, y - 0.1, y + 0.1) for x, y in ((1.0, 0.5), (1.0, 1.5), (2.0, 1.5))
+        NodesBetween(x, y - 0.1, y + 0.1) for x, y in ((1.0, 0.5), (1.0, 1.5), (2.0, 1.5))
     )
     joined = equation(((left, 0, 1.0), (right, 0, -1.0)), Amplitude(slopes={"slide": 0.1}))
     bedded = pressed_blocks(parameters, system=system, constraints=(joined,))
@@ -403,9 +405,12 @@ def _check_system(scene: Scene) -> None:
         solved = at.stiffness.solve(tried)
         own = at.problem.contact @ at.stiffness.response_to_forces(np.eye(len(schur)))
         matrix = getattr(at.stiffness, "matrix", schur)  # factors read one half of it
-        symmetric = abs(matrix - matrix.T).max() <= ROUND_OFF * abs(matrix).max()
+        symmetric = abs(matrix - matrix.T).max() <= TESTED_ROUND_OFF * abs(matrix).max()
         _require(
-            symmetric and _near(schur, schur.T, ROUND_OFF) and _near(own, schur, ROUND_OFF), "schur"
+            symmetric
+            and _near(schur, schur.T, TESTED_ROUND_OFF)
+            and _near(own, schur, TESTED_ROUND_OFF),
+            "schur",
         )
         full.system.at(full.problem.middle)  # another point in between
         again = full.system.at(point)
@@ -417,7 +422,7 @@ def _check_system(scene: Scene) -> None:
         left, slack = full.system.explicit(point, forces, unknown)
         changes = np.stack([at.stiffness.solve(-column) for column in left.T], axis=1)
         found = np.vstack([changes, slack - at.problem.contact @ changes])
-        expected = full.parameters.differences(respond, point, STEP)
+        expected = full.parameters.differences(respond, point, TESTED_STEP)
         for place, name in enumerate(full.parameters.names):
             _require(_near(found[:, place], expected[:, place], OF_ANSWERS), "explicit", name)
         if parts is not None:
@@ -426,7 +431,7 @@ def _check_system(scene: Scene) -> None:
                 weight * (part @ tried) for weight, part in zip(weights, parts[1], strict=True)
             )
             back = at.stiffness.solve(product * prolongation.free)
-            _require(_near(back, prolongation.prolong(tried), ROUND_OFF), "parts")
+            _require(_near(back, prolongation.prolong(tried), TESTED_ROUND_OFF), "parts")
     for reduced in (
         (condense, lambda full: build(full, compute_snapshots(full, points)))
         if parts is None
@@ -466,7 +471,7 @@ def check_contact_law(law: Any) -> None:
     for (time, _), answer in zip(path[1:], exact, strict=True):
         residuals = kind_of(full).residuals(answer)
         _require(
-            residuals.equilibrium <= ROUND_OFF and answer.time == time,
+            residuals.equilibrium <= TESTED_ROUND_OFF and answer.time == time,
             "equilibrium",
             residuals.equilibrium,
         )
@@ -479,7 +484,7 @@ def check_contact_law(law: Any) -> None:
         _require(same, "memory")
     _check_constants(pair, own, path, exact)
     condensed = condense(full)
-    _require(_alike(own, exact, condensed.march(path).answers, ROUND_OFF), "condensed law")
+    _require(_alike(own, exact, condensed.march(path).answers, TESTED_ROUND_OFF), "condensed law")
     if compilable(law.plugin):
         _check_in_c(condensed, path)
     _require(
@@ -505,13 +510,14 @@ def check_contact_law(law: Any) -> None:
         _alike(own, condensed.march(path).answers, kept_model.march(path).answers, 0.0), "file"
     )
     whole = Zone(lambda problem: np.arange(len(problem.points)))
-    recipe = Recipe.of_paths(basis=Pod(LEFT_OUT), nodes=(whole,)).as_it_is()
+    recipe = Recipe.of_paths(basis=Pod(MODES_LEFT_OUT), nodes=(whole,)).as_it_is()
     try:
         reduced = build(full, SnapshotSet.of_histories([full.march(path)]), recipe)
     except NotOfferedError:
         return
     _require(
-        _alike(own, exact, reduced.march(path).answers, 100 * np.sqrt(LEFT_OUT)), "reduced law"
+        _alike(own, exact, reduced.march(path).answers, 100 * np.sqrt(MODES_LEFT_OUT)),
+        "reduced law",
     )
 
 
@@ -559,7 +565,7 @@ def _check_in_c(model: Any, path: list[tuple[float, np.ndarray]]) -> None:
         _require(False, "kernel", found)
     else:
         off = float(np.abs(found - exact).max() / np.abs(exact).max())
-        _require(off <= ROUND_OFF, "forces in C", off)
+        _require(off <= TESTED_ROUND_OFF, "forces in C", off)
 
 
 def _same_parts(one: ContactLaw, other: ContactLaw) -> bool:
@@ -614,7 +620,7 @@ def check_range(full: FullOrderModel, plugin: str) -> None:
                 _check_carried(solver, point, step(point), at)
             afterwards.append(step(point).linearised(*at, 1).off)
     pairs = zip(afterwards[: len(afterwards) // 2], afterwards[len(afterwards) // 2 :], strict=True)
-    _require(all(_near(few, every[some], ROUND_OFF) for every, few in pairs), "within")
+    _require(all(_near(few, every[some], TESTED_ROUND_OFF) for every, few in pairs), "within")
 
 
 def _check_size(part: Range, memory: Memory) -> None:
@@ -660,13 +666,13 @@ def _check_projection(
     moved = np.abs(forces).max() * random.standard_normal(forces.size)
     other = step.linearised(forces + moved, slack + moved / stiffness, stiffness, 1)
     projected = forces - one.off
-    _require(_near(forces + moved - other.off, projected, ROUND_OFF), "projection")
+    _require(_near(forces + moved - other.off, projected, TESTED_ROUND_OFF), "projection")
     if monotone:
         for way in np.diag(moved):
             change = projected - (
                 forces - step.linearised(forces, slack + way / stiffness, stiffness, 1).off
             )
-            _require(change @ way - change @ change >= -ROUND_OFF * way @ way, "monotone")
+            _require(change @ way - change @ change >= -TESTED_ROUND_OFF * way @ way, "monotone")
 
 
 def _check_derivatives(
@@ -685,7 +691,7 @@ def _check_derivatives(
             on_forces, (found.coupling.rows, found.coupling.columns), found.coupling.on_forces
         )
     given = np.hstack([on_forces, found.of_slack(np.eye(size) / stiffness), found.right[:, None]])
-    unit = STEP * np.abs(forces).max() * np.eye(size)
+    unit = TESTED_STEP * np.abs(forces).max() * np.eye(size)
 
     def off(forces: np.ndarray, slack: np.ndarray) -> np.ndarray:
         return step(point).linearised(forces, slack, stiffness, 1).off
@@ -707,11 +713,11 @@ def _check_derivatives(
     _require(error <= OF_ANSWERS, "newton", error)
     slopes = np.broadcast_to(np.transpose(step(point).slopes(*at)), (point.size, size)).T
     expected = full.parameters.differences(
-        lambda there: step(there).linearised(*at, 1).off, point, STEP
+        lambda there: step(there).linearised(*at, 1).off, point, TESTED_STEP
     )
     error = float(
         np.abs(slopes - expected).max()
-        / (np.abs(expected).max() + ROUND_OFF * np.abs(forces).max())
+        / (np.abs(expected).max() + TESTED_ROUND_OFF * np.abs(forces).max())
     )
     _require(error <= OF_ANSWERS or not np.abs(slopes - expected).any(), "range slopes", error)
 
@@ -724,7 +730,7 @@ def _check_carried(solver: RangeSolver, point: np.ndarray, step: RangeStep, at: 
     active = step.linearised(*at, 1).active
     random = np.random.default_rng(4)
     ways = [
-        STEP * np.abs(value).max() * random.standard_normal((value.size, 1))
+        TESTED_STEP * np.abs(value).max() * random.standard_normal((value.size, 1))
         for value in (forces, slack)
     ]
 
@@ -737,7 +743,9 @@ def _check_carried(solver: RangeSolver, point: np.ndarray, step: RangeStep, at: 
     except NotOfferedError:  # gradients of its histories are refused
         return
     rest = solver.step(solver.at_rest(), point, 0.7)
-    _require(_near(step.linearised(*at, 1).off, rest.linearised(*at, 1).off, ROUND_OFF), "beyond")
+    _require(
+        _near(step.linearised(*at, 1).off, rest.linearised(*at, 1).off, TESTED_ROUND_OFF), "beyond"
+    )
     step.linearised(*at, 1)
     expected = 0.5 * (shift(1.0) - shift(-1.0))
     error = float(np.abs(found - expected).max() / (np.abs(expected).max() or 1.0))
@@ -813,7 +821,7 @@ def _check_answers(full: FullOrderModel, model: AnsweringModel, tolerance: float
     ]
     both = [[(one.forces(), one.displacement()) for one in pair] for pair in pairs]
     sizes = [max(np.linalg.norm(there[k]) for there, _ in both) for k in (0, 1)]
-    limit = ROUND_OFF if model.fields.exact else tolerance
+    limit = TESTED_ROUND_OFF if model.fields.exact else tolerance
     claim = "calls itself exact" if model.fields.exact else f"promises {tolerance:g}"
     for (there, here), (exact, reduced) in zip(pairs, both, strict=True):
         off = [reduced[k] - exact[k] for k in (0, 1)]
@@ -824,14 +832,14 @@ def _check_answers(full: FullOrderModel, model: AnsweringModel, tolerance: float
             energy = np.sqrt(
                 max(off[1] @ (full.problem.at(there.parameter).stiffness @ off[1]), 0.0)
             )
-            held = np.linalg.norm(off[0]) <= bound.forces_euclid + ROUND_OFF * sizes[0]
-            _require(held and energy <= bound.primal + ROUND_OFF * sizes[0], "bound", place)
+            held = np.linalg.norm(off[0]) <= bound.forces_euclid + TESTED_ROUND_OFF * sizes[0]
+            _require(held and energy <= bound.primal + TESTED_ROUND_OFF * sizes[0], "bound", place)
         try:
             found = model.solve(there.parameter, gradient=True, outside="ignore").gradient
         except NotOfferedError:
             continue
         assert found is not None
-        expected = full.parameters.differences(forces, there.parameter, STEP)
+        expected = full.parameters.differences(forces, there.parameter, TESTED_STEP)
         _require(found.one_sided or _near(found.multipliers, expected, OF_ANSWERS), "gradient")
 
 

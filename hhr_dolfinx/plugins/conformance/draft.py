@@ -47,8 +47,8 @@ Geometry = Callable[[MPI.Comm], "TaggedMesh"]
 Path = list[tuple[float, np.ndarray]]
 """Times and parameters of a load path."""
 
-LEFT = 1.0
-RIGHT = 4.0
+LEFT_END = 1.0
+RIGHT_END = 4.0
 MIDDLE = 2.5
 """Ends of the lower block along x, in axisymmetry of the radius, and their mean."""
 BESIDE = 3.0
@@ -84,7 +84,7 @@ class Varied(NamedTuple):
         return scale * np.array(self.values)
 
 
-class Between(NamedTuple):
+class NodesBetween(NamedTuple):
     """Nodes at one place along the first axis, between two heights."""
 
     along: float
@@ -107,7 +107,7 @@ class Kind(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Draft:
+class SceneDraft:
     """A small scene of two blocks that is not yet made.
 
     Attributes:
@@ -152,7 +152,7 @@ class Draft:
     @property
     def flanks(self) -> tuple[float, float]:
         """Places of the flanks of the upper block along the first axis."""
-        return (LEFT, RIGHT) if self.kind.matching else (1.5, 3.5)
+        return (LEFT_END, RIGHT_END) if self.kind.matching else (1.5, 3.5)
 
     @property
     def coordinates(self) -> tuple[str, ...]:
@@ -169,33 +169,33 @@ class Draft:
         """A vector in the plane."""
         return (x, y, 0.0)[: self.dimension]
 
-    def nodes(self, along: float, lower: float, upper: float) -> Between:
+    def nodes(self, along: float, lower: float, upper: float) -> NodesBetween:
         """Nodes at a place along the first axis, between two heights."""
-        return Between(along, lower, upper)
+        return NodesBetween(along, lower, upper)
 
     def exclude(self, condition: bool, reason: str) -> None:
         """Raise Excluded with a reason if a condition holds."""
         if condition:
             raise Excluded(reason)
 
-    def of_hypothesis(self, hypothesis: str) -> Draft:
+    def of_hypothesis(self, hypothesis: str) -> SceneDraft:
         """The draft of another hypothesis than plane strain."""
         known = self.kind.hypothesis
         other = known not in ("plane_strain", hypothesis)
         self.exclude(other, f"a scene is {known} or {hypothesis}, not both")
         return replace(self, kind=self.kind._replace(hypothesis=hypothesis))
 
-    def of_element(self, element: str) -> Draft:
+    def of_element(self, element: str) -> SceneDraft:
         """The draft with an element of second order."""
         known = self.kind.element
         self.exclude(known not in ("", element), f"elements are {known} or {element}, not both")
         return replace(self, kind=self.kind._replace(element=element))
 
-    def of_simplices(self) -> Draft:
+    def of_simplices(self) -> SceneDraft:
         """The draft on triangles or tetrahedra."""
         return replace(self, kind=self.kind._replace(simplices=True))
 
-    def of_other_meshes(self) -> Draft:
+    def of_other_meshes(self) -> SceneDraft:
         """The draft on blocks of other widths, whose meshes do not match."""
         return replace(self, kind=self.kind._replace(matching=False))
 
@@ -205,17 +205,17 @@ class Draft:
         lower: float,
         upper: float,
         values: float | Sequence[float],
-    ) -> Draft:
+    ) -> SceneDraft:
         """The draft with a parameter and its values along the path, (T,), or its constant."""
         along = float(values) if isinstance(values, int | float) else tuple(map(float, values))
         return replace(self, varied=(*self.varied, Varied(name, lower, upper, along)))
 
-    def with_load_parameter(self, name: str, largest: float, neutral: bool) -> Draft:
+    def with_load_parameter(self, name: str, largest: float, neutral: bool) -> SceneDraft:
         """The draft with a parameter from 0 to a largest value along the path; 0 if neutral."""
         values = [0.0 if neutral else 0.8 * largest * share for share in ASIDE]
         return self.with_parameter(name, -0.2 * largest, largest, values)
 
-    def with_body(self, tag: Tag, changed: Callable[[Body], Body]) -> Draft:
+    def with_body(self, tag: Tag, changed: Callable[[Body], Body]) -> SceneDraft:
         """The draft with a body that is changed."""
         lower, upper = (changed(body) if body.tag == tag else body for body in self.bodies)
         return replace(self, bodies=(lower, upper))
@@ -231,7 +231,7 @@ class Draft:
         self.exclude(not bodies, "each body states its elasticity by itself")
         return bodies[0]
 
-    def with_body_law(self, law: Law) -> Draft:
+    def with_body_law(self, law: Law) -> SceneDraft:
         """The draft with a law of the first body that has none, and no formulas that the law would
         leave out.
         """
@@ -242,31 +242,31 @@ class Draft:
         self.exclude(not without, "both bodies have a law, and a body has one")
         return self.with_body(without[0], lambda body: replace(body, law=law))
 
-    def with_pairing(self, pairing: Callable[..., Pairing]) -> Draft:
+    def with_pairing(self, pairing: Callable[..., Pairing]) -> SceneDraft:
         """The draft with another pairing of the blocks, on meshes that do not match."""
         other = self.pairing not in (None, pairing)
         self.exclude(other, "the surfaces of the blocks are paired in one way")
         return replace(self.of_other_meshes(), pairing=pairing)
 
-    def with_contact_law(self, **law: float | str | PairLaw) -> Draft:
+    def with_contact_law(self, **law: float | str | PairLaw) -> SceneDraft:
         """The draft with a law of the pair of blocks, as arguments of its pairing."""
         self.exclude(bool(self.law), "the pair of blocks has a law, and a pair has one")
         return replace(self, law=law)
 
-    def with_obstacle(self, pairing: Pairing) -> Draft:
+    def with_obstacle(self, pairing: Pairing) -> SceneDraft:
         """The draft with a further pairing."""
         return replace(self, obstacles=(*self.obstacles, pairing))
 
-    def with_mesh(self, meshed: Callable[[Geometry], Geometry]) -> Draft:
+    def with_mesh(self, meshed: Callable[[Geometry], Geometry]) -> SceneDraft:
         """The draft on another mesh, made of that of the blocks."""
         self.exclude(self.meshed is not None, "a section is tied or drawn together in one way")
         return replace(self, meshed=meshed)
 
-    def with_loads(self, *loads: Load) -> Draft:
+    def with_loads(self, *loads: Load) -> SceneDraft:
         """The draft with further loads."""
         return replace(self, loads=(*self.loads, *loads))
 
-    def with_constraints(self, *constraints: Constraint) -> Draft:
+    def with_constraints(self, *constraints: Constraint) -> SceneDraft:
         """The draft with further constraints."""
         return replace(self, constraints=(*self.constraints, *constraints))
 
@@ -316,7 +316,7 @@ class Draft:
         left, right = self.flanks
         made = partial(
             two_blocks,
-            first=((LEFT, 0.0, 0.0)[:dim], (RIGHT, 1.0, 1.0)[:dim], lower),
+            first=((LEFT_END, 0.0, 0.0)[:dim], (RIGHT_END, 1.0, 1.0)[:dim], lower),
             second=((left, 1.0, 0.0)[:dim], (right, 2.0, 1.0)[:dim], upper),
             simplices=self.kind.simplices,
             warp=rounded,
@@ -370,17 +370,17 @@ def rounded(points: np.ndarray, tag: int) -> np.ndarray:
     return warped
 
 
-Switch = Callable[..., Draft]
+Switch = Callable[..., SceneDraft]
 
 
-class Chosen(NamedTuple):
+class ChosenSwitch(NamedTuple):
     """A switch, by its name, and whether it adds its neutral value."""
 
     name: str
     switch: Switch
     neutral: bool = False
 
-    def applied(self, draft: Draft) -> Draft:
+    def applied(self, draft: SceneDraft) -> SceneDraft:
         """The draft with the capability."""
         return self.switch(draft, self.neutral) if has_neutral(self.switch) else self.switch(draft)
 
@@ -395,7 +395,7 @@ def has_neutral(switch: Switch) -> bool:
     return "neutral" in signature(switch).parameters
 
 
-def composed(chosen: Iterable[Chosen], start: Draft | None = None) -> Draft:
+def composed(chosen: Iterable[ChosenSwitch], start: SceneDraft | None = None) -> SceneDraft:
     """The draft with all capabilities, whatever their order.
 
     Switches look at the kind of the draft. If one changes it, all are applied again to a draft of
@@ -404,7 +404,7 @@ def composed(chosen: Iterable[Chosen], start: Draft | None = None) -> Draft:
     Raises:
         Excluded: if the capabilities exclude each other by what they mean.
     """
-    start = Draft() if start is None else start
+    start = SceneDraft() if start is None else start
     chosen = tuple(chosen)
     while True:
         draft = start

@@ -12,16 +12,16 @@ from hhr_dolfinx.formulas import Formula
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side
 from hhr_dolfinx.loads import Traction
 from hhr_dolfinx.pairings.obstacle import Obstacle
-from hhr_dolfinx.plugins.conformance.draft import FAR, LEFT, RIGHT
+from hhr_dolfinx.plugins.conformance.draft import FAR, LEFT_END, RIGHT_END
 from hhr_dolfinx.scene import Displacement, Opening
 
 if TYPE_CHECKING:
     from ufl.core.expr import Expr
 
-    from hhr_dolfinx.plugins.conformance.draft import Draft
+    from hhr_dolfinx.plugins.conformance.draft import SceneDraft
 
 
-def young(draft: Draft, neutral: bool) -> Draft:
+def young(draft: SceneDraft, neutral: bool) -> SceneDraft:
     """Young's modulus as a parameter: of the lower block, or of one that does not state it
     itself.
     """
@@ -32,72 +32,72 @@ def young(draft: Draft, neutral: bool) -> Draft:
     return draft.with_body(body.tag, lambda body: replace(body, young="E1"))
 
 
-def poisson(draft: Draft, neutral: bool) -> Draft:
+def poisson(draft: SceneDraft, neutral: bool) -> SceneDraft:
     """Poisson's ratio of such a block as a parameter."""
     draft = draft.with_parameter("nu1", 0.15, 0.4, 0.3 if neutral else 0.23)
     return draft.with_body(draft.hookean.tag, lambda body: replace(body, poisson="nu1"))
 
 
-def opening(draft: Draft, neutral: bool) -> Draft:
+def opening(draft: SceneDraft, neutral: bool) -> SceneDraft:
     """A gap between the blocks that grows along the path."""
     draft = draft.with_load_parameter("gap", 0.01, neutral)
     opened = Opening(0, Amplitude(slopes={"gap": 1.0}))
     return replace(draft, openings=(*draft.openings, opened))
 
 
-def obstacle(draft: Draft, neutral: bool) -> Draft:
+def obstacle(draft: SceneDraft, neutral: bool) -> SceneDraft:
     """A rigid plane beside the lower block."""
-    offset = FAR if neutral else RIGHT + 0.0005
+    offset = FAR if neutral else RIGHT_END + 0.0005
     return draft.with_obstacle(Obstacle(side(FIRST, 0, True), draft.vector(1.0, 0.0), offset))
 
 
-def traction(draft: Draft, neutral: bool) -> Draft:
+def traction(draft: SceneDraft, neutral: bool) -> SceneDraft:
     """Shear on a flank of the lower block."""
     draft = draft.with_load_parameter("shear", 0.02, neutral)
     amplitude = Amplitude(slopes={"shear": 1.0})
     return draft.with_loads(Traction(side(FIRST, 0, False), draft.vector(0.0, 1.0), amplitude))
 
 
-def field_of_motion(draft: Draft) -> Draft:
+def field_of_motion(draft: SceneDraft) -> SceneDraft:
     """A flank of the lower block is turned, by a formula of the coordinates."""
     draft = draft.with_load_parameter("turn", 0.01, neutral=False)
     turn = Amplitude(slopes={"turn": 1.0})
     height = Formula(draft.coordinates[1])
-    turned = Displacement(draft.nodes(LEFT, 0.2, 1.1), 0, turn, height)
+    turned = Displacement(draft.nodes(LEFT_END, 0.2, 1.1), 0, turn, height)
     return replace(draft, displacements=(*draft.displacements, turned))
 
 
-def plane_stress(draft: Draft) -> Draft:
+def plane_stress(draft: SceneDraft) -> SceneDraft:
     """Plane stress."""
     return draft.of_hypothesis("plane_stress")
 
 
-def axisymmetric(draft: Draft) -> Draft:
+def axisymmetric(draft: SceneDraft) -> SceneDraft:
     """Two rings about the axis."""
     return draft.of_hypothesis("axisymmetric")
 
 
-def solid(draft: Draft) -> Draft:
+def solid(draft: SceneDraft) -> SceneDraft:
     """Two blocks in space."""
     return draft.of_hypothesis("solid")
 
 
-def simplices(draft: Draft) -> Draft:
+def simplices(draft: SceneDraft) -> SceneDraft:
     """Triangles or tetrahedra."""
     return draft.of_simplices()
 
 
-def graded(draft: Draft, neutral: bool) -> Draft:
+def graded(draft: SceneDraft, neutral: bool) -> SceneDraft:
     """A modulus of the lower block that changes across it."""
     slope = 0.0 if neutral else 0.1
 
     def factor(x: Expr) -> Expr:
-        return 1.0 + slope * (x[0] - LEFT)
+        return 1.0 + slope * (x[0] - LEFT_END)
 
     return draft.with_body(FIRST, lambda body: replace(body, grading=factor))
 
 
-def own_elasticity(draft: Draft) -> Draft:
+def own_elasticity(draft: SceneDraft) -> SceneDraft:
     """Linear elasticity of the upper block by a function of the strain."""
 
     def stress(strain: Expr) -> Expr:

@@ -19,20 +19,20 @@ from hhr_dolfinx.formulas import Formula
 from hhr_dolfinx.full_order.free_bodies import rigid_motions
 from hhr_dolfinx.loads import Assembler, Term
 from hhr_dolfinx.parameters import Place, Tag, as_tuple, check_place, is_number, is_whole
-from hhr_dolfinx.plugins.constraints.elimination import Equations
+from hhr_dolfinx.plugins.constraints.elimination import ConstraintEquations
 from hhr_dolfinx.plugins.constraints.equations import equations_of, nodes_at
 
 UNDETERMINED = 1e-8
 """Part of a motion that nodes do not show above which they leave it undetermined."""
-EDGES = "edges"
+EDGES_ONLY = "edges"
 """Value of ``by_area`` that leaves out nodes in the middle of faces."""
 ANGLES = "angles"
 """Value of ``by_area`` for the mean of the angles by which nodes turn."""
-CORNERS = 4
+QUADRILATERAL_CORNERS = 4
 """Number of corners of a quadrilateral of nine nodes, of which those of edges follow, and the
 middle is the last.
 """
-TURNS = {2: ((0, 1),), 3: ((1, 2), (2, 0), (0, 1))}
+ROTATION_PLANES = {2: ((0, 1),), 3: ((1, 2), (2, 0), (0, 1))}
 """Axes of the planes of rotations, by the dimension."""
 
 
@@ -59,7 +59,7 @@ class RigidMotion:
         check_place("rigid motion", self.place)
         _check_components(self)
 
-    def equations(self, assembler: Assembler) -> Equations:
+    def equations(self, assembler: Assembler) -> ConstraintEquations:
         """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`.
 
         SceneError for too few nodes.
@@ -139,8 +139,8 @@ class _Coupled:
 
     def __post_init__(self) -> None:
         what = f"the {type(self).__name__} of {self.place!r}"
-        if self.by_area not in (True, False, EDGES, ANGLES):
-            known = f"True, False, {EDGES!r} or {ANGLES!r}"
+        if self.by_area not in (True, False, EDGES_ONLY, ANGLES):
+            known = f"True, False, {EDGES_ONLY!r} or {ANGLES!r}"
             raise SceneError(f"by_area = {self.by_area!r} of {what} must be {known}")
         if self.by_area == ANGLES and (self.component < 3 or self.point or self.components):
             raise SceneError(
@@ -161,9 +161,11 @@ class _Coupled:
 
     def _fit(self, assembler: Assembler) -> tuple[np.ndarray, np.ndarray]:
         """Dofs of the nodes, (n dim,), and their coefficients in the component of the motion."""
-        nodes, points = nodes_at(assembler, self.place, self, whole=self.by_area in (True, EDGES))
+        nodes, points = nodes_at(
+            assembler, self.place, self, whole=self.by_area in (True, EDGES_ONLY)
+        )
         dim = points.shape[1]
-        turns = () if assembler.hypothesis == "axisymmetric" else TURNS[dim]
+        turns = () if assembler.hypothesis == "axisymmetric" else ROTATION_PLANES[dim]
         if self.component >= dim + len(turns) or (
             self.point is not None and len(self.point) != dim
         ):
@@ -190,7 +192,7 @@ class _Coupled:
     def _weights(self, assembler: Assembler, nodes: np.ndarray) -> np.ndarray:
         """Weights of nodes with the sum 1, (n,)."""
         weights = np.ones(nodes.size)
-        if self.by_area in (True, EDGES) and isinstance(self.place, int | str):
+        if self.by_area in (True, EDGES_ONLY) and isinstance(self.place, int | str):
             with suppress(SceneError):  # a set of nodes without facets
                 surface = assembler.surface(self.place)
                 weights = np.bincount(
@@ -205,7 +207,7 @@ class _Coupled:
                         assembler.test, along, assembler.hypothesis, assembler.ds(self.place)
                     )
                     weights = assembler.vector(form)[dim * nodes + dim - 1]
-                    if self.by_area == EDGES:
+                    if self.by_area == EDGES_ONLY:
                         weights = _of_edges(
                             weights, np.searchsorted(nodes, surface.nodes)[surface.quadratic.nodes]
                         )
@@ -232,12 +234,12 @@ def _of_edges(weights: np.ndarray, facets: np.ndarray) -> np.ndarray:
     """Weights of nodes, (n,), with those in the middle of facets, (F, K), by the functions of
     serendipity elements.
     """
-    if facets.shape[1] <= 2 * CORNERS:
+    if facets.shape[1] <= 2 * QUADRILATERAL_CORNERS:
         return weights
     found = weights.copy()
     middle = facets[:, -1]
-    np.add.at(found, facets[:, CORNERS:-1], weights[middle, None] / 2)
-    np.add.at(found, facets[:, :CORNERS], -weights[middle, None] / 4)
+    np.add.at(found, facets[:, QUADRILATERAL_CORNERS:-1], weights[middle, None] / 2)
+    np.add.at(found, facets[:, :QUADRILATERAL_CORNERS], -weights[middle, None] / 4)
     found[middle] = 0.0
     return found
 
@@ -263,7 +265,7 @@ class MeanMotion(_Coupled):
             of all nodes about the axis at their centre: ``*MPC MEANROT``.
     """
 
-    def equations(self, assembler: Assembler) -> Equations:
+    def equations(self, assembler: Assembler) -> ConstraintEquations:
         """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`.
 
         SceneError for undetermined motions.

@@ -12,9 +12,9 @@ from hhr_dolfinx.geometries.mesh_file import MeshFile
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 from hhr_dolfinx.parameters import as_tuple
 
-OTHER = "_other"
+OTHER_SIDE = "_other"
 """End of the name of the second side of a section."""
-FLAT = 1e-6
+FLAT_SECTION = 1e-6
 """Distance of a node from the plane of its section over the size of the section above which it is
 not flat.
 """
@@ -88,7 +88,7 @@ def cut(raw: RawMesh, name: str) -> RawMesh:
         points=np.vstack([raw.points, raw.points[doubled]]),
         cells=cells,
         sides=sides,
-        surfaces={**others, name: pair[0], f"{name}{OTHER}": pair[1]},
+        surfaces={**others, name: pair[0], f"{name}{OTHER_SIDE}": pair[1]},
         nodes={key: value for key, value in raw.nodes.items() if key != name},
     )
 
@@ -101,7 +101,7 @@ def _heights(raw: RawMesh, name: str, nodes: np.ndarray, places: np.ndarray) -> 
     middle = own.mean(axis=0)
     normal = np.linalg.svd(own - middle)[2][-1]
     normal = normal * np.sign(normal[np.abs(normal).argmax()])
-    if np.abs((own - middle) @ normal).max() > FLAT * np.ptp(own, axis=0).max():
+    if np.abs((own - middle) @ normal).max() > FLAT_SECTION * np.ptp(own, axis=0).max():
         raise FileContentError(f"the section {name!r} is not flat: cut along a plane")
     return (places - middle) @ normal
 

@@ -11,7 +11,7 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import Formula
 from hhr_dolfinx.loads import Assembler
 from hhr_dolfinx.parameters import Place, Tag, as_tuple, check_place, is_number
-from hhr_dolfinx.plugins.constraints.elimination import Equations
+from hhr_dolfinx.plugins.constraints.elimination import ConstraintEquations
 from hhr_dolfinx.plugins.constraints.equations import equations_of, nodes_at
 
 ROUND = ("radial", "tangential")
@@ -53,7 +53,7 @@ class DirectedDisplacement:
             object.__setattr__(self, name, tuple(map(float, vector)))
         check_amplitude(self, what, formulas=True)
 
-    def equations(self, assembler: Assembler) -> Equations:
+    def equations(self, assembler: Assembler) -> ConstraintEquations:
         """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`.
 
         Raises:

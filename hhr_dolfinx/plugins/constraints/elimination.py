@@ -22,7 +22,7 @@ from hhr_dolfinx.amplitudes import Amplitude, bound
 from hhr_dolfinx.contact.prolongation import Prolongation
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import box_samples, formula_of
-from hhr_dolfinx.full_order.eliminated import Eliminated
+from hhr_dolfinx.full_order.eliminated import DependentDofs
 from hhr_dolfinx.loads import Assembler, Term, Terms
 from hhr_dolfinx.parameters import is_number
 from hhr_dolfinx.plugins.constraints.loose_equations import chosen
@@ -30,22 +30,22 @@ from hhr_dolfinx.plugins.constraints.repeated import without_repeated
 from hhr_dolfinx.plugins.constraints.tied_nodes import without_tied
 from hhr_dolfinx.scene import Scene
 
-SINGULAR = 1e-10
+DEPENDENT_PIVOT = 1e-10
 """Pivot of the equations over their largest coefficient below which they are dependent."""
-ROUND_OFF = 1e-14
+COEFFICIENT_ROUND_OFF = 1e-14
 """Part of the largest coefficient of a follower up to which a coefficient is round-off."""
 BROKEN = 1e-9
 """Part of its imposed displacements by which an equation of imposed dofs alone may be off: values
 are formulas.
 """
-TRIED = 16
+EQUATION_SAMPLES = 16
 """Random points of the box, in addition to its corners, at which such equations are checked."""
-AT_ONCE = 256
+COLUMNS_AT_ONCE = 256
 """Columns of the equations that are solved for, and stored dense, at once."""
 
 
 @dataclass(frozen=True)
-class Equations:
+class ConstraintEquations:
     """Equations of a constraint.
 
     Attributes:
@@ -64,7 +64,7 @@ class Equations:
     loose: bool = False
     middle: bool = False
 
-    def take(self, kept: np.ndarray) -> Equations:
+    def take(self, kept: np.ndarray) -> ConstraintEquations:
         """Some of the equations, by a mask, (k,)."""
         return replace(
             self, rows=self.rows[kept], dependent=self.dependent[kept], values=self.values[kept]
@@ -78,7 +78,7 @@ class Constraint(Protocol):
     def amplitude(self) -> Any:
         """Amplitude of the right-hand sides, as of a displacement."""
 
-    def equations(self, assembler: Assembler) -> Equations:
+    def equations(self, assembler: Assembler) -> ConstraintEquations:
         """Its equations on a mesh."""
 
 
@@ -88,7 +88,7 @@ def eliminated(
     cell_nodes: np.ndarray,
     free: np.ndarray,
     imposed: Sequence[Term],
-) -> Eliminated:
+) -> DependentDofs:
     """Dependent dofs of the constraints of a scene, and lifts of their right-hand sides.
 
     ``free`` dofs are not imposed, (N,) bool, and ``imposed`` are the lifts of those that are.
@@ -137,10 +137,12 @@ def eliminated(
         free & ~own, free, no_lifts, coupling, _groups(cell_nodes, follows, own)
     )
     joined = partial(without_tied, scene, cell_nodes)
-    return Eliminated(prolongation, terms, joined, partial(without_repeated, middle))
+    return DependentDofs(prolongation, terms, joined, partial(without_repeated, middle))
 
 
-def _checked(item: Constraint, given: Equations, scene: Scene, size: int) -> Equations:
+def _checked(
+    item: Constraint, given: ConstraintEquations, scene: Scene, size: int
+) -> ConstraintEquations:
     """Equations of a constraint, which a user may have written, over so many dofs.
 
     Raises:
@@ -148,7 +150,7 @@ def _checked(item: Constraint, given: Equations, scene: Scene, size: int) -> Equ
             finite.
     """
     fault = "are no Equations"
-    if isinstance(given, Equations):
+    if isinstance(given, ConstraintEquations):
         count, columns = np.shape(given.rows)
         shape = np.shape(given.values)
         dependent = np.asarray(given.dependent)
@@ -183,7 +185,7 @@ def _amplitude_of(item: Constraint) -> Any:
     )
 
 
-def _shares(given: Equations, size: int) -> csr_matrix:
+def _shares(given: ConstraintEquations, size: int) -> csr_matrix:
     """Positive shares of dofs in the middle of faces in others, (N, N), also of dofs that are
     imposed or lead now.
     """
@@ -199,9 +201,9 @@ def _solved(factors: SuperLU, others: csc_matrix, dependent: np.ndarray) -> csr_
     """
     used = np.flatnonzero(np.diff(others.indptr))
     parts = [csc_matrix((dependent.size, 0))]
-    for first in range(0, used.size, AT_ONCE):
-        solved = -factors.solve(others[:, used[first : first + AT_ONCE]].toarray())
-        solved[np.abs(solved) <= ROUND_OFF * np.abs(solved).max(initial=0.0)] = 0.0
+    for first in range(0, used.size, COLUMNS_AT_ONCE):
+        solved = -factors.solve(others[:, used[first : first + COLUMNS_AT_ONCE]].toarray())
+        solved[np.abs(solved) <= COEFFICIENT_ROUND_OFF * np.abs(solved).max(initial=0.0)] = 0.0
         parts.append(csc_matrix(solved))
     entries = csc_matrix(hstack(parts)).tocoo()
     size = others.shape[1]
@@ -212,10 +214,10 @@ def _solved(factors: SuperLU, others: csc_matrix, dependent: np.ndarray) -> csr_
 
 def _decided(
     scene: Scene,
-    found: list[tuple[Amplitude, Equations]],
+    found: list[tuple[Amplitude, ConstraintEquations]],
     free: np.ndarray,
     imposed: Sequence[Term],
-) -> list[tuple[Amplitude, Equations]]:
+) -> list[tuple[Amplitude, ConstraintEquations]]:
     """Constraints in which loose equations determine dofs of their own, without those that others
     imply.
     """
@@ -263,7 +265,7 @@ def _check_kept(
     sides = terms.columns("sides", rows.shape[0])
     parts = [abs(rows) @ abs(one.columns) for one in imposed]
     size = max(size, *(part.max() for part in parts if part.nnz), 0.0)
-    for point in box_samples(scene.parameters, TRIED) if rows.shape[0] else ():
+    for point in box_samples(scene.parameters, EQUATION_SAMPLES) if rows.shape[0] else ():
         theta = amplitudes(point)
         if np.abs(sides @ theta).max() > BROKEN * size * np.abs(theta.values).max():
             raise SceneError(
@@ -273,7 +275,9 @@ def _check_kept(
             )
 
 
-def _without_imposed(part: Equations, free: np.ndarray) -> tuple[Equations, np.ndarray]:
+def _without_imposed(
+    part: ConstraintEquations, free: np.ndarray
+) -> tuple[ConstraintEquations, np.ndarray]:
     """Equations that determine a free dof, with largest coefficients of 1, and a mask of the
     others.
     """
@@ -284,7 +288,7 @@ def _without_imposed(part: Equations, free: np.ndarray) -> tuple[Equations, np.n
     kept = np.ones(dependent.size, dtype=bool)
     if part.loose:
         dependent[~free[dependent]] = -1
-        kept = np.asarray(abs(rows[:, free]).max(axis=1).toarray()).ravel() > ROUND_OFF
+        kept = np.asarray(abs(rows[:, free]).max(axis=1).toarray()).ravel() > COEFFICIENT_ROUND_OFF
         return replace(part, rows=rows, dependent=dependent, values=scale * part.values).take(
             kept
         ), ~kept
@@ -292,15 +296,15 @@ def _without_imposed(part: Equations, free: np.ndarray) -> tuple[Equations, np.n
         span = slice(rows.indptr[row], rows.indptr[row + 1])
         columns = rows.indices[span]
         sizes = np.abs(rows.data[span])
-        sizes[~free[columns] | (sizes <= ROUND_OFF * sizes.max())] = 0.0
+        sizes[~free[columns] | (sizes <= COEFFICIENT_ROUND_OFF * sizes.max())] = 0.0
         others = np.where(np.isin(columns, dependent), 0.0, sizes)
         kept[row] = sizes.max() > 0
         # a dof that another equation determines too is refused
         dependent[row] = columns[(others if others.any() else sizes).argmax()] if kept[row] else -1
-    return Equations(rows, dependent, scale * part.values).take(kept), ~kept
+    return ConstraintEquations(rows, dependent, scale * part.values).take(kept), ~kept
 
 
-def _check_once(scene: Scene, found: list[Equations], dependent: np.ndarray) -> None:
+def _check_once(scene: Scene, found: list[ConstraintEquations], dependent: np.ndarray) -> None:
     """Raise SceneError if two equations determine one dof."""
     values, counts = np.unique(dependent, return_counts=True)
     if (counts > 1).any():
@@ -321,7 +325,7 @@ def _factored(scene: Scene, matrix: csc_matrix) -> SuperLU:
     """Factors of the equations between followers; SceneError if they depend on each other."""
     try:
         factors = splu(matrix)
-        if np.abs(factors.U.diagonal()).min(initial=1.0) > SINGULAR:
+        if np.abs(factors.U.diagonal()).min(initial=1.0) > DEPENDENT_PIVOT:
             return factors
     except RuntimeError:  # singular in structure
         pass

@@ -15,9 +15,9 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import Formula
 from hhr_dolfinx.loads import Assembler
 from hhr_dolfinx.parameters import Place, Tag, as_tuple, check_place, is_number, is_whole
-from hhr_dolfinx.plugins.constraints.elimination import Equations
+from hhr_dolfinx.plugins.constraints.elimination import ConstraintEquations
 
-ALIKE = 1e-6
+COINCIDENT_NODES = 1e-6
 """Distance of nodes over the size of the mesh up to which they coincide: files have about 7
 digits.
 """
@@ -31,11 +31,11 @@ def equations_of(
     size: int,
     values: np.ndarray | None = None,
     loose: bool = False,
-) -> Equations:
+) -> ConstraintEquations:
     """Equations of coefficients; right-hand sides are 0 if none are given."""
     data, rows, columns = (np.concatenate(part) for part in zip(*entries, strict=True))
     matrix = csr_matrix((data, (rows, columns)), shape=(dependent.size, size))
-    return Equations(
+    return ConstraintEquations(
         matrix, dependent, np.zeros(dependent.size) if values is None else values, loose
     )
 
@@ -58,7 +58,7 @@ def nodes_at(
 def _in_order(points: np.ndarray) -> np.ndarray:
     """Order of points, (n, dim), by their coordinates, of which the first one counts most."""
     size = np.ptp(points, axis=0).max() or 1.0
-    return np.lexsort(np.round(points.T[::-1] / (ALIKE * size)))
+    return np.lexsort(np.round(points.T[::-1] / (COINCIDENT_NODES * size)))
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class Equation:
         object.__setattr__(self, "terms", terms)
         check_amplitude(self, "an equation", formulas=True)
 
-    def equations(self, assembler: Assembler) -> Equations:
+    def equations(self, assembler: Assembler) -> ConstraintEquations:
         """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`."""
         (dim,) = assembler.test.ufl_shape
         found = []
@@ -140,7 +140,7 @@ class Periodic:
     angle: float = 0.0
     shift: tuple[float, ...] | None = None
     axis: int = 2
-    tolerance: float = ALIKE
+    tolerance: float = COINCIDENT_NODES
     amplitude: Amplitude = field(default=Amplitude(), init=False)
 
     def __post_init__(self) -> None:
@@ -172,7 +172,7 @@ class Periodic:
         found[np.ix_([one, other], [one, other])] = [[cosine, -sine], [sine, cosine]]
         return found
 
-    def equations(self, assembler: Assembler) -> Equations:
+    def equations(self, assembler: Assembler) -> ConstraintEquations:
         """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`.
 
         Raises:
@@ -215,5 +215,7 @@ class Periodic:
                 )
             )
         # of a node on the axis u = R u says nothing along the axis, nor of a shift
-        says = (own != others[which])[:, None] | (np.abs(turn - np.eye(dim)).max(axis=1) > ALIKE)
+        says = (own != others[which])[:, None] | (
+            np.abs(turn - np.eye(dim)).max(axis=1) > COINCIDENT_NODES
+        )
         return equations_of(entries, dofs, assembler.size, loose=True).take(says.ravel())

@@ -17,8 +17,8 @@ from hhr_dolfinx.formulas import Formula
 from hhr_dolfinx.loads import Assembler, Term
 from hhr_dolfinx.pairings.surface import mean_normal
 from hhr_dolfinx.parameters import check_tag
-from hhr_dolfinx.plugins.constraints.cut import OTHER
-from hhr_dolfinx.plugins.constraints.elimination import Equations
+from hhr_dolfinx.plugins.constraints.cut import OTHER_SIDE
+from hhr_dolfinx.plugins.constraints.elimination import ConstraintEquations
 
 if TYPE_CHECKING:
     from hhr_dolfinx.scene import Scene
@@ -36,7 +36,7 @@ class _Section:
     @classmethod
     def of(cls, assembler: Assembler, name: str) -> _Section:
         """The section of this name; SceneError for sides whose nodes do not coincide."""
-        below, above = (assembler.surface(tag) for tag in (name, f"{name}{OTHER}"))
+        below, above = (assembler.surface(tag) for tag in (name, f"{name}{OTHER_SIDE}"))
         far, which = cKDTree(above.points).query(below.points)
         if (
             len(below.nodes) != len(above.nodes)
@@ -81,11 +81,13 @@ class Preload:
         check_tag("section", self.section)
         check_amplitude(self, f"the preload of section {self.section!r}", formulas=True)
 
-    def equations(self, assembler: Assembler) -> Equations:
+    def equations(self, assembler: Assembler) -> ConstraintEquations:
         """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`."""
         section = _Section.of(assembler, self.section)
         values = -np.tile(section.normal, section.above.size)
-        return Equations(section.openings(assembler.size), section.dofs(section.above), values)
+        return ConstraintEquations(
+            section.openings(assembler.size), section.dofs(section.above), values
+        )
 
 
 @dataclass(frozen=True)
@@ -103,7 +105,7 @@ class ForcedSection:
     def __post_init__(self) -> None:
         check_tag("section", self.section)
 
-    def equations(self, assembler: Assembler) -> Equations:
+    def equations(self, assembler: Assembler) -> ConstraintEquations:
         """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`.
 
         The pair in the middle opens along the normal n alone, and all others as it does.
@@ -114,7 +116,7 @@ class ForcedSection:
         middle = slice(normal.size * section.first, normal.size * (section.first + 1))
         along = csr_matrix(np.tile(np.outer(normal, normal), (section.above.size, 1)))
         dofs = section.dofs(section.above)
-        found = Equations(
+        found = ConstraintEquations(
             csr_matrix(openings - along @ openings[middle]), dofs, np.zeros(dofs.size)
         )
         return found.take(np.arange(dofs.size) != middle.start + np.abs(normal).argmax())

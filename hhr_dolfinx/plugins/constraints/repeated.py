@@ -12,7 +12,7 @@ from hhr_dolfinx.contact.prolongation import Prolongation
 from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.full_order.eliminated import Conditions
 
-ALIKE = 1e-6
+REPEATED_CONDITION = 1e-6
 """Distance of gaps over the size of the mesh, and of rows of B T over theirs, up to which
 conditions are the same.
 """
@@ -41,9 +41,9 @@ def without_repeated(
     one = touched[beside.row]
     other = beside.col
     size = max(np.ptp(rows.points, axis=0).max(initial=0.0), np.abs(gaps).max(initial=0.0))
-    same = squares[one] + squares[other] - 2 * beside.data <= ALIKE**2 * squares[one]
+    same = squares[one] + squares[other] - 2 * beside.data <= REPEATED_CONDITION**2 * squares[one]
     same &= (pairs[one] == pairs[other]) & (
-        np.abs(gaps[one] - gaps[other]).max(axis=1) <= ALIKE * size
+        np.abs(gaps[one] - gaps[other]).max(axis=1) <= REPEATED_CONDITION * size
     )
     m = pairs.size
     graph = csr_matrix((np.ones(int(same.sum())), (one[same], other[same])), shape=(m, m))

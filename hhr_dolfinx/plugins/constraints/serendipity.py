@@ -10,10 +10,10 @@ from hhr_dolfinx import compat
 from hhr_dolfinx.amplitudes import Amplitude
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.loads import Assembler
-from hhr_dolfinx.plugins.constraints.elimination import Equations
+from hhr_dolfinx.plugins.constraints.elimination import ConstraintEquations
 from hhr_dolfinx.plugins.constraints.equations import equations_of
 
-CELLS = {9: "quadrilateral", 27: "hexahedron"}
+MID_FACE_CELLS = {9: "quadrilateral", 27: "hexahedron"}
 """Cells of second order that have nodes in the middle of their faces, by their number of nodes."""
 
 
@@ -29,15 +29,15 @@ class Serendipity:
 
     amplitude: Amplitude = field(default=Amplitude(), init=False)
 
-    def equations(self, assembler: Assembler) -> Equations:
+    def equations(self, assembler: Assembler) -> ConstraintEquations:
         """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`.
 
         SceneError for other cells.
         """
         cells = assembler.cells()
-        if cells.shape[1] not in CELLS:
+        if cells.shape[1] not in MID_FACE_CELLS:
             raise SceneError("Serendipity() needs quadrilaterals or hexahedra of second order")
-        middle, others, shares = _middles(CELLS[cells.shape[1]])
+        middle, others, shares = _middles(MID_FACE_CELLS[cells.shape[1]])
         # the middle of a face between two cells is determined once, by the first of them
         nodes, first = np.unique(cells[:, middle], return_index=True)
         cell, place = np.unravel_index(first, (len(cells), middle.size))

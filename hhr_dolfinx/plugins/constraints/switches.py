@@ -15,7 +15,7 @@ from hhr_dolfinx.amplitudes import Amplitude
 from hhr_dolfinx.compat import geometry_dofmap
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side
 from hhr_dolfinx.plugins.constraints.couplings import CoupledForce, MeanMotion, RigidMotion
-from hhr_dolfinx.plugins.constraints.cut import OTHER, CutMesh
+from hhr_dolfinx.plugins.constraints.cut import OTHER_SIDE, CutMesh
 from hhr_dolfinx.plugins.constraints.directed import DirectedDisplacement
 from hhr_dolfinx.plugins.constraints.equations import Equation, Periodic
 from hhr_dolfinx.plugins.constraints.preload import BoltForce, ForcedSection, Preload
@@ -24,19 +24,19 @@ from hhr_dolfinx.plugins.constraints.tie import Tie
 
 if TYPE_CHECKING:
     from hhr_dolfinx.compat import TaggedMesh
-    from hhr_dolfinx.plugins.conformance.draft import Draft, Geometry
+    from hhr_dolfinx.plugins.conformance.draft import Geometry, SceneDraft
 
 SECTION = "SECTION"
 """Name of the section through the upper block."""
 
 
-def equation(draft: Draft) -> Draft:
+def equation(draft: SceneDraft) -> SceneDraft:
     """Both flanks of the upper block move alike at one height."""
     left, right = (draft.nodes(flank, 1.45, 1.9) for flank in draft.flanks)
     return draft.with_constraints(Equation(((left, 0, 1.0), (right, 0, -1.0))))
 
 
-def periodic(draft: Draft) -> Draft:
+def periodic(draft: SceneDraft) -> SceneDraft:
     """The lower block is one of many in a row."""
     draft.exclude(draft.kind.hypothesis == "axisymmetric", "rings do not repeat along the radius")
     leader = side(FIRST, 0, False)
@@ -44,26 +44,26 @@ def periodic(draft: Draft) -> Draft:
     return draft.with_constraints(Periodic(follower, leader, shift=draft.vector(3.0, 0.0)))
 
 
-def rigid_motion(draft: Draft) -> Draft:
+def rigid_motion(draft: SceneDraft) -> SceneDraft:
     """The left flank of the lower block moves as a rigid body."""
     return draft.with_constraints(RigidMotion(draft.nodes(1.0, 0.2, 1.1)))
 
 
-def mean_motion(draft: Draft) -> Draft:
+def mean_motion(draft: SceneDraft) -> SceneDraft:
     """The mean motion of the right flank of the lower block is imposed."""
     draft = draft.with_load_parameter("bend", 0.01, False)
     bent = MeanMotion(draft.nodes(4.0, 0.2, 1.1), 0, Amplitude(slopes={"bend": 1.0}))
     return draft.with_constraints(bent)
 
 
-def coupled_force(draft: Draft, neutral: bool) -> Draft:
+def coupled_force(draft: SceneDraft, neutral: bool) -> SceneDraft:
     """A force on the reference point of the right flank of the lower block."""
     draft = draft.with_load_parameter("tug", 0.01, neutral)
     force = CoupledForce(side(FIRST, 0, True), 1, Amplitude(slopes={"tug": 1.0}))
     return draft.with_loads(force)
 
 
-def directed(draft: Draft) -> Draft:
+def directed(draft: SceneDraft) -> SceneDraft:
     """The component of a displacement along a diagonal is imposed at a flank of the upper block."""
     place = draft.nodes(draft.flanks[0], 1.2, 1.55)
     along = draft.vector(1.0, 1.0)
@@ -71,24 +71,24 @@ def directed(draft: Draft) -> Draft:
     return draft.with_constraints(DirectedDisplacement(place, along, amplitude))
 
 
-def serendipity(draft: Draft) -> Draft:
+def serendipity(draft: SceneDraft) -> SceneDraft:
     """Serendipity elements."""
     draft.exclude(draft.kind.simplices, "serendipity elements are quadrilaterals or hexahedra")
     return draft.of_element("serendipity").with_constraints(Serendipity())
 
 
-def tie(draft: Draft, neutral: bool) -> Draft:
+def tie(draft: SceneDraft, neutral: bool) -> SceneDraft:
     """The parts of the upper block beside a section are tied, as if it were not cut."""
-    return draft.with_mesh(sectioned).with_constraints(Tie(SECTION + OTHER, SECTION))
+    return draft.with_mesh(sectioned).with_constraints(Tie(SECTION + OTHER_SIDE, SECTION))
 
 
-def preload(draft: Draft, neutral: bool) -> Draft:
+def preload(draft: SceneDraft, neutral: bool) -> SceneDraft:
     """The upper block is shortened at a section."""
     draft = draft.with_load_parameter("shortened", 0.005, neutral).with_mesh(sectioned)
     return draft.with_constraints(Preload(SECTION, Amplitude(slopes={"shortened": 1.0})))
 
 
-def bolt_force(draft: Draft) -> Draft:
+def bolt_force(draft: SceneDraft) -> SceneDraft:
     """A force at a section pushes the lower part of the upper block down, which a bedding holds."""
     known = registry.named("public")
     draft.exclude("Springs" not in known, "a part that a force alone moves needs a bedding")

@@ -14,7 +14,7 @@ from hhr_dolfinx.loads import Assembler
 from hhr_dolfinx.pairings import Pairing
 from hhr_dolfinx.pairings.surface import warn
 from hhr_dolfinx.parameters import Tag, check_tag
-from hhr_dolfinx.plugins.constraints.elimination import Equations
+from hhr_dolfinx.plugins.constraints.elimination import ConstraintEquations
 from hhr_dolfinx.plugins.constraints.equations import equations_of
 from hhr_dolfinx.plugins.mortar.pairing import Mortar
 
@@ -61,7 +61,7 @@ class Tie:
     def _pairing(self) -> Pairing:
         return self.pairing(self.slave, self.master)
 
-    def equations(self, assembler: Assembler) -> Equations:
+    def equations(self, assembler: Assembler) -> ConstraintEquations:
         """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`.
 
         Raises:

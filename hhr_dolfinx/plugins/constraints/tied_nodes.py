@@ -22,7 +22,7 @@ from hhr_dolfinx.full_order.free_bodies import components_of_nodes
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.warn import warn
 
-CLOSED = 1e-6
+TIED_MOTION = 1e-6
 """Part of a relative motion of two bodies, which is 1, that is none."""
 
 
@@ -96,8 +96,8 @@ def _tied(cell_nodes: np.ndarray, prolongation: Prolongation, rows: ContactRows)
     apart = abs(before).max(axis=1).toarray().ravel() > 0.5
     # a dof that a constraint holds, and that follows no other one, is not tied to anything
     follows = np.asarray((abs(matrix) @ abs(prolongation.map)).sum(axis=1)).ravel() > 0.5
-    none = abs(acting).max(axis=1).toarray().ravel() <= CLOSED
-    joined = apart & (abs(after).max(axis=1).toarray().ravel() <= CLOSED)
+    none = abs(acting).max(axis=1).toarray().ravel() <= TIED_MOTION
+    joined = apart & (abs(after).max(axis=1).toarray().ravel() <= TIED_MOTION)
     return touched[both & follows & (joined | none)]
 
 

@@ -32,7 +32,10 @@ PLUGIN = Plugin(
             _wanted,
         ),
     ),
-    facets={"steps": f"{_HERE}.steps:STEPS", "flow_slopes": f"{_HERE}.flow_slopes:FlowSlopes"},
+    facets={
+        "steps": f"{_HERE}.steps:INTERFACE_STEPS",
+        "flow_slopes": f"{_HERE}.flow_slopes:RangeSlopes",
+    },
     tools={
         "laws": f"{_HERE}.interface:joint",
         "reduction": f"{_HERE}.reduction:kind_of_contacts",

@@ -15,12 +15,12 @@ import numpy as np
 
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.models.gradient import GRAZING
+from hhr_dolfinx.models.gradient import CHANGING_STATUS
 from hhr_dolfinx.plugins.contact_laws.range_increments import SolversOfRanges
-from hhr_dolfinx.plugins.inelastic.contact_slopes import ContactChange, Eliminated, columnwise
+from hhr_dolfinx.plugins.inelastic.contact_slopes import ContactChange, LinearisedStep, columnwise
 
 
-class FlowSlopes:
+class RangeSlopes:
     """See :class:`~hhr_dolfinx.plugins.inelastic.contact_slopes.ContactSlopes`, for one history of
     an equilibrium.
     """
@@ -44,7 +44,7 @@ class FlowSlopes:
 
     def step(
         self,
-        linear: Eliminated,
+        linear: LinearisedStep,
         answer: Answer,
         slack: np.ndarray,
         right: tuple[np.ndarray, np.ndarray],
@@ -70,7 +70,7 @@ class FlowSlopes:
                 off[rows] = -part.of_slack(of_slack[rows])
                 if np.ndim(slopes := step.slopes(*at)):
                     off[rows] -= slopes @ way
-                kinks[rows] = step.grazing(*at, GRAZING * np.abs(at[0]).max(initial=0.0))
+                kinks[rows] = step.grazing(*at, CHANGING_STATUS * np.abs(at[0]).max(initial=0.0))
             pushed = ranges.solved(parts, off)
             opened = of_slack + ranges.schur @ pushed
             changes = self._changes.copy()

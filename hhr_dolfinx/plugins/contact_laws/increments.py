@@ -23,7 +23,7 @@ from hhr_dolfinx.warn import warn
 
 PROPORTIONAL = 4
 """Increments from rest to a single parameter before any is cut: one and two may agree by chance."""
-TOLERANCE = 1e-3
+INCREMENT_TOLERANCE = 1e-3
 """Error of forces allowed in increments to a single parameter, relative to the largest force."""
 GRADIENT_TOLERANCE = 1e-2
 """Change of derivatives over the box allowed by twice as many increments, relative to the largest,
@@ -35,7 +35,7 @@ CUTS = 12
 """Largest number of times that a step is halved to meet a tolerance."""
 
 
-class Place(Protocol):
+class HistoryState(Protocol):
     """State of a history at the end of an increment; a law adds what it remembers."""
 
     time: float  # in seconds
@@ -43,23 +43,23 @@ class Place(Protocol):
     weights: np.ndarray  # derivative of each parameter here along that of the whole history, (P,)
 
 
-class Target(NamedTuple):
-    """End of an increment: time, point and weights as of :class:`Place`."""
+class IncrementEnd(NamedTuple):
+    """End of an increment: time, point and weights as of :class:`HistoryState`."""
 
     time: float
     point: np.ndarray
     weights: np.ndarray
 
-    def halfway(self, before: Place) -> Target:
+    def halfway(self, before: HistoryState) -> IncrementEnd:
         """Midpoint between the present state of a history and this end."""
-        return Target(
+        return IncrementEnd(
             0.5 * (before.time + self.time),
             0.5 * (before.point + self.point),
             0.5 * (before.weights + self.weights),
         )
 
 
-class Increment(Protocol):
+class SolvedIncrement(Protocol):
     """A solved increment."""
 
     status: Status  # why its search stopped
@@ -68,8 +68,8 @@ class Increment(Protocol):
     reached: Any  # place at its end
 
 
-P = TypeVar("P", bound=Place)
-S = TypeVar("S", bound=Increment)
+P = TypeVar("P", bound=HistoryState)
+S = TypeVar("S", bound=SolvedIncrement)
 
 
 class Increments(Protocol[P, S]):
@@ -84,7 +84,7 @@ class Increments(Protocol[P, S]):
     def going_on(self, answer: Answer, weights: np.ndarray) -> P:
         """Place after a step that the full model solved before."""
 
-    def increment(self, before: P, target: Target) -> S:
+    def increment(self, before: P, target: IncrementEnd) -> S:
         """Solve one increment; it may not converge."""
 
     def compare(self, solved: S) -> None:
@@ -103,7 +103,7 @@ class Increments(Protocol[P, S]):
         """Remedy for its status, for messages."""
 
 
-class _Step:
+class _CutStep:
     """One step of a path, cut as often as necessary."""
 
     def __init__(
@@ -123,8 +123,12 @@ class _Step:
         self._watch = watch
 
     def advance(
-        self, before: Place, target: Target, depth: int = 0, whole: Increment | None = None
-    ) -> Increment:
+        self,
+        before: HistoryState,
+        target: IncrementEnd,
+        depth: int = 0,
+        whole: SolvedIncrement | None = None,
+    ) -> SolvedIncrement:
         """Solve the step and return its last increment.
 
         ``whole`` is the step as one increment if it is known.
@@ -153,14 +157,14 @@ class _Step:
         self._ended(middle.time, first)
         return self.advance(first.reached, target, depth + 1)
 
-    def _ended(self, time: float, part: Increment) -> None:
+    def _ended(self, time: float, part: SolvedIncrement) -> None:
         """Report an increment within the step, at a time."""
         self.ends.append(time)
         if self._watch is not None:
             self._watch(self.increments.answer(part))
 
-    def _solved(self, before: Place, target: Target) -> Increment:
-        solved: Increment = self.increments.increment(before, target)
+    def _solved(self, before: HistoryState, target: IncrementEnd) -> SolvedIncrement:
+        solved: SolvedIncrement = self.increments.increment(before, target)
         if self.tolerance is not None and solved.status is Status.CONVERGED:
             self.increments.compare(solved)
         self.iterations += solved.iterations
@@ -239,8 +243,10 @@ class _ByIncrements:
     def solved(self, number: int, time: float, point: np.ndarray) -> Answer:
         """Answer at the end of a step, of which ``watch`` has seen the parts."""
         self.model.check_range(point, self.settings.outside)
-        step = _Step(self.increments, self.settings.cuts, self.settings.time_tolerance, self.watch)
-        solved = step.advance(self.reached, Target(time, point, self.weights[number]))
+        step = _CutStep(
+            self.increments, self.settings.cuts, self.settings.time_tolerance, self.watch
+        )
+        solved = step.advance(self.reached, IncrementEnd(time, point, self.weights[number]))
         self.reached = solved.reached
         self.increments.check(self.reached)
         self.error += np.nan if self.settings.time_tolerance is None else step.error
@@ -253,7 +259,7 @@ class _ByIncrements:
         return answer
 
 
-def _checked_answer(model: Any, step: _Step, solved: Increment) -> Answer:
+def _checked_answer(model: Any, step: _CutStep, solved: SolvedIncrement) -> Answer:
     """Answer at the end of a step; raises an error without one."""
     answer = step.increments.answer(solved)
     answer = answer._replace(iterations=step.iterations, cycled=step.cycled, ends=tuple(step.ends))
@@ -277,9 +283,9 @@ def proportional(
     zero.
 
     What the law fixes is that of the point throughout. Increments are cut until forces have
-    converged to :data:`TOLERANCE`; ``time_error`` has the remaining error. With ``converged`` they
-    are doubled until forces and the derivatives of their limit change little. The notes of answer
-    and gradient have what was reached.
+    converged to :data:`INCREMENT_TOLERANCE`; ``time_error`` has the remaining error. With
+    ``converged`` they are doubled until forces and the derivatives of their limit change
+    little. The notes of answer and gradient have what was reached.
 
     Warns:
         TimeStepWarning: if the most increments are too few for ``converged``.
@@ -322,7 +328,7 @@ class _Proportional:
         """The answer in increments that are cut until forces have converged."""
         path, _ = self._path(np.linspace(0.0, 1.0, PROPORTIONAL + 1))
         history = self._model.follow(
-            path, MarchSettings(time_tolerance=TOLERANCE, outside="ignore")
+            path, MarchSettings(time_tolerance=INCREMENT_TOLERANCE, outside="ignore")
         )
         error = history.answers[-1].time_error
         solved = history.solved_path
@@ -355,7 +361,11 @@ class _Proportional:
                     one.gradient.multipliers * self._sides for one in (answer, last) if one.gradient
                 ]
                 slope = _changed(*slopes) if slopes else 0.0
-                settled = settled + 1 if change <= TOLERANCE and slope <= GRADIENT_TOLERANCE else 0
+                settled = (
+                    settled + 1
+                    if change <= INCREMENT_TOLERANCE and slope <= GRADIENT_TOLERANCE
+                    else 0
+                )
             last = answer
             count *= 2
         if settled < 2:
@@ -405,7 +415,7 @@ def single(
     weights = np.ones(point.size)
     try:
         solved = increments.increment(
-            increments.at_rest(0.0, point, weights), Target(1.0, point, weights)
+            increments.at_rest(0.0, point, weights), IncrementEnd(1.0, point, weights)
         )
     except NotSolvableError:
         if raise_on_failure:

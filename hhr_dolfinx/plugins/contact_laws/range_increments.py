@@ -13,23 +13,23 @@ from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, Statu
 from hhr_dolfinx.memory import NO_MEMORY, Memory
 from hhr_dolfinx.models.answer import Answer, InterfaceCompletion
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact
-from hhr_dolfinx.models.gradient import GRAZING, Gradient
-from hhr_dolfinx.plugins.contact_laws.increments import Target
+from hhr_dolfinx.models.gradient import CHANGING_STATUS, Gradient
+from hhr_dolfinx.plugins.contact_laws.increments import IncrementEnd
 from hhr_dolfinx.plugins.contact_laws.interface import Interface
 from hhr_dolfinx.plugins.contact_laws.ranges import Ranges, RangeStep, Together
 
-WEAK = 1e-8
+WEAK_RANGE = 1e-8
 """Part of the largest force of all ranges below which differences of one range are not measured by
 its own forces.
 """
-NOTE = (
+RANGE_GRADIENT_NOTE = (
     "derivative of the path in its increments, at their statuses: check that more increments do "
     "not change it"
 )
 """Note of derivatives."""
 
 
-class Reached(NamedTuple):
+class RangeState(NamedTuple):
     """State of a history at the end of an increment (M rows)."""
 
     time: float
@@ -43,12 +43,12 @@ class Reached(NamedTuple):
     whole: Memory  # of the whole contact surface, of which a hyper-reduced model solves for a part
 
 
-class Solved(NamedTuple):
-    """An increment, see :class:`~hhr_dolfinx.plugins.contact_laws.increments.Increment`."""
+class SolvedRange(NamedTuple):
+    """An increment, see :class:`~hhr_dolfinx.plugins.contact_laws.increments.SolvedIncrement`."""
 
     found: Together
     contact: CondensedContact
-    reached: Reached
+    reached: RangeState
     gradient: Gradient | None
     status: Status
     iterations: int
@@ -116,7 +116,7 @@ class RangesIncrements:
         own = model.fields.interface
         self.everywhere = self.laws if own is None else SolversOfRanges(own.whole)
 
-    def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> Reached:
+    def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> RangeState:
         """Undeformed bodies."""
         slack = self.contact_at(point).free_slack
         nothing = (
@@ -126,9 +126,9 @@ class RangesIncrements:
             0.0,
             np.zeros((slack.size, point.size)),
         )
-        return Reached(time, point, weights, *nothing, self.everywhere.at_rest())
+        return RangeState(time, point, weights, *nothing, self.everywhere.at_rest())
 
-    def going_on(self, answer: Answer, weights: np.ndarray) -> Reached:
+    def going_on(self, answer: Answer, weights: np.ndarray) -> RangeState:
         """State after a step that the full model solved before."""
         forces = answer.multipliers
         point = answer.parameter
@@ -138,9 +138,9 @@ class RangesIncrements:
         energy = 0.5 * float(forces @ (self.contact_at(point).schur @ forces))
         state = forces, answer.memory, np.where(answer.active, 0.0, slack), energy
         nothing = np.zeros((forces.size, point.size))
-        return Reached(answer.time, point, weights, *state, nothing, answer.memory)
+        return RangeState(answer.time, point, weights, *state, nothing, answer.memory)
 
-    def increment(self, before: Reached, target: Target) -> Solved:
+    def increment(self, before: RangeState, target: IncrementEnd) -> SolvedRange:
         """Solve one increment; it may not converge."""
         contact = self.contact_at(target.point)
         kernel = contact.kernel
@@ -163,13 +163,13 @@ class RangesIncrements:
             whole = self._completed(before, target, found, self._unknown(contact, found))
         energy = max(before.energy, 0.5 * float(found.forces @ loaded))
         state = found.forces, memory, np.where(found.active, 0.0, slack), energy, changes, whole
-        reached = Reached(target.time, target.point, target.weights, *state)
-        return Solved(
+        reached = RangeState(target.time, target.point, target.weights, *state)
+        return SolvedRange(
             found, contact, reached, gradient, found.status, found.iterations, found.projections > 0
         )
 
     def _completed(
-        self, before: Reached, target: Target, found: Together, unknown: np.ndarray
+        self, before: RangeState, target: IncrementEnd, found: Together, unknown: np.ndarray
     ) -> Memory:
         """Memory of the whole surface: outside the RID forces are fitted, and slacks follow the
         displacement.
@@ -189,8 +189,8 @@ class RangesIncrements:
     def _gradient(
         self,
         ranges: Ranges,
-        before: Reached,
-        target: Target,
+        before: RangeState,
+        target: IncrementEnd,
         found: Together,
         steps: list[RangeStep],
         contact: CondensedContact,
@@ -214,7 +214,7 @@ class RangesIncrements:
         for (rows, *at), step, part in zip(own, steps, parts, strict=True):
             right[rows] = -part.of_slack(of_slack[rows]) - step.slopes(*at) * target.weights
             kinks[rows] = step.grazing(
-                at[0], at[1], at[2], GRAZING * np.abs(at[0]).max(initial=0.0)
+                at[0], at[1], at[2], CHANGING_STATUS * np.abs(at[0]).max(initial=0.0)
             )
         if contact.kernel is not None:
             right[m:] = contact.kernel.drift(found.forces, unknown) * target.weights
@@ -228,7 +228,7 @@ class RangesIncrements:
         of_unknown = of_unknown - contact.pushed(forces)
         if contact.kernel is not None:
             of_unknown = of_unknown + contact.kernel.modes @ motions
-        return Gradient(of_unknown, forces, kinks, slack, note=NOTE), changes
+        return Gradient(of_unknown, forces, kinks, slack, note=RANGE_GRADIENT_NOTE), changes
 
     @staticmethod
     def _unknown(contact: CondensedContact, found: Together) -> np.ndarray:
@@ -240,26 +240,28 @@ class RangesIncrements:
             self.largest, [np.linalg.norm(forces[rows]) for rows in self.laws.rows]
         )
 
-    def compare(self, solved: Solved) -> None:
+    def compare(self, solved: SolvedRange) -> None:
         """Take in the sizes of forces."""
         self._grow(solved.found.forces)
 
-    def difference(self, before: Reached, half: Solved, second: Solved, whole: Solved) -> float:
+    def difference(
+        self, before: RangeState, half: SolvedRange, second: SolvedRange, whole: SolvedRange
+    ) -> float:
         """Largest error of a range: of forces over its largest so far, or what its law measures."""
         ends = before, half.reached, second.reached, whole.reached
         worst = 0.0
         for rows, solver, own in zip(self.laws.rows, self.laws.solvers, self.largest, strict=True):
-            largest = max(float(own), WEAK * float(self.largest.max())) or 1.0
+            largest = max(float(own), WEAK_RANGE * float(self.largest.max())) or 1.0
             off = float(np.linalg.norm((second.found.forces - whole.found.forces)[rows])) / largest
             worst = max(worst, solver.difference(off, ends, rows, largest))
         return worst
 
-    def check(self, place: Reached) -> None:
+    def check(self, place: RangeState) -> None:
         """Check the memories."""
         for solver in self.everywhere.solvers:
             solver.check(place.whole, self.model.parameters.described(place.point))
 
-    def answer(self, solved: Solved) -> Answer:
+    def answer(self, solved: SolvedRange) -> Answer:
         """Answer of an increment."""
         found = solved.found
         reached = solved.reached
@@ -293,7 +295,7 @@ class RangesIncrements:
         ways = kernel.equalities.left_open(np.where(pressing, holding, found.active))
         return kernel.modes @ ways if ways.shape[1] else None
 
-    def advice(self, solved: Solved) -> Mapping[Status, str]:
+    def advice(self, solved: SolvedRange) -> Mapping[Status, str]:
         """Rows that still change."""
         found = solved.found
         if found.status is Status.ADRIFT:

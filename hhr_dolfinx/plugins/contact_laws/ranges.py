@@ -21,29 +21,29 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import NotSolvableError
 from hhr_dolfinx.memory import NO_MEMORY, Memory
 
-TOLERANCE = 1e-11
+RANGE_TOLERANCE = 1e-11
 """Deviation of forces from their projection, relative to the largest of the range, up to which they
 have converged.
 """
-ROUND_OFF = 1e-15
+OTHER_RANGES_ROUND_OFF = 1e-15
 """Part of the largest force of all ranges that reaches the others as round-off."""
 EPSILON = 4e-16
 """Round-off of one sum, relative to its terms; loops that ask for less do not end."""
 ATTEMPTS = 3
 """Number of ways in which a law may choose its statuses."""
-NEWTON = 40
+RANGE_ITERATIONS = 40
 """Iterations of each."""
 PROJECTIONS = (30, 100, 300, 1000, 3000, 10000)
 """Projections between one round of Newton's method and the next."""
-WEAKNESS = (1e3, 1e5, 1e7, 1e9)
+RANGE_COMPLIANCES = (1e3, 1e5, 1e7, 1e9)
 """Compliances of springs that hold bodies, relative to that of contact."""
-MOST_STEPS = 30
+RANGE_STEPS = 30
 """Steps of the proximal point method with springs of one compliance."""
-BALANCED = 1e-12
+BALANCED_RANGES = 1e-12
 """Imbalance of the forces on bodies, relative to the largest, up to which they are balanced."""
 
 
-class Coupling(NamedTuple):
+class OffDiagonal(NamedTuple):
     """Entries of P and Q off the diagonal, (e,) each; no place twice."""
 
     rows: np.ndarray
@@ -63,7 +63,7 @@ class Linearised(NamedTuple):
     active: (
         np.ndarray
     )  # rows that touch: rows with a force, and tangential rows that stick, (k,) bool
-    coupling: Coupling | None = None
+    coupling: OffDiagonal | None = None
 
     def of_slack(self, values: np.ndarray) -> np.ndarray:
         """Q times values of the rows, (k, ...)."""
@@ -429,7 +429,7 @@ class Ranges:
         seen: set[bytes] = set()
         least = np.inf
         status = Status.UNSETTLED
-        for iteration in range(NEWTON + 1):
+        for iteration in range(RANGE_ITERATIONS + 1):
             slack = free + self.schur @ forces - self.motions @ motions
             parts = self.linearised(slack, steps, forces, self.stiffness, attempt)
             off, noise = self._off(parts, free, forces, motions)
@@ -444,7 +444,7 @@ class Ranges:
             worst = float((off / noise).max())
             key = b"".join(part.key for part in parts)
             if (
-                iteration == NEWTON
+                iteration == RANGE_ITERATIONS
                 or not np.isfinite(worst)
                 or (key in seen and not worst < 0.5 * least)
             ):
@@ -476,18 +476,20 @@ class Ranges:
             * self.stiffness
             * (np.abs(free) + self._sizes @ size + np.abs(self.motions) @ np.abs(motions))
         )
-        noise += ROUND_OFF * size.max(initial=0.0) + 1e-300
+        noise += OTHER_RANGES_ROUND_OFF * size.max(initial=0.0) + 1e-300
         off = np.zeros(len(forces))
         for rows, part in zip(self.rows, parts, strict=True):
             off[rows] = np.abs(part.off)
-            noise[rows] += TOLERANCE * size[rows].max(initial=0.0)
+            noise[rows] += RANGE_TOLERANCE * size[rows].max(initial=0.0)
         return off, noise
 
     def _balanced(self, forces: np.ndarray, driving: np.ndarray) -> bool:
         if not driving.size:
             return True
         sizes = np.abs(driving) + np.abs(forces) @ np.abs(self.motions)
-        return bool((np.abs(driving - forces @ self.motions) <= BALANCED * sizes.max()).all())
+        return bool(
+            (np.abs(driving - forces @ self.motions) <= BALANCED_RANGES * sizes.max()).all()
+        )
 
     def _projected(
         self, free: np.ndarray, steps: Sequence[RangeStep], forces: np.ndarray, count: int
@@ -518,11 +520,11 @@ class Ranges:
         push = (self.motions**2).mean(axis=0)
         ends = 0 * driving
         forces = start
-        for weak in WEAKNESS:
+        for weak in RANGE_COMPLIANCES:
             springs = weak * self.typical / np.where(push > 0, push, 1.0)
             held = self.schur + (self.motions * springs) @ self.motions.T
             ranges = Ranges(held, self.rows, np.zeros(len(free)))
-            for _ in range(MOST_STEPS):
+            for _ in range(RANGE_STEPS):
                 one = ranges._found(
                     free - self.motions @ (ends + springs * driving), steps, forces, driving[:0]
                 )

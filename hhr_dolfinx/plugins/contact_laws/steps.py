@@ -102,4 +102,5 @@ class InterfaceSteps(LawSteps):
         return f"{known}; of one answer, of several unless uniqueness(mu) says 'one answer'"
 
 
-STEPS = InterfaceSteps()
+INTERFACE_STEPS = InterfaceSteps()
+"""The facet, without state."""

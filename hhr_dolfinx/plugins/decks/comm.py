@@ -16,7 +16,16 @@ from hhr_dolfinx.plugins.decks.comm_commands import Command, commands_of, number
 from hhr_dolfinx.plugins.decks.comm_keywords import COMMANDS, HYPOTHESES
 from hhr_dolfinx.plugins.decks.comm_solver import computation_of
 from hhr_dolfinx.plugins.decks.comm_surcharge import Applied, covered_by, what_counts
-from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Pair, Section, Support, Tag
+from hhr_dolfinx.plugins.decks.deck import (
+    Deck,
+    DeckLoad,
+    DeckMaterial,
+    Left,
+    Pair,
+    Section,
+    Support,
+    Tag,
+)
 from hhr_dolfinx.plugins.decks.inp_history import in_order
 from hhr_dolfinx.plugins.decks.named import NamedParts
 from hhr_dolfinx.plugins.decks.planes import Plane, planes_of
@@ -45,7 +54,7 @@ def read_comm(path: Path, mesh: Path, parts: NamedParts) -> Deck:
     planes, curved = planes_of(mesh)
     left = [one for command in commands for one in command.unread]
     left += [command.left("not read") for command in commands if command.name not in COMMANDS]
-    loaded: list[Applied | Load | Left] = []
+    loaded: list[Applied | DeckLoad | Left] = []
     for command, factor in acting.charges.items():
         for kind in command.words:
             for one in command.factors(kind):
@@ -59,7 +68,7 @@ def read_comm(path: Path, mesh: Path, parts: NamedParts) -> Deck:
     loads = [
         _of_rings(one) if hypothesis == "axisymmetric" else one
         for one in made
-        if isinstance(one, Load)
+        if isinstance(one, DeckLoad)
     ]
     pairs = tuple(one for one in paired if isinstance(one, Pair))
     left += [*acting.left, *(one for one in (*made, *paired) if isinstance(one, Left))]
@@ -116,7 +125,7 @@ def _sections(fields: Sequence[Command], parts: NamedParts) -> Iterator[Section]
             yield from (Section(tag, material, factor.source) for tag in tags)
 
 
-def _material(factor: Command) -> Material:
+def _material(factor: Command) -> DeckMaterial:
     """Elastic material of a factor of AFFE_MATERIAU; SceneError for one that is not literal."""
     given = factor.words.get("MATER")
     material = given[0] if isinstance(given, tuple) and given else given
@@ -129,12 +138,12 @@ def _material(factor: Command) -> Material:
         raise SceneError(
             f"{factor.source} AFFE_MATERIAU: the material has no literal ELAS=_F(E=..., NU=...)"
         )
-    return Material("ELAS", elastic.source, young, poisson, "", expansion, density)
+    return DeckMaterial("ELAS", elastic.source, young, poisson, "", expansion, density)
 
 
 def _weight(
     factor: Command, scale: float, parts: NamedParts, sections: Sequence[Section]
-) -> Iterator[Load | Left]:
+) -> Iterator[DeckLoad | Left]:
     """Weights of all bodies: DIRECTION has any length, and only its direction counts (U4.44.01,
     PESANTEUR).
     """
@@ -155,7 +164,9 @@ def _weight(
             yield factor.left(f"PESANTEUR: the material of body '{item.tag}' has no RHO")
         elif any(unit):
             text = f"hhr.BodyForce({item.tag!r}, {unit}, {{}})"
-            yield Load("weight", text, scale * gravity[0] * item.material.density, factor.source)
+            yield DeckLoad(
+                "weight", text, scale * gravity[0] * item.material.density, factor.source
+            )
 
 
 def _loaded(
@@ -212,11 +223,11 @@ def _loaded(
 
 def _loads(
     kind: str, own: Mapping[str, float], place: Tag, dim: int, source: str
-) -> tuple[Load, ...]:
+) -> tuple[DeckLoad, ...]:
     """Pressure on a surface, or a force of each component on a place."""
     if kind == "PRES_REP":
         return (
-            (Load("pressure", f"hhr.Pressure({place!r}, {{}})", own["PRES"], source),)
+            (DeckLoad("pressure", f"hhr.Pressure({place!r}, {{}})", own["PRES"], source),)
             if "PRES" in own
             else ()
         )
@@ -225,13 +236,13 @@ def _loads(
     units = [tuple(np.eye(dim)[k].tolist()) for k in range(dim)]
     texts = [f"hhr.{what}({place!r}, {unit}, {{}})" for unit in units]
     return tuple(
-        Load("force", text, value, source)
+        DeckLoad("force", text, value, source)
         for text, value in zip(texts, forces, strict=True)
         if value
     )
 
 
-def _of_rings(load: Load) -> Load:
+def _of_rings(load: DeckLoad) -> DeckLoad:
     """A force of a node on its whole ring: in axisymmetry code_aster has that of one radian."""
     return (
         replace(load, value=2 * np.pi * load.value)

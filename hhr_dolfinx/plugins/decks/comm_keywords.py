@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from hhr_dolfinx.plugins.decks.keywords import (
+    AS_TODO,
     IDLE,
-    LEFT,
     READ,
     Keyword,
     Rule,
@@ -22,7 +22,7 @@ from hhr_dolfinx.plugins.decks.keywords import (
 
 
 def _left(keyword: Keyword, **options: str) -> Keyword:
-    return with_options(keyword, LEFT, options)
+    return with_options(keyword, AS_TODO, options)
 
 
 _PLACES = "GROUP_MA|GROUP_NO"
@@ -105,7 +105,7 @@ HYPOTHESES: Mapping[str, str] = {
 """Hypotheses of models by their names; ``_SI`` only integrates the stiffness at fewer points."""
 COMMANDS: Mapping[str, Keyword] = {
     "DEFI_MATERIAU": Keyword(
-        Rule(READ), {"ELAS": Rule(READ), "INFO": Rule(IDLE), "*": Rule(LEFT, _LAW)}
+        Rule(READ), {"ELAS": Rule(READ), "INFO": Rule(IDLE), "*": Rule(AS_TODO, _LAW)}
     ),
     "DEFI_MATERIAU/ELAS": read_options("E|NU|ALPHA|RHO"),
     "AFFE_MATERIAU": _left(
@@ -130,7 +130,7 @@ COMMANDS: Mapping[str, Keyword] = {
         {
             **{name: Rule(IDLE) for name in f"{_MESH}|reuse|{_TURNS_OF_FACETS}".split("|")},
             "*": Rule(
-                LEFT,
+                AS_TODO,
                 (
                     "it changes the mesh, and here the mesh is that of its file: give the changed "
                     "one, --mesh"

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hhr_dolfinx.plugins.decks.comm_commands import Command
-from hhr_dolfinx.plugins.decks.deck import Left, Load, Support, Tag
+from hhr_dolfinx.plugins.decks.deck import DeckLoad, Left, Support, Tag
 from hhr_dolfinx.plugins.decks.named import NamedParts
 
 
@@ -34,10 +34,10 @@ class Applied:
     factor: Command
     components: frozenset[str]
     covered: frozenset[int | tuple[int, ...]]
-    items: tuple[Support | Load, ...]
+    items: tuple[Support | DeckLoad, ...]
 
 
-def what_counts(applied: Sequence[Applied]) -> Iterator[Support | Load | Left]:
+def what_counts(applied: Sequence[Applied]) -> Iterator[Support | DeckLoad | Left]:
     """Supports and loads without those that later ones replace.
 
     TODO lines of those that later ones replace in part.

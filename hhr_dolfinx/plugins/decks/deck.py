@@ -15,7 +15,7 @@ Tag = str | int
 
 
 @dataclass(frozen=True)
-class Material:
+class DeckMaterial:
     """Constants of a material."""
 
     name: str
@@ -32,7 +32,7 @@ class Section:
     """A body: the material of the cells with a tag."""
 
     tag: Tag
-    material: Material
+    material: DeckMaterial
     source: str
 
 
@@ -47,7 +47,7 @@ class Support:
 
 
 @dataclass(frozen=True)
-class Load:
+class DeckLoad:
     """A load or a constraint: ``value`` times the unit load ``text``, Python with ``{}`` for the
     amplitude.
     """
@@ -90,12 +90,12 @@ class Left:
         return f"TODO {self.source} {self.keyword}: {self.why}"
 
 
-Item = Load | Support | Pair | Section
+Item = DeckLoad | Support | Pair | Section
 """A part of a deck with a value that a parameter may be."""
 
 
 @dataclass(frozen=True)
-class History:
+class DeckHistory:
     """Courses of the quantities of a deck over its steps: fractions of their values in the deck,
     linear in between.
     """
@@ -114,13 +114,13 @@ class Deck:
     hypothesis: str
     sections: tuple[Section, ...]
     supports: tuple[Support, ...] = ()
-    loads: tuple[Load, ...] = ()
+    loads: tuple[DeckLoad, ...] = ()
     pairs: tuple[Pair, ...] = ()
     left: tuple[Left, ...] = ()
     seconds: float = 1.0  # duration of all steps, for laws with rates
-    constraints: tuple[Load, ...] = ()
+    constraints: tuple[DeckLoad, ...] = ()
     cuts: tuple[str, ...] = ()  # sections along which the mesh is cut
-    history: History | None = None  # None where the end of the last step is all that counts
+    history: DeckHistory | None = None  # None where the end of the last step is all that counts
     folded: bool = False  # True for a mesh with folded cells of second order
     # True if the file is a mesh without physics, for which supports and loads are proposed
     proposal: bool = False

@@ -9,11 +9,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 from pathlib import Path
 
-from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Pair, Section, Support, Tag
-from hhr_dolfinx.plugins.decks.feb_curves import Numbers
+from hhr_dolfinx.plugins.decks.deck import (
+    Deck,
+    DeckLoad,
+    DeckMaterial,
+    Left,
+    Pair,
+    Section,
+    Support,
+    Tag,
+)
+from hhr_dolfinx.plugins.decks.feb_curves import FebNumbers
 from hhr_dolfinx.plugins.decks.feb_items import Item, tree_of
 from hhr_dolfinx.plugins.decks.named import NamedParts
-from hhr_dolfinx.plugins.decks.stated import ELSEWHERE, OF_FEBIO, OTHER
+from hhr_dolfinx.plugins.decks.stated import ELSEWHERE, NOT_READ, OF_FEBIO
 
 _ELASTIC = ("isotropic elastic", "neo-Hookean")
 """Materials that are linear for small strains."""
@@ -42,17 +51,17 @@ def read_febio(path: Path, parts: NamedParts) -> Deck | None:
     read.
     """
     root = tree_of(path)
-    numbers = Numbers(root)
+    numbers = FebNumbers(root)
     sections = list(_sections(root, numbers, path, parts))
     domains = root.child("MeshDomains")
     if not sections or domains is None or len(sections) < len(domains.items):
         return None
-    made: list[Support | Load | Pair | Left] = [*_unread(root, numbers, path)]
+    made: list[Support | DeckLoad | Pair | Left] = [*_unread(root, numbers, path)]
     for section in root.items:
         for item in section.items:
             made += _made(section.tag, item, numbers, path, parts)
     supports = tuple(one for one in made if isinstance(one, Support))
-    ties = tuple(one for one in made if isinstance(one, Load) and not one.kind)
+    ties = tuple(one for one in made if isinstance(one, DeckLoad) and not one.kind)
     pairs = tuple(one for one in made if isinstance(one, Pair))
     inside = [one for step in root.items if step.tag == "Step" for one in step.items]
     contacts = [
@@ -63,7 +72,7 @@ def read_febio(path: Path, parts: NamedParts) -> Deck | None:
         "solid",
         tuple(sections),
         supports,
-        tuple(one for one in made if isinstance(one, Load) and one.kind),
+        tuple(one for one in made if isinstance(one, DeckLoad) and one.kind),
         pairs or parts.out_of_reach(supports),
         tuple(one for one in made if isinstance(one, Left)),
         constraints=ties,
@@ -71,7 +80,7 @@ def read_febio(path: Path, parts: NamedParts) -> Deck | None:
     )
 
 
-def _unread(root: Item, numbers: Numbers, path: Path) -> Iterator[Left]:
+def _unread(root: Item, numbers: FebNumbers, path: Path) -> Iterator[Left]:
     """Sections of physics in other files, and an end of the computation that the file does not
     state.
     """
@@ -89,7 +98,7 @@ def _unread(root: Item, numbers: Numbers, path: Path) -> Iterator[Left]:
         yield Left(path.name, "<Control>", why)
 
 
-def _sections(root: Item, numbers: Numbers, path: Path, parts: NamedParts) -> Iterator[Section]:
+def _sections(root: Item, numbers: FebNumbers, path: Path, parts: NamedParts) -> Iterator[Section]:
     """Bodies with materials that are read, by the domains of the file."""
     materials = root.child("Material")
     by_name = {
@@ -106,12 +115,14 @@ def _sections(root: Item, numbers: Numbers, path: Path, parts: NamedParts) -> It
         if young is not None and poisson is not None:
             name = item.attributes["name"]
             source = f"{path.name}:{item.line}"
-            yield Section(tag, Material(name, source, young, poisson), f"{path.name}:{domain.line}")
+            yield Section(
+                tag, DeckMaterial(name, source, young, poisson), f"{path.name}:{domain.line}"
+            )
 
 
 def _made(
-    section: str, item: Item, numbers: Numbers, path: Path, parts: NamedParts
-) -> Iterator[Support | Load | Pair | Left]:
+    section: str, item: Item, numbers: FebNumbers, path: Path, parts: NamedParts
+) -> Iterator[Support | DeckLoad | Pair | Left]:
     """Parts of a scene of an item, and what is left of it."""
     why = OF_FEBIO.get(section)
     if why is None:
@@ -119,14 +130,14 @@ def _made(
     source = f"{path.name}:{item.line}"
     kind = item.attributes.get("type", "")
     name = f'<{item.tag} type="{kind}">'
-    made: list[Support | Load | Pair] = []
+    made: list[Support | DeckLoad | Pair] = []
     if section == "Boundary" and item.tag == "bc":
         made = list(_supports(item, kind, source, numbers, parts))
     elif section == "Loads" and item.tag == "surface_load" and kind == "pressure":
         surface = parts.surface(item.name("surface"))
         value = numbers.of(item, "pressure")
         if surface is not None and value is not None:
-            made = [Load("pressure", f"hhr.Pressure({surface!r}, {{}})", value, source)]
+            made = [DeckLoad("pressure", f"hhr.Pressure({surface!r}, {{}})", value, source)]
     elif section == "Contact":
         made = list(_pairs(item, kind, source, numbers, parts))
     read = bool(made) or (section == "Material" and kind in _ELASTIC)
@@ -142,7 +153,7 @@ def _made(
     if kind == "neo-Hookean":
         yield Left(source, name, "strains are small here")
     for key in sorted(item.attributes.keys() - _ATTRIBUTES):
-        yield Left(source, f'<{item.tag} {key}="{item.attributes[key]}">', OTHER)
+        yield Left(source, f'<{item.tag} {key}="{item.attributes[key]}">', NOT_READ)
     known = _READ.get(item.tag, ())
     for child in item.items:
         formula = child.tag == "fric_coeff" and item.number(child.tag) is None
@@ -150,12 +161,12 @@ def _made(
             child.tag not in known and not (section == "Contact" and child.tag in _SOLVER)
         ):
             yield Left(
-                f"{path.name}:{child.line}", f"<{child.tag}>", f"{OTHER}: {child.text.strip()}"
+                f"{path.name}:{child.line}", f"<{child.tag}>", f"{NOT_READ}: {child.text.strip()}"
             )
 
 
 def _supports(
-    item: Item, kind: str, source: str, numbers: Numbers, parts: NamedParts
+    item: Item, kind: str, source: str, numbers: FebNumbers, parts: NamedParts
 ) -> Iterator[Support]:
     place = parts.place(item.name("node_set"))
     if place is None:
@@ -174,8 +185,8 @@ def _supports(
 
 
 def _pairs(
-    item: Item, kind: str, source: str, numbers: Numbers, parts: NamedParts
-) -> Iterator[Pair | Load]:
+    item: Item, kind: str, source: str, numbers: FebNumbers, parts: NamedParts
+) -> Iterator[Pair | DeckLoad]:
     """The pair of a sliding contact, whose primary surface is the slave, or a tie."""
     mesh = numbers.root.child("Mesh")
     pairs = {
@@ -193,4 +204,4 @@ def _pairs(
     if len(surfaces) == 2 and kind.startswith("sliding"):
         yield parts.pair(surfaces[0], surfaces[1], numbers.of(item, "fric_coeff") or 0.0, source)
     elif len(surfaces) == 2 and kind.startswith("tied"):
-        yield Load("", f"hhr.Tie({surfaces[0]!r}, {surfaces[1]!r})", 0.0, source)
+        yield DeckLoad("", f"hhr.Tie({surfaces[0]!r}, {surfaces[1]!r})", 0.0, source)

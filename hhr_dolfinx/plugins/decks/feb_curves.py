@@ -102,7 +102,7 @@ class Curve:
 
 
 @dataclass(frozen=True)
-class Numbers:
+class FebNumbers:
     """Numbers of a file at the end of its last step."""
 
     root: Item

@@ -17,7 +17,16 @@ import numpy as np
 
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.plugins.decks.bodies import bodies_of
-from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Pair, Section, Support, Tag
+from hhr_dolfinx.plugins.decks.deck import (
+    Deck,
+    DeckLoad,
+    DeckMaterial,
+    Left,
+    Pair,
+    Section,
+    Support,
+    Tag,
+)
 from hhr_dolfinx.plugins.decks.inp_contacts import is_tool, pairs_of
 from hhr_dolfinx.plugins.decks.inp_couplings import coupled_of
 from hhr_dolfinx.plugins.decks.inp_equations import equations_of
@@ -27,8 +36,8 @@ from hhr_dolfinx.plugins.decks.inp_loads import loads_of
 from hhr_dolfinx.plugins.decks.inp_materials import materials_of
 from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
 from hhr_dolfinx.plugins.decks.inp_steps import (
-    Block,
     Imposed,
+    KeywordBlock,
     imposed_of,
     merged,
     of_kind,
@@ -39,14 +48,14 @@ from hhr_dolfinx.plugins.decks.inp_ties import BoltSection, preloads_of, section
 from hhr_dolfinx.plugins.decks.inp_transforms import directed_of
 from hhr_dolfinx.plugins.decks.named import NamedParts
 from hhr_dolfinx.plugins.decks.template import with_springs
-from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE
+from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE_SURFACE
 
 _HYPOTHESES = {"CPE": "plane_strain", "CPS": "plane_stress", "CAX": "axisymmetric"}
 
 
 def read_inp(
     path: Path,
-    found: Sequence[Block],
+    found: Sequence[KeywordBlock],
     parts: NamedParts,
     nodes: DeckNodes,
     unread: Sequence[Left] = (),
@@ -66,7 +75,7 @@ def read_inp(
     sections, thickness = _sections(found, materials_of(found, left), parts, hypothesis, left)
     if hypothesis == "axisymmetric":
         thickness = 1.0
-    reader = _Reader(
+    reader = _DeckParts(
         path, found, whole, parts, nodes, hypothesis, tuple(sections), thickness, cuts, tuple(left)
     )
     final = imposed_of(found)
@@ -79,11 +88,11 @@ def read_inp(
 
 
 @dataclass(frozen=True)
-class _Reader:
+class _DeckParts:
     """Parts of a deck that are the same in all of its steps."""
 
     path: Path
-    found: Sequence[Block]
+    found: Sequence[KeywordBlock]
     whole: NamedParts  # before it is cut
     parts: NamedParts
     nodes: DeckNodes
@@ -114,8 +123,8 @@ class _Reader:
         own = [
             item for item in own if not grounds or not set(nodes.numbers(item.row[0])) <= grounds
         ]
-        constraints: list[Load] = []
-        forces: list[Load] = []
+        constraints: list[DeckLoad] = []
+        forces: list[DeckLoad] = []
         for made in (
             lambda given: preloads_of(self.cuts, given, nodes, self.thickness, left),
             lambda given: coupled_of(
@@ -163,7 +172,7 @@ def _with_20_nodes(deck: Deck, nodes: DeckNodes) -> Deck:
     kinds = nodes.types
     if not kinds or not kinds <= {"C3D20", "CPE8"}:
         return deck
-    made = Load("", "hhr.Serendipity()", 0.0, f"elements {', '.join(sorted(kinds))}")
+    made = DeckLoad("", "hhr.Serendipity()", 0.0, f"elements {', '.join(sorted(kinds))}")
     return replace(deck, constraints=(*deck.constraints, made))
 
 
@@ -184,7 +193,7 @@ def _overlapping(state: Sequence[Imposed], parts: NamedParts) -> Iterator[Left]:
             since[nodes] = np.minimum(since[nodes], item.since)
 
 
-def _perturbed(found: Sequence[Block]) -> Iterator[Left]:
+def _perturbed(found: Sequence[KeywordBlock]) -> Iterator[Left]:
     """Steps that are linear responses to small changes, which several steps of a deck add up."""
     steps = of_kind(found, "STEP")
     for block in steps:
@@ -194,7 +203,7 @@ def _perturbed(found: Sequence[Block]) -> Iterator[Left]:
             )
 
 
-def _creeping(found: Sequence[Block], sections: Sequence[Section]) -> Iterator[Left]:
+def _creeping(found: Sequence[KeywordBlock], sections: Sequence[Section]) -> Iterator[Left]:
     """Steps without creep of a deck with creep."""
     if any("Norton" in item.material.law or "Creep" in item.material.law for item in sections):
         for block in of_kind(found, "STATIC"):
@@ -202,7 +211,10 @@ def _creeping(found: Sequence[Block], sections: Sequence[Section]) -> Iterator[L
 
 
 def _out_of_reach(
-    whole: NamedParts, parts: NamedParts, supports: Sequence[Support], constraints: Sequence[Load]
+    whole: NamedParts,
+    parts: NamedParts,
+    supports: Sequence[Support],
+    constraints: Sequence[DeckLoad],
 ) -> tuple[Pair, ...]:
     """A plane out of reach, of a surface of the whole mesh, or of a section if the file names no
     other surface.
@@ -218,11 +230,11 @@ def _out_of_reach(
     ]
     held = [*supports, *(Support(name, k, 0.0, "") for name in rigid for k in range(whole.raw.dim))]
     pairs = whole.out_of_reach(held, parts.surfaces)
-    unnamed = any(repr(OUTSIDE) in pair.text for pair in pairs)
+    unnamed = any(repr(OUTSIDE_SURFACE) in pair.text for pair in pairs)
     return parts.out_of_reach(supports) if unnamed and parts is not whole else pairs
 
 
-def hypothesis_of(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> str:
+def hypothesis_of(found: Sequence[KeywordBlock], parts: NamedParts, left: list[Left]) -> str:
     """Hypothesis of the first plane elements; elements of other hypotheses are left."""
     if parts.raw.dim == 3:
         return "solid"
@@ -239,8 +251,8 @@ def hypothesis_of(found: Sequence[Block], parts: NamedParts, left: list[Left]) -
 
 
 def _sections(
-    found: Sequence[Block],
-    materials: Mapping[str, Material],
+    found: Sequence[KeywordBlock],
+    materials: Mapping[str, DeckMaterial],
     parts: NamedParts,
     hypothesis: str,
     left: list[Left],
@@ -294,8 +306,8 @@ def _sections(
 
 
 def _counting(
-    found: Sequence[Block], parts: NamedParts, left: list[Left]
-) -> Iterator[tuple[Block, list[Tag]]]:
+    found: Sequence[KeywordBlock], parts: NamedParts, left: list[Left]
+) -> Iterator[tuple[KeywordBlock, list[Tag]]]:
     """Sections with their bodies: of several for one cell the last counts, as in CalculiX 2.20, and
     others are left.
     """
@@ -312,7 +324,9 @@ def _counting(
             yield block, kept
 
 
-def _bodies_of(found: Sequence[Block], section: Block, parts: NamedParts) -> list[Tag]:
+def _bodies_of(
+    found: Sequence[KeywordBlock], section: KeywordBlock, parts: NamedParts
+) -> list[Tag]:
     """Body of the set of a section, or one for each instance of the part that the section is in."""
     name = section.option("ELSET")
     before = found[: next(k for k, block in enumerate(found) if block is section)]

@@ -11,13 +11,13 @@ import numpy as np
 
 from hhr_dolfinx.plugins.decks.deck import Left, Pair
 from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
-from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, of_kind
+from hhr_dolfinx.plugins.decks.inp_steps import Imposed, KeywordBlock, of_kind
 from hhr_dolfinx.plugins.decks.inp_tools import Tool, tool_of
 from hhr_dolfinx.plugins.decks.named import NamedParts
 from hhr_dolfinx.plugins.decks.planes import Plane, plane_through
 
 
-class Friction(NamedTuple):
+class DeckFriction(NamedTuple):
     """Coefficient of friction, and its largest shear stress."""
 
     coefficient: float = 0.0
@@ -25,7 +25,7 @@ class Friction(NamedTuple):
 
 
 def pairs_of(
-    found: Sequence[Block],
+    found: Sequence[KeywordBlock],
     parts: NamedParts,
     nodes: DeckNodes,
     state: Sequence[Imposed],
@@ -45,7 +45,7 @@ def pairs_of(
             )
         for row in block.rows:
             names = [word.upper() for word in row if word][:2]
-            friction = frictions.get(word, Friction())
+            friction = frictions.get(word, DeckFriction())
             pair = _pair(block, names, parts, rigid, friction.coefficient, left)
             clearance = next((one for one in cleared[::-1] if _clears(one, block, names)), None)
             if pair is None:
@@ -64,7 +64,7 @@ def pairs_of(
 
 
 def _pair(
-    block: Block,
+    block: KeywordBlock,
     names: Sequence[str],
     parts: NamedParts,
     rigid: tuple[Mapping[str, Plane], Mapping[str, tuple[Tool, np.ndarray]]],
@@ -100,7 +100,7 @@ def _pair(
     return None
 
 
-def _unused(clearance: Block, cleared: Sequence[Block]) -> str:
+def _unused(clearance: KeywordBlock, cleared: Sequence[KeywordBlock]) -> str:
     """Reason why a *CLEARANCE has no effect: CalculiX 2.20 takes the last one of a pair."""
     later = [one for one in cleared if one.line > clearance.line]
     same = [
@@ -116,14 +116,14 @@ def _unused(clearance: Block, cleared: Sequence[Block]) -> str:
     )
 
 
-def _clears(clearance: Block, pair: Block, names: Sequence[str]) -> bool:
+def _clears(clearance: KeywordBlock, pair: KeywordBlock, names: Sequence[str]) -> bool:
     """True for the *CLEARANCE of a pair, by its slave and master or by its set of pairs."""
     if "CPSET" in clearance.options:
         return clearance.word("CPSET") == pair.word("CPSET")
     return [clearance.word("SLAVE"), clearance.word("MASTER")] == [*names]
 
 
-def _dragging(block: Block, friction: float, motion: np.ndarray) -> list[Left]:
+def _dragging(block: KeywordBlock, friction: float, motion: np.ndarray) -> list[Left]:
     """The motion of a rigid surface with friction along itself, which is lost."""
     why = (
         "a rigid surface that moves along the body does not drag it by friction: move the body "
@@ -132,19 +132,19 @@ def _dragging(block: Block, friction: float, motion: np.ndarray) -> list[Left]:
     return [block.left(why)] if friction and motion.any() else []
 
 
-def _frictions(found: Sequence[Block], left: list[Left]) -> dict[str, Friction]:
+def _frictions(found: Sequence[KeywordBlock], left: list[Left]) -> dict[str, DeckFriction]:
     """Friction by the name of the interaction in capitals."""
-    frictions: dict[str, Friction] = {}
+    frictions: dict[str, DeckFriction] = {}
     name: str | None = None
     for block in found:
         if block.keyword == "SURFACE INTERACTION":
             name = block.option("NAME").upper()
-            frictions[name] = Friction()
+            frictions[name] = DeckFriction()
         elif block.keyword.startswith("CHANGE "):
             name = None  # of a later step, which is left
         elif block.keyword == "FRICTION" and block.rows and name is not None:
             limit = block.number(block.options["TAUMAX"]) if "TAUMAX" in block.options else math.inf
-            frictions[name] = Friction(block.value(block.rows[0], 0), limit)
+            frictions[name] = DeckFriction(block.value(block.rows[0], 0), limit)
             if len(block.rows) > 1:
                 why = (
                     "friction does not depend on the pressure, the speed or the temperature: its "
@@ -154,13 +154,13 @@ def _frictions(found: Sequence[Block], left: list[Left]) -> dict[str, Friction]:
     return frictions
 
 
-def is_tool(block: Block, parts: NamedParts) -> bool:
+def is_tool(block: KeywordBlock, parts: NamedParts) -> bool:
     """True for a *RIGID BODY without cells of the mesh."""
     return "NSET" not in block.options and parts.body(block.word("ELSET")) is None
 
 
 def _rigid(
-    found: Sequence[Block],
+    found: Sequence[KeywordBlock],
     parts: NamedParts,
     nodes: DeckNodes,
     state: Sequence[Imposed],
@@ -215,7 +215,7 @@ def _rigid(
     return planes, tools
 
 
-def _in_moved_part(found: Sequence[Block], surface: Block) -> bool:
+def _in_moved_part(found: Sequence[KeywordBlock], surface: KeywordBlock) -> bool:
     """True for an analytical surface of a part, or in an instance, that the assembly moves."""
     if not surface.word("TYPE"):
         return False
@@ -234,7 +234,7 @@ def _in_moved_part(found: Sequence[Block], surface: Block) -> bool:
     return any(any(one.numbers(row)) for one in instances for row in one.rows)
 
 
-def _points_of(found: Sequence[Block], elset: str) -> list[list[float]]:
+def _points_of(found: Sequence[KeywordBlock], elset: str) -> list[list[float]]:
     """Coordinates of the nodes of the elements of blocks with a set."""
     elements = [
         row

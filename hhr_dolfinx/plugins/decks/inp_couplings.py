@@ -7,13 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hhr_dolfinx.plugins.constraints.couplings import TURNS, fit_of
-from hhr_dolfinx.plugins.decks.deck import Left, Load, Tag
+from hhr_dolfinx.plugins.constraints.couplings import ROTATION_PLANES, fit_of
+from hhr_dolfinx.plugins.decks.deck import DeckLoad, Left, Tag
 from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
-from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, of_kind
+from hhr_dolfinx.plugins.decks.inp_steps import Imposed, KeywordBlock, of_kind
 from hhr_dolfinx.plugins.decks.named import NamedParts
 
-KINDS = ("RIGID BODY", "COUPLING", "DISTRIBUTING COUPLING", "MPC")
+REFERENCE_KEYWORDS = ("RIGID BODY", "COUPLING", "DISTRIBUTING COUPLING", "MPC")
 """Keywords with reference nodes."""
 
 
@@ -21,7 +21,7 @@ KINDS = ("RIGID BODY", "COUPLING", "DISTRIBUTING COUPLING", "MPC")
 class Coupling:
     """Nodes that a reference node moves, or that carry its forces."""
 
-    block: Block
+    block: KeywordBlock
     place: Tag
     rigid: bool
     components: tuple[int, ...] | None  # those of the nodes that are coupled, None for all of them
@@ -44,7 +44,7 @@ class Coupling:
         """True if the motion of the nodes determines a component of that of the point."""
         dim = parts.raw.dim
         points = parts.raw.points[parts.nodes(self.place)]
-        turns = () if hypothesis == "axisymmetric" else TURNS[dim]
+        turns = () if hypothesis == "axisymmetric" else ROTATION_PLANES[dim]
         coupled = np.array(self.components or range(dim))
         weights = np.full(len(points), 1.0 / len(points))
         return component < dim + len(turns) and (
@@ -53,13 +53,17 @@ class Coupling:
 
 
 def _couplings(
-    found: Sequence[Block], parts: NamedParts, nodes: DeckNodes, hypothesis: str, left: list[Left]
+    found: Sequence[KeywordBlock],
+    parts: NamedParts,
+    nodes: DeckNodes,
+    hypothesis: str,
+    left: list[Left],
 ) -> list[Coupling]:
     """Couplings of a deck; those without counterpart are left."""
     couplings = []
     pilots: set[int] = set()
     for block, after in zip(found, [*found[1:], None], strict=True):
-        if block.keyword not in KINDS or (
+        if block.keyword not in REFERENCE_KEYWORDS or (
             block.keyword == "RIGID BODY" and _without_cells(block, parts)
         ):
             continue
@@ -86,12 +90,16 @@ def _couplings(
     return couplings
 
 
-def _without_cells(block: Block, parts: NamedParts) -> bool:
+def _without_cells(block: KeywordBlock, parts: NamedParts) -> bool:
     return "NSET" not in block.options and parts.place(f"RIGID BODY:{block.line}") is None
 
 
 def _coupling(
-    found: Sequence[Block], block: Block, after: Block | None, parts: NamedParts, nodes: DeckNodes
+    found: Sequence[KeywordBlock],
+    block: KeywordBlock,
+    after: KeywordBlock | None,
+    parts: NamedParts,
+    nodes: DeckNodes,
 ) -> Coupling | str:
     """Coupling of a block, or the reason why it has no counterpart."""
     dim = parts.raw.dim
@@ -134,7 +142,7 @@ def _coupling(
 
 
 def _with_ways(
-    block: Block,
+    block: KeywordBlock,
     place: Tag,
     rigid: bool,
     components: tuple[int, ...] | None,
@@ -186,7 +194,7 @@ def _with_ways(
     )
 
 
-def _components(block: Block, dim: int) -> tuple[int, ...] | None:
+def _components(block: KeywordBlock, dim: int) -> tuple[int, ...] | None:
     """Components of *KINEMATIC, None for all of them."""
     numbers = [
         [int(word.upper().lstrip("U").replace("R", "")) for word in row if word]
@@ -197,24 +205,24 @@ def _components(block: Block, dim: int) -> tuple[int, ...] | None:
 
 
 def coupled_of(
-    found: Sequence[Block],
+    found: Sequence[KeywordBlock],
     state: Sequence[Imposed],
     parts: NamedParts,
     nodes: DeckNodes,
     hypothesis: str,
     thickness: float,
     left: list[Left],
-) -> tuple[list[Imposed], list[Load], list[Load]]:
+) -> tuple[list[Imposed], list[DeckLoad], list[DeckLoad]]:
     """Supports and loads that are on no reference node, constraints of couplings, and forces on
     reference nodes.
     """
     couplings = _couplings(found, parts, nodes, hypothesis, left)
     constraints = [
-        Load("", f"hhr.RigidMotion({one.place!r}{_more(one)})", 0.0, one.block.source)
+        DeckLoad("", f"hhr.RigidMotion({one.place!r}{_more(one)})", 0.0, one.block.source)
         for one in couplings
         if one.rigid
     ]
-    forces: list[Load] = []
+    forces: list[DeckLoad] = []
     kept = []
     by_way = {way: (one, component) for one in couplings for way, component in one.ways.items()}
     pilots = {number for number, _ in by_way}
@@ -250,15 +258,17 @@ def _more(one: Coupling) -> str:
     return "" if one.components is None else f", components={one.components!r}"
 
 
-def _made(one: Coupling, component: int, item: Imposed, thickness: float) -> Load:
+def _made(one: Coupling, component: int, item: Imposed, thickness: float) -> DeckLoad:
     dim = 3 if one.point is None else len(one.point)
     turns = component >= dim
     if item.block.keyword == "BOUNDARY":
-        return Load(
+        return DeckLoad(
             "turn" if turns else "displacement",
             one.text("MeanMotion", component, "{}"),
             item.factor,
             item.block.source,
         )
     text = one.text("CoupledForce", component, "{}")
-    return Load("moment" if turns else "force", text, item.factor / thickness, item.block.source)
+    return DeckLoad(
+        "moment" if turns else "force", text, item.factor / thickness, item.block.source
+    )

@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hhr_dolfinx.geometries.abaqus_blocks import name_of_loaded
-from hhr_dolfinx.plugins.decks.deck import Left, Load, Tag
+from hhr_dolfinx.plugins.decks.deck import DeckLoad, Left, Tag
 from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
-from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, of_kind
+from hhr_dolfinx.plugins.decks.inp_steps import Imposed, KeywordBlock, of_kind
 from hhr_dolfinx.plugins.decks.named import NamedParts
 
 Dof = tuple[Tag, int]
@@ -41,7 +41,7 @@ class Combination:
 
 
 @dataclass
-class Equations:
+class DeckEquations:
     """Equations of a deck, in the order of its lines.
 
     Attributes:
@@ -57,9 +57,9 @@ class Equations:
     left: list[Left]
     known: dict[tuple[int, int], Combination] = field(default_factory=dict)
     pilots: set[int] = field(default_factory=set)
-    constraints: list[Load] = field(default_factory=list)
+    constraints: list[DeckLoad] = field(default_factory=list)
 
-    def take(self, block: Block) -> None:
+    def take(self, block: KeywordBlock) -> None:
         """Add the equations of a block; those without counterpart are left."""
         words = [word for row in block.rows for word in row if word]
         while words:
@@ -74,7 +74,7 @@ class Equations:
             if why:
                 self.left.append(block.left(why))
 
-    def _take_one(self, block: Block, terms: Sequence[Sequence[str]]) -> str:
+    def _take_one(self, block: KeywordBlock, terms: Sequence[Sequence[str]]) -> str:
         """Add an equation; the reason if it has no counterpart."""
         found = Combination()
         sets: list[str] = []
@@ -115,7 +115,7 @@ class Equations:
             return self.known[node, component]
         return Combination(others={(node, component): 1.0})
 
-    def _placed(self, block: Block, found: Combination, sets: Sequence[str]) -> str:
+    def _placed(self, block: KeywordBlock, found: Combination, sets: Sequence[str]) -> str:
         """Write an equation, or solve it for the displacement of a node without cells."""
         if not self._in_order(sets):
             return "sets of nodes are paired in another order than that of their coordinates"
@@ -145,11 +145,11 @@ class Equations:
             self._write(block, Combination(own, {}, found.constant, found.source))
         return ""
 
-    def _write(self, block: Block, found: Combination) -> None:
+    def _write(self, block: KeywordBlock, found: Combination) -> None:
         terms = tuple((place, component, value) for (place, component), value in found.own.items())
         text = f"hhr.Equation({terms!r}, {{}})"
         self.constraints.append(
-            Load("displacement", text, -found.constant, found.source or block.source)
+            DeckLoad("displacement", text, -found.constant, found.source or block.source)
         )
 
     def _in_order(self, sets: Sequence[str]) -> bool:
@@ -176,21 +176,21 @@ class Equations:
 
 
 def equations_of(
-    found: Sequence[Block],
+    found: Sequence[KeywordBlock],
     state: Sequence[Imposed],
     parts: NamedParts,
     nodes: DeckNodes,
     thickness: float,
     left: list[Left],
-) -> tuple[list[Imposed], list[Load], list[Load]]:
+) -> tuple[list[Imposed], list[DeckLoad], list[DeckLoad]]:
     """Supports and loads on nodes of cells, equations, and forces there of loads on the nodes that
     they eliminate.
     """
-    equations = Equations(parts, nodes, state, left)
+    equations = DeckEquations(parts, nodes, state, left)
     for block in of_kind(found, "EQUATION"):
         equations.take(block)
     kept: list[Imposed] = []
-    forces: list[Load] = []
+    forces: list[DeckLoad] = []
     for item in state:
         own = equations.forces(item)
         if own is not None:
@@ -198,7 +198,7 @@ def equations_of(
                 unit = tuple(float(k == component) for k in range(parts.raw.dim))
                 text = f"hhr.NodalForce({place!r}, {unit!r}, {{}})"
                 forces += (
-                    [Load("force", text, value / thickness, item.block.source)] if value else []
+                    [DeckLoad("force", text, value / thickness, item.block.source)] if value else []
                 )
         elif (
             item.block.keyword != "BOUNDARY"

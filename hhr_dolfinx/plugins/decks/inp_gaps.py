@@ -10,16 +10,16 @@ import numpy as np
 
 from hhr_dolfinx.plugins.decks.deck import Left, Pair
 from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
-from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, of_kind
+from hhr_dolfinx.plugins.decks.inp_steps import Imposed, KeywordBlock, of_kind
 from hhr_dolfinx.plugins.decks.named import NamedParts
 from hhr_dolfinx.plugins.decks.with_outside import with_sides
 
-NEAR = 1e-6
+SAME_NODE = 1e-6
 """Distance over the size of the mesh up to which nodes coincide and lie in a plane."""
 
 
 def gaps_of(
-    found: Sequence[Block],
+    found: Sequence[KeywordBlock],
     parts: NamedParts,
     nodes: DeckNodes,
     state: Sequence[Imposed],
@@ -74,7 +74,11 @@ def gaps_of(
 
 
 def _obstacle(
-    block: Block, numbers: Sequence[int], towards_body: bool, parts: NamedParts, nodes: DeckNodes
+    block: KeywordBlock,
+    numbers: Sequence[int],
+    towards_body: bool,
+    parts: NamedParts,
+    nodes: DeckNodes,
 ) -> Pair | None:
     """Rigid plane in front of some nodes, which are all those of one side.
 
@@ -91,7 +95,7 @@ def _obstacle(
         return None
     normal = direction / np.linalg.norm(direction) * (-1.0 if towards_body else 1.0) + 0.0
     heights = points @ normal
-    if np.ptp(heights) > NEAR * size:
+    if np.ptp(heights) > SAME_NODE * size:
         return None
     named = NamedParts(with_sides(parts.raw))
     for name in named.surfaces:
@@ -99,7 +103,7 @@ def _obstacle(
         off = np.linalg.norm(of_side[:, None] - points[None], axis=2).min(axis=1)
         if (
             len(of_side) == len(set(numbers))
-            and off.max() <= NEAR * size
+            and off.max() <= SAME_NODE * size
             and (named.owners(name) >= 0).all()
         ):
             return named.on_plane(name, points[0] + clearance * normal, normal, 0.0, block.source)

@@ -10,11 +10,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from hhr_dolfinx.plugins.decks.deck import Deck, History, Item, Left
+from hhr_dolfinx.plugins.decks.deck import Deck, DeckHistory, Item, Left
 from hhr_dolfinx.plugins.decks.inp_steps import (
     IMPOSING,
-    Block,
     Imposed,
+    KeywordBlock,
     State,
     curve_of,
     curves_of,
@@ -25,14 +25,14 @@ from hhr_dolfinx.plugins.decks.inp_steps import (
     steps_of,
 )
 
-MOST = 100
+MOST_TIMES = 100
 """Times of a history.
 
 More are those of a measured curve; the scene then has the end of the last step alone.
 """
 SUDDEN = 1e-3
 """Part of a step over which sudden loads rise, as a path cannot jump."""
-SAME = 1e-9
+EQUAL_TIMES = 1e-9
 """Difference of times over the last one up to which they are one, and of values over their size."""
 Name = tuple[Hashable, ...]
 """Identity of a row of a deck over its steps.
@@ -42,7 +42,7 @@ Of a support its place and component, which each step gives again.
 
 
 def with_history(
-    deck: Deck, found: Sequence[Block], read: Callable[[Sequence[Imposed]], Deck]
+    deck: Deck, found: Sequence[KeywordBlock], read: Callable[[Sequence[Imposed]], Deck]
 ) -> Deck:
     """Deck with the history of its quantities, or as it is if one step from rest leads to it.
 
@@ -53,9 +53,11 @@ def with_history(
     steps = of_kind(found, "STEP")
     if len(times) < 2:
         return deck
-    if len(times) > MOST:
+    if len(times) > MOST_TIMES:
         return _with_one_step(
-            deck, steps[-1], f"{len(times)} times of steps and amplitudes are more than {MOST}"
+            deck,
+            steps[-1],
+            f"{len(times)} times of steps and amplitudes are more than {MOST_TIMES}",
         )
     states = _states(found, times)
     made = _followed(states, times, read)
@@ -104,7 +106,9 @@ def _followed(
         if value.any()
     }
     left = (*largest.left, *(item for one in decks for item in one.left))
-    return replace(largest, history=History((0.0, *times), courses) if courses else None, left=left)
+    return replace(
+        largest, history=DeckHistory((0.0, *times), courses) if courses else None, left=left
+    )
 
 
 def in_order(left: Iterable[Left]) -> tuple[Left, ...]:
@@ -112,16 +116,18 @@ def in_order(left: Iterable[Left]) -> tuple[Left, ...]:
     return tuple(sorted(dict.fromkeys(left), key=lambda item: int(item.source.rpartition(":")[2])))
 
 
-def _with_one_step(deck: Deck, block: Block, why: str) -> Deck:
+def _with_one_step(deck: Deck, block: KeywordBlock, why: str) -> Deck:
     text = f"the answer depends on the path of the steps, and one step from rest is written: {why}"
     return replace(deck, left=in_order((*deck.left, block.left(text))))
 
 
-def _times(found: Sequence[Block]) -> list[float]:
+def _times(found: Sequence[KeywordBlock]) -> list[float]:
     """Times at which courses may have corners: ends of steps, and points of amplitudes in them."""
     curves = curves_of(found)
     times: list[float] = []
-    going_on: list[Block] = []  # amplitudes of the time of all steps, which later steps follow too
+    going_on: list[
+        KeywordBlock
+    ] = []  # amplitudes of the time of all steps, which later steps follow too
     for step in steps_of(found)[1:]:
         times += [step.start + SUDDEN * (step.end - step.start)] * step.sudden
         own = [
@@ -137,10 +143,12 @@ def _times(found: Sequence[Block]) -> list[float]:
         times += [time for time in inside if step.start < time < step.end]
         times.append(step.end)
     times.sort()
-    return [time for before, time in pairwise([0.0, *times]) if time - before > SAME * times[-1]]
+    return [
+        time for before, time in pairwise([0.0, *times]) if time - before > EQUAL_TIMES * times[-1]
+    ]
 
 
-def _states(found: Sequence[Block], times: Sequence[float]) -> list[State]:
+def _states(found: Sequence[KeywordBlock], times: Sequence[float]) -> list[State]:
     """Supports and loads at some times."""
     curves = curves_of(found)
     before: State = {}
@@ -212,7 +220,7 @@ def _one_course_by_name(items: Sequence[Imposed], factors: Sequence[Sequence[flo
             groups.setdefault((item.place, item.component), (item, []))[1].append(course)
     return all(
         len({row[0] for row in item.block.rows if [*row[1:]] == [*item.row[1:]]}) == len(courses)
-        and all(np.allclose(course, courses[0], SAME, SAME) for course in courses)
+        and all(np.allclose(course, courses[0], EQUAL_TIMES, EQUAL_TIMES) for course in courses)
         for item, courses in groups.values()
     )
 
@@ -235,7 +243,7 @@ def _with_temperatures(largest: Deck, decks: Sequence[Deck]) -> Deck:
     )
 
 
-def _released(found: Sequence[Block], states: Sequence[State]) -> Iterator[Left]:
+def _released(found: Sequence[KeywordBlock], states: Sequence[State]) -> Iterator[Left]:
     """Supports that hold in some steps only, other than lengths of bolts that are fixed."""
     bolts = {block.word("NODE") for block in of_kind(found, "PRE-TENSION SECTION")}
     always = {key for key in states[0] if all(key in state for state in states)}
@@ -268,7 +276,7 @@ def _fractions(
     for name, (_, whole) in amounts.items():
         value = own[name][1] if name in own else np.zeros_like(whole)
         fraction = float(value @ whole / (whole @ whole)) if whole.any() else 0.0
-        if np.abs(value - fraction * whole).max() > SAME * np.abs(value).max():
+        if np.abs(value - fraction * whole).max() > EQUAL_TIMES * np.abs(value).max():
             return None
         fractions.append(round(fraction, 12))
     return (

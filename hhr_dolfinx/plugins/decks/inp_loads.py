@@ -6,22 +6,22 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from hhr_dolfinx.plugins.decks.deck import Left, Load, Material, Support, Tag
+from hhr_dolfinx.plugins.decks.deck import DeckLoad, DeckMaterial, Left, Support, Tag
 from hhr_dolfinx.plugins.decks.inp_steps import Imposed
 from hhr_dolfinx.plugins.decks.named import NamedParts
 
-MANY = 8
+MANY_FORCES = 8
 """Forces of a block above which they are one load, hhr.NodalForces."""
 
 
 def loads_of(
     state: Sequence[Imposed],
     parts: NamedParts,
-    bodies: Mapping[Tag, Material],
+    bodies: Mapping[Tag, DeckMaterial],
     thickness: float,
     left: list[Left],
     axis: int = 2,
-) -> tuple[list[Support], list[Load]]:
+) -> tuple[list[Support], list[DeckLoad]]:
     """Supports and loads; rows without counterpart are left, and forces are per thickness in the
     plane.
 
@@ -30,7 +30,7 @@ def loads_of(
     dim = parts.raw.dim
     supports = []
     forces: dict[str, list[tuple[Tag, int, float]]] = {}
-    loads: list[Load] = []
+    loads: list[DeckLoad] = []
     for item in state:
         block = item.block
         place = parts.place(item.place)
@@ -73,24 +73,24 @@ def _direction(words: Sequence[float], dim: int) -> tuple[float, ...] | str:
     return tuple((vector / np.linalg.norm(vector))[:dim].tolist())
 
 
-def _forces(source: str, forces: Sequence[tuple[Tag, int, float]], dim: int) -> list[Load]:
+def _forces(source: str, forces: Sequence[tuple[Tag, int, float]], dim: int) -> list[DeckLoad]:
     """Forces of a block: a load for each set and component, or one load for many of them."""
-    if len(forces) <= MANY:
+    if len(forces) <= MANY_FORCES:
         texts = [
             (f"hhr.NodalForce({place!r}, {_unit(axis, dim)}, {{}})", value)
             for place, axis, value in forces
         ]
-        return [Load("force", text, value, source) for text, value in texts]
+        return [DeckLoad("force", text, value, source) for text, value in texts]
     vectors: dict[Tag, np.ndarray] = {}
     for place, component, value in forces:
         vectors[place] = vectors.get(place, np.zeros(dim)) + value * np.eye(dim)[component]
     text = repr({place: tuple(vector.tolist()) for place, vector in vectors.items()})
-    return [Load("force", f"hhr.NodalForces({text}, {{}})", 1.0, source)]
+    return [DeckLoad("force", f"hhr.NodalForces({text}, {{}})", 1.0, source)]
 
 
 def _distributed(
-    item: Imposed, parts: NamedParts, bodies: Mapping[Tag, Material], axis: int
-) -> list[Load] | str:
+    item: Imposed, parts: NamedParts, bodies: Mapping[Tag, DeckMaterial], axis: int
+) -> list[DeckLoad] | str:
     """Loads on a surface, on faces of elements or on their volume, or the reason why there are
     none.
     """
@@ -107,8 +107,8 @@ def _distributed(
             unit = _direction(more, dim)
             if isinstance(unit, str):
                 return unit
-            return [Load("traction", f"hhr.Traction({surface!r}, {unit}, {{}})", value, source)]
-        return [Load("pressure", f"hhr.Pressure({surface!r}, {{}})", value, source)]
+            return [DeckLoad("traction", f"hhr.Traction({surface!r}, {unit}, {{}})", value, source)]
+        return [DeckLoad("pressure", f"hhr.Pressure({surface!r}, {{}})", value, source)]
     tags = parts.bodies_in(item.row[0], bodies)
     known = label in ("GRAV", "CENTRIF", "BX", "BY", "BZ")
     if not tags or not known:
@@ -136,5 +136,5 @@ def _distributed(
         elif label[0] == "B":
             text = f"hhr.BodyForce({tag!r}, {_unit('XYZ'.index(label[1]), dim)}, {{}})"
         kind = {"G": "weight", "C": "rotation", "B": "body_force"}[label[0]]
-        loads.append(Load(kind, text, value * density, source))
+        loads.append(DeckLoad(kind, text, value * density, source))
     return loads

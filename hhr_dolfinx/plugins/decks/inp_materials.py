@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from hhr_dolfinx.errors import FileContentError
-from hhr_dolfinx.plugins.decks.deck import Left, Material
-from hhr_dolfinx.plugins.decks.inp_steps import Block
+from hhr_dolfinx.plugins.decks.deck import DeckMaterial, Left
+from hhr_dolfinx.plugins.decks.inp_steps import KeywordBlock
 
 PROPERTIES = ("ELASTIC", "PLASTIC", "CREEP", "EXPANSION", "DENSITY")
 """Keywords that are read as properties of a material."""
@@ -16,12 +16,12 @@ TabulatedHardening goes on.
 """
 
 
-def materials_of(found: Sequence[Block], left: list[Left]) -> dict[str, Material]:
+def materials_of(found: Sequence[KeywordBlock], left: list[Left]) -> dict[str, DeckMaterial]:
     """Elastic materials, with their laws, by name in capitals.
 
     Properties without counterpart are left.
     """
-    own: dict[str, dict[str, Block]] = {}
+    own: dict[str, dict[str, KeywordBlock]] = {}
     for block in found:
         if block.keyword == "MATERIAL":
             own[name := block.option("NAME").upper()] = {}
@@ -30,7 +30,7 @@ def materials_of(found: Sequence[Block], left: list[Left]) -> dict[str, Material
     return {name: _material(name, parts, left) for name, parts in own.items() if "ELASTIC" in parts}
 
 
-def _material(name: str, own: dict[str, Block], left: list[Left]) -> Material:
+def _material(name: str, own: dict[str, KeywordBlock], left: list[Left]) -> DeckMaterial:
     elastic = own["ELASTIC"]
     row = elastic.numbers(elastic.rows[0])
     if len(row) < 2:
@@ -45,7 +45,7 @@ def _material(name: str, own: dict[str, Block], left: list[Left]) -> Material:
         for key, block in own.items()
         if key in ("EXPANSION", "DENSITY")
     }
-    return Material(
+    return DeckMaterial(
         name,
         elastic.source,
         row[0],
@@ -56,7 +56,7 @@ def _material(name: str, own: dict[str, Block], left: list[Left]) -> Material:
     )
 
 
-def _law(own: dict[str, Block], left: list[Left]) -> str:
+def _law(own: dict[str, KeywordBlock], left: list[Left]) -> str:
     """Text of the law of a body; empty for an elastic one."""
     plastic = own.get("PLASTIC")
     creep = own.get("CREEP")
@@ -95,7 +95,7 @@ def _law(own: dict[str, Block], left: list[Left]) -> str:
     return _plastic(plastic, curve, left) if plastic is not None else ""
 
 
-def _curve(block: Block, left: list[Left]) -> list[tuple[float, float]]:
+def _curve(block: KeywordBlock, left: list[Left]) -> list[tuple[float, float]]:
     """Stresses and plastic strains, at the first of several temperatures."""
     rows = [(*block.numbers(row), 0.0, 0.0)[:3] for row in block.rows]
     if any(row[2] != rows[0][2] for row in rows):
@@ -103,7 +103,7 @@ def _curve(block: Block, left: list[Left]) -> list[tuple[float, float]]:
     return [(row[0], row[1]) for row in rows if row[2] == rows[0][2]]
 
 
-def _plastic(block: Block, curve: list[tuple[float, float]], left: list[Left]) -> str:
+def _plastic(block: KeywordBlock, curve: list[tuple[float, float]], left: list[Left]) -> str:
     kind = block.word("HARDENING") or "ISOTROPIC"
     if len(curve) == 1:
         return f"hhr.Plasticity({curve[0][0]!r})"

@@ -8,7 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from hhr_dolfinx.errors import FileContentError
-from hhr_dolfinx.geometries.abaqus_blocks import STRIDE, Deck
+from hhr_dolfinx.geometries.abaqus_blocks import STRIDE, DeckContents
 from hhr_dolfinx.geometries.cells import DIMENSION
 
 
@@ -16,7 +16,7 @@ from hhr_dolfinx.geometries.cells import DIMENSION
 class DeckNodes:
     """Nodes of a deck whose parts are joined; numbers are those of the joined deck."""
 
-    deck: Deck
+    deck: DeckContents
 
     def numbers(self, word: str) -> tuple[int, ...]:
         """Nodes of a set, or one by its number, ``7`` or ``Instance.7``; empty if there are

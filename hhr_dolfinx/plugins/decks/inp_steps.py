@@ -30,7 +30,7 @@ _TYPES = {
 
 
 @dataclass(frozen=True)
-class Block:
+class KeywordBlock:
     """A keyword in capitals without its star, its options by names in capitals, and the words of
     its data lines.
     """
@@ -76,7 +76,7 @@ class Block:
         return Left(self.source, f"*{self.keyword}", why)
 
 
-def of_kind(found: Sequence[Block], *keywords: str) -> list[Block]:
+def of_kind(found: Sequence[KeywordBlock], *keywords: str) -> list[KeywordBlock]:
     """Blocks of some keywords."""
     return [block for block in found if block.keyword in keywords]
 
@@ -85,7 +85,7 @@ def of_kind(found: Sequence[Block], *keywords: str) -> list[Block]:
 class Imposed:
     """A row of a support or a load that acts, with its value there: the factor times the unit."""
 
-    block: Block
+    block: KeywordBlock
     row: Sequence[str]
     place: str  # name of the nodes, faces or cells
     component: int  # of a support or of a force, -1 for other loads
@@ -106,7 +106,7 @@ class Imposed:
 
 
 @dataclass(frozen=True)
-class Step:
+class DeckStep:
     """A step of a deck: its first and last total time, and its blocks.
 
     Blocks before all steps are one, too.
@@ -114,7 +114,7 @@ class Step:
 
     start: float
     end: float
-    blocks: Sequence[Block]
+    blocks: Sequence[KeywordBlock]
 
     @property
     def sudden(self) -> bool:
@@ -143,7 +143,7 @@ State = Mapping[Key, Sequence[Imposed]]
 """Rows that act, by the quantity that they impose; rows of one quantity add up."""
 
 
-def steps_of(found: Sequence[Block]) -> list[Step]:
+def steps_of(found: Sequence[KeywordBlock]) -> list[DeckStep]:
     """Steps of a deck in their order, before them the blocks without a step."""
     starts = [
         0,
@@ -157,12 +157,12 @@ def steps_of(found: Sequence[Block]) -> list[Step]:
         start = end
         if first:
             end += next(map(period_of, of_kind(own, "STATIC", "VISCO")), 1.0)
-        steps.append(Step(start, end, own))
+        steps.append(DeckStep(start, end, own))
     return steps
 
 
 def state_after(
-    step: Step, before: State, curves: Mapping[str, Block], time: float = math.inf
+    step: DeckStep, before: State, curves: Mapping[str, KeywordBlock], time: float = math.inf
 ) -> State:
     """Supports and loads after a step, or at a time in it at which amplitudes are those of the
     time.
@@ -197,7 +197,7 @@ def state_after(
     return state
 
 
-def _later(item: Imposed, curves: Mapping[str, Block], total: float) -> Imposed:
+def _later(item: Imposed, curves: Mapping[str, KeywordBlock], total: float) -> Imposed:
     """A row of an earlier step at a time of all steps."""
     curve = curve_of(item.block, curves)
     goes_on = curve is not None and in_total_time(curve)
@@ -208,12 +208,12 @@ def _later(item: Imposed, curves: Mapping[str, Block], total: float) -> Imposed:
     )
 
 
-def curves_of(found: Sequence[Block]) -> dict[str, Block]:
+def curves_of(found: Sequence[KeywordBlock]) -> dict[str, KeywordBlock]:
     """Amplitudes by their names in capitals."""
     return {block.option("NAME").upper(): block for block in of_kind(found, "AMPLITUDE")}
 
 
-def imposed_of(found: Sequence[Block]) -> tuple[Imposed, ...]:
+def imposed_of(found: Sequence[KeywordBlock]) -> tuple[Imposed, ...]:
     """Supports and loads that act at the end of the last step."""
     state: State = {}
     curves = curves_of(found)
@@ -235,7 +235,9 @@ def merged(state: Sequence[Imposed]) -> tuple[Imposed, ...]:
     return tuple(named.values())
 
 
-def _rows(block: Block, row: Sequence[str], factor: float) -> Iterator[tuple[object, Imposed]]:
+def _rows(
+    block: KeywordBlock, row: Sequence[str], factor: float
+) -> Iterator[tuple[object, Imposed]]:
     """Quantities that a row imposes, each with the detail of its key."""
     if len(row) < 2:
         raise FileContentError(
@@ -263,7 +265,7 @@ def _rows(block: Block, row: Sequence[str], factor: float) -> Iterator[tuple[obj
         yield detail, Imposed(block, row, place, component, factor * value, value)
 
 
-def _component(block: Block, word: str) -> int:
+def _component(block: KeywordBlock, word: str) -> int:
     if not word.isdigit():
         raise FileContentError(
             f"{block.source} *{block.keyword}: '{word}' is no number of a component, nor known"
@@ -271,7 +273,7 @@ def _component(block: Block, word: str) -> int:
     return int(word)
 
 
-def period_of(block: Block) -> float:
+def period_of(block: KeywordBlock) -> float:
     """Duration of a step by its *STATIC or *VISCO."""
     return (
         block.number(block.rows[0][1])
@@ -280,7 +282,7 @@ def period_of(block: Block) -> float:
     )
 
 
-def points_of(curve: Block) -> tuple[Sequence[float], Sequence[float]]:
+def points_of(curve: KeywordBlock) -> tuple[Sequence[float], Sequence[float]]:
     """Times of an amplitude, with its delay, and its values there.
 
     FileContentError if it is no table of them.
@@ -292,7 +294,7 @@ def points_of(curve: Block) -> tuple[Sequence[float], Sequence[float]]:
     return [time + delay for time in values[::2]], values[1::2]
 
 
-def curve_of(block: Block, curves: Mapping[str, Block]) -> Block | None:
+def curve_of(block: KeywordBlock, curves: Mapping[str, KeywordBlock]) -> KeywordBlock | None:
     """Amplitude of a block, None without one; FileContentError for an unknown one."""
     name = block.word("AMPLITUDE")
     if name and name not in curves:
@@ -300,12 +302,14 @@ def curve_of(block: Block, curves: Mapping[str, Block]) -> Block | None:
     return curves[name] if name else None
 
 
-def in_total_time(curve: Block) -> bool:
+def in_total_time(curve: KeywordBlock) -> bool:
     """True for an amplitude of the time of all steps."""
     return curve.word("TIME").startswith("TOTAL")
 
 
-def _factor(block: Block, curves: Mapping[str, Block], of_step: float, total: float) -> float:
+def _factor(
+    block: KeywordBlock, curves: Mapping[str, KeywordBlock], of_step: float, total: float
+) -> float:
     """Value of the amplitude of a block at a time of the step and of all steps, 1 without one."""
     curve = curve_of(block, curves)
     return (

@@ -9,12 +9,12 @@ import numpy as np
 
 from hhr_dolfinx.geometries.abaqus_deck import flat_deck
 from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, EDGES
-from hhr_dolfinx.plugins.decks.deck import Left, Load, Material, Tag
+from hhr_dolfinx.plugins.decks.deck import DeckLoad, DeckMaterial, Left, Tag
 from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
-from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, imposed_of, of_kind
+from hhr_dolfinx.plugins.decks.inp_steps import Imposed, KeywordBlock, imposed_of, of_kind
 from hhr_dolfinx.plugins.decks.keywords import blocks_of
 
-ALIKE = 1e-9
+EQUAL_TEMPERATURES = 1e-9
 """Difference of temperatures over the largest one up to which they are one."""
 
 PROJECTED = {
@@ -29,12 +29,12 @@ PROJECTED = {
 
 
 def heated_of(
-    found: Sequence[Block],
+    found: Sequence[KeywordBlock],
     state: Sequence[Imposed],
     nodes: DeckNodes,
-    bodies: Mapping[Tag, Material],
+    bodies: Mapping[Tag, DeckMaterial],
     left: list[Left],
-) -> list[Load]:
+) -> list[DeckLoad]:
     """Thermal expansion of bodies above the temperatures of *INITIAL CONDITIONS.
 
     A body with different temperatures has the field of the deck, of which the load is a multiple.
@@ -52,9 +52,9 @@ def heated_of(
         if not material.expansion or not own.any():
             continue
         text = f"hhr.ThermalExpansion({tag!r}, {material.expansion!r}, {{}}"
-        if np.ptp(own) <= ALIKE * np.abs(own).max():
-            loads.append(Load("temperature", f"{text})", float(own[0, 0]), given[0].source))
-        elif not np.allclose(own / most, _fractions(final, nodes, tag), atol=ALIKE):
+        if np.ptp(own) <= EQUAL_TEMPERATURES * np.abs(own).max():
+            loads.append(DeckLoad("temperature", f"{text})", float(own[0, 0]), given[0].source))
+        elif not np.allclose(own / most, _fractions(final, nodes, tag), atol=EQUAL_TEMPERATURES):
             left.append(
                 given[0].left(
                     f"the distribution of the temperature of body '{tag}' changes with the steps"
@@ -62,7 +62,7 @@ def heated_of(
             )
         else:
             text += f", field=hhr.DeckTemperatures(MESH, {tag!r}))"
-            loads.append(Load("temperature", text, most, given[0].source))
+            loads.append(DeckLoad("temperature", text, most, given[0].source))
     return loads
 
 
@@ -122,7 +122,9 @@ def _cells(nodes: DeckNodes, tag: Tag) -> list[tuple[str, list[int]]]:
     return [(kind, deck.whole[one]) for one, kind in kinds.items()]
 
 
-def rise_of(found: Sequence[Block], state: Sequence[Imposed], nodes: DeckNodes) -> dict[int, float]:
+def rise_of(
+    found: Sequence[KeywordBlock], state: Sequence[Imposed], nodes: DeckNodes
+) -> dict[int, float]:
     """Temperatures above the initial ones by the number of the node.
 
     Of several sets with a node the last one counts.
@@ -151,13 +153,15 @@ def rise_of(found: Sequence[Block], state: Sequence[Imposed], nodes: DeckNodes) 
     return rise
 
 
-def _starts(found: Sequence[Block]) -> list[Block]:
+def _starts(found: Sequence[KeywordBlock]) -> list[KeywordBlock]:
     return [
         one for one in of_kind(found, "INITIAL CONDITIONS") if one.word("TYPE") == "TEMPERATURE"
     ]
 
 
-def _unknown(found: Sequence[Block], state: Sequence[Imposed], nodes: DeckNodes) -> Iterator[Left]:
+def _unknown(
+    found: Sequence[KeywordBlock], state: Sequence[Imposed], nodes: DeckNodes
+) -> Iterator[Left]:
     given = [(item.block, item.row) for item in state if item.block.keyword == "TEMPERATURE"]
     for block, row in [*((one, row) for one in _starts(found) for row in one.rows), *given]:
         if not nodes.numbers(row[0]):

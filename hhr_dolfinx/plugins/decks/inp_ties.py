@@ -11,10 +11,10 @@ from scipy.spatial import cKDTree
 from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.plugins.checks.candidates import OuterFacets
 from hhr_dolfinx.plugins.constraints.cut import cut
-from hhr_dolfinx.plugins.constraints.equations import ALIKE, Periodic
-from hhr_dolfinx.plugins.decks.deck import Left, Load, Tag
+from hhr_dolfinx.plugins.constraints.equations import COINCIDENT_NODES, Periodic
+from hhr_dolfinx.plugins.decks.deck import DeckLoad, Left, Tag
 from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
-from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, of_kind
+from hhr_dolfinx.plugins.decks.inp_steps import Imposed, KeywordBlock, of_kind
 from hhr_dolfinx.plugins.decks.named import NamedParts
 
 ROUNDED = 1e-4
@@ -30,12 +30,12 @@ class BoltSection(NamedTuple):
     sides together.
     """
 
-    block: Block
+    block: KeywordBlock
     name: str
     sign: float
 
 
-def ties_of(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> list[Load]:
+def ties_of(found: Sequence[KeywordBlock], parts: NamedParts, left: list[Left]) -> list[DeckLoad]:
     """Ties and periodic surfaces; those without counterpart are left."""
     ties = []
     models = of_kind(found, "CYCLIC SYMMETRY MODEL")
@@ -50,7 +50,7 @@ def ties_of(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> list
                     _periodic(names, own[0], parts) if own else "it has no *CYCLIC SYMMETRY MODEL"
                 )
                 if text.startswith("hhr"):
-                    ties.append(Load("", text, 0.0, block.source))
+                    ties.append(DeckLoad("", text, 0.0, block.source))
                 else:
                     left.append(block.left(text))
             else:
@@ -62,12 +62,12 @@ def ties_of(found: Sequence[Block], parts: NamedParts, left: list[Left]) -> list
                         )
                     )
                 else:
-                    ties.append(Load("", f"hhr.Tie({slave!r}, {master!r})", 0.0, block.source))
+                    ties.append(DeckLoad("", f"hhr.Tie({slave!r}, {master!r})", 0.0, block.source))
                     left += _beyond(block, slave, master, parts)
     return ties
 
 
-def _beyond(block: Block, slave: Tag, master: Tag, parts: NamedParts) -> list[Left]:
+def _beyond(block: KeywordBlock, slave: Tag, master: Tag, parts: NamedParts) -> list[Left]:
     """Tied nodes beyond the tolerance of a deck, which it leaves free."""
     if "POSITION TOLERANCE" not in block.options:
         return []
@@ -79,7 +79,7 @@ def _beyond(block: Block, slave: Tag, master: Tag, parts: NamedParts) -> list[Le
     return [block.left(why)] if far > tolerance else []
 
 
-def _periodic(names: Sequence[str], model: Block, parts: NamedParts) -> str:
+def _periodic(names: Sequence[str], model: KeywordBlock, parts: NamedParts) -> str:
     """Text of a periodic pair of surfaces, or the reason why it has no counterpart."""
     places = [parts.place(name) for name in names]
     follower, leader = places
@@ -96,7 +96,7 @@ def _periodic(names: Sequence[str], model: Block, parts: NamedParts) -> str:
     off = np.delete(ends, axis, axis=1)
     if (
         not along.any()
-        or np.abs(off).max() > ALIKE * np.abs(along).max()
+        or np.abs(off).max() > COINCIDENT_NODES * np.abs(along).max()
         or (dim == 2 and axis != 2)
     ):
         return "its axis is not an axis of the mesh through the origin"
@@ -107,13 +107,13 @@ def _periodic(names: Sequence[str], model: Block, parts: NamedParts) -> str:
         turn = Periodic(follower, leader, angle=angle, axis=axis).turn(dim)
         far = cKDTree(other @ turn.T).query(own)[0].max() / size
         if far <= ROUNDED:
-            more = f", tolerance={ROUNDED!r}" if far > ALIKE else ""
+            more = f", tolerance={ROUNDED!r}" if far > COINCIDENT_NODES else ""
             return f"hhr.Periodic({follower!r}, {leader!r}, angle={angle!r}, axis={axis}{more})"
     return "nodes of its surfaces, turned by the angle, do not coincide"
 
 
 def sections_of(
-    found: Sequence[Block], parts: NamedParts, nodes: DeckNodes, left: list[Left]
+    found: Sequence[KeywordBlock], parts: NamedParts, nodes: DeckNodes, left: list[Left]
 ) -> tuple[list[BoltSection], NamedParts]:
     """Sections of preloaded bolts, and the mesh that is cut there."""
     sections: list[BoltSection] = []
@@ -142,7 +142,7 @@ def sections_of(
     return sections, parts
 
 
-def _off(block: Block, corners: np.ndarray) -> float:
+def _off(block: KeywordBlock, corners: np.ndarray) -> float:
     """Angle between the normal that a section is given and that of its corners, (n, dim), in
     degrees; 0 without one.
     """
@@ -155,7 +155,7 @@ def _off(block: Block, corners: np.ndarray) -> float:
     return float(np.rad2deg(np.arccos(min(abs(given @ normal) / np.linalg.norm(given), 1.0))))
 
 
-def _sign(block: Block, middle: np.ndarray, nodes: DeckNodes) -> float:
+def _sign(block: KeywordBlock, middle: np.ndarray, nodes: DeckNodes) -> float:
     """Sign of the loads of a section around a point, (dim,): its normal may point into the elements
     of its surface.
 
@@ -180,7 +180,7 @@ def preloads_of(
     nodes: DeckNodes,
     thickness: float,
     left: list[Left],
-) -> tuple[list[Imposed], list[Load], list[Load]]:
+) -> tuple[list[Imposed], list[DeckLoad], list[DeckLoad]]:
     """Supports and loads on other nodes, constraints of sections, and forces in bolts, per
     thickness in the plane.
     """
@@ -211,13 +211,15 @@ def preloads_of(
                 else f"hhr.Preload({name!r}, 0.0)"
             )
             constraints.append(
-                Load("shortening", text, sign * imposed[-1].factor, imposed[-1].block.source)
+                DeckLoad("shortening", text, sign * imposed[-1].factor, imposed[-1].block.source)
             )
         else:
-            constraints.append(Load("", f"hhr.ForcedSection({name!r})", 0.0, block.source))
+            constraints.append(DeckLoad("", f"hhr.ForcedSection({name!r})", 0.0, block.source))
         for item in () if imposed else drawn:
             text = f"hhr.BoltForce({name!r}, {{}})"
-            forces.append(Load("preload", text, sign * item.factor / thickness, item.block.source))
+            forces.append(
+                DeckLoad("preload", text, sign * item.factor / thickness, item.block.source)
+            )
         if imposed and drawn:
             left.append(drawn[-1].block.left("its section has a shortening too, which counts"))
     return kept, constraints, forces

@@ -11,16 +11,16 @@ import numpy as np
 
 from hhr_dolfinx.plugins.decks.deck import Tag
 from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
-from hhr_dolfinx.plugins.decks.inp_steps import Block
+from hhr_dolfinx.plugins.decks.inp_steps import KeywordBlock
 
 ARC = np.deg2rad(1.0)
 """Angle of the chords of an arc, which are within 4e-5 of its radius of it."""
-TURNS = 120
+REVOLVED_FACETS = 120
 """Facets around a surface of revolution, which are within 4e-4 of its radius of it.
 
 So are long arcs of its profile.
 """
-MOST = 8000
+MOST_FACETS = 8000
 """Facets of a rigid surface that a scene file lists."""
 
 
@@ -44,7 +44,7 @@ class Tool:
         return text.replace("{inside}", ", inside=True" if hole else "")
 
 
-def tool_of(block: Block, owner: str, nodes: DeckNodes, dim: int) -> Tool | None:
+def tool_of(block: KeywordBlock, owner: str, nodes: DeckNodes, dim: int) -> Tool | None:
     """Obstacle of a rigid *SURFACE; None for one without counterpart.
 
     ``owner`` is the set of rigid elements of the surface, empty for an analytical one.
@@ -63,7 +63,7 @@ def tool_of(block: Block, owner: str, nodes: DeckNodes, dim: int) -> Tool | None
     if dim == 2 and sizes == {2}:
         line = _chain(elements)
         return _drawn(np.array([nodes.point(number)[:2] for number in line])) if line else None
-    if dim != 3 or not sizes or not sizes <= {3, 4} or len(elements) > MOST:
+    if dim != 3 or not sizes or not sizes <= {3, 4} or len(elements) > MOST_FACETS:
         return None
     used = sorted({number for one in elements for number in one})
     index = {number: k for k, number in enumerate(used)}
@@ -102,12 +102,12 @@ def _swept(rows: np.ndarray, closed: bool) -> Tool | None:
     ).reshape(-1, 4)
     return (
         Tool(_mesh(rows.reshape(-1, 3).round(12).tolist(), quads.tolist()))
-        if len(quads) <= MOST
+        if len(quads) <= MOST_FACETS
         else None
     )
 
 
-def _in_space(block: Block, nodes: DeckNodes) -> Tool | None:
+def _in_space(block: KeywordBlock, nodes: DeckNodes) -> Tool | None:
     """Profile that is swept along a generator, or revolved about an axis: a sphere, or facets.
 
     Points a, b and c before START give the axes, else they are those of the deck, and y is the axis
@@ -117,8 +117,8 @@ def _in_space(block: Block, nodes: DeckNodes) -> Tool | None:
     given = np.concatenate([np.zeros(0), *(block.numbers(row) for row in block.rows[:first])])
     revolved = block.word("TYPE") == "REVOLUTION"
     profile = _profile(block, block.rows[first:])
-    if revolved and len(profile) > MOST / TURNS:
-        profile = _profile(block, block.rows[first:], 2 * np.pi / TURNS)
+    if revolved and len(profile) > MOST_FACETS / REVOLVED_FACETS:
+        profile = _profile(block, block.rows[first:], 2 * np.pi / REVOLVED_FACETS)
     if len(profile) < 2 or given.size not in (0, 6, 9):
         return None
     origin = given[:3] if given.size else np.zeros(3)
@@ -147,13 +147,13 @@ def _in_space(block: Block, nodes: DeckNodes) -> Tool | None:
             True,
         )
     across = np.linalg.svd(axis[None])[2][1:]
-    turns = np.linspace(0.0, 2 * np.pi, TURNS, endpoint=False)
+    turns = np.linspace(0.0, 2 * np.pi, REVOLVED_FACETS, endpoint=False)
     ways = np.cos(turns)[:, None] * across[0] + np.sin(turns)[:, None] * across[1]
     rows = origin + profile[None, :, :1] * ways[:, None, :] + profile[None, :, 1:] * axis
     return _swept(rows, closed=True)
 
 
-def _profile(block: Block, rows: Sequence[Sequence[str]], chord: float = ARC) -> np.ndarray:
+def _profile(block: KeywordBlock, rows: Sequence[Sequence[str]], chord: float = ARC) -> np.ndarray:
     """Points of a profile, (n, 2): START, then LINE with an end, or CIRCL with an end and a centre.
 
     ``chord`` is the angle of the chords of arcs.

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hhr_dolfinx.plugins.decks.deck import Left, Load
+from hhr_dolfinx.plugins.decks.deck import DeckLoad, Left
 from hhr_dolfinx.plugins.decks.inp_nodes import DeckNodes
-from hhr_dolfinx.plugins.decks.inp_steps import Block, Imposed, merged, of_kind
+from hhr_dolfinx.plugins.decks.inp_steps import Imposed, KeywordBlock, merged, of_kind
 from hhr_dolfinx.plugins.decks.named import NamedParts
 
 Direction = tuple[float, ...] | str
@@ -22,7 +22,7 @@ Direction = tuple[float, ...] | str
 class Axes:
     """Local axes of nodes: three vectors, or those about an axis through a point."""
 
-    block: Block
+    block: KeywordBlock
 
     @property
     def points(self) -> np.ndarray:
@@ -61,13 +61,13 @@ class Axes:
 
 
 def directed_of(
-    found: Sequence[Block],
+    found: Sequence[KeywordBlock],
     state: Sequence[Imposed],
     parts: NamedParts,
     nodes: DeckNodes,
     thickness: float,
     left: list[Left],
-) -> tuple[list[Imposed], list[Load], list[Load]]:
+) -> tuple[list[Imposed], list[DeckLoad], list[DeckLoad]]:
     """Supports and forces along the axes of the mesh, and others as constraints and forces.
 
     Supports of all components of a set need no local axes.
@@ -97,8 +97,8 @@ def directed_of(
             or _directions(item, nodes, axes, dim) == {(_unit(item.component, dim), "")}
         )
         (kept if straight else turned).append(item)
-    constraints: list[Load] = []
-    forces: list[Load] = []
+    constraints: list[DeckLoad] = []
+    forces: list[DeckLoad] = []
     for item in merged(turned):
         block = item.block
         place = parts.place(item.place)
@@ -112,12 +112,12 @@ def directed_of(
             )
         elif block.keyword == "BOUNDARY":
             text = f"hhr.DirectedDisplacement({place!r}, {direction!r}, {{}}{more})"
-            constraints.append(Load("displacement", text, item.factor, block.source))
+            constraints.append(DeckLoad("displacement", text, item.factor, block.source))
         elif isinstance(direction, str):
             left.append(block.left(f"no counterpart: {direction} forces at nodes"))
         elif item.factor:
             text = f"hhr.NodalForce({place!r}, {direction}, {{}})"
-            forces.append(Load("force", text, item.factor / thickness, block.source))
+            forces.append(DeckLoad("force", text, item.factor / thickness, block.source))
     return kept, constraints, forces
 
 

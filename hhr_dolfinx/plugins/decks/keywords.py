@@ -14,11 +14,11 @@ from pathlib import Path
 from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.geometries.abaqus_blocks import blocks
 from hhr_dolfinx.plugins.decks.deck import Left
-from hhr_dolfinx.plugins.decks.inp_steps import Block
+from hhr_dolfinx.plugins.decks.inp_steps import KeywordBlock
 
 READ = "read"
 IDLE = "no effect"
-LEFT = "TODO"
+AS_TODO = "TODO"
 OUT = "TODO, block left out"
 REFUSED = "refused"
 """Outcomes: answers do not depend on an option without effect.
@@ -62,7 +62,7 @@ class Keyword:
         if "*" in self.options:
             return self.options["*"]
         values = [key for key in self.options if key.startswith(f"{name}=")]
-        return Rule(OUT if values else LEFT, "it is not read")
+        return Rule(OUT if values else AS_TODO, "it is not read")
 
 
 def read_options(read: str = "", idle: str = "") -> Keyword:
@@ -87,7 +87,7 @@ def with_options(keyword: Keyword, outcome: str, options: Mapping[str, str]) -> 
 def left_options(keyword: Keyword, **options: str) -> Keyword:
     """The keyword with options that are TODO lines; ``_`` in a name stands for a blank."""
     return with_options(
-        keyword, LEFT, {name.replace("_", " "): why for name, why in options.items()}
+        keyword, AS_TODO, {name.replace("_", " "): why for name, why in options.items()}
     )
 
 
@@ -430,14 +430,14 @@ TABLE: Mapping[str, Keyword] = {
     **_OF_LOADS,
     **_OF_STEPS,
     **{name: Keyword(Rule(IDLE)) for name in _NO_EFFECT.split("|")},
-    **{name: Keyword(Rule(LEFT, why)) for name, why in _NOT_READ.items()},
+    **{name: Keyword(Rule(AS_TODO, why)) for name, why in _NOT_READ.items()},
 }
 """All keywords that are known; others are TODO lines."""
 _INCLUDED = ("", "INPUT")
 """Options of any keyword that are read with its lines: a line that goes on, and a file of data
 lines.
 """
-_COLUMNS = ((READ,), (IDLE,), (LEFT, OUT), (REFUSED,))
+_COLUMNS = ((READ,), (IDLE,), (AS_TODO, OUT), (REFUSED,))
 
 
 def keyword_of(name: str) -> Keyword:
@@ -451,22 +451,22 @@ def keyword_of(name: str) -> Keyword:
         return Keyword(Rule(IDLE))
     near = get_close_matches(name, TABLE, n=1, cutoff=0.8)
     return Keyword(
-        Rule(LEFT, f"no counterpart: is *{near[0]} meant?" if near else "no counterpart")
+        Rule(AS_TODO, f"no counterpart: is *{near[0]} meant?" if near else "no counterpart")
     )
 
 
-def blocks_of(path: Path) -> tuple[list[Block], list[Left]]:
+def blocks_of(path: Path) -> tuple[list[KeywordBlock], list[Left]]:
     """Blocks of a deck with the options that are read, and TODO lines of all others.
 
     Raises:
         FileContentError: for an option that is refused, with the line.
     """
-    kept: list[Block] = []
+    kept: list[KeywordBlock] = []
     left: list[Left] = []
     for line, name, options, rows in blocks(path):
-        block = Block(path.name, line, name, options, rows)
+        block = KeywordBlock(path.name, line, name, options, rows)
         keyword = keyword_of(name)
-        left += [block.left(keyword.rule.why)] if keyword.rule.outcome == LEFT else []
+        left += [block.left(keyword.rule.why)] if keyword.rule.outcome == AS_TODO else []
         rules = {}
         if keyword.rule.outcome == READ:
             rules = {
@@ -474,7 +474,7 @@ def blocks_of(path: Path) -> tuple[list[Block], list[Left]]:
                 for key, value in options.items()
                 if key not in _INCLUDED
             }
-            block = Block(path.name, line, name, readable(options, rules, name), rows)
+            block = KeywordBlock(path.name, line, name, readable(options, rules, name), rows)
         for key, rule in rules.items():
             said = f"{key}={options[key]}: {rule.why}" if options[key] else f"{key}: {rule.why}"
             if rule.outcome == REFUSED:

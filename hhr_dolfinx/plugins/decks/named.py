@@ -13,9 +13,9 @@ from hhr_dolfinx.geometries.cells import outer_faces, outer_faces_of_cells
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 from hhr_dolfinx.plugins.checks.candidates import outward
 from hhr_dolfinx.plugins.decks.deck import Pair, Support, Tag
-from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE
+from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE_SURFACE
 
-FLAT = 1e-6
+FLAT_SURFACE = 1e-6
 """Deviation of unit normals up to which a surface is flat, and of nodes, over its extent, up to
 which they coincide.
 """
@@ -108,7 +108,7 @@ class NamedParts:
         """Outer unit normal of a flat surface, (dim,); None for a curved one."""
         normals = self.normals(name)
         mean = normals.mean(axis=0)
-        return mean.round(12) + 0.0 if np.abs(normals - mean).max() < FLAT else None
+        return mean.round(12) + 0.0 if np.abs(normals - mean).max() < FLAT_SURFACE else None
 
     def pair(self, slave: Tag, master: Tag, friction: float, source: str) -> Pair:
         """Contact pair of two surfaces: node to node where they are flat and their nodes coincide,
@@ -118,7 +118,7 @@ class NamedParts:
         here, there = (self.raw.points[self.nodes(name)] for name in (slave, master))
         if normal is not None and len(here) == len(there):
             distance, partner = cKDTree(there).query(here)
-            if (distance <= FLAT * np.ptp(here, axis=0).max()).all() and np.unique(
+            if (distance <= FLAT_SURFACE * np.ptp(here, axis=0).max()).all() and np.unique(
                 partner
             ).size == len(here):
                 text = f"hhr.NodeToNode({slave!r}, {master!r}, {tuple(normal.tolist())}{{}})"
@@ -160,9 +160,9 @@ class NamedParts:
         outer = np.unique(outer_faces(self.raw.kind, self.raw.cells))
         for name, normal, nodes in (
             *surfaces,
-            *((OUTSIDE, axis, outer) for axis in np.eye(self.raw.dim)),
+            *((OUTSIDE_SURFACE, axis, outer) for axis in np.eye(self.raw.dim)),
         ):
-            if (~held[nodes] & (np.abs(normal) > FLAT)).any():
+            if (~held[nodes] & (np.abs(normal) > FLAT_SURFACE)).any():
                 offset = float(
                     (self.raw.points @ normal).max() + FAR * np.ptp(self.raw.points, axis=0).max()
                 )

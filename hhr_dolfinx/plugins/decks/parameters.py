@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from hhr_dolfinx.plugins.decks.deck import Deck, Item
 
-MOST = 3
+MOST_PARAMETERS = 3
 """Parameters of a scene: two or three can be plotted, and training grows with their number."""
 SPREAD = 0.2
 """Half of the width of the box over the value of the deck, which lies in its middle."""
@@ -71,7 +71,7 @@ def proposed(deck: Deck) -> tuple[Proposed, ...]:
     them.
     """
     groups = _groups(deck)
-    chosen = groups[:MOST]
+    chosen = groups[:MOST_PARAMETERS]
     kinds = [group.kind for group in chosen]
     found = []
     for number, (kind, course, items) in enumerate(chosen):
@@ -83,7 +83,7 @@ def proposed(deck: Deck) -> tuple[Proposed, ...]:
             )
         )
     others: dict[tuple[float, ...], dict[Item, float]] = {}
-    for _, course, items in groups[MOST:]:
+    for _, course, items in groups[MOST_PARAMETERS:]:
         if len(set(course)) > 1:
             others.setdefault(course, {}).update(items)
     for number, (course, items) in enumerate(others.items()):

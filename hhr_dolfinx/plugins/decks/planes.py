@@ -9,7 +9,7 @@ import numpy as np
 from hhr_dolfinx.geometries.mesh_file import reader_of
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
-STRAIGHT = 1e-9
+PLANE_POINTS = 1e-9
 """Deviation over their extent up to which the points of a rigid surface lie in a plane."""
 Plane = tuple[np.ndarray, np.ndarray, np.ndarray]
 """A point of a rigid plane, its unit normal, and the motion of its reference node, (dim,) each."""
@@ -24,7 +24,7 @@ def plane_through(points: np.ndarray, sweep: bool) -> tuple[np.ndarray, np.ndarr
     along = [0.0, 0.0, np.ptp(points, axis=0).max() * sweep]
     spans = np.concatenate([points[1:] - points[0], [along, along]])
     _, sizes, axes = np.linalg.svd(spans)
-    return (points[0], axes[2]) if sizes[1] > STRAIGHT * sizes[0] >= sizes[2] else None
+    return (points[0], axes[2]) if sizes[1] > PLANE_POINTS * sizes[0] >= sizes[2] else None
 
 
 def planes_of(path: Path) -> tuple[dict[str, Plane], tuple[str, ...]]:

@@ -19,8 +19,8 @@ SUPPORT = "the file states a motion: hhr.Displacement in displacements"
 LOAD = "the file states a load: hhr.Pressure, hhr.Traction or hhr.NodalForce in loads"
 CONTACT = "the file states contact: name its pair and its friction= in contacts"
 CONSTRAINT = "the file states a constraint: hhr.Tie, hhr.Equation or hhr.RigidMotion in constraints"
-STEP = "the file states steps: hhr.Leg in a hhr.PathFamily"
-OTHER = "the file states it, and it is not read"
+STATED_STEPS = "the file states steps: hhr.Leg in a hhr.PathFamily"
+NOT_READ = "the file states it, and it is not read"
 ELSEWHERE = "this section is in another file, which is not read: put it into this one"
 OF_FEBIO = {
     "Material": BODY,
@@ -30,8 +30,8 @@ OF_FEBIO = {
     "Constraints": CONSTRAINT,
     "Rigid": CONSTRAINT,
     "Discrete": "the file states springs: hhr.Springs in loads",
-    "Initial": OTHER,
-    "Step": STEP,
+    "Initial": NOT_READ,
+    "Step": STATED_STEPS,
 }
 """Sections of a file of FEBio whose items are physics."""
 _OF_DYNA = {
@@ -40,13 +40,13 @@ _OF_DYNA = {
     "LOAD_": LOAD,
     "CONTACT_": CONTACT,
     "CONSTRAINED_": CONSTRAINT,
-    "INITIAL_": OTHER,
+    "INITIAL_": NOT_READ,
     "RIGIDWALL_": "the file states a rigid wall: hhr.Obstacle in contacts",
-    "DEFINE_": OTHER,
+    "DEFINE_": NOT_READ,
     "EOS_": BODY,
-    "PARAMETER": OTHER,
-    "HOURGLASS": OTHER,
-    "DAMPING_": OTHER,
+    "PARAMETER": NOT_READ,
+    "HOURGLASS": NOT_READ,
+    "DAMPING_": NOT_READ,
 }
 """Beginnings of keywords of LS-DYNA that are physics.
 
@@ -159,7 +159,7 @@ def _of_kratos(path: Path) -> Iterator[Left]:
         elif words[:1] == ["End"]:
             inside = "" if words[1:2] == [inside] else inside
         elif words and inside in ("Properties", "ModelPartData"):
-            yield Left(source, " ".join(words), BODY if inside == "Properties" else OTHER)
+            yield Left(source, " ".join(words), BODY if inside == "Properties" else NOT_READ)
 
 
 def _of_nastran(path: Path) -> Iterator[Left]:

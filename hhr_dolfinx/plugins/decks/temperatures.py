@@ -15,7 +15,7 @@ from ufl.domain import extract_unique_domain
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.parameters import Tag
 
-NEAR = 1e-6
+SAME_MIDPOINT = 1e-6
 """Distance over the size of the body up to which middles of cells of the mesh and of the deck are
 the same.
 """
@@ -64,7 +64,7 @@ class DeckTemperatures:
         distance, own = cKDTree(corners.mean(axis=1)).query(places.mean(axis=1))
         nearest = np.linalg.norm(places[:, :, None] - corners[own][:, None], axis=3).argmin(axis=2)
         found = np.where(
-            (distance <= NEAR * np.ptp(corners, axis=(0, 1)).max())[:, None],
+            (distance <= SAME_MIDPOINT * np.ptp(corners, axis=(0, 1)).max())[:, None],
             values[own[:, None], nearest],
             0.0,
         )

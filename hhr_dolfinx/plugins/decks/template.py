@@ -16,22 +16,31 @@ from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.full_order.free_bodies import components_of_nodes
 from hhr_dolfinx.geometries.cells import outer_faces
 from hhr_dolfinx.plugins.checks.candidates import OuterFacets
-from hhr_dolfinx.plugins.decks.deck import Deck, Left, Load, Material, Pair, Section, Support, Tag
-from hhr_dolfinx.plugins.decks.named import FLAT, NamedParts
+from hhr_dolfinx.plugins.decks.deck import (
+    Deck,
+    DeckLoad,
+    DeckMaterial,
+    Left,
+    Pair,
+    Section,
+    Support,
+    Tag,
+)
+from hhr_dolfinx.plugins.decks.named import FLAT_SURFACE, NamedParts
 from hhr_dolfinx.plugins.decks.stated import stated_in
 from hhr_dolfinx.plugins.decks.with_outside import with_sides
 
-COVERED = 0.25
+FACING_SHARE = 0.25
 """Share of the facets of a surface that lie in front of another one from which on the two face each
 other.
 """
-NEAR = 0.1
+FURTHER_PAIR = 0.1
 """Largest distance of a further pair of surfaces, over the extent of the smaller one."""
 STRAIN = 1e-3
 """Shortening of a bolt over its length: half of the yield strain of a common bolt, part of which
 the joint takes.
 """
-SOFT = 1e-7
+BEDDING_STIFFNESS = 1e-7
 """Stiffness of a bedding that holds a loose body, over E over its extent: a slender body that bends
 bears far less.
 """
@@ -40,13 +49,12 @@ STATED = (
     "a proposal for lengths in mm, which is not that of the file: replace it by what the file "
     "states in these lines"
 )
-HELD = ("fixed", "clamp")
-SYMMETRIC = ("symmetry",)
-PRESSED = ("pressure",)
-"""Beginnings of names of surfaces that are held, on planes of symmetry, and pressed.
-
-Capitals do not matter.
-"""
+HELD_NAMES = ("fixed", "clamp")
+"""Beginnings of names of surfaces that are held; capitals do not matter."""
+SYMMETRY_NAMES = ("symmetry",)
+"""Beginnings of names of surfaces on planes of symmetry."""
+PRESSED_NAMES = ("pressure",)
+"""Beginnings of names of surfaces under pressure."""
 
 
 def template(path: Path, given: NamedParts, plane: str = "plane_strain") -> Deck:
@@ -71,7 +79,7 @@ def template(path: Path, given: NamedParts, plane: str = "plane_strain") -> Deck
             "of volumes; a plane mesh must lie across z"
         )
     source = path.name
-    steel = Material("steel in MPa and mm", source, 210e3, 0.3)
+    steel = DeckMaterial("steel in MPa and mm", source, 210e3, 0.3)
     sections = tuple(Section(tag, steel, source) for tag in parts.apart())
     stated = stated_in(path)
     left = [
@@ -157,7 +165,7 @@ def _touching(
     def pairs_of(mesh: NamedParts) -> list[tuple[Tag, Tag]]:
         used = {item.place for item in supports}
         piece = _pieces(mesh)
-        used |= {name for name in piece if _begins(name, PRESSED + SYMMETRIC)}
+        used |= {name for name in piece if _begins(name, PRESSED_NAMES + SYMMETRY_NAMES)}
         return _facing(mesh, {name: number for name, number in piece.items() if name not in used})
 
     found = pairs_of(parts)
@@ -174,7 +182,7 @@ def _begins(name: Tag, words: tuple[str, ...]) -> bool:
 
 def _by_names(
     parts: NamedParts, source: str, left: list[Left]
-) -> tuple[list[Support], list[Load], list[Load]]:
+) -> tuple[list[Support], list[DeckLoad], list[DeckLoad]]:
     """Supports, loads and inclined planes of symmetry of outer surfaces whose names say what they
     are.
     """
@@ -183,10 +191,13 @@ def _by_names(
         name for name in parts.surfaces if isinstance(name, str) and (parts.owners(name) >= 0).all()
     ]
     supports = [
-        Support(name, k, 0.0, source) for name in names if _begins(name, HELD) for k in range(dim)
+        Support(name, k, 0.0, source)
+        for name in names
+        if _begins(name, HELD_NAMES)
+        for k in range(dim)
     ]
     planes = []
-    for name in (name for name in names if _begins(name, SYMMETRIC)):
+    for name in (name for name in names if _begins(name, SYMMETRY_NAMES)):
         normal = parts.flat_normal(name)
         if normal is None:
             left.append(
@@ -194,15 +205,15 @@ def _by_names(
                     source, name, "a surface of symmetry that is not flat: hold it by a constraint"
                 )
             )
-        elif np.abs(normal).max() < 1 - FLAT:
+        elif np.abs(normal).max() < 1 - FLAT_SURFACE:
             text = f"hhr.DirectedDisplacement({name!r}, {tuple(normal.tolist())})"
-            planes.append(Load("", text, 0.0, source))
+            planes.append(DeckLoad("", text, 0.0, source))
         else:
             supports.append(Support(name, int(np.abs(normal).argmax()), 0.0, source))
     loads = [
-        Load("pressure", f"hhr.Pressure({name!r}, {{}})", 1.0, source)
+        DeckLoad("pressure", f"hhr.Pressure({name!r}, {{}})", 1.0, source)
         for name in names
-        if _begins(name, PRESSED)
+        if _begins(name, PRESSED_NAMES)
     ]
     return supports, loads, planes
 
@@ -214,7 +225,7 @@ def _by_places(
     source: str,
     left: list[Left],
     named: Container[Tag],
-) -> tuple[list[Support], list[Load]]:
+) -> tuple[list[Support], list[DeckLoad]]:
     """Supports and a pressure on the far sides of the bodies of a contact pair, on those that the
     file names first.
 
@@ -222,15 +233,15 @@ def _by_places(
     pair.
     """
     slave = pair[0]
-    pressed = next((piece[name] for name in piece if _begins(name, PRESSED)), piece[slave])
+    pressed = next((piece[name] for name in piece if _begins(name, PRESSED_NAMES)), piece[slave])
     supports: list[Support] = []
-    loads: list[Load] = []
+    loads: list[DeckLoad] = []
     for number in sorted({piece[name] for name in pair}):
         own, other = sorted(pair, key=lambda name: piece[name] != number)
         sides = [
             name
             for name in piece
-            if piece[name] == number and name not in pair and not _begins(name, SYMMETRIC)
+            if piece[name] == number and name not in pair and not _begins(name, SYMMETRY_NAMES)
         ]
         far = _far(parts, [name for name in sides if name in named], slave) or _far(
             parts, sides, slave
@@ -242,13 +253,13 @@ def _by_places(
         along = int(np.abs(parts.normals(far).mean(axis=0)).argmax()) if number == pressed else -1
         supports += [Support(far, k, 0.0, source) for k in range(parts.raw.dim) if k != along]
         if number == pressed:
-            loads = [Load("pressure", f"hhr.Pressure({far!r}, {{}})", 1.0, source)]
+            loads = [DeckLoad("pressure", f"hhr.Pressure({far!r}, {{}})", 1.0, source)]
     return supports, loads
 
 
 def _by_ends(
     parts: NamedParts, piece: Mapping[Tag, int], held: Sequence[Tag], source: str
-) -> tuple[list[Support], list[Load]]:
+) -> tuple[list[Support], list[DeckLoad]]:
     """Supports of each piece at its first end along the longest axis, and a pressure on the other
     end of the last.
 
@@ -256,7 +267,7 @@ def _by_ends(
     """
     points = parts.raw.points
     supports: list[Support] = []
-    loads: list[Load] = []
+    loads: list[DeckLoad] = []
     for number in sorted(set(piece.values())):
         names = [name for name in piece if piece[name] == number]
         corners = np.concatenate([points[parts.nodes(name)] for name in names])
@@ -267,7 +278,9 @@ def _by_ends(
         supports += [Support(end, k, 0.0, source) for k in range(parts.raw.dim)]
         far = _far(parts, names, end)
         loads = (
-            [] if far is None else [Load("pressure", f"hhr.Pressure({far!r}, {{}})", 1.0, source)]
+            []
+            if far is None
+            else [DeckLoad("pressure", f"hhr.Pressure({far!r}, {{}})", 1.0, source)]
         )
     return supports, loads
 
@@ -299,11 +312,13 @@ def with_springs(deck: Deck, parts: NamedParts) -> Deck:
     found = []
     for number, name in reversed(first.items()):
         young = max(item.material.young for item in deck.sections)
-        stiffness = SOFT * young / np.ptp(parts.raw.points[labels == number], axis=0).max()
+        stiffness = (
+            BEDDING_STIFFNESS * young / np.ptp(parts.raw.points[labels == number], axis=0).max()
+        )
         for k in (k for k in range(parts.raw.dim) if (number, k) not in held):
             text = f"hhr.Springs({name!r}, {k}, {float(f'{stiffness:.1g}')!r}, bedding=True)"
             found.append(
-                Load("springs", text, 0.0, "soft: without them contact alone holds this body")
+                DeckLoad("springs", text, 0.0, "soft: without them contact alone holds this body")
             )
     why = (
         "bodies must be held without contact where one has a law: soft springs are added to "
@@ -313,7 +328,7 @@ def with_springs(deck: Deck, parts: NamedParts) -> Deck:
     return replace(deck, loads=(*deck.loads, *found), left=(*deck.left, *left))
 
 
-def _bolts(parts: NamedParts, source: str) -> Iterator[tuple[str, Load]]:
+def _bolts(parts: NamedParts, source: str) -> Iterator[tuple[str, DeckLoad]]:
     """Flat named surfaces inside of a body, each with a shortening of the body along its normal."""
     raw = parts.raw
     for tag in parts.apart():
@@ -330,11 +345,11 @@ def _bolts(parts: NamedParts, source: str) -> Iterator[tuple[str, Load]]:
             own = raw.points[np.unique(facets)]
             middle = own.mean(axis=0)
             normal = np.linalg.svd(own - middle)[2][-1]
-            if np.abs((own - middle) @ normal).max() < FLAT * np.ptp(own, axis=0).max():
+            if np.abs((own - middle) @ normal).max() < FLAT_SURFACE * np.ptp(own, axis=0).max():
                 length = float(np.ptp(raw.points[np.unique(cells)] @ normal))
                 shortening = float(f"{STRAIN * length:.2g}")
                 why = f"{source}: {STRAIN:.1%} of the length"
-                yield name, Load("preload", f"hhr.Preload({name!r}, {{}})", shortening, why)
+                yield name, DeckLoad("preload", f"hhr.Preload({name!r}, {{}})", shortening, why)
 
 
 def _pieces(parts: NamedParts) -> dict[Tag, int]:
@@ -372,13 +387,13 @@ def _facing(parts: NamedParts, piece: Mapping[Tag, int]) -> list[tuple[Tag, Tag]
         if piece[first] != piece[second]:
             gaps = outside.gaps(rows[first], rows[second])[:, -1]  # of middles
             facing = np.isfinite(gaps)
-            if facing.mean() > COVERED:
+            if facing.mean() > FACING_SHARE:
                 known.append((float(np.median(np.abs(gaps[facing]))), first, second))
     pairs: list[tuple[Tag, Tag]] = []
     for distance, *pair in sorted(known, key=lambda item: item[0]):
         extent = min(np.ptp(parts.raw.points[parts.nodes(name)], axis=0).max() for name in pair)
         if not {*pair} & {name for one in pairs for name in one} and (
-            not pairs or distance < NEAR * extent
+            not pairs or distance < FURTHER_PAIR * extent
         ):
             first, second = sorted(pair, key=lambda name: size[name])
             pairs.append((first, second))

@@ -15,19 +15,20 @@ from hhr_dolfinx.geometries.mesh_file import MeshFile
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 from hhr_dolfinx.plugins.checks.candidates import outward
 
-OUTSIDE = "outside of all bodies"
-EDGE = np.cos(np.deg2rad(40.0))
+OUTSIDE_SURFACE = "outside of all bodies"
+"""Name of the surface of all outer facets."""
+SMOOTH_EDGE = np.cos(np.deg2rad(40.0))
 """Cosine between the normals of neighbours from which on they belong to one side: gmsh's default is
 40 degrees too.
 """
-PLANE = 1e-6
+PLANE_SIDE = 1e-6
 """Deviation of unit normals up to which a side is a plane."""
 
 
 @dataclass(frozen=True)
 class WithOutside(MeshFile):
-    """A mesh file with a surface :data:`OUTSIDE`: a scene needs a contact pair, and a file may name
-    no surface.
+    """A mesh file with a surface :data:`OUTSIDE_SURFACE`: a scene needs a contact pair, and a
+    file may name no surface.
 
     Attributes:
         sides: also name the sides of each body, ``LOWER z = 1`` for a plane across an axis and
@@ -41,7 +42,9 @@ class WithOutside(MeshFile):
         """See :meth:`~hhr_dolfinx.geometries.mesh_file.MeshFile.read`."""
         raw = super().read()
         raw = with_sides(raw) if self.sides else raw
-        return replace(raw, surfaces={**raw.surfaces, OUTSIDE: outer_faces(raw.kind, raw.cells)})
+        return replace(
+            raw, surfaces={**raw.surfaces, OUTSIDE_SURFACE: outer_faces(raw.kind, raw.cells)}
+        )
 
 
 def with_sides(raw: RawMesh) -> RawMesh:
@@ -66,7 +69,7 @@ def with_sides(raw: RawMesh) -> RawMesh:
     order = np.lexsort(flat.T)
     same = np.flatnonzero((flat[order][1:] == flat[order][:-1]).all(axis=1))
     first, second = (order[same + k] // width for k in (0, 1))
-    smooth = np.einsum("fd,fd->f", normals[first], normals[second]) > EDGE
+    smooth = np.einsum("fd,fd->f", normals[first], normals[second]) > SMOOTH_EDGE
     smooth &= owner[of[first]] == owner[of[second]]
     graph = coo_matrix(
         (np.ones(int(smooth.sum())), (first[smooth], second[smooth])), shape=(len(outer),) * 2
@@ -85,7 +88,7 @@ def _name(tag: str | int, normals: np.ndarray, corners: np.ndarray, number: int)
     """Name of a side of a body: the plane in which it lies, or its number."""
     axis = int(np.abs(normals[0]).argmax())
     if (
-        np.abs(np.abs(normals[:, axis]) - 1).max() < PLANE
+        np.abs(np.abs(normals[:, axis]) - 1).max() < PLANE_SIDE
         and len(np.unique(np.sign(normals[:, axis]))) == 1
     ):
         return f"{tag} {'xyz'[axis]} = {corners[0, 0, axis].round(12) + 0.0:.6g}"

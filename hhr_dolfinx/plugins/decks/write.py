@@ -11,13 +11,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 
-from hhr_dolfinx.plugins.decks.deck import Deck, History, Item, Load, Pair, Section, Support
+from hhr_dolfinx.plugins.decks.deck import Deck, DeckHistory, DeckLoad, Item, Pair, Section, Support
 from hhr_dolfinx.plugins.decks.parameters import Proposed, amplitudes, proposed
-from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE
+from hhr_dolfinx.plugins.decks.with_outside import OUTSIDE_SURFACE
 
-STEPS = 4
+TRAINING_STEPS = 4
 """Steps of the paths on which models of inelastic bodies are trained."""
-LINE = 120
+LONGEST_LINE = 120
 """Longest line of a scene file, other than TODO lines and names of a deck, which stay whole for
 searches.
 """
@@ -89,7 +89,7 @@ def _space(names: Sequence[str], bounds: Sequence[tuple[float, float]]) -> str:
 def _fitted(row: str) -> Iterator[str]:
     """A row of the scene; its comment stands above it if both are longer than a line."""
     text, mark, comment = row.rpartition(",  # ")
-    if mark and len(row) > LINE - 8:
+    if mark and len(row) > LONGEST_LINE - 8:
         yield f"# {comment}"
         row = f"{text},"
     yield from _of_table(row)
@@ -106,7 +106,7 @@ def _of_table(text: str) -> Iterator[str]:
     line = ""
     for row in BETWEEN_ROWS.split(text):
         longer = f"{line}, {row}" if line else row
-        if line and len(longer) > LINE - 10:
+        if line and len(longer) > LONGEST_LINE - 10:
             yield f"{line},"
             longer = f"    {row}"
         line = longer
@@ -128,7 +128,7 @@ def _double_quoted(text: str) -> str:
 
 
 def _geometry(deck: Deck) -> str:
-    outside = any(repr(OUTSIDE) in pair.text for pair in deck.pairs)
+    outside = any(repr(OUTSIDE_SURFACE) in pair.text for pair in deck.pairs)
     text = "hhr.WithOutside(MESH)" if outside else "hhr.MeshFile(MESH)"
     if deck.sides:
         text = "hhr.WithOutside(MESH, sides=True)"
@@ -193,7 +193,7 @@ def _body(item: Section, amplitude_of: Mapping[Item, str]) -> Iterator[str]:
         *([f"law={material.law}"] if material.law else []),
     ]
     row = f"hhr.Body({', '.join(arguments)}),  # {origin}"
-    if len(row) <= LINE - 8 or not material.law:
+    if len(row) <= LONGEST_LINE - 8 or not material.law:
         yield row
         return
     yield f"hhr.Body(  # {origin}"
@@ -205,7 +205,7 @@ def _wrapped(text: str) -> list[str]:
     """Lines of a long table; text with strings stays whole, as no line may end inside of one."""
     if "'" in text:
         return [text]
-    return textwrap.wrap(text, LINE - 12, subsequent_indent="    ", break_long_words=False)
+    return textwrap.wrap(text, LONGEST_LINE - 12, subsequent_indent="    ", break_long_words=False)
 
 
 def _pair(pair: Pair, amplitude_of: Mapping[Item, str]) -> str:
@@ -230,7 +230,7 @@ def _coordinate(start: float, part: float, name: str) -> float | str:
     return (f"{start!r} + {part!r} * {name}" if start else f"{part!r} * {name}") if part else start
 
 
-def _constraint(item: Load, amplitude_of: Mapping[Item, str]) -> str:
+def _constraint(item: DeckLoad, amplitude_of: Mapping[Item, str]) -> str:
     amplitude = amplitude_of.get(item, repr(item.value))
     text = item.text.replace("{}", amplitude) if item.value else item.text.replace(", {}", "")
     return f"{text},  # {item.source}"
@@ -278,11 +278,11 @@ def _paths(deck: Deck, parameters: Sequence[Proposed]) -> Iterator[str]:
     yield "    scene.parameters,"
     yield "    scene.parameters,"
     yield f"    {start!r},"
-    yield f"    (hhr.Leg({to!r}, {deck.seconds!r}, {STEPS}),),"
+    yield f"    (hhr.Leg({to!r}, {deck.seconds!r}, {TRAINING_STEPS}),),"
     yield ")"
 
 
-def _steps(history: History, parameters: Sequence[Proposed]) -> Iterator[str]:
+def _steps(history: DeckHistory, parameters: Sequence[Proposed]) -> Iterator[str]:
     """Paths over the steps of the deck, with values within the boxes of the parameters."""
     free = [one for one in parameters if one.free]
     yield (
@@ -298,6 +298,6 @@ def _steps(history: History, parameters: Sequence[Proposed]) -> Iterator[str]:
     for number, (before, time) in enumerate(pairwise(history.times), 1):
         changed = [one for one in parameters if one.course[number] != one.course[number - 1]]
         to = ", ".join(f"{one.name!r}: {one.at(number)}" for one in changed)
-        yield f"        hhr.Leg({{{to}}}, {time - before!r}, {STEPS}),  # until {time:g} s"
+        yield f"        hhr.Leg({{{to}}}, {time - before!r}, {TRAINING_STEPS}),  # until {time:g} s"
     yield "    ),"
     yield ")"

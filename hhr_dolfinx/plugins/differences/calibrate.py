@@ -22,7 +22,7 @@ CALIBRATED = 0.95
 """Part of the training increments whose error lies below the indicator of forces."""
 SMALL_FORCE = 1e-3
 """Part of the largest training force below which a relative error of forces is not meaningful."""
-EXPLAINED = 1e-9
+UNEXPLAINED_FORCES = 1e-9
 """Part of the forces unexplained by modes that counts as round-off."""
 MOST_SHARE = 1e3
 """Error per part of the forces unexplained by modes, above which that part is arbitrary."""
@@ -64,7 +64,7 @@ def _calibrated(
                 depth = max(depth, fields.interface.overlap(*at))
                 said = fields.interface.misfit(inside)
                 size = float(np.linalg.norm(there.multipliers))
-                if size > SMALL_FORCE * largest and said > EXPLAINED:
+                if size > SMALL_FORCE * largest and said > UNEXPLAINED_FORCES:
                     shares.append(
                         float(np.linalg.norm(here.forces() - there.multipliers)) / size / said
                     )

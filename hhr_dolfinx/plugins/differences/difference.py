@@ -26,7 +26,14 @@ from scipy.linalg import LinAlgError, cholesky, solve_triangular
 
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.declared import Floats
-from hhr_dolfinx.models.bound import ROUND_OFF, ForceScale, Thetas, driven, estimates_of, lengths
+from hhr_dolfinx.models.bound import (
+    BOUND_ROUND_OFF,
+    ForceScale,
+    Thetas,
+    driven,
+    estimates_of,
+    lengths,
+)
 from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.plain import Rebuilt
 from hhr_dolfinx.plugins.differences.contact_response import CANCELLED, ContactResponse, Outside
@@ -98,7 +105,7 @@ class ExactDifference(Rebuilt):
             return
         skew = np.abs(self.schur - self.schur.T).max(initial=0.0)
         try:
-            fine = skew <= ROUND_OFF * np.abs(self.schur).max(initial=0.0) and self.lower.size
+            fine = skew <= BOUND_ROUND_OFF * np.abs(self.schur).max(initial=0.0) and self.lower.size
         except LinAlgError:
             fine = False
         if not fine:
@@ -268,7 +275,7 @@ class DifferenceThere(NamedTuple):
         pulled = np.sum(driven(owner.cross, self.theta) * exact, axis=1)
         energy = np.sqrt(np.maximum((1 - SQUARES) * parts**2 - 2 * pulled, 0.0))
         errors = np.vstack((owner.left_out(unknown, exact, self.theta), off))
-        round_off = ROUND_OFF * np.vstack(
+        round_off = BOUND_ROUND_OFF * np.vstack(
             (energy + CANCELLED * (parts + lengths(lifted, lifted)), size + handed)
         )
         sizes = np.vstack((energy, size))

@@ -36,9 +36,9 @@ class FieldResponse:
         None  # G, (c, m); None for the columns of K^-1 B^T
     )
 
-    def within(self, fields: Reconstruction) -> ResponseWithin:
+    def within(self, fields: Reconstruction) -> FieldResponseWithin:
         """See :class:`~hhr_dolfinx.models.bound.Response`."""
-        return ResponseWithin(self, fields)
+        return FieldResponseWithin(self, fields)
 
     def pressed(self, forces: np.ndarray) -> np.ndarray:
         """Coordinates of forces, (m, ...): (c, ...)."""
@@ -46,7 +46,7 @@ class FieldResponse:
 
 
 @dataclass(frozen=True, eq=False)
-class ResponseWithin:
+class FieldResponseWithin:
     """See :class:`~hhr_dolfinx.models.bound.ResponseWithin`."""
 
     response: FieldResponse

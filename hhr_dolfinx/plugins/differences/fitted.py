@@ -21,22 +21,22 @@ from hhr_dolfinx.reduction.modes import pod
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.problem import ContactProblem
 
-FORCES = 1e-6
+FORCES_LEFT_OUT = 1e-6
 """Part of the squared training forces that their modes leave out."""
-MOST = 0.9
+MODES_PER_CONDITION = 0.9
 """Most modes of forces per loaded condition of the RID.
 
 With as many as conditions, all forces would be explained.
 """
-ROUND_OFF = 1e-8
+FORCE_ROUND_OFF = 1e-8
 """Part of the largest force of a mode below which a force counts as zero."""
-DEEP = 3.0
+OVERLAP_FACTOR = 3.0
 """Overlap outside the RID, as a multiple of that in training, beyond which the error is unknown."""
 SHALLOW = 1e-2
 """Part of the gap scale that overlap may reach in any case."""
-ALIKE = 1e-5
+SAME_SCENE = 1e-5
 """Relative difference of numbers of one scene."""
-PRESSED = 1e-3
+OPEN_OUTSIDE = 1e-3
 """Part of the largest force of a law in the RID below which a contact outside counts as open: it is
 fitted.
 """
@@ -93,9 +93,11 @@ class FittedForces:
         """Least-squares fit of the modes of training forces, (N_lambda, S), to the conditions of
         the RID, (m,).
         """
-        modes = pod(forces, FORCES)[0]
-        loaded = np.abs(modes[within]).max(axis=1, initial=0.0) > ROUND_OFF * np.abs(modes).max()
-        modes = np.ascontiguousarray(modes[:, : max(int(MOST * loaded.sum()), 1)])
+        modes = pod(forces, FORCES_LEFT_OUT)[0]
+        loaded = (
+            np.abs(modes[within]).max(axis=1, initial=0.0) > FORCE_ROUND_OFF * np.abs(modes).max()
+        )
+        modes = np.ascontiguousarray(modes[:, : max(int(MODES_PER_CONDITION * loaded.sum()), 1)])
         return cls(law, within, modes, np.linalg.pinv(modes[within]), mark_of(problem))
 
     def differences(self, problem: ContactProblem) -> str:
@@ -166,7 +168,7 @@ class FittedForces:
             off = (
                 fills
                 & part.law.pressing(rows.size)
-                & (x <= PRESSED * np.abs(x[~fills]).max(initial=0.0))
+                & (x <= OPEN_OUTSIDE * np.abs(x[~fills]).max(initial=0.0))
             )
             x[off] = 0.0
             slope[off] = 0.0
@@ -203,7 +205,9 @@ class FittedForces:
         memory.
         """
         deep = self.overlap(slack, scale, memory)
-        if deep > max(DEEP * self.depth, SHALLOW) or (deep > ROUND_OFF and not inside.any()):
+        if deep > max(OVERLAP_FACTOR * self.depth, SHALLOW) or (
+            deep > FORCE_ROUND_OFF and not inside.any()
+        ):
             return math.inf
         return self.share * self.misfit(inside)
 
@@ -231,4 +235,4 @@ def _alike(one: Any, other: Any) -> bool:
     if isinstance(one, str) or isinstance(other, str) or np.shape(one) != np.shape(other):
         return bool(np.array_equal(one, other))
     off = np.abs(np.subtract(one, other)).max(initial=0.0)
-    return bool(off <= ALIKE * np.abs(one).max(initial=0.0))
+    return bool(off <= SAME_SCENE * np.abs(one).max(initial=0.0))

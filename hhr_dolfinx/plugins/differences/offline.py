@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from hhr_dolfinx.timing import Announce
 
 
-ROUND_OFF = 1e-13
+COLUMN_ROUND_OFF = 1e-13
 """Part of a column up to which it is round-off of the columns before it."""
-SYMMETRIC = 1e-10
+STIFFNESS_SKEWNESS = 1e-10
 """Largest entry of K - K^T over the largest of K."""
 MOST_READ = 50
 """Number of training answers whose outputs are read."""
@@ -177,7 +177,7 @@ def check_hypotheses(full: FullModel, *, floating: bool = False) -> None:
     _, skew = rows.largest(np.abs(problem.own_stiffness @ signs - rows.of(turned)).max(axis=1))
     entries = problem.own_stiffness.data
     _, size = rows.largest(np.array([entries.max(), -entries.min()]))
-    if skew > SYMMETRIC * size:
+    if skew > STIFFNESS_SKEWNESS * size:
         raise BoundError(
             f"K is not symmetric, by {skew / size:.1e} of its entries: it has no energy"
         )
@@ -204,7 +204,7 @@ def unit_energy(
             solve_triangular(lower, more, lower=True, trans="T")
         )
     ell = basis.shape[1]
-    left = energy_coordinates(problem, rest, ROUND_OFF * sizes)
+    left = energy_coordinates(problem, rest, COLUMN_ROUND_OFF * sizes)
     # directions are in the order of the columns that need them
     count = len(lower) + np.count_nonzero(left[:, :ell].any(axis=1))
     found = np.vstack([along, left])
@@ -315,7 +315,7 @@ def leading(columns: np.ndarray, lower: np.ndarray, count: int) -> np.ndarray:
     """
     sizes = np.linalg.norm(columns, axis=0)
     directions, values, _ = svd(columns[:, sizes > 0] / sizes[sizes > 0], full_matrices=False)
-    own = directions[:, values > ROUND_OFF * values.max(initial=0.0)][:, :count]
+    own = directions[:, values > COLUMN_ROUND_OFF * values.max(initial=0.0)][:, :count]
     rest = lower.T - own @ (own.T @ lower.T)
     return np.hstack([own, svd(rest)[0][:, : count - own.shape[1]]])
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 
 from hhr_dolfinx.declared import Floats
-from hhr_dolfinx.models.bound import ROUND_OFF
+from hhr_dolfinx.models.bound import BOUND_ROUND_OFF
 from hhr_dolfinx.models.functionals.functional import Functional, Functionals, State
 from hhr_dolfinx.plugins.differences.contact_response import CANCELLED
 
@@ -87,5 +87,5 @@ class OutputDifference:
                 for pressed, read in states
             )
             scale = abs(value) + abs(there) + CANCELLED * abs(unpressed)
-            errors[item.name] = abs(value - there) + ROUND_OFF * scale
+            errors[item.name] = abs(value - there) + BOUND_ROUND_OFF * scale
         return errors

@@ -15,7 +15,7 @@ from scipy.sparse import csc_matrix, hstack
 
 from hhr_dolfinx.full_order.free_bodies import components_of_nodes, rigid_motions
 
-ALIKE = 1e-10
+RIGID_VALUES = 1e-10
 """Relative difference from imposed values up to which a rigid motion has the same values."""
 
 
@@ -39,11 +39,11 @@ def rigid_lifts(
             motions = rigid_motions(points[nodes], hypothesis)
             held = imposed[nodes]
             wanted = values[nodes]
-            ways = np.linalg.lstsq(motions[:, held].T, wanted[held], rcond=ALIKE)[0]
+            ways = np.linalg.lstsq(motions[:, held].T, wanted[held], rcond=RIGID_VALUES)[0]
             rigid = np.tensordot(ways, motions, 1)
-            if np.abs(rigid - wanted)[held].max() > ALIKE * np.abs(wanted).max():
+            if np.abs(rigid - wanted)[held].max() > RIGID_VALUES * np.abs(wanted).max():
                 continue
             rigid[held] = wanted[held]
-            moving[nodes] = np.where(np.abs(rigid) > ALIKE * np.abs(rigid).max(), rigid, 0.0)
+            moving[nodes] = np.where(np.abs(rigid) > RIGID_VALUES * np.abs(rigid).max(), rigid, 0.0)
         found[term] = csc_matrix(moving.reshape(-1, 1))
     return csc_matrix(hstack(found))

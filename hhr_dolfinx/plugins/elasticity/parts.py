@@ -144,7 +144,7 @@ def _form(discretisation: DiscreteSpace, place: int, moduli: tuple[float, float]
     return weight * ufl.inner(stress, measured) * dx
 
 
-class Part(NamedTuple):
+class StiffnessPart(NamedTuple):
     """A part of the stiffness of one body."""
 
     factor: str  # see :class:`Modulus`
@@ -152,15 +152,15 @@ class Part(NamedTuple):
     moduli: tuple[float, float]  # weights of the change of volume and of the change of shape
 
 
-def parts_of(body: Body, hypothesis: str) -> Iterator[Part]:
+def parts_of(body: Body, hypothesis: str) -> Iterator[StiffnessPart]:
     """Parts of the stiffness of a body."""
     factor = body.young if isinstance(body.young, str) else repr(float(body.young))
     volume, shape = elasticity.unit_moduli(str(body.poisson), hypothesis)
     if isinstance(body.poisson, str):
-        yield Part(factor, volume, (1.0, 0.0))
-        yield Part(factor, shape, (0.0, 1.0))
+        yield StiffnessPart(factor, volume, (1.0, 0.0))
+        yield StiffnessPart(factor, shape, (0.0, 1.0))
     else:
-        yield Part(
+        yield StiffnessPart(
             factor,
             "1",
             (Scalar(volume, ()).value(np.zeros(0)), Scalar(shape, ()).value(np.zeros(0))),

@@ -20,10 +20,10 @@ from hhr_dolfinx.plugins.pages.arrays import check_model, contact_tree
 from hhr_dolfinx.plugins.pages.kernel import FLAGS_OF_PARTS, kernel_parts, kernel_text
 from hhr_dolfinx.plugins.pages.laws import laws_of
 from hhr_dolfinx.plugins.pages.packing import Packed
-from hhr_dolfinx.plugins.pages.records import Formula, Struct, kernel_data
+from hhr_dolfinx.plugins.pages.records import RecordedFormula, Struct, kernel_data
 from hhr_dolfinx.warn import warn
 
-MOST_NUMBERS = 4_000_000
+MOST_HEADER_NUMBERS = 4_000_000
 """Most numbers of a header: 80 MB of text, such as S of 2,800 conditions."""
 _SIGNS = ("+", "-", "*", "/")
 _CALLS = {"^": "pow", "min": "model_min", "max": "model_max", "abs": "fabs"}
@@ -77,9 +77,10 @@ def c_header(model: Any, name: str) -> tuple[str, dict[str, Any]]:
     if tree["flow"]:  # a page may store it with fewer digits
         arrays.put(tree["flow"]["per_force"], model.flow.per_force)
     count = sum(array.size for array in arrays.arrays.values())
-    if count > MOST_NUMBERS:
+    if count > MOST_HEADER_NUMBERS:
         raise NotOfferedError(
-            f"a header of {count} numbers takes a compiler too long, {MOST_NUMBERS} are the most: "
+            f"a header of {count} numbers takes a compiler too long, "
+            f"{MOST_HEADER_NUMBERS} are the most: "
             "take a coarser mesh"
         )
     if tree["missing"]:
@@ -205,7 +206,7 @@ class _Data:
         return "{" + (", ".join(f".{key} = {text}" for key, text in fields.items()) or "0") + "}"
 
     def _field(self, key: str, value: Any) -> str:
-        if isinstance(value, Formula):
+        if isinstance(value, RecordedFormula):
             return self._function(value.steps)
         if isinstance(value, Struct) and key == "interpolant":
             return self._record(value)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from hhr_dolfinx.command.speaking import guarded
-from hhr_dolfinx.command.words import AT, KNOWN, SCENE, examples
+from hhr_dolfinx.command.words import AT, KNOWN_OPTION, SCENE, examples
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.plugins.pages.commands import naming_condensed
 
@@ -26,7 +26,7 @@ EMBEDDED = (".h", ".fmu")
     required=True,
     help="the header, .h, or the unit, .fmu",
 )
-@KNOWN
+@KNOWN_OPTION
 @guarded
 def embed(model: Path, out: Path, known: tuple[str, ...]) -> None:
     """Write a condensed model as a header of C, or as a unit for co-simulation (FMI 3.0).

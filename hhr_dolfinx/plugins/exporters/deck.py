@@ -22,7 +22,7 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.files import replacing
 from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.geometries.cells import CORNERS, EDGES, FACES, TENSOR
+from hhr_dolfinx.geometries.cells import CORNERS, EDGES, FACES, TENSOR_ORDER
 from hhr_dolfinx.parameters import PointLike
 
 PENALTY = 100.0
@@ -57,7 +57,7 @@ def _check(discretisation: Discretisation, point: np.ndarray) -> None:
     scene = discretisation.scene
     faults = {
         "cells of second order have nodes in the middle of faces": (
-            discretisation.order > 1 and discretisation.mesh.topology.cell_name() in TENSOR
+            discretisation.order > 1 and discretisation.mesh.topology.cell_name() in TENSOR_ORDER
         ),
         "bodies flow": bool(scene.reader),
         "K is that of a user's system": scene.system is not None,
@@ -136,7 +136,9 @@ def _cells(discretisation: Discretisation) -> np.ndarray:
     if discretisation.order > 1:
         corners = _oriented(discretisation, cells[:, : CORNERS[kind]].copy())
         return np.hstack([corners, _between(kind, cells, corners)])
-    return _oriented(discretisation, cells[:, TENSOR[kind]] if kind in TENSOR else cells.copy())
+    return _oriented(
+        discretisation, cells[:, TENSOR_ORDER[kind]] if kind in TENSOR_ORDER else cells.copy()
+    )
 
 
 def _between(kind: str, cells: np.ndarray, corners: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from types import MappingProxyType
 import numpy as np
 
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.plugins.inelastic.outside import KNOWN, OutsideLaw, Step
+from hhr_dolfinx.plugins.inelastic.outside import STANDARD_MEMORY, LawStep, OutsideLaw
 
 NONE: Mapping[str, int] = MappingProxyType({})
 
@@ -46,7 +46,7 @@ class ExternalOperator(OutsideLaw):
         results: Sequence[str] = ("tangents", "stress", "+cumulated"),
         memory: Mapping[str, int] = NONE,
     ):
-        known = {"increment", "stress", "dt", "young", "poisson", "tangents", *KNOWN}
+        known = {"increment", "stress", "dt", "young", "poisson", "tangents", *STANDARD_MEMORY}
         twice = sorted((known & {*memory, *constants}) | ({*memory} & {*constants}))
         if not callable(external) or twice:
             raise SceneError(
@@ -75,7 +75,9 @@ class ExternalOperator(OutsideLaw):
         name = getattr(external, "__qualname__", type(external).__qualname__)
         super().__init__(name, constants, "dt" in operands, source, *operands, *results)
 
-    def evaluate(self, step: Step) -> tuple[np.ndarray, dict[str, np.ndarray], np.ndarray | None]:
+    def evaluate(
+        self, step: LawStep
+    ) -> tuple[np.ndarray, dict[str, np.ndarray], np.ndarray | None]:
         """See :class:`OutsideLaw`; tangents come with the stress in any case."""
         old = step.old
         known = {

@@ -10,7 +10,7 @@ import numpy as np
 from hhr_dolfinx.plugins.external_operator.law import ExternalOperator
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.plugins.conformance.draft import Draft
+    from hhr_dolfinx.plugins.conformance.draft import SceneDraft
 
 Mapped = Callable[..., tuple[np.ndarray, np.ndarray, np.ndarray]]
 
@@ -50,7 +50,7 @@ def radial_return(
     return tangents, trial - ratio[..., None] * part, amount
 
 
-def external_law(draft: Draft, neutral: bool) -> Draft:
+def external_law(draft: SceneDraft, neutral: bool) -> SceneDraft:
     """Plasticity by a function of arrays."""
     operands = ("increment", "stress", "cumulated", "young", "poisson", "strength")
     law = ExternalOperator(external, {"strength": 1e6 if neutral else 0.05}, operands=operands)

@@ -27,7 +27,7 @@ from hhr_dolfinx.models.answer import (
     Start,
 )
 from hhr_dolfinx.models.estimates import (
-    FORCES,
+    FORCES_INDICATOR,
     check_asked,
     check_of_forces,
     check_word,
@@ -51,8 +51,9 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-ASKED = "the full model is asked: %s"
-ALIKE = 1e-5
+FULL_SOLVE_MESSAGE = "the full model is asked: %s"
+"""Message of the log, with the estimated error."""
+SAME_PROBLEM = 1e-5
 """Relative difference of gaps and S up to which two models are of one scene: S may be
 interpolated.
 """
@@ -197,7 +198,7 @@ class FallbackModel(AnsweringModel):
         except ParameterError:
             raise
         except (HHRError, _NotGoodEnough) as error:
-            _log.info(ASKED, error)
+            _log.info(FULL_SOLVE_MESSAGE, error)
             return None
         repeat(caught)
         return history
@@ -276,7 +277,7 @@ class FallbackModel(AnsweringModel):
         except ParameterError:  # an invalid start or ``outside``
             raise
         except HHRError as error:
-            _log.info(ASKED, error)
+            _log.info(FULL_SOLVE_MESSAGE, error)
             return None
 
     def _is_good(self, answer: Answer) -> bool:
@@ -287,7 +288,7 @@ class FallbackModel(AnsweringModel):
                 estimate is not None and relative_error(answer, estimate, self.of) <= self.tolerance
             )
         except HHRError as error:
-            _log.info(ASKED, error)
+            _log.info(FULL_SOLVE_MESSAGE, error)
             return False
 
 
@@ -312,7 +313,7 @@ def _check_alike(reduced: Any, full: FullOrderModel) -> None:
     """
     fields = reduced.fields if isinstance(reduced, AnsweringModel) else ModelFields()
     bound = fields.bound
-    if bound is None and fields.estimated != FORCES:
+    if bound is None and fields.estimated != FORCES_INDICATOR:
         why = known_error(fields).removeprefix("none: ")
         raise BoundError(
             "answers of this reduced model have no bound, so that nothing says when to ask the "
@@ -351,7 +352,7 @@ def _check_same_scene(reduced: Any, bound: Any, full: FullOrderModel) -> None:
     """ReductionError unless S and an answer of the full model agree with the reduced one."""
     if (
         bound.schur.shape != full.schur.shape
-        or np.abs(bound.schur - full.schur).max() > ALIKE * full.schur.max()
+        or np.abs(bound.schur - full.schur).max() > SAME_PROBLEM * full.schur.max()
     ):
         raise ReductionError(
             f"the full model is that of another scene or mesh: its stiffness differs{_remedy(full)}"
@@ -374,7 +375,7 @@ def _check_same_scene(reduced: Any, bound: Any, full: FullOrderModel) -> None:
                 @ np.linalg.lstsq(contact_of_motions, found - slack, rcond=None)[0]
             )
         # relative to displacements: if all conditions are active, slack and gaps may be round-off
-        if np.abs(found - slack).max() > ALIKE * max(
+        if np.abs(found - slack).max() > SAME_PROBLEM * max(
             np.abs(gaps).max(), np.abs(answer.unknown).max()
         ):
             raise ReductionError(

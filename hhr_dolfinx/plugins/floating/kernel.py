@@ -53,7 +53,7 @@ UNEVEN = 1e-3
 """Part of the work of its nodal forces, without signs, that a load on a round surface may do on its
 rotation.
 """
-WEAK = 0.1
+ROUND_SURFACE_EFFECT = 0.1
 """Part of the effect of other motions up to which that of one may come from the facets of a round
 surface alone.
 """
@@ -61,9 +61,9 @@ NO_WORK = 1e-9
 """Part of the largest work of a unit force along a rigid motion below which a condition does not
 act on it.
 """
-SAMPLES = 64
+LOAD_SAMPLES = 64
 """Points of the box at which the sum of the loads is judged, beside its middle."""
-SAME = 1e-9
+CHANGE_ROUND_OFF = 1e-9
 """Part of the largest value below which a change counts as round-off."""
 
 
@@ -80,7 +80,7 @@ def undetermined_outputs(answer: Any) -> set[str]:
         change = np.abs(
             fields.measured(answer._replace(unknown=answer.unknown + motion), theta) - before
         )
-        least = SAME * max(change.max(initial=0.0), np.abs(before).max(initial=0.0))
+        least = CHANGE_ROUND_OFF * max(change.max(initial=0.0), np.abs(before).max(initial=0.0))
         pairs = zip(functionals.items, functionals.places, strict=True)
         found |= {item.name for item, place in pairs if change[place].max(initial=0.0) > least}
     return found
@@ -96,7 +96,7 @@ def undetermined_motions(answer: Any) -> str:
         change = answer._replace(unknown=answer.unknown + motion).displacement() - before
         field = change.reshape(-1, answer.fields.dimension)
         sizes = np.linalg.norm(field, axis=1)
-        moving = np.flatnonzero(sizes > SAME * sizes.max())
+        moving = np.flatnonzero(sizes > CHANGE_ROUND_OFF * sizes.max())
         way = field[moving].mean(axis=0)
         shifted = np.abs(field[moving] - way).max() <= 1e-6 * sizes.max()
         how = (
@@ -326,7 +326,9 @@ def _round_turns(
         for place in own:
             motion = fields[:, :, place]
             turning = np.abs(motion - motion.mean(axis=0)).max() > 0.5 * np.abs(motion).max()
-            if effects[place] >= WEAK * effects[own].max() or not (turning or driven[place]):
+            if effects[place] >= ROUND_SURFACE_EFFECT * effects[own].max() or not (
+                turning or driven[place]
+            ):
                 continue
             found_round[place] = turning and not driven[place]
             what = (
@@ -392,7 +394,7 @@ def _driven(problem: ContactProblem, motions: np.ndarray, limits: np.ndarray) ->
     least = np.asarray(abs(problem.loads).T @ limits)
     space = problem.parameters
     driven = np.zeros(motions.shape[1], dtype=bool)
-    for point in (space.middle, *space.random(SAMPLES, seed=0)):
+    for point in (space.middle, *space.random(LOAD_SAMPLES, seed=0)):
         with suppress(ParameterError):  # some scenes have no meaning at some points of the box
             theta = problem.amplitudes(point)
             driven |= (

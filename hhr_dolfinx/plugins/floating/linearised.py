@@ -16,15 +16,15 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, Statuses
 from hhr_dolfinx.contact.law import UNILATERAL_STEP, StepContact
 from hhr_dolfinx.plugins.floating.statuses import (
-    MOST_STEPS,
+    PROXIMAL_STEPS,
     FloatingEqualities,
     floating_set,
     open_motions,
 )
 
-BALANCED = 1e-12
+BALANCED_MOTIONS = 1e-12
 """Imbalance of the forces, relative to the largest, at which the search for motions ends."""
-CLOSE = 1e-10
+BALANCE_ROUND_OFF = 1e-10
 """The same at which it may end where one more step does not halve the imbalance: round-off of the
 law.
 """
@@ -94,7 +94,7 @@ class LinearisedMotions:
         spent = 0
         for compliance, held in self.equalities.springs:
             before = np.inf
-            for _ in range(MOST_STEPS):
+            for _ in range(PROXIMAL_STEPS):
                 found = contact.solved(
                     held, free_slack - self._effect @ (ends + compliance * driving), active, pairs
                 )
@@ -106,7 +106,7 @@ class LinearisedMotions:
                 active = found.active
                 sizes = np.abs(driving) + np.abs(found.forces) @ np.abs(self._effect)
                 off = float((np.abs(left) / (sizes.max() or 1.0)).max())
-                if off <= BALANCED or (off <= CLOSE and not off < 0.5 * before):
+                if off <= BALANCED_MOTIONS or (off <= BALANCE_ROUND_OFF and not off < 0.5 * before):
                     return found._replace(iterations=spent), ends
                 before = off
         return found._replace(iterations=spent, status=Status.ADRIFT), ends

@@ -33,21 +33,21 @@ from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, Statu
 from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.linear.dense import LapackLU
 
-WEAKNESS = (1e3, 1e5, 1e7, 1e9)
+SPRING_COMPLIANCES = (1e3, 1e5, 1e7, 1e9)
 """Compliances of the springs over that of the bodies: weaker springs need fewer steps and lose more
 digits.
 """
-MOST_STEPS = 30
+PROXIMAL_STEPS = 30
 """Steps of the proximal point method with springs of one kind; two or three are usual."""
-BALANCED = 1e-12
+BALANCED_FORCES = 1e-12
 """Relative imbalance of the forces up to which they count as balanced."""
-ROUND_OFF = 1e-13
+BODY_BALANCE_ROUND_OFF = 1e-13
 """Round-off in the balance of one body, relative to the forces on all bodies."""
 ACTING = 1e-12
 """Part of the largest share of a row in the least motion, up to which the row counts as
 inactive.
 """
-NOTHING = 1e-14
+GAP_ROUND_OFF = 1e-14
 """Part of the force that would close the largest gap, up to which a force is round-off of that
 gap.
 """
@@ -56,12 +56,12 @@ BEARING_OF_GAPS = 1e-12
 """Parts of the largest contact force, and of the force that would close the largest gap, up to
 which a condition bears no force that holds a body: loads balance each other only up to round-off.
 """
-HELD = 1e-10
+EFFECTIVE_MOTION = 1e-10
 """Ratio of the squares of the least and the largest effect of motions above which none is without
-effect: far above the square of SINGULAR, so that an SVD, which takes as long as the rest of an
-answer, would find none either.
+effect: far above the square of SINGULAR_EQUALITIES, so that an SVD, which takes as long as the
+rest of an answer, would find none either.
 """
-SINGULAR = 1e-8
+SINGULAR_EQUALITIES = 1e-8
 """Relative residual of an equality problem above which it counts as singular."""
 
 
@@ -96,9 +96,12 @@ class FloatingEqualities:
         m = active.size
         left = right[both] + self._whole[np.ix_(both, both)] @ found[both]
         largest = np.abs(right).max(initial=1e-300)
-        held = np.abs(left).max() <= SINGULAR * largest
+        held = np.abs(left).max() <= SINGULAR_EQUALITIES * largest
         # a singular system may have a solution to round-off, with motions of any size
-        held = held and self._size * np.abs(found[m:]).max(initial=0.0) <= largest / SINGULAR
+        held = (
+            held
+            and self._size * np.abs(found[m:]).max(initial=0.0) <= largest / SINGULAR_EQUALITIES
+        )
         if not held or not self.balanced(found[:m], driving).all():
             raise SingularError("the conditions that touch do not hold all bodies")
         return found[:m], slack[:m], self._units * found[m:]
@@ -115,11 +118,11 @@ class FloatingEqualities:
         if not rows.shape[0]:
             return np.eye(count)
         sizes = np.linalg.eigvalsh(rows.T @ rows)
-        if sizes[0] > HELD * sizes[-1]:
+        if sizes[0] > EFFECTIVE_MOTION * sizes[-1]:
             return np.zeros((count, 0))
         # all columns of G are as large as S here; a zero column is a motion without effect on any
         # condition
-        ways = null_space(np.vstack([rows, np.zeros((count, count))]), rcond=SINGULAR)
+        ways = null_space(np.vstack([rows, np.zeros((count, count))]), rcond=SINGULAR_EQUALITIES)
         return np.linalg.qr(self._units[:, None] * ways)[0]
 
     def balanced(self, forces: np.ndarray, driving: np.ndarray, nothing: float = 0.0) -> np.ndarray:
@@ -132,7 +135,12 @@ class FloatingEqualities:
         units = self._units
         left = units * np.abs(driving - forces @ self.contact_of_motions)
         sizes = units * (np.abs(driving) + np.abs(forces) @ np.abs(self.contact_of_motions))
-        return left <= SINGULAR * sizes + ROUND_OFF * sizes.max(initial=0.0) + units * nothing
+        return (
+            left
+            <= SINGULAR_EQUALITIES * sizes
+            + BODY_BALANCE_ROUND_OFF * sizes.max(initial=0.0)
+            + units * nothing
+        )
 
     @cached_property
     def springs(self) -> tuple[tuple[np.ndarray, SchurEqualities], ...]:
@@ -142,7 +150,7 @@ class FloatingEqualities:
         push = (self.contact_of_motions**2).mean(axis=0)
         unit = self._size / np.where(push > 0, push, 1.0)
         found = []
-        for compliance in (unit * weak for weak in WEAKNESS):
+        for compliance in (unit * weak for weak in SPRING_COMPLIANCES):
             held = self.schur + (self.contact_of_motions * compliance) @ self.contact_of_motions.T
             found.append((compliance, SchurEqualities.of(held, LapackLU)))
         return tuple(found)
@@ -157,7 +165,7 @@ class FloatingEqualities:
         right = np.concatenate([free_slacks, -self._units[:, None] * drivings])
         found = np.zeros_like(right)
         found[both] = -np.linalg.lstsq(
-            self._whole[np.ix_(both, both)], right[both], rcond=SINGULAR
+            self._whole[np.ix_(both, both)], right[both], rcond=SINGULAR_EQUALITIES
         )[0]
         m = active.size
         slacks = (right + self._whole @ found)[:m]
@@ -227,7 +235,7 @@ def _nearest(rows: np.ndarray, limits: np.ndarray, target: np.ndarray) -> np.nda
     # nnls of scipy 1.15 stops too early, and bvls where rows are opposite, as examples of the tests
     # show
     found = point(lsq_linear(system, unit, bounds=(0.0, np.inf), method="bvls", tol=1e-15).x)
-    if (rows @ found - limits).max() <= SINGULAR * beyond.max():
+    if (rows @ found - limits).max() <= SINGULAR_EQUALITIES * beyond.max():
         return found
     return min(
         found, point(nnls(system, unit)[0]), key=lambda one: float((rows @ one - limits).max())
@@ -251,11 +259,15 @@ def floating_set(
     contact_of_motions = equalities.contact_of_motions
     # forces that only close round-off of the gaps: without loads there are no other forces to
     # compare with
-    nothing = NOTHING * np.abs(free_slack).max() / (np.abs(np.diag(equalities.schur)).mean() or 1.0)
+    nothing = (
+        GAP_ROUND_OFF * np.abs(free_slack).max() / (np.abs(np.diag(equalities.schur)).mean() or 1.0)
+    )
     ends = np.zeros(driving.size)
     spent = 0
     active = start
-    for compliance, sprung in (spring for spring in equalities.springs for _ in range(MOST_STEPS)):
+    for compliance, sprung in (
+        spring for spring in equalities.springs for _ in range(PROXIMAL_STEPS)
+    ):
         offset = ends + compliance * driving
         found = active_set(sprung, free_slack - contact_of_motions @ offset, active, pairs=pairs)
         spent += found.iterations
@@ -265,7 +277,7 @@ def floating_set(
         ends = ends + compliance * left
         active = found.active
         largest = (np.abs(driving) + found.forces @ np.abs(contact_of_motions)).max()
-        close = np.abs(left) <= BALANCED * largest + nothing
+        close = np.abs(left) <= BALANCED_FORCES * largest + nothing
         if (close & equalities.balanced(found.forces, driving, nothing)).all():
             return found._replace(iterations=spent, cycled=True), ends
         direct = _direct(equalities, free_slack, driving, active, pairs)

@@ -39,11 +39,11 @@ PLUGIN = Plugin(
     recipes={"with_friction": f"{_HERE}.reduction:with_friction"},
     stages=(Stage(f"{_HERE}.reduction:check_forces", f"{_BUILD}:assess_projection", _wanted),),
     facets={
-        "steps": f"{_HERE}.steps:STEPS",
+        "steps": f"{_HERE}.steps:FRICTION_STEPS",
         "range": f"{_HERE}.range:FrictionRange",
         "report": f"{_HERE}.report:REPORT",
         "page": f"{_HERE}.page:PAGE",
-        "flow_slopes": f"{_HERE}.flow_slopes:FlowSlopes",
+        "flow_slopes": f"{_HERE}.flow_slopes:SlidingSlopes",
         "deck": f"{_HERE}.pair_laws:DECK",
     },
     switches={f"{_HERE}.switches": "friction friction_by_formula tresca"},

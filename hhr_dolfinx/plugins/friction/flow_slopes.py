@@ -17,21 +17,22 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.plugins.friction.laws import SLIP, SlipState
-from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
-from hhr_dolfinx.plugins.friction.surfaces import Surface
-from hhr_dolfinx.plugins.inelastic.contact_slopes import ContactChange, Eliminated, columnwise
+from hhr_dolfinx.plugins.friction.sliding_set import Sliding, SlidingContact, SlidingIncrement
+from hhr_dolfinx.plugins.friction.surfaces import SolvedContacts
+from hhr_dolfinx.plugins.inelastic.contact_slopes import ContactChange, LinearisedStep, columnwise
 
-NOTHING = np.zeros(0)
+NO_MOTIONS = np.zeros(0)
+"""Amplitudes of rigid motions, and loads along them: there are none here."""
 
 
-class FlowSlopes:
+class SlidingSlopes:
     """See :class:`~hhr_dolfinx.plugins.inelastic.contact_slopes.ContactSlopes`, for one history of
     an equilibrium.
     """
 
     def __init__(self, model: Any, count: int):
         self._friction = model.law
-        self._surface = Surface.of(model)
+        self._surface = SolvedContacts.of(model)
         self._slip = SlipState.at_rest(self._surface.whole)
         self._position = np.zeros(
             (self._friction.tangential.size, count)
@@ -44,7 +45,7 @@ class FlowSlopes:
 
     def step(
         self,
-        linear: Eliminated,
+        linear: LinearisedStep,
         answer: Answer,
         slack: np.ndarray,
         right: tuple[np.ndarray, np.ndarray],
@@ -61,9 +62,11 @@ class FlowSlopes:
             slack[rows] -= self._surface.position(self._slip)
             slack[answer.active] = 0.0
             forces = answer.multipliers
-            found = Sliding(forces, answer.active, slack, NOTHING, 0, 0, Status.CONVERGED)
+            found = Sliding(forces, answer.active, slack, NO_MOTIONS, 0, 0, Status.CONVERGED)
             coefficients, limits = friction.bounds(answer.parameter)
-            given = Increment(slack - contact.schur @ forces, coefficients, limits, NOTHING)
+            given = SlidingIncrement(
+                slack - contact.schur @ forces, coefficients, limits, NO_MOTIONS
+            )
             free = columnwise(linear.solve, residual)
             opened = linear.slack_of(gaps, free)
             opened[rows] -= self._position

@@ -42,7 +42,7 @@ class _Tangential(KnownArguments, PairLaw):
         coefficient = FrictionLaw.of(self, scene.parameters, what).coefficient
         if (
             coefficient is not None
-            and LARGE < (value := coefficient.value(scene.parameters.middle)) < ROUGH
+            and LARGE_COEFFICIENT < (value := coefficient.value(scene.parameters.middle)) < ROUGH
         ):
             angle = (
                 f"; of an angle of {value:g} degrees it is {np.tan(np.radians(value)):.3g}"
@@ -131,7 +131,7 @@ def _check_constant(value: float | str, name: str) -> None:
 
 
 Law = Coulomb | Tresca
-LARGE = 5.0
+LARGE_COEFFICIENT = 5.0
 """Coefficient of friction in the middle of the box above which it may be an angle or a
 percentage.
 """

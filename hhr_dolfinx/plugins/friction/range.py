@@ -12,15 +12,15 @@ import numpy as np
 
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.plugins.contact_laws.ranges import (
-    Coupling,
     Linearised,
+    OffDiagonal,
     RangeSolver,
     RangeStep,
     UnilateralStep,
 )
 from hhr_dolfinx.plugins.friction.laws import SLIP, Friction, SlipState, bounds
-from hhr_dolfinx.plugins.friction.slider import APART, WORK
-from hhr_dolfinx.plugins.friction.sliding_set import PROBES, elastic_slip
+from hhr_dolfinx.plugins.friction.slider import OPEN_GAP, WORK
+from hhr_dolfinx.plugins.friction.sliding_set import STIFFNESS_FACTORS, elastic_slip
 from hhr_dolfinx.plugins.friction.surfaces import FarSliding
 from hhr_dolfinx.plugins.friction.uniqueness import coupling
 
@@ -57,7 +57,7 @@ class FrictionRange(RangeSolver):
         for before, after in pairwise(ends[:3]):
             gap = before.slack[rows[own.normal]]
             closed = after.memory[SLIP].pressure > 0
-            closed &= gap > APART * np.abs(gap).max(initial=0.0)
+            closed &= gap > OPEN_GAP * np.abs(gap).max(initial=0.0)
             held.append(np.linalg.norm(after.forces[rows[own.tangential]][closed[own.owner]]))
         _, _, second, whole = ends
         work = float(second.memory[SLIP].work.sum())
@@ -130,7 +130,7 @@ class FrictionStep(RangeStep):
         normal = self.under.linearised(forces[pressures], slack[pressures], c[pressures], attempt)
         borne = forces[pressures] - normal.off
         bound = bounds(self.coefficient, self.limit, borne)
-        probed = forces[rows] - PROBES[attempt] * c[rows] * slack[rows]
+        probed = forces[rows] - STIFFNESS_FACTORS[attempt] * c[rows] * slack[rows]
         size = own.lengths(probed)
         bears = (bound > 0) | (borne > 0)
         direction = probed / np.where(size > 0, size, 1.0)[own.owner]
@@ -162,7 +162,7 @@ class FrictionStep(RangeStep):
             slips & self._turns, at.bound[owner] / np.where(slips, at.size[owner], 1.0), 0.0
         )
         across = yielding * (1.0 - d**2)
-        probe = PROBES[attempt] * at.stiffness[rows]
+        probe = STIFFNESS_FACTORS[attempt] * at.stiffness[rows]
         on_forces[rows] = np.where(slips, 1.0 - across, ~bears)
         on_slack[rows] = np.where(slips, probe * across, np.where(bears, at.stiffness[rows], 0.0))
         limited = at.limited[owner]
@@ -171,7 +171,7 @@ class FrictionStep(RangeStep):
         turning = np.flatnonzero(slips & self._turns)
         partner = turning.reshape(-1, 2)[:, ::-1].ravel()
         mixed = yielding[turning] * d[turning] * d[partner]
-        beside = Coupling(
+        beside = OffDiagonal(
             np.concatenate([rows[follows], rows[turning]]),
             np.concatenate([pressures[owner[follows]], rows[partner]]),
             np.concatenate([-self.coefficient[owner[follows]] * d[follows], mixed]),
@@ -191,13 +191,13 @@ class FrictionStep(RangeStep):
             off, on_forces, on_slack, right, key, active, self._with_under(beside, at.normal)
         )
 
-    def _with_under(self, beside: Coupling, normal: Linearised) -> Coupling:
+    def _with_under(self, beside: OffDiagonal, normal: Linearised) -> OffDiagonal:
         """Entries of friction, and those of the law of the pressures."""
         if normal.coupling is None:
             return beside
         rows, columns, *entries = normal.coupling
         own = self.friction.normal[rows], self.friction.normal[columns], *entries
-        return Coupling(*(np.concatenate(pair) for pair in zip(beside, own, strict=True)))
+        return OffDiagonal(*(np.concatenate(pair) for pair in zip(beside, own, strict=True)))
 
     def after(self, forces: np.ndarray, slack: np.ndarray, active: np.ndarray) -> Memory:
         """Slip at the end."""

@@ -19,23 +19,23 @@ from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact
 from hhr_dolfinx.models.gradient import Gradient
-from hhr_dolfinx.plugins.contact_laws.increments import Target
+from hhr_dolfinx.plugins.contact_laws.increments import IncrementEnd
 from hhr_dolfinx.plugins.friction.laws import SLIP, Friction, SlipState
-from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
-from hhr_dolfinx.plugins.friction.surfaces import FarSliding, Surface
+from hhr_dolfinx.plugins.friction.sliding_set import Sliding, SlidingContact, SlidingIncrement
+from hhr_dolfinx.plugins.friction.surfaces import FarSliding, SolvedContacts
 
 WORK = 1e-3
 """Part of the elastic energy of contact below which dissipated work counts as zero."""
-APART = 1e-9
+OPEN_GAP = 1e-9
 """Part of the largest gap above which a contact is open."""
-NOTE = (
+SLIDING_GRADIENT_NOTE = (
     "derivative of the path in its increments, at their statuses: check that more increments do "
     "not change it"
 )
 """Note of derivatives."""
 
 
-class Reached(NamedTuple):
+class SlidingState(NamedTuple):
     """State of a history at the end of an increment."""
 
     point: np.ndarray
@@ -60,29 +60,29 @@ class Reached(NamedTuple):
     """
 
 
-class Solved(NamedTuple):
+class SolvedSliding(NamedTuple):
     """An increment: its solution, the state at its end, the contact problem there, and derivatives
     if requested.
     """
 
     found: Sliding
-    reached: Reached
+    reached: SlidingState
     contact: CondensedContact
     gradient: Gradient | None
 
     @property
     def status(self) -> Status:
-        """See :class:`~hhr_dolfinx.plugins.contact_laws.increments.Increment`."""
+        """See :class:`~hhr_dolfinx.plugins.contact_laws.increments.SolvedIncrement`."""
         return self.found.status
 
     @property
     def iterations(self) -> int:
-        """See :class:`~hhr_dolfinx.plugins.contact_laws.increments.Increment`."""
+        """See :class:`~hhr_dolfinx.plugins.contact_laws.increments.SolvedIncrement`."""
         return self.found.iterations
 
     @property
     def cycled(self) -> bool:
-        """See :class:`~hhr_dolfinx.plugins.contact_laws.increments.Increment`."""
+        """See :class:`~hhr_dolfinx.plugins.contact_laws.increments.SolvedIncrement`."""
         return self.found.sweeps > 0
 
 
@@ -106,18 +106,18 @@ class Slider:
         self._limit = limit
         self.friction: Friction = model.law
         self._far = FarSliding()
-        self.surface = Surface.of(model)
+        self.surface = SolvedContacts.of(model)
         self._contact_at: Callable[[np.ndarray], CondensedContact] = model.contacts()
         self._sliding: SlidingContact | None = None
         self.largest = 0.0
         self.energy = 0.0
 
-    def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> Reached:
+    def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> SlidingState:
         """Undeformed bodies without slip."""
         forces = np.zeros(self.model.own_conditions)
         gap = self._contact_at(point).free_slack[self.friction.normal]
         slip = SlipState.at_rest(self.surface.whole)
-        return Reached(
+        return SlidingState(
             point, time, forces, None, gap, slip, weights, self._no_changes, self._no_changes
         )
 
@@ -125,7 +125,7 @@ class Slider:
     def _no_changes(self) -> np.ndarray:
         return np.zeros((self.friction.tangential.size, len(self.model.parameters.names)))
 
-    def going_on(self, answer: Answer, weights: np.ndarray) -> Reached:
+    def going_on(self, answer: Answer, weights: np.ndarray) -> SlidingState:
         """State after a step that the full model solved before."""
         schur = self._contact_at(answer.parameter).schur
         forces = answer.multipliers
@@ -138,7 +138,7 @@ class Slider:
         gap = slack[self.friction.normal]
         slip = answer.memory[SLIP]
         nothing = self._no_changes
-        return Reached(
+        return SlidingState(
             answer.parameter,
             answer.time,
             forces,
@@ -150,7 +150,7 @@ class Slider:
             nothing,
         )
 
-    def increment(self, before: Reached, target: Target) -> Solved:
+    def increment(self, before: SlidingState, target: IncrementEnd) -> SolvedSliding:
         """Solve one increment; it may not converge."""
         point = target.point
         contact = self._contact_at(point)
@@ -162,7 +162,7 @@ class Slider:
         slack = contact.free_slack.copy()
         slack[self.friction.tangential] -= self.surface.position(before.slip)
         driving = np.zeros(0) if contact.kernel is None else contact.kernel.driving
-        given = Increment(slack, *self.friction.bounds(point), driving)
+        given = SlidingIncrement(slack, *self.friction.bounds(point), driving)
         found = self._sliding.increment(given, before.forces, before.active)
         slip = self.surface.after(
             before.slip, given, found, partial(unknown_of, contact, found), point
@@ -179,11 +179,11 @@ class Slider:
             follows = ~found.active[self.friction.tangential, None] & ~closes
             changes = references + np.where(follows, gradient.slack[self.friction.tangential], 0.0)
             closing = self._closing(before, found, gradient)
-        return Solved(
+        return SolvedSliding(
             found, self._reached(target, found, slip, (changes, closing)), contact, gradient
         )
 
-    def _closes(self, before: Reached, found: Sliding) -> np.ndarray:
+    def _closes(self, before: SlidingState, found: Sliding) -> np.ndarray:
         """Tangential rows of contacts that close in an increment, if derivatives are those of a
         limit, (T, 1) bool.
         """
@@ -192,7 +192,7 @@ class Slider:
             return np.zeros((friction.tangential.size, 1), dtype=bool)
         return (found.active & ~before.active)[friction.normal[friction.owner], None]
 
-    def _closing(self, before: Reached, found: Sliding, gradient: Gradient) -> np.ndarray:
+    def _closing(self, before: SlidingState, found: Sliding, gradient: Gradient) -> np.ndarray:
         """Derivatives of the position at which open contacts will close, less those at a fixed
         time, (T, P).
 
@@ -210,24 +210,26 @@ class Slider:
 
     def _reached(
         self,
-        target: Target,
+        target: IncrementEnd,
         found: Sliding,
         slip: SlipState,
         changes: tuple[np.ndarray, np.ndarray],
         *of_surfaces: np.ndarray,
-    ) -> Reached:
+    ) -> SlidingState:
         """State at the end of an increment, whose forces count for the unit of errors."""
         if found.status is Status.CONVERGED:
             self.largest = max(self.largest, float(np.linalg.norm(found.forces)))
         gap = found.slack[self.friction.normal]
         state = found.forces, found.active, gap, slip
-        return Reached(target.point, target.time, *state, target.weights, *changes, *of_surfaces)
+        return SlidingState(
+            target.point, target.time, *state, target.weights, *changes, *of_surfaces
+        )
 
     def _gradient(
         self,
         references: np.ndarray,
-        target: Target,
-        given: Increment,
+        target: IncrementEnd,
+        given: SlidingIncrement,
         found: Sliding,
         contact: CondensedContact,
     ) -> Gradient:
@@ -252,9 +254,15 @@ class Slider:
         of_unknown = of_unknown - contact.pushed(forces)
         if floating is not None:
             of_unknown = of_unknown + floating.modes @ motions
-        return Gradient(of_unknown, forces, self._sliding.grazing(given, found), slack, note=NOTE)
+        return Gradient(
+            of_unknown,
+            forces,
+            self._sliding.grazing(given, found),
+            slack,
+            note=SLIDING_GRADIENT_NOTE,
+        )
 
-    def held(self, before: Reached, after: Reached) -> float:
+    def held(self, before: SlidingState, after: SlidingState) -> float:
         """Sticking force of contacts that closed in this increment.
 
         Its reference is the start of the increment.
@@ -263,11 +271,13 @@ class Slider:
         friction = self.friction
         # a contact that was closed at the start has no motion before its closing
         closed = after.active[friction.normal] & (
-            before.gap > APART * np.abs(before.gap).max(initial=0.0)
+            before.gap > OPEN_GAP * np.abs(before.gap).max(initial=0.0)
         )
         return float(np.linalg.norm(after.forces[friction.tangential][closed[friction.owner]]))
 
-    def difference(self, before: Reached, half: Solved, second: Solved, whole: Solved) -> float:
+    def difference(
+        self, before: SlidingState, half: SolvedSliding, second: SolvedSliding, whole: SolvedSliding
+    ) -> float:
         """Error of a step in two halves: of forces over the largest so far, of work over the
         dissipated work.
         """
@@ -279,17 +289,17 @@ class Slider:
         change = abs(work - float(whole.reached.slip.work.sum()))
         return max(float(off) / (self.largest or 1.0), change / (work + WORK * self.energy or 1.0))
 
-    def compare(self, solved: Solved) -> None:
+    def compare(self, solved: SolvedSliding) -> None:
         """Take in the elastic energy of an increment."""
         self.energy = max(self.energy, self.elastic_energy(solved))
 
-    def check(self, place: Reached) -> None:
+    def check(self, place: SlidingState) -> None:
         """Check the sliding distance."""
         self._far.check(
             self.surface.whole, place.slip, self.model.parameters.described(place.point)
         )
 
-    def advice(self, solved: Solved) -> Mapping[Status, str]:
+    def advice(self, solved: SolvedSliding) -> Mapping[Status, str]:
         """See :class:`~hhr_dolfinx.plugins.contact_laws.increments.Increments`."""
         found = solved.found
         if found.status is Status.ADRIFT:
@@ -302,12 +312,12 @@ class Slider:
             )
         }
 
-    def elastic_energy(self, solved: Solved) -> float:
+    def elastic_energy(self, solved: SolvedSliding) -> float:
         """Elastic energy of contact forces."""
         forces = solved.found.forces
         return 0.5 * float(forces @ (solved.contact.schur @ forces))
 
-    def answer(self, solved: Solved) -> Answer:
+    def answer(self, solved: SolvedSliding) -> Answer:
         """Answer of an increment."""
         found, reached, contact, gradient = solved
         return Answer(

@@ -31,25 +31,25 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.plugins.friction.laws import Friction, bounds, places_of
 from hhr_dolfinx.plugins.friction.sliding_system import (
-    Rows,
+    SlidingRows,
+    SlidingStatuses,
     SlidingSystem,
     SlidingSystems,
-    Statuses,
 )
 from hhr_dolfinx.plugins.friction.sweeps import swept
 
-TOLERANCE = 1e-11
+SLIDING_TOLERANCE = 1e-11
 """Relative deviation of forces from their projection up to which they have converged (measured
 round-off: 1e-14).
 """
-PROBES = (0.2, 1.0, 0.01)
+STIFFNESS_FACTORS = (0.2, 1.0, 0.01)
 """Factors of the stiffness by which the slip of a contact enters its status, tried in this order.
 
 Neighbours slip at the same time, so that the stiffness of a single contact overestimates the
 change: with the full factor, slip may alternate between directions and never stick. On 256 contacts
 in space 0.1 to 0.3 took the fewest iterations.
 """
-NEWTON = 40
+SLIDING_ITERATIONS = 40
 """Iterations of Newton's method before another attempt.
 
 Two to five are usual from the previous increment.
@@ -62,11 +62,11 @@ ELASTIC_SLIP = 1e-4
 With 1e-6 one of 40,000 random jumps of the pellet, which has such a corner, did not converge; with
 1e-4 all do.
 """
-STALLED = 0.2
+STALLED_REDUCTION = 0.2
 """Reduction of the deviation above which a step with old factors counts as failed, and the factors
 are updated.
 """
-GRAZING = 1e-7
+CHANGING_SLIP = 1e-7
 """Part of the largest force within which a contact is about to change its status."""
 
 
@@ -87,7 +87,7 @@ class Sliding(NamedTuple):
     )  # rows of pressure of contacts that still change
 
 
-class Increment(NamedTuple):
+class SlidingIncrement(NamedTuple):
     """Loads and friction bounds of an increment."""
 
     slack: (
@@ -122,7 +122,7 @@ class _Iterate(NamedTuple):
     projection.
     """
 
-    statuses: Statuses
+    statuses: SlidingStatuses
     limited: np.ndarray  # tangential rows whose bound is the limit, (T,) bool
     bound: np.ndarray  # b of each tangential row, (T,)
     off: np.ndarray  # forces less their projection, (M,)
@@ -172,12 +172,12 @@ class SlidingContact:
         unit = self.stiffness[:, None]
         balance = np.ascontiguousarray(self.contact_of_motions.T)
         scaled = np.hstack([schur, -self.contact_of_motions]) * unit
-        self._problem = Rows(scaled, balance, rows, self._normal, self._curved)
+        self._problem = SlidingRows(scaled, balance, rows, self._normal, self._curved)
         self._nowhere = np.zeros(rows.size, dtype=bool)
         self._systems = SlidingSystems(self._problem)
 
     def increment(
-        self, given: Increment, start: np.ndarray, active: np.ndarray | None = None
+        self, given: SlidingIncrement, start: np.ndarray, active: np.ndarray | None = None
     ) -> Sliding:
         """Solve an increment from forces, (M,), and statuses, (M,) bool, of the previous one.
 
@@ -201,7 +201,7 @@ class SlidingContact:
             else self._by_springs(given, own, found)
         )
 
-    def _prepared(self, given: Increment) -> _Given:
+    def _prepared(self, given: SlidingIncrement) -> _Given:
         unforced = -self.stiffness * given.slack
         plain = bool(np.isfinite(given.coefficient).all() and np.isinf(given.limit).all())
         return _Given(
@@ -224,14 +224,17 @@ class SlidingContact:
         acting[self._rows] = (bound > 0) | active[self._normal]
         slips = ~active[self._rows] & (size > 0) & acting[self._rows]
         return self._iterate(
-            given, acting, slips, limited, bound, own, size, PROBES[0], np.zeros(0)
+            given, acting, slips, limited, bound, own, size, STIFFNESS_FACTORS[0], np.zeros(0)
         )
 
     def _tried(self, given: _Given, start: np.ndarray, motions: np.ndarray) -> Sliding:
         """Newton's method, with one factor of the slip after another."""
         iterations = 0
         # the first factor again without errors of old factors
-        for probe, old in ((PROBES[0], True), *((probe, False) for probe in PROBES)):
+        for probe, old in (
+            (STIFFNESS_FACTORS[0], True),
+            *((probe, False) for probe in STIFFNESS_FACTORS),
+        ):
             found = self._newton(given, start, motions, probe, old)
             iterations += found.iterations
             if found.status is Status.CONVERGED:
@@ -244,20 +247,20 @@ class SlidingContact:
     ) -> Sliding:
         """Newton's method; the status is ``UNSETTLED`` if statuses repeat, or ``SINGULAR``.
 
-        ``probe`` is one of :data:`PROBES`; ``old`` allows factors of other statuses while steps
-        converge.
+        ``probe`` is one of :data:`STIFFNESS_FACTORS`; ``old`` allows factors of other statuses
+        while steps converge.
         """
         forces = start
         seen: set[bytes] = set()
         least = np.inf
         before = np.inf
         status = Status.UNSETTLED
-        for iteration in range(NEWTON + 1):
+        for iteration in range(SLIDING_ITERATIONS + 1):
             slack = given.slack + self.schur @ forces - self.contact_of_motions @ motions
             at = self._projected(given, forces, slack, probe)
             worst = np.abs(at.off).max(initial=0.0)
             balanced = self._balanced(given, forces)
-            noise = TOLERANCE * np.abs(forces).max(initial=0.0) + given.round_off
+            noise = SLIDING_TOLERANCE * np.abs(forces).max(initial=0.0) + given.round_off
             if worst <= noise and balanced:
                 # a solution may be round-off of corrected factors
                 if old and not self._systems.holds(
@@ -266,11 +269,15 @@ class SlidingContact:
                     break
                 return self._settled(at.statuses, forces, slack, motions, iteration)
             key = at.key()
-            if iteration == NEWTON or (key in seen and not worst < 0.5 * least):
+            if iteration == SLIDING_ITERATIONS or (key in seen and not worst < 0.5 * least):
                 break
             seen.add(key)
             least = min(least, worst)
-            near = np.concatenate([forces, motions]) if old and worst < STALLED * before else None
+            near = (
+                np.concatenate([forces, motions])
+                if old and worst < STALLED_REDUCTION * before
+                else None
+            )
             before = worst
             if not old:
                 self._systems.forget()
@@ -294,7 +301,7 @@ class SlidingContact:
 
     def changes(
         self,
-        given: Increment,
+        given: SlidingIncrement,
         found: Sliding,
         slack: np.ndarray,
         bounds: tuple[np.ndarray, np.ndarray],
@@ -325,12 +332,14 @@ class SlidingContact:
         solved = SlidingSystem(self._problem, at.statuses).solve(right)
         return solved[: len(slack)], solved[len(slack) :]
 
-    def _at(self, given: Increment, found: Sliding) -> _Iterate:
-        return self._projected(self._prepared(given), found.forces, found.slack, PROBES[0])
+    def _at(self, given: SlidingIncrement, found: Sliding) -> _Iterate:
+        return self._projected(
+            self._prepared(given), found.forces, found.slack, STIFFNESS_FACTORS[0]
+        )
 
-    def grazing(self, given: Increment, found: Sliding) -> np.ndarray:
+    def grazing(self, given: SlidingIncrement, found: Sliding) -> np.ndarray:
         """Rows about to change their status, for which derivatives are one-sided, (M,) bool."""
-        near = GRAZING * np.abs(found.forces).max(initial=0.0)
+        near = CHANGING_SLIP * np.abs(found.forces).max(initial=0.0)
         at = self._at(given, found)
         scaled = self.stiffness * np.abs(found.slack)
         close = np.where(found.active, np.abs(found.forces) <= near, scaled <= near)
@@ -378,14 +387,14 @@ class SlidingContact:
         followed = given.coefficient if given.plain else np.where(limited, 0.0, given.coefficient)
         if not self._turns:
             return _Iterate(
-                Statuses(acting, slips, followed, np.sign(tangential), size, probe),
+                SlidingStatuses(acting, slips, followed, np.sign(tangential), size, probe),
                 limited,
                 bound,
                 off,
             )
         direction = tangential / np.where(size > 0, size, 1.0)
         return _Iterate(
-            Statuses(acting, slips, followed, direction, _share(bound, size), probe),
+            SlidingStatuses(acting, slips, followed, direction, _share(bound, size), probe),
             limited,
             bound,
             off,
@@ -444,7 +453,7 @@ class SlidingContact:
         return self._right(statuses, given.unforced[:, None], known, given.driving[:, None])[:, 0]
 
     def _right(
-        self, at: Statuses, unforced: np.ndarray, known: np.ndarray, driving: np.ndarray
+        self, at: SlidingStatuses, unforced: np.ndarray, known: np.ndarray, driving: np.ndarray
     ) -> np.ndarray:
         """Right-hand sides of all rows, (M + r, P).
 
@@ -463,7 +472,12 @@ class SlidingContact:
         return np.concatenate([right, driving]) if len(driving) else right
 
     def _settled(
-        self, at: Statuses, forces: np.ndarray, slack: np.ndarray, motions: np.ndarray, count: int
+        self,
+        at: SlidingStatuses,
+        forces: np.ndarray,
+        slack: np.ndarray,
+        motions: np.ndarray,
+        count: int,
     ) -> Sliding:
         """A converged solution, with the statuses of its rows."""
         active = at.acting.copy()
@@ -474,7 +488,7 @@ class SlidingContact:
         forces[~at.acting] = 0.0
         return Sliding(forces, active, slack, motions, max(count, 1), 0, Status.CONVERGED)
 
-    def _by_sweeps(self, given: Increment, own: _Given, found: Sliding) -> Sliding:
+    def _by_sweeps(self, given: SlidingIncrement, own: _Given, found: Sliding) -> Sliding:
         """Sweeps over single contacts, and Newton's method from their result."""
         forces = np.where(np.isfinite(found.forces), found.forces, 0.0)
         iterations = found.iterations
@@ -500,24 +514,30 @@ class SlidingContact:
         motions = self.contact_of_motions
         push = (motions**2).mean(axis=0)
         unit = np.abs(np.diag(self.schur)).mean() / np.where(push > 0, push, 1.0)
-        from hhr_dolfinx.plugins.floating.statuses import WEAKNESS
+        from hhr_dolfinx.plugins.floating.statuses import SPRING_COMPLIANCES
 
-        springs = (unit * weak for weak in WEAKNESS)
+        springs = (unit * weak for weak in SPRING_COMPLIANCES)
         return tuple(
             (one, SlidingContact(self.schur + (motions * one) @ motions.T, self.friction))
             for one in springs
         )
 
-    def _by_springs(self, given: Increment, own: _Given, failed: Sliding) -> Sliding:
+    def _by_springs(self, given: SlidingIncrement, own: _Given, failed: Sliding) -> Sliding:
         """Hold the bodies by weak springs, and update the ends of these, as without friction."""
-        from hhr_dolfinx.plugins.floating.statuses import BALANCED, MOST_STEPS, NOTHING
+        from hhr_dolfinx.plugins.floating.statuses import (
+            BALANCED_FORCES,
+            GAP_ROUND_OFF,
+            PROXIMAL_STEPS,
+        )
 
         ends = np.zeros(given.driving.size)
         iterations = failed.iterations
         sweeps = 0
         forces = np.zeros(given.slack.size)
-        nothing = NOTHING * np.abs(given.slack).max() * self.stiffness.max()
-        for compliance, sprung in (spring for spring in self._sprung for _ in range(MOST_STEPS)):
+        nothing = GAP_ROUND_OFF * np.abs(given.slack).max() * self.stiffness.max()
+        for compliance, sprung in (
+            spring for spring in self._sprung for _ in range(PROXIMAL_STEPS)
+        ):
             offset = ends + compliance * given.driving
             held = given._replace(
                 slack=given.slack - self.contact_of_motions @ offset, driving=given.driving[:0]
@@ -537,7 +557,7 @@ class SlidingContact:
             ).max()
             if direct.status is Status.CONVERGED:
                 return direct._replace(iterations=iterations, sweeps=sweeps)
-            if (np.abs(left) <= BALANCED * largest + nothing).all():
+            if (np.abs(left) <= BALANCED_FORCES * largest + nothing).all():
                 return found._replace(motions=ends, iterations=iterations, sweeps=sweeps)
         return failed._replace(status=Status.ADRIFT, iterations=iterations, sweeps=sweeps)
 

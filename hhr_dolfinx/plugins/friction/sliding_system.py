@@ -27,13 +27,13 @@ from scipy.linalg.lapack import dgesv, dgetrf, dgetrs
 
 from hhr_dolfinx.errors import SingularError
 
-SINGULAR = 1e-8
+SINGULAR_RESIDUAL = 1e-8
 """Relative residual of a system above which it counts as singular."""
-ROUND_OFF = 1e-13
+RESIDUAL_ROUND_OFF = 1e-13
 """Residual relative to the solution, in units in which rows are about one."""
 HUGE = 1e9
 """Factor by which a solution may exceed its right-hand side: with elastic slip it reaches 1e6."""
-PART = 0.3
+CHANGED_ROWS = 0.3
 """Part of the factored rows that may differ; with more, another system is factored."""
 FEW = 8
 """Number of rows that may always differ."""
@@ -42,10 +42,11 @@ TURNING, GIVEN, HELD, UP, DOWN = range(-1, 4)
 without slack; that slip in one direction or the other, with a bound that follows the pressure.
 """
 
-DEPENDENT = "the contacts that touch leave their forces undetermined"
+UNDETERMINED_FORCES = "the contacts that touch leave their forces undetermined"
+"""Message if the equations of active contacts are dependent."""
 
 
-class Rows(NamedTuple):
+class SlidingRows(NamedTuple):
     """The problem to which statuses refer (M rows, T tangential rows, r rigid motions)."""
 
     scaled: np.ndarray
@@ -60,7 +61,7 @@ class Rows(NamedTuple):
     curved: np.ndarray  # True for rows of contacts that slip in two directions, (T,) bool
 
 
-class Statuses(NamedTuple):
+class SlidingStatuses(NamedTuple):
     """Statuses and directions on which a Newton step is based."""
 
     # rows that bear a force: closed contacts, and tangential rows that friction resists, (M,) bool
@@ -73,7 +74,7 @@ class Statuses(NamedTuple):
     shrunk: np.ndarray  # b / |y_t|, (T,)
     measure: float  # factor of the stiffness by which slip enters y
 
-    def codes(self, rows: Rows) -> np.ndarray:
+    def codes(self, rows: SlidingRows) -> np.ndarray:
         """Kind of each row, (M,) int8."""
         found = self.acting.astype(np.int8)
         slips = self.slips
@@ -87,7 +88,7 @@ class Statuses(NamedTuple):
 class SlidingSystem:
     """Factors of the system on some statuses; SingularError if it is singular."""
 
-    def __init__(self, rows: Rows, at: Statuses):
+    def __init__(self, rows: SlidingRows, at: SlidingStatuses):
         self._rows = rows
         held = at.acting.copy()
         held[rows.tangential[at.slips]] = False
@@ -113,7 +114,7 @@ class SlidingSystem:
         if self._matrix.size:  # LAPACK refuses empty matrices
             self._factors, self._pivots, info = dgetrf(self._matrix)
             if info != 0:
-                raise SingularError(DEPENDENT)
+                raise SingularError(UNDETERMINED_FORCES)
 
     def _tested_rows(self, measure: float) -> np.ndarray:
         """R^T S and the balance below it, with the effect of rigid motions in the last columns, (k
@@ -175,7 +176,7 @@ class SlidingSystem:
             own -= self._tested[:, :m] @ known[:m]
         unknown = dgetrs(self._factors, self._pivots, own)[0] if own.size else own
         if check and not _sound(self._matrix @ unknown - own, unknown, own):
-            raise SingularError(DEPENDENT)
+            raise SingularError(UNDETERMINED_FORCES)
         known[self._held] = unknown[: self.size]
         known[m:] = unknown[self._turns.stop :]
         if self._followers.size:
@@ -199,7 +200,7 @@ def _sound(left: np.ndarray, found: np.ndarray, right: np.ndarray) -> bool:
     size = np.abs(found).max(initial=0.0)
     wanted = np.abs(right).max(initial=1e-300)
     return bool(
-        np.abs(left).max(initial=0.0) <= SINGULAR * wanted + ROUND_OFF * size
+        np.abs(left).max(initial=0.0) <= SINGULAR_RESIDUAL * wanted + RESIDUAL_ROUND_OFF * size
         and size <= HUGE * wanted
     )
 
@@ -209,7 +210,7 @@ class SlidingSystems:
     are few.
     """
 
-    def __init__(self, rows: Rows):
+    def __init__(self, rows: SlidingRows):
         self._rows = rows
         self._place = np.full(len(rows.scaled), -1)  # of each row among the tangential ones
         self._place[rows.tangential] = np.arange(rows.tangential.size)
@@ -220,7 +221,7 @@ class SlidingSystems:
             (len(rows.scaled), rows.scaled.shape[1])
         )  # of the inverse, as rows
 
-    def solve(self, at: Statuses, right: np.ndarray, label: bytes) -> np.ndarray:
+    def solve(self, at: SlidingStatuses, right: np.ndarray, label: bytes) -> np.ndarray:
         """Forces and amplitudes of rigid motions for right-hand sides of all rows, (M + r,) each.
 
         ``label`` is the key of the coefficients.
@@ -231,7 +232,7 @@ class SlidingSystems:
         codes = at.codes(self._rows)
         factored = self._factored if label == self._label else None
         changed = self._changed(codes)
-        if factored is None or changed.size > max(FEW, PART * factored.size):
+        if factored is None or changed.size > max(FEW, CHANGED_ROWS * factored.size):
             self._factored = None  # remains None if the next one is singular
             factored = SlidingSystem(self._rows, at)
             self._found = factored.solve(right[:, None])[:, 0]
@@ -253,7 +254,7 @@ class SlidingSystems:
             return self._found
         return self._corrected(changed, codes, at, right)
 
-    def holds(self, at: Statuses, right: np.ndarray, unknowns: np.ndarray) -> bool:
+    def holds(self, at: SlidingStatuses, right: np.ndarray, unknowns: np.ndarray) -> bool:
         """True if unknowns, (M + r,), solve the system of some statuses, which corrections do not
         guarantee.
 
@@ -263,7 +264,7 @@ class SlidingSystems:
         return self._factored is not None and self._factored.holds(unknowns, right, changed)
 
     def nearer(
-        self, at: Statuses, right: np.ndarray, label: bytes, unknowns: np.ndarray
+        self, at: SlidingStatuses, right: np.ndarray, label: bytes, unknowns: np.ndarray
     ) -> np.ndarray | None:
         """Improve approximate unknowns, (M + r,), by factors of a system with other slip
         directions.
@@ -287,7 +288,7 @@ class SlidingSystems:
         self._factored = None
 
     def _corrected(
-        self, changed: np.ndarray, codes: np.ndarray, at: Statuses, right: np.ndarray
+        self, changed: np.ndarray, codes: np.ndarray, at: SlidingStatuses, right: np.ndarray
     ) -> np.ndarray:
         """Solution of the factored system, (M + r,), corrected for changed rows."""
         assert self._factored is not None
@@ -305,11 +306,11 @@ class SlidingSystems:
         columns = columns[:-1]
         _, _, step, info = dgesv(values[:, :-1], values[:, -1] - right[changed])
         if info != 0:
-            raise SingularError(DEPENDENT)
+            raise SingularError(UNDETERMINED_FORCES)
         return found - step @ columns
 
     def _values(
-        self, unknowns: np.ndarray, chosen: np.ndarray, codes: np.ndarray, at: Statuses
+        self, unknowns: np.ndarray, chosen: np.ndarray, codes: np.ndarray, at: SlidingStatuses
     ) -> np.ndarray:
         """Left-hand sides of some rows, (k, P), for some unknowns, (P, M + r)."""
         rows = self._rows

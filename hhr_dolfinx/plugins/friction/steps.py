@@ -16,8 +16,8 @@ from hhr_dolfinx.plugins.contact_laws.increments import Increments
 from hhr_dolfinx.plugins.contact_laws.steps import LawSteps
 from hhr_dolfinx.plugins.friction.laws import SLIP, SlipState
 from hhr_dolfinx.plugins.friction.slider import Slider
-from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
-from hhr_dolfinx.plugins.friction.surfaces import FarSliding, Surface
+from hhr_dolfinx.plugins.friction.sliding_set import Sliding, SlidingContact, SlidingIncrement
+from hhr_dolfinx.plugins.friction.surfaces import FarSliding, SolvedContacts
 
 
 class _RubbingStep:
@@ -38,7 +38,7 @@ class _RubbingStep:
         earlier: _RubbingStep | None,
     ):
         self._friction = model.law
-        self._surface = Surface.of(model)
+        self._surface = SolvedContacts.of(model)
         self._point = point
         self._coefficient, self._limit = self._friction.bounds(point)
         self._before = before
@@ -46,7 +46,7 @@ class _RubbingStep:
         self._forces = forces
         self._on: SchurEqualities | None = None if earlier is None else earlier._on
         self._contact: SlidingContact | None = None if earlier is None else earlier._contact
-        self._last: tuple[Increment, Sliding] | None = None
+        self._last: tuple[SlidingIncrement, Sliding] | None = None
 
     def solved(
         self,
@@ -60,7 +60,7 @@ class _RubbingStep:
             self._on = equalities
         slack = free_slack.copy()
         slack[self._friction.tangential] -= self._position
-        given = Increment(slack, self._coefficient, self._limit, np.zeros(0))
+        given = SlidingIncrement(slack, self._coefficient, self._limit, np.zeros(0))
         found = self._contact.increment(given, self._forces, active)
         if found.status is Status.CONVERGED:  # else no start for the next one
             self._forces = found.forces
@@ -85,7 +85,7 @@ class _RubbingStep:
         )
 
 
-class _Steps(LawSteps):
+class _FrictionSteps(LawSteps):
     completes = True
 
     def increments(self, model: Any, settings: MarchSettings) -> Increments:
@@ -97,11 +97,11 @@ class _Steps(LawSteps):
         return _RubbingStep(model, point, before.memory[SLIP], before.multipliers, last)
 
     def at_rest(self, model: Any) -> Memory:
-        return Memory(slip=SlipState.at_rest(Surface.of(model).whole))
+        return Memory(slip=SlipState.at_rest(SolvedContacts.of(model).whole))
 
     def watch(self, model: Any) -> Callable[[Answer], None]:
         far = FarSliding()
-        friction = Surface.of(model).whole
+        friction = SolvedContacts.of(model).whole
         return lambda answer: far.check(
             friction, answer.memory[SLIP], model.parameters.described(answer.parameter)
         )
@@ -126,4 +126,5 @@ class _Steps(LawSteps):
         )
 
 
-STEPS = _Steps()
+FRICTION_STEPS = _FrictionSteps()
+"""The facet, without state."""

@@ -11,14 +11,14 @@ import numpy as np
 from hhr_dolfinx.errors import FarSlidingWarning
 from hhr_dolfinx.models.answer import InterfaceCompletion
 from hhr_dolfinx.plugins.friction.laws import Friction, SlipState, bounds
-from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding
+from hhr_dolfinx.plugins.friction.sliding_set import Sliding, SlidingIncrement
 from hhr_dolfinx.warn import is_first, warn
 
-PRESSED = 1e-9
+LOADED_PRESSURE = 1e-9
 """Part of the largest pressure of a history below which a contact is not under load."""
 
 
-class Surface:
+class SolvedContacts:
     """Contacts with friction of a model that solves for all of them.
 
     ``whole`` is the friction whose slip is stored.
@@ -28,9 +28,13 @@ class Surface:
         self.whole = friction
 
     @classmethod
-    def of(cls, model: Any) -> Surface:
+    def of(cls, model: Any) -> SolvedContacts:
         """Surface of a model or an equilibrium, by its law and its fields."""
-        return Surface(model.law) if model.fields.interface is None else _PartSurface(model.fields)
+        return (
+            SolvedContacts(model.law)
+            if model.fields.interface is None
+            else _PartSurface(model.fields)
+        )
 
     def position(self, slip: SlipState) -> np.ndarray:
         """Position of the tangential rows that a model solves for, (T,)."""
@@ -39,7 +43,7 @@ class Surface:
     def after(
         self,
         before: SlipState,
-        given: Increment,
+        given: SlidingIncrement,
         found: Sliding,
         unknown: Callable[[], np.ndarray],
         point: np.ndarray,
@@ -52,7 +56,7 @@ class Surface:
         return before.after(self.whole, found.forces, found.slack, found.active, bound)
 
 
-class _PartSurface(Surface):
+class _PartSurface(SolvedContacts):
     """Surface of a hyper-reduced model, at one shape.
 
     Contacts outside its RID follow the displacement.
@@ -73,7 +77,7 @@ class _PartSurface(Surface):
     def after(
         self,
         before: SlipState,
-        given: Increment,
+        given: SlidingIncrement,
         found: Sliding,
         unknown: Callable[[], np.ndarray],
         point: np.ndarray,
@@ -127,7 +131,7 @@ class FarSliding:
             FarSlidingWarning: once.
         """
         self._largest = max(self._largest, float(slip.pressure.max(initial=0.0)))
-        pressing = (slip.pressure > PRESSED * self._largest) & (friction.spacing > 0)
+        pressing = (slip.pressure > LOADED_PRESSURE * self._largest) & (friction.spacing > 0)
         slid = friction.lengths(slip.position)
         share = np.divide(slid, friction.spacing, out=np.zeros(slid.size), where=pressing)
         if self._said or not share.max(initial=0.0) > 1.0:

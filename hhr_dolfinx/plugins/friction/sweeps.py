@@ -32,7 +32,7 @@ def swept(
 
     ``pressures`` are rows of pressures, (n,), ``stiffness`` is the force that changes the slack of
     a row by one, (M,), and ``given`` the
-    :class:`~hhr_dolfinx.plugins.friction.sliding_set.Increment`.
+    :class:`~hhr_dolfinx.plugins.friction.sliding_set.SlidingIncrement`.
     """
     contact = np.full(len(schur), -1)
     contact[friction.normal] = np.arange(friction.normal.size)

@@ -7,20 +7,20 @@ from typing import TYPE_CHECKING
 from hhr_dolfinx.plugins.friction.pair_laws import Coulomb, Tresca
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.plugins.conformance.draft import Draft
+    from hhr_dolfinx.plugins.conformance.draft import SceneDraft
 
 
-def friction(draft: Draft, neutral: bool) -> Draft:
+def friction(draft: SceneDraft, neutral: bool) -> SceneDraft:
     """Coulomb's law between the blocks."""
     return draft.with_contact_law(friction=0.0 if neutral else 0.3)
 
 
-def friction_by_formula(draft: Draft, neutral: bool) -> Draft:
+def friction_by_formula(draft: SceneDraft, neutral: bool) -> SceneDraft:
     """Coulomb's coefficient as a parameter."""
     draft = draft.with_parameter("mu", 0.0, 0.4, 0.0 if neutral else 0.25)
     return draft.with_contact_law(law=Coulomb("mu"))
 
 
-def tresca(draft: Draft, neutral: bool) -> Draft:
+def tresca(draft: SceneDraft, neutral: bool) -> SceneDraft:
     """Tresca's law between the blocks."""
     return draft.with_contact_law(law=Tresca(0.0 if neutral else 0.02))

@@ -22,11 +22,11 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.free_bodies import components_of_nodes
 from hhr_dolfinx.plugins.friction.laws import Friction, FrictionLaw
 
-PARALLEL = 1e-9
+NORMAL_DEVIATION = 1e-9
 """Part of a row that may deviate from its normal; with more, the row has no tangents."""
 STEEP = 0.9
 """Cosine between a normal and an axis above which tangents along the axis are inaccurate."""
-DEPENDENT = 1e-9
+IMMOVABLE_TANGENT = 1e-9
 """Part of a tangential row, relative to its norm, up to which its free dofs count as zero."""
 
 
@@ -164,7 +164,7 @@ def _movable(
     moving = csr_matrix(matrix.multiply(free.astype(float)))
     imposed = abs(matrix.multiply(~free) @ lifts)
     every = np.asarray(matrix.multiply(matrix).sum(axis=1)).ravel()
-    least = DEPENDENT * abs(lifts).max() * np.sqrt(every)
+    least = IMMOVABLE_TANGENT * abs(lifts).max() * np.sqrt(every)
     slipping = np.asarray(imposed.max(axis=1).todense()).ravel() > least
     blocks = []
     driven = []
@@ -172,7 +172,7 @@ def _movable(
         own = slice(first, first + dim - 1)
         rows = moving[own]
         sizes, ways = np.linalg.eigh((rows @ rows.T).toarray())
-        moves = sizes > DEPENDENT * every[own].max()
+        moves = sizes > IMMOVABLE_TANGENT * every[own].max()
         kept = moves | slipping[own].any()
         blocks.append(np.eye(dim - 1) if moves.all() else ways[:, kept].T)
         driven.append(~moves[kept])
@@ -204,7 +204,7 @@ def _said_twice(
         rows = matrix[own][:, columns].toarray()
         left = rows - (rows @ basis) @ basis.T
         least = np.linalg.svd(left, compute_uv=False).min(initial=1.0) ** 2
-        if least <= DEPENDENT * (rows**2).sum(axis=1).max(initial=0.0):
+        if least <= IMMOVABLE_TANGENT * (rows**2).sum(axis=1).max(initial=0.0):
             found.append(own)
     return np.unique(np.concatenate(found))
 
@@ -267,7 +267,7 @@ def tangential_rows(matrix: csr_matrix, normals: np.ndarray, tangents: np.ndarra
         return csr_matrix((entries.ravel(), (rows, columns.ravel())), shape=matrix.shape)
 
     off = abs(matrix - along(normals))
-    if off.nnz and off.max() > PARALLEL * abs(matrix).max():
+    if off.nnz and off.max() > NORMAL_DEVIATION * abs(matrix).max():
         raise SceneError(
             "friction needs rows that are along one normal each: those of this pairing are not. "
             "On curved sides of cells of second order take Mortar"

@@ -18,7 +18,7 @@ from scipy import linalg
 
 from hhr_dolfinx.plugins.friction.laws import Friction
 
-SYMMETRIC = 1e-8
+SYMMETRIC_COMPLIANCE = 1e-8
 """Relative difference between S and its transpose up to which S counts as symmetric."""
 
 
@@ -33,7 +33,7 @@ def coupling(schur: np.ndarray, friction: Friction, coefficient: np.ndarray) -> 
         coefficient: of each contact, (C,); infinite for Tresca's law, whose bound does not depend
             on pressure.
     """
-    if np.abs(schur - schur.T).max() > SYMMETRIC * np.abs(schur).max():
+    if np.abs(schur - schur.T).max() > SYMMETRIC_COMPLIANCE * np.abs(schur).max():
         return np.nan
     frictional = np.isfinite(coefficient) & (coefficient > 0)
     # rows without effect on unknowns do not move anything, and their forces follow from all others

@@ -13,5 +13,5 @@ PLUGIN = Plugin(
         "hhr_dolfinx.plugins.greedy.lattice": "Lattice",
     },
     parts={"samplings": {"Lattice": "hhr_dolfinx.plugins.greedy.lattice:Lattice"}},
-    trainings={"greedy": "hhr_dolfinx.plugins.greedy.commands:Chosen"},
+    trainings={"greedy": "hhr_dolfinx.plugins.greedy.commands:ChosenTraining"},
 )

@@ -11,7 +11,7 @@ with extra("study", "the command hhr"):
     import click
 
 
-class Chosen:
+class ChosenTraining:
     """A training that chooses its points."""
 
     options = (

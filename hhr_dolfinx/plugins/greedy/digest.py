@@ -27,7 +27,7 @@ from scipy.sparse import issparse
 from hhr_dolfinx.errors import StudyError
 from hhr_dolfinx.snapshots.store import arrays_of, bytes_of
 
-DEEPEST = 50
+DEEPEST_VALUE = 50
 """Largest depth of nested values; deeper ones count as values that contain themselves."""
 
 
@@ -51,9 +51,10 @@ def _pieces(value: object, what: str, depth: int, seen: dict[int, int]) -> Itera
 
     Functions and classes that occur again enter with their number.
     """
-    if depth > DEEPEST:
+    if depth > DEEPEST_VALUE:
         raise StudyError(
-            f"{what} holds values more than {DEEPEST} deep, or itself: no digest can be made of it"
+            f"{what} holds values more than {DEEPEST_VALUE} deep, or itself: no digest "
+            f"can be made of it"
         )
     kind = type(value)
     yield f"{kind.__module__}.{kind.__qualname__}".encode()

@@ -54,8 +54,10 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-FORMAT = "hhr_dolfinx greedy choice"
-VERSION = 1
+CHOICE_FORMAT = "hhr_dolfinx greedy choice"
+"""Content of a file, in its header."""
+CHOICE_VERSION = 1
+"""Version of this format, in the header too."""
 _LAYOUT = {
     "points": ("float", "S", "P"),
     "counts": ("int", "R"),
@@ -64,11 +66,11 @@ _LAYOUT = {
 }
 FINE = 1e-13
 """Tolerance of the POD of a greedy training of points."""
-UNKNOWN = 1e6
+UNSOLVED_CANDIDATE = 1e6
 """Indicator of a candidate without an answer: more than any error, and finite, so that distances
 still count.
 """
-NOTHING = 1e-12
+DIRECTION_ROUND_OFF = 1e-12
 """Part of an error that counts as round-off after the directions of others are removed."""
 
 
@@ -80,7 +82,7 @@ class Round(NamedTuple):
     middle: float  # their median
 
 
-class Choice(NamedTuple):
+class GreedyChoice(NamedTuple):
     """Points of the box in the order in which they were chosen, (S, P), the models on the way, and
     their recipe.
     """
@@ -183,7 +185,7 @@ class Greedy:
         comm: Comm,
         progress: Callable[[Any], Any] = iter,
         store: SnapshotStore | None = None,
-    ) -> tuple[SnapshotSet, Choice]:
+    ) -> tuple[SnapshotSet, GreedyChoice]:
         """Compute training answers, and the record of their choice.
 
         Each rank of ``comm`` has a full model and all answers; they share the candidates. ``solve``
@@ -236,7 +238,7 @@ class Greedy:
                 "was wished. Raise the budget, or accept that error",
                 BudgetWarning,
             )
-        return known, Choice(points, tuple(rounds), self._recipe(full))
+        return known, GreedyChoice(points, tuple(rounds), self._recipe(full))
 
     def _samplings(self, full: FullOrderModel) -> tuple[Any, Any]:
         varies = self.family is None and full.problem.varies
@@ -276,11 +278,13 @@ class Greedy:
                 NotSolvableError
             ) as error:  # too few answers for a model: errors are unknown in the whole box
                 _log.info("greedy training: no model of %d answers: %s", len(known.points), error)
-                found = np.full((len(mine), 1), UNKNOWN)
+                found = np.full((len(mine), 1), UNSOLVED_CANDIDATE)
             else:
                 if len(mine):
                     found = score(model, known, self._answers(model, mine)).reshape(len(mine), -1)
-                found[~np.isfinite(found).all(axis=1)] = UNKNOWN / np.sqrt(found.shape[1])
+                found[~np.isfinite(found).all(axis=1)] = UNSOLVED_CANDIDATE / np.sqrt(
+                    found.shape[1]
+                )
         return np.concatenate([part for part in comm.allgather(found) if len(part)])
 
     def _answers(self, model: AnsweringModel, points: np.ndarray) -> list[Any]:
@@ -306,7 +310,7 @@ def _chosen(
     """Numbers of the candidates to add, (k,): by their error vectors if all have one, else by
     distances.
     """
-    if errors.shape[1] == 1 or (np.linalg.norm(errors, axis=1) >= UNKNOWN / 2).any():
+    if errors.shape[1] == 1 or (np.linalg.norm(errors, axis=1) >= UNSOLVED_CANDIDATE / 2).any():
         return apart(candidates, np.linalg.norm(errors, axis=1), known, space, count)
     there = (candidates[:, None] == known).all(axis=2).any(axis=1)
     return independent(np.where(there[:, None], 0.0, errors), count)
@@ -321,7 +325,7 @@ def independent(errors: np.ndarray, count: int) -> np.ndarray:
     """
     left = errors.copy()
     chosen = list[int]()
-    least = NOTHING * np.linalg.norm(errors, axis=1).max(initial=0.0)
+    least = DIRECTION_ROUND_OFF * np.linalg.norm(errors, axis=1).max(initial=0.0)
     while len(chosen) < count:
         sizes = np.linalg.norm(left, axis=1)
         worst = int(sizes.argmax())
@@ -370,14 +374,14 @@ class KeptChoice:
             space.names,
             *(tuple(float(end) for end in ends) for ends in (space.lower, space.upper)),
         ]
-        parts = FORMAT, VERSION, problem, greedy, recipe, box
+        parts = CHOICE_FORMAT, CHOICE_VERSION, problem, greedy, recipe, box
         self._digest = digest_of_values(parts, "a greedy training that is kept in a folder")[:40]
         self._path = folder / f"greedy_{self._digest[:16]}.npz"
 
     def load(self, space: ParameterSpace) -> tuple[np.ndarray, list[Round]] | None:
-        """Points and rounds, see :class:`Choice`, or None without a file of this training."""
+        """Points and rounds, see :class:`GreedyChoice`, or None without a file of this training."""
         try:
-            header, arrays = read_arrays(self._path, FORMAT, VERSION)
+            header, arrays = read_arrays(self._path, CHOICE_FORMAT, CHOICE_VERSION)
             check_layout(arrays, _LAYOUT, {"P": len(space.names)})
         except (FileNotFoundError, FileContentError):
             return None
@@ -401,5 +405,7 @@ class KeptChoice:
             "middle": middle,
         }
         write_arrays(
-            self._path, {"format": FORMAT, "version": VERSION, "asked": self._digest}, arrays
+            self._path,
+            {"format": CHOICE_FORMAT, "version": CHOICE_VERSION, "asked": self._digest},
+            arrays,
         )

@@ -394,13 +394,13 @@ class _Domain:
         )  # indices of the interface among the dofs of the RID
         self.inner = part.dofs[part.problem.free]  # dofs of A, in the whole problem
         self.interface = part.dofs[self.places]  # dofs of the RID outside A, in the whole problem
-        self._constant = None if problem.varies else _Inside(part)
+        self._constant = None if problem.varies else _RidEquations(part)
 
-    def at(self, point: np.ndarray) -> _Inside:
-        return self._constant or _Inside(restricted(self._problem.at(point), self._sets))
+    def at(self, point: np.ndarray) -> _RidEquations:
+        return self._constant or _RidEquations(restricted(self._problem.at(point), self._sets))
 
 
-class _Inside:
+class _RidEquations:
     """The full equations of a RID, a restriction of the whole problem, at one stiffness."""
 
     def __init__(self, part: Restriction):

@@ -15,7 +15,7 @@ import numpy as np
 from hhr_dolfinx.declared import Floats, Integers, Size
 from hhr_dolfinx.linear.dense import lay_out
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.models.estimates import STRESS, Estimate
+from hhr_dolfinx.models.estimates import STRESS_INDICATOR, Estimate
 from hhr_dolfinx.plugins.inelastic.state import state
 from hhr_dolfinx.plugins.inelastic.trained import share_of_stress
 
@@ -24,7 +24,7 @@ KNOWN_ERROR = (
     "on forces"
 )
 """Estimates of inelastic models in one line."""
-SHOWN = 1e-8
+KNOWN_PART_ROUND_OFF = 1e-8
 """Norm of a mode on the known values, relative to the largest of the modes, below which its
 amplitude is round-off: the root of the machine's precision. One of round-off, 5e-14 there, was
 multiplied to errors of 6e8.
@@ -50,7 +50,7 @@ class GappyField:
 
         Modes that these do not show have no amplitude.
         """
-        return cls(modes, np.linalg.pinv(modes[inside], rcond=SHOWN))
+        return cls(modes, np.linalg.pinv(modes[inside], rcond=KNOWN_PART_ROUND_OFF))
 
     def everywhere(self, inside: np.ndarray) -> np.ndarray:
         """The field everywhere, fitted to its values in the RID by least squares."""
@@ -61,7 +61,7 @@ class GappyField:
 class FlowFields:
     """Reconstruction of stress and plastic strain of inelastic bodies."""
 
-    kind: ClassVar[str] = STRESS
+    kind: ClassVar[str] = STRESS_INDICATOR
     known_error: ClassVar[str] = KNOWN_ERROR
 
     points: Annotated[
@@ -118,7 +118,9 @@ class FlowFields:
 
         See docs/bounds.md.
         """
-        return Estimate.indicated(share_of_stress(*self.unexplained(state(answer).stress)), STRESS)
+        return Estimate.indicated(
+            share_of_stress(*self.unexplained(state(answer).stress)), STRESS_INDICATOR
+        )
 
     @cached_property
     def _products(self) -> np.ndarray:

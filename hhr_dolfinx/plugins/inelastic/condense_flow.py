@@ -43,7 +43,7 @@ from hhr_dolfinx.plugins.inelastic.elastic_response import (
     correction_modes,
     elastic_response,
 )
-from hhr_dolfinx.plugins.inelastic.full_order import FullEquilibrium, equilibrium_of
+from hhr_dolfinx.plugins.inelastic.full_order import FullOrderEquilibrium, equilibrium_of
 from hhr_dolfinx.plugins.inelastic.recipe import PLASTIC_ERROR, STRESS_ERROR, FlowLimits
 from hhr_dolfinx.plugins.inelastic.state import deviator, rows_of, state_modes, states_of
 from hhr_dolfinx.plugins.inelastic.state import flowed as any_flowed
@@ -58,9 +58,9 @@ if TYPE_CHECKING:
     from hhr_dolfinx.plugins.one_call.context import SearchContext
     from hhr_dolfinx.plugins.one_call.proposals import Proposal
 
-ROWS = 1500
+MOST_INTEGRALS = 1500
 """Most integrals for the fit of a cubature, before compression."""
-CHUNK = 2000
+CHUNK_POINTS = 2000
 """Gauss points whose contributions are computed at once."""
 FLOWED = 1e-4
 """Plastic strain, relative to the largest of any training state, above which a point may have a
@@ -156,7 +156,8 @@ class FlowingDomain:
         # few rows with nearly the same products as all, by the method of snapshots
         squares, ways = linalg.eigh(stressed @ stressed.T)
         count = min(
-            int((squares > ALIKE_MODES**2 * squares[-1]).sum()), ROWS // self.deviators.shape[2]
+            int((squares > ALIKE_MODES**2 * squares[-1]).sum()),
+            MOST_INTEGRALS // self.deviators.shape[2],
         )
         few = ways[:, ::-1][:, :count].T @ stressed
         few = few.reshape(len(few), self.points.size, -1)
@@ -195,7 +196,9 @@ class FlowingDomain:
 
 
 def _chunks(count: int) -> Iterator[slice]:
-    return (slice(start, min(start + CHUNK, count)) for start in range(0, count, CHUNK))
+    return (
+        slice(start, min(start + CHUNK_POINTS, count)) for start in range(0, count, CHUNK_POINTS)
+    )
 
 
 class StrainAt:
@@ -218,18 +221,18 @@ class StrainAt:
         return np.array([self.of(column).T.ravel() for column in columns.T])
 
 
-LEFT_OUT = {"plastic": 1e-8, "cumulated": 1e-6}
+FIELDS_LEFT_OUT = {"plastic": 1e-8, "cumulated": 1e-6}
 """Part of the squared training fields that the modes for plastic and cumulated plastic strain leave
 out. Stress is the difference of strain and plastic strain, which may be a hundred times as large:
 the latter has the smaller tolerance.
 """
 WATCHED = 12
 """Points without weight at which laws are evaluated, or a tenth of the others if that is more."""
-ALIKE = 1e-6
+SYMMETRIC_POINTS = 1e-6
 """Part of the cumulated plastic strain by which symmetric points may differ."""
 SPARE = 2
 """Least number of values per mode in a fit, so that the surplus ones measure its quality."""
-NOTHING = 1e-8
+CORRECTION_ROUND_OFF = 1e-8
 """Energy of a correction, relative to the largest, below which it counts as round-off of the
 elastic solution.
 """
@@ -412,7 +415,7 @@ class CorrectionSettings(Reductor["_Shared"]):
                 problem, prepared.corrections, elastic, settings.modes, most
             )
         with log.stage("cubature", prepared.announce):
-            kept = np.flatnonzero(sizes > NOTHING * sizes.max(initial=0.0))
+            kept = np.flatnonzero(sizes > CORRECTION_ROUND_OFF * sizes.max(initial=0.0))
             answers = [prepared.answers[k] for k in kept]
             domain = FlowingDomain.of(full, basis, answers, sizes[kept])
             stressed = domain.stressed(
@@ -604,7 +607,7 @@ def _watched(
     largest = flowed.max(axis=1, keepdims=True)
     # the first of points that are equal up to round-off
     order = [k for k in np.argsort(largest[:, 0], kind="stable") if largest[k] > 0]
-    most = (flowed >= (1 - ALIKE) * largest).argmax(axis=1)[order]
+    most = (flowed >= (1 - SYMMETRIC_POINTS) * largest).argmax(axis=1)[order]
     # start with the smallest states, the onset of plastic flow: more points would cost what a
     # cubature saves
     known = set(cubature.points.tolist())
@@ -653,10 +656,10 @@ class _FieldModes:
         states = [item.state for item in states_of(snapshots)]
         flowed = np.flatnonzero(np.any([state.inelastic.any(axis=1) for state in states], axis=0))
         plastic = state_modes(
-            [state.inelastic[flowed].ravel() for state in states], LEFT_OUT["plastic"]
+            [state.inelastic[flowed].ravel() for state in states], FIELDS_LEFT_OUT["plastic"]
         )
         cumulated = state_modes(
-            [state.cumulated[flowed] for state in states], LEFT_OUT["cumulated"]
+            [state.cumulated[flowed] for state in states], FIELDS_LEFT_OUT["cumulated"]
         )
         return cls._balanced(full, flowed, plastic, cumulated)
 
@@ -692,7 +695,7 @@ class _FieldModes:
         displacements = full.stiffness.columns(csc_matrix(forces))
         return cls(flowed, plastic, cumulated, displacements, bodies, kinds, grading)
 
-    def on(self, points: np.ndarray, equilibrium: FullEquilibrium) -> PlasticFields:
+    def on(self, points: np.ndarray, equilibrium: FullOrderEquilibrium) -> PlasticFields:
         """Completion of fields from some points."""
         rows = np.searchsorted(self.flowed, points)
         values = rows_of(rows, equilibrium.operator.components)

@@ -19,7 +19,7 @@ from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.formulas import Modulus, check_over_box
 from hhr_dolfinx.linear.dense import lay_out
 from hhr_dolfinx.models.answer import Answer, Meshed, ModelFields
-from hhr_dolfinx.models.estimates import STRESS, Estimate
+from hhr_dolfinx.models.estimates import STRESS_INDICATOR, Estimate
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
 from hhr_dolfinx.plugins.inelastic.completion import KNOWN_ERROR, GappyField
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals.functional import Functionals
 
 
-LEAST = 0.05
+LEVERAGE_LIMIT = 0.05
 """Lower limit of 1 - h_ii (leverage) in the leave-one-out residual: below it a point is fitted by
 itself, and the residual is round-off over round-off.
 """
@@ -48,7 +48,7 @@ class PlasticFields:
     completed from few points itself, its elastic part would be wrong.
     """
 
-    kind: ClassVar[str] = STRESS
+    kind: ClassVar[str] = STRESS_INDICATOR
     known_error: ClassVar[str] = KNOWN_ERROR
 
     points: Annotated[
@@ -86,7 +86,9 @@ class PlasticFields:
             yield "the points that flowed must increase, those where laws are evaluated among them"
         stiffnesses = np.linalg.eigvalsh(self.elastic)
         # laws that state the elasticity in plane stress have none across
-        semidefinite = (stiffnesses > -SAME * np.abs(stiffnesses).max(axis=1, keepdims=True)).all()
+        semidefinite = (
+            stiffnesses > -MODULI_ROUND_OFF * np.abs(stiffnesses).max(axis=1, keepdims=True)
+        ).all()
         if not semidefinite or not (self.grading > 0).all():
             yield "the elasticity of a Gauss point is not positive definite"
         if self.grading.size not in (0, self.places):
@@ -190,14 +192,14 @@ class PlasticFields:
     @cached_property
     def without(self) -> np.ndarray:
         """2 μ (I - H_ii)^-1 of each point, (n, components, components), with I - H_ii at least
-        LEAST.
+        LEVERAGE_LIMIT.
         """
         count = self.points.size
         components = self.strain.components
         shown = self.shown.reshape(count, components, -1)
         own = np.einsum("nik,knj->nij", shown, self.plastic.fit.reshape(-1, count, components))
         open_, ways = np.linalg.eigh(np.eye(components) - (own + own.swapaxes(1, 2)) / 2)
-        ways *= np.sqrt(self.shear[self.points, None] / np.maximum(open_, LEAST))[:, None]
+        ways *= np.sqrt(self.shear[self.points, None] / np.maximum(open_, LEVERAGE_LIMIT))[:, None]
         return ways @ ways.swapaxes(1, 2)
 
 
@@ -254,7 +256,7 @@ class CondensedFlowFields(Rebuilt, ModelFields):
         """Indicator of the error, :meth:`unexplained` over the stress; None without a solution."""
         if not answer.converged:
             return None
-        return Estimate.indicated(share_of_stress(*self.unexplained(answer)), STRESS)
+        return Estimate.indicated(share_of_stress(*self.unexplained(answer)), STRESS_INDICATOR)
 
     def unexplained(self, answer: Answer) -> tuple[float, float]:
         """Norms of the leave-one-out residual, as a stress, and of σ, where laws are evaluated."""
@@ -314,7 +316,7 @@ class CondensedFlowFields(Rebuilt, ModelFields):
         return forces, found + elastic.T @ self.factors.slopes(answer.parameter)
 
 
-SAME = 1e-9
+MODULI_ROUND_OFF = 1e-9
 """Relative difference of moduli in the middle of the box that counts as round-off."""
 
 
@@ -347,7 +349,7 @@ class PartFactors:
             else np.ones(1)
         )
         if self.middle.shape != values.shape or not np.allclose(
-            self.middle, values, rtol=SAME, atol=0.0
+            self.middle, values, rtol=MODULI_ROUND_OFF, atol=0.0
         ):
             yield (
                 f"the moduli are {values} in the middle of the box, and the arrays are made for "

@@ -36,12 +36,28 @@ from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.inelastic import condensed_step as compiled_step
-from hhr_dolfinx.plugins.inelastic.condensed_fields import SAME, CondensedFlowFields, PartFactors
-from hhr_dolfinx.plugins.inelastic.condensed_step import StepLaws, StepLoad, StepModel, Work, touch
+from hhr_dolfinx.plugins.inelastic.condensed_fields import (
+    MODULI_ROUND_OFF,
+    CondensedFlowFields,
+    PartFactors,
+)
+from hhr_dolfinx.plugins.inelastic.condensed_step import (
+    StepLaws,
+    StepLoad,
+    StepModel,
+    WorkArrays,
+    touch,
+)
 from hhr_dolfinx.plugins.inelastic.correction_step import CorrectionStepper, NewtonStepper
-from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, Stepper, Way, texts_of
-from hhr_dolfinx.plugins.inelastic.law import State, Update
-from hhr_dolfinx.plugins.inelastic.march import Histories
+from hhr_dolfinx.plugins.inelastic.equilibrium import (
+    Diverged,
+    Goal,
+    ParameterDirection,
+    Stepper,
+    texts_of,
+)
+from hhr_dolfinx.plugins.inelastic.law import InternalVariables, Update
+from hhr_dolfinx.plugins.inelastic.march import MarchingEquilibrium
 from hhr_dolfinx.plugins.inelastic.outside import LawCode
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
@@ -123,7 +139,7 @@ class CondensedFlow:
         return np.cumsum([group.indices.size for group in self.groups])
 
 
-class CondensedEquilibrium(Histories):
+class CondensedEquilibrium(MarchingEquilibrium):
     """Equilibrium of g and λ, of which the unknown holds g first."""
 
     schur: np.ndarray  # S for the present moduli, (m, m)
@@ -194,7 +210,9 @@ class CondensedEquilibrium(Histories):
         laws = (group.law for group in self.material.groups if group.law is not None)
         # laws that state the elasticity in plane stress have none across
         if any(law.elastic and law.plane_stress for law in laws):
-            slopes = np.linalg.pinv(elastic, rcond=SAME, hermitian=True) @ (elastic - tangents)
+            slopes = np.linalg.pinv(elastic, rcond=MODULI_ROUND_OFF, hermitian=True) @ (
+                elastic - tangents
+            )
         else:
             slopes = np.linalg.solve(elastic, elastic - tangents)
         return np.einsum("lin,nij->ljn", self.flow.tested.reshape(shape), slopes).reshape(
@@ -229,7 +247,7 @@ class CondensedEquilibrium(Histories):
             )
         return found.forces
 
-    def strain_along(self, x: np.ndarray, way: Way) -> np.ndarray:
+    def strain_along(self, x: np.ndarray, way: ParameterDirection) -> np.ndarray:
         """See :class:`Equilibrium`; compliances change too."""
         change = self.free_strain @ way.change
         if self.moduli:
@@ -239,7 +257,7 @@ class CondensedEquilibrium(Histories):
             )
         return self._by_point(change)
 
-    def gaps_along(self, x: np.ndarray, way: Way) -> np.ndarray:
+    def gaps_along(self, x: np.ndarray, way: ParameterDirection) -> np.ndarray:
         """See :class:`Equilibrium`."""
         if not self.moduli:
             return self.gaps(way.change)
@@ -251,7 +269,7 @@ class CondensedEquilibrium(Histories):
             - np.tensordot(softer, self.flow.pressed, 1) @ way.theta
         )
 
-    def residual_along(self, x: np.ndarray, change: Update, way: Way) -> np.ndarray:
+    def residual_along(self, x: np.ndarray, change: Update, way: ParameterDirection) -> np.ndarray:
         """See :class:`Equilibrium`; elastic forces change on their active conditions."""
         flow = self.flow
         plastic: np.ndarray = flow.tested @ change.state.inelastic.T.ravel()
@@ -266,7 +284,7 @@ class CondensedEquilibrium(Histories):
             found -= softer @ (x[self.modes :] - elastic)
         return found
 
-    def _softer(self, way: Way) -> np.ndarray:
+    def _softer(self, way: ParameterDirection) -> np.ndarray:
         """Derivative of the compliance of each part along a way, (Q,)."""
         return self.flow.factors.slopes(way.point) @ way.direction
 
@@ -399,8 +417,8 @@ class CondensedStepper(CorrectionStepper):
         flow = model.flow
         memory = flow.components + 1 + model.material.remembered
         sizes = model.modes, model.conditions, flow.points.size, flow.components, memory
-        self._work = Work.of(*sizes)
-        self._elastic = Work.of(*sizes)
+        self._work = WorkArrays.of(*sizes)
+        self._elastic = WorkArrays.of(*sizes)
         self._last = LastOf()  # laws of the last material, as constants seldom change
 
     def _grow(self, size: float) -> None:
@@ -470,9 +488,9 @@ class CondensedStepper(CorrectionStepper):
         return Answer(goal.parameter, unknown, forces, *how, goal.time, memory=Memory(gauss=gauss))
 
 
-def _state(memory: np.ndarray, components: int) -> State:
+def _state(memory: np.ndarray, components: int) -> InternalVariables:
     """State from the memory of a step, (c + 1 + k, n)."""
-    return State(memory[:components].T, memory[components], memory[components + 1 :].T)
+    return InternalVariables(memory[:components].T, memory[components], memory[components + 1 :].T)
 
 
 def laws_of(material: Material) -> StepLaws:

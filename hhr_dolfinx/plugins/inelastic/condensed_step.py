@@ -43,9 +43,9 @@ from hhr_dolfinx.plugins.inelastic.local_solver import MEMORY, Code, solve_point
 EVALUATE, CONVERGED, STALLED, LIMIT, NOT_FINITE, CONTACT = range(6)
 """Evaluate the laws at the trial point, or the reason to stop."""
 ITERATION, MERIT, SHARE, SIZE, COUNT, SWITCHED, LINEAR, NUMBERS = range(8)
-"""Indices in ``Work.numbers``: evaluations of laws, |R| at ``here``, part of the direction tried,
-largest |g| so far, active conditions, changes of the inverse; and the state of J: absent, outdated,
-or that of ``here``.
+"""Indices in ``WorkArrays.numbers``: evaluations of laws, |R| at ``here``, part of the
+direction tried, largest |g| so far, active conditions, changes of the inverse; and the state of
+J: absent, outdated, or that of ``here``.
 """
 NO_TANGENT, OLD_TANGENT, NEW_TANGENT = range(3)
 
@@ -93,7 +93,7 @@ class StepLaws(NamedTuple):
     grading: np.ndarray  # factor of C at each point, (n,); empty for 1
 
 
-class Work(NamedTuple):
+class WorkArrays(NamedTuple):
     """Work arrays of a step; ``here`` is the last accepted correction, ``there`` the one that is
     tried.
     """
@@ -118,7 +118,9 @@ class Work(NamedTuple):
     numbers: np.ndarray  # iterations and the like, see ``ITERATION``
 
     @classmethod
-    def of(cls, modes: int, conditions: int, points: int, components: int, memory: int) -> Work:
+    def of(
+        cls, modes: int, conditions: int, points: int, components: int, memory: int
+    ) -> WorkArrays:
         """Arrays of these sizes, without active conditions."""
         # not by shape: two sizes may be the same
         shapes: dict[str, Any] = dict.fromkeys(
@@ -135,7 +137,7 @@ class Work(NamedTuple):
         return cls(**arrays, active=np.zeros(conditions, dtype=bool))
 
 
-PATIENCE = 10
+SWITCH_ALL_ITERATIONS = 10
 """Contact iterations that switch all wrong statuses without progress before one is switched at a
 time.
 """
@@ -143,17 +145,17 @@ UPDATES = 64
 """Updates of the inverse of S_AA after which it is computed again: round-off of as many stays below
 1e-12.
 """
-TOLERANCE = 1e-11
+CONDENSED_STATUS_TOLERANCE = 1e-11
 """Negative forces and slacks below this part of the largest are round-off, as in
 :mod:`contact.active_set`.
 """
 
-STEP = "steps of condensed flow"
+COMPILED_STEPS = "steps of condensed flow"
 """Name of the compiled functions, for messages."""
 
 
-@compiled(dear=STEP)
-def touch(model: StepModel, load: StepLoad, work: Work) -> bool:
+@compiled(dear=COMPILED_STEPS)
+def touch(model: StepModel, load: StepLoad, work: WorkArrays) -> bool:
     """Solve for contact forces at ``work.there`` from the present statuses.
 
     Returns False if none were found.
@@ -162,7 +164,7 @@ def touch(model: StepModel, load: StepLoad, work: Work) -> bool:
 
 
 @compiled(inner=True)
-def touched(model: StepModel, free: np.ndarray, work: Work) -> bool:
+def touched(model: StepModel, free: np.ndarray, work: WorkArrays) -> bool:
     """Solve as :func:`touch` does, from the slack without a correction, for other compiled
     functions.
     """
@@ -186,7 +188,7 @@ def _search(slack, forces, schur, per_force, inverse, order, active, rows, numbe
     """
     m = forces.size
     fewest = m + 1
-    patience = PATIENCE
+    patience = SWITCH_ALL_ITERATIONS
     local = np.empty(m)
     found = np.empty(m)
     wrong = np.empty(m, dtype=np.bool_)
@@ -198,7 +200,7 @@ def _search(slack, forces, schur, per_force, inverse, order, active, rows, numbe
             return bool(np.isfinite(largest))
         if count < fewest:
             fewest = count
-            patience = PATIENCE
+            patience = SWITCH_ALL_ITERATIONS
         else:
             patience -= 1
         switched = False
@@ -251,9 +253,9 @@ def _mark(slack, forces, found, active, largest, wrong):
     count = 0
     for i in range(wrong.size):
         if active[i]:
-            wrong[i] = forces[i] < -TOLERANCE * largest
+            wrong[i] = forces[i] < -CONDENSED_STATUS_TOLERANCE * largest
         else:
-            wrong[i] = found[i] < -TOLERANCE * through
+            wrong[i] = found[i] < -CONDENSED_STATUS_TOLERANCE * through
         count += wrong[i]
     return count
 
@@ -464,21 +466,21 @@ def _flowing_of(tested, slopes):
     return found.reshape(tested.shape)
 
 
-LEAST_SHARE = 1 / 256
+LEAST_NEWTON_SHARE = 1 / 256
 """Smallest part of a Newton step that the line search tries."""
 DECREASE = 1e-4
 """Least part of the decrease of |R| predicted by the linear model that a step must bring
 (Armijo).
 """
-ROUND_OFF = 1e-14
+TERMS_ROUND_OFF = 1e-14
 """Part of the terms of the residual that counts as round-off."""
 SLOW = 0.35
 """Factor by which |R| must fall in each iteration for an outdated J to be kept."""
 
 
-@compiled(dear=STEP)
+@compiled(dear=COMPILED_STEPS)
 def solve(
-    model: StepModel, load: StepLoad, work: Work, laws: StepLaws, tolerance: float, most: int
+    model: StepModel, load: StepLoad, work: WorkArrays, laws: StepLaws, tolerance: float, most: int
 ) -> int:
     """Solve a step from the correction in ``work.there`` and the statuses in ``work``.
 
@@ -510,7 +512,7 @@ def _judge(model, load, work, laws, tolerance, most):
         # the residual of a correction as small as this is round-off, as when the first point is
         # about to yield
         numbers[SIZE] = max(
-            numbers[SIZE], ROUND_OFF * model.weight * _norm(work.strain) / tolerance
+            numbers[SIZE], TERMS_ROUND_OFF * model.weight * _norm(work.strain) / tolerance
         )
     fine = _possible(work.result)
     if fine:
@@ -604,7 +606,7 @@ def _nearer(work, most):
             work.there[j] = work.here[j]
         return EVALUATE
     numbers[SHARE] *= 0.5
-    if numbers[SHARE] < LEAST_SHARE:
+    if numbers[SHARE] < LEAST_NEWTON_SHARE:
         return STALLED
     for j in range(work.here.size):
         work.there[j] = work.here[j] + numbers[SHARE] * work.direction[j]

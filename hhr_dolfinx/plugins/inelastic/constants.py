@@ -110,7 +110,7 @@ class LawOfParameters:
         """Derivatives of the formulas at a point, (P,), along directions, (P, K), by name: (1, K),
         or (places, K).
         """
-        from hhr_dolfinx.formulas import STEP
+        from hhr_dolfinx.formulas import IMAGINARY_STEP
 
         found = {}
         for field, scalar in self._scalars.items():
@@ -121,10 +121,10 @@ class LawOfParameters:
             total = np.zeros((len(rows), directions.shape[1]))
             for place, name in enumerate(self._names):
                 if name in scalar.formula.variables:
-                    rows[:, place] += 1j * STEP
+                    rows[:, place] += 1j * IMAGINARY_STEP
                     value = scalar.formula(dict(zip(scalar.names, rows.T, strict=True)))
-                    rows[:, place] -= 1j * STEP
-                    total += np.outer(np.imag(value) / STEP, directions[place])
+                    rows[:, place] -= 1j * IMAGINARY_STEP
+                    total += np.outer(np.imag(value) / IMAGINARY_STEP, directions[place])
             found[field] = total
         return found
 

@@ -27,7 +27,7 @@ class ContactChange(NamedTuple):
     grazing: np.ndarray  # conditions about to change their status, (m,) bool
 
 
-class Eliminated(Protocol):
+class LinearisedStep(Protocol):
     """Linearisation of a step, from which its unknown is eliminated."""
 
     def held(self) -> AbstractContextManager:
@@ -65,7 +65,7 @@ class ContactSlopes(Protocol):
         """Derivatives of the next step.
 
         Args:
-            linear: linearisation of the step, see :class:`Eliminated`.
+            linear: linearisation of the step, see :class:`LinearisedStep`.
             answer: of the step.
             slack: of all rows at its end, (m,).
             right: derivatives of residual and gaps at a given unknown, (n, K) and (m, K).
@@ -77,7 +77,7 @@ class ContactSlopes(Protocol):
         """
 
 
-class Unilateral:
+class UnilateralSlopes:
     """Unilateral contact, which remembers nothing."""
 
     remembers = False
@@ -108,7 +108,7 @@ def slopes_of_contacts(model: Any, count: int) -> ContactSlopes:
     NotOfferedError if the law of its contacts has none.
     """
     if not model.law.remembers:
-        return Unilateral()
+        return UnilateralSlopes()
     what = f"a derivative of histories in which bodies flow and contacts have {model.law.name}"
     found: ContactSlopes = registry.facet(model.law.plugin, "flow_slopes", what)(model, count)
     return found

@@ -26,9 +26,13 @@ from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.steps import steps_of
-from hhr_dolfinx.plugins.inelastic.condensed_step import DECREASE, LEAST_SHARE, ROUND_OFF
+from hhr_dolfinx.plugins.inelastic.condensed_step import (
+    DECREASE,
+    LEAST_NEWTON_SHARE,
+    TERMS_ROUND_OFF,
+)
 from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, Stepper, extrapolated
-from hhr_dolfinx.plugins.inelastic.law import State, Update
+from hhr_dolfinx.plugins.inelastic.law import InternalVariables, Update
 from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
@@ -81,7 +85,7 @@ class Trial(NamedTuple):
         return float(np.linalg.norm(self.residual))
 
 
-class Load(NamedTuple):
+class StepInput(NamedTuple):
     """Input of a step."""
 
     slack: np.ndarray  # without correction and contact forces, (m,)
@@ -89,7 +93,7 @@ class Load(NamedTuple):
     forces: np.ndarray  # λ_e, (m,)
     contact: StepContact
     material: Material
-    before: State
+    before: InternalVariables
     dt: float
 
 
@@ -118,7 +122,7 @@ class NewtonStepper(CorrectionStepper):
             return self._answer(found, load, goal, spent + count)
         raise failure
 
-    def load(self, here: Answer, goal: Goal) -> Load:
+    def load(self, here: Answer, goal: Goal) -> StepInput:
         """Input of the step from an answer to a goal.
 
         Diverged if elastic bodies have no contact forces there.
@@ -140,12 +144,12 @@ class NewtonStepper(CorrectionStepper):
             gauss_of(here).state,
             goal.time - here.time,
         )
-        return Load(model.gaps(theta), model.free_strain @ theta, forces, *rest)
+        return StepInput(model.gaps(theta), model.free_strain @ theta, forces, *rest)
 
-    def _solved(self, load: Load, start: np.ndarray, here: Answer) -> tuple[Trial, int]:
+    def _solved(self, load: StepInput, start: np.ndarray, here: Answer) -> tuple[Trial, int]:
         """Try once from a correction; returns the result and its number of iterations."""
         at = self.tried(load, start, here.active)
-        noise = ROUND_OFF * float(
+        noise = TERMS_ROUND_OFF * float(
             np.linalg.norm(self.model.flow.tested) * np.linalg.norm(at.strain)
         )
         for iteration in range(1, self.settings.iterations + 1):
@@ -155,27 +159,28 @@ class NewtonStepper(CorrectionStepper):
             at = self._nearer(load, at)
         raise Diverged(f"the {self.settings.iterations} iterations allowed are spent")
 
-    def _nearer(self, load: Load, at: Trial) -> Trial:
+    def _nearer(self, load: StepInput, at: Trial) -> Trial:
         """The next iterate, by a line search along Newton's direction."""
         try:
             direction = np.linalg.solve(self.slope(load, at), at.residual)
         except (np.linalg.LinAlgError, NotSolvableError) as error:
             raise Diverged(f"{error}, a singular tangent") from error
         share = 1.0
-        while share >= LEAST_SHARE:
+        while share >= LEAST_NEWTON_SHARE:
             try:
                 tried = self.tried(load, at.correction + share * direction, at.found.active)
                 if tried.merit <= (1 - DECREASE * share) * at.merit:
                     return tried
             except Diverged:
-                if share == LEAST_SHARE:
+                if share == LEAST_NEWTON_SHARE:
                     raise
             share *= 0.5
         raise Diverged(
-            f"no part of Newton's step down to 1/{round(1 / LEAST_SHARE)} lowers the residual"
+            f"no part of Newton's step down to 1/{round(1 / LEAST_NEWTON_SHARE)} lowers "
+            f"the residual"
         )
 
-    def tried(self, load: Load, correction: np.ndarray, active: np.ndarray) -> Trial:
+    def tried(self, load: StepInput, correction: np.ndarray, active: np.ndarray) -> Trial:
         """Contact from some statuses, laws and R at a correction; Diverged without one of them."""
         model = self.model
         found = load.contact.solved(
@@ -196,7 +201,7 @@ class NewtonStepper(CorrectionStepper):
             raise Diverged("a law found no flow, or one that is impossible")
         return Trial(correction, found, update, strain, residual)
 
-    def slope(self, load: Load, at: Trial) -> np.ndarray:
+    def slope(self, load: StepInput, at: Trial) -> np.ndarray:
         """-dR/dg, (ell, ell), at the trial that was solved last."""
         model = self.model
         forces = load.contact.changes(model.equalities, at.found, -model.flow.moved)
@@ -205,7 +210,7 @@ class NewtonStepper(CorrectionStepper):
         found: np.ndarray = model.flow.modal - flowing @ model.flow.per_mode.T + pressed
         return found
 
-    def _answer(self, at: Trial, load: Load, goal: Goal, iterations: int) -> Answer:
+    def _answer(self, at: Trial, load: StepInput, goal: Goal, iterations: int) -> Answer:
         self._strains.check(at.strain)
         found = at.found
         unknown = np.concatenate([at.correction, found.forces])

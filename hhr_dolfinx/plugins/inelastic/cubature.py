@@ -34,19 +34,19 @@ one at first.
 """
 SKETCHED = 1000
 """Number of rows above which their compression computes eigenvectors in a subspace."""
-BLOCK = 128
+SUBSPACE_GROWTH = 128
 """Number of vectors by which the subspace grows."""
-SHARE = 0.1
+SUBSPACE_SHARE = 0.1
 """Part of the error allowed to a compression that may lie outside the subspace."""
-DEPENDENT = 1e-12
+DEPENDENT_COLUMN = 1e-12
 """A column with a smaller part outside the chosen columns, relative to its length, counts as
 dependent on them.
 """
-PARALLEL = 1e-15
+LEAST_MISFIT = 1e-15
 """If no candidate is more parallel to the misfit, relative to the integrals, the least misfit is
 reached.
 """
-PATIENCE = 20
+MOST_POINTS_PER_ROW = 20
 """Most points added for each row; normally one or two suffice."""
 REFRESHED = 200
 """Number of changes after which the factor is recomputed, to limit round-off."""
@@ -134,10 +134,12 @@ def compressed(chunks: Callable[[], Iterable[np.ndarray]], tolerance: float) -> 
     total = float(np.trace(gram))
     if total == 0:
         return np.hstack([chunk[:0] for chunk in chunks()])
-    basis, small = _large_part(gram, SHARE * tolerance**2 * total)
+    basis, small = _large_part(gram, SUBSPACE_SHARE * tolerance**2 * total)
     # the sum of all smaller ones is below the part that may be left out, and round-off is below
     # that
-    least = max((1 - SHARE) * tolerance**2 * total / len(small), np.finfo(float).eps * total)
+    least = max(
+        (1 - SUBSPACE_SHARE) * tolerance**2 * total / len(small), np.finfo(float).eps * total
+    )
     squares, directions = linalg.eigh(small, subset_by_value=(least, np.inf), check_finite=False)
     directions = directions if basis is None else basis @ directions
     left_out = np.cumsum(np.append(max(total - squares.sum(), 0.0), squares))
@@ -183,9 +185,9 @@ def _large_part(gram: np.ndarray, outside: float) -> tuple[np.ndarray | None, np
     left = float(np.trace(gram))
     floor = np.finfo(float).eps * count * float(np.trace(gram))
     while left > max(outside, floor):
-        if basis.shape[1] + BLOCK > count // 2:  # a subspace saves nothing then
+        if basis.shape[1] + SUBSPACE_GROWTH > count // 2:  # a subspace saves nothing then
             return None, gram
-        block = generator.normal(size=(count, BLOCK))
+        block = generator.normal(size=(count, SUBSPACE_GROWTH))
         block = gram @ (block - basis @ (basis.T @ block))
         for _ in range(2):  # twice is enough for orthogonality to round-off
             block, _ = linalg.qr(
@@ -228,7 +230,7 @@ class _Factor:
             rest = rest - q @ part
             shares = shares + part
         outside = np.linalg.norm(rest)
-        if outside <= DEPENDENT:
+        if outside <= DEPENDENT_COLUMN:
             return False
         count = len(self.points)
         r = np.zeros((count + 1, count + 1), order="F")
@@ -249,7 +251,7 @@ class _Factor:
         Those that depend on others are left out.
         """
         q, r, order = linalg.qr(columns, mode="economic", pivoting=True, check_finite=False)
-        kept = np.abs(np.diag(r)) > DEPENDENT
+        kept = np.abs(np.diag(r)) > DEPENDENT_COLUMN
         order = order[: int(kept.sum())]
         self._q = GrowingColumns(q[:, : order.size])
         self._r = np.asfortranarray(r[: order.size, : order.size])
@@ -321,8 +323,8 @@ class _Search:
         """Add points until the misfit is at most ``tolerance``, there are ``most``, or none reduces
         it.
         """
-        floor = PARALLEL * self.size
-        left = PATIENCE * len(self.rows)
+        floor = LEAST_MISFIT * self.size
+        left = MOST_POINTS_PER_ROW * len(self.rows)
 
         def open_() -> bool:
             return left > 0 and self.least > tolerance and len(self.factor.points) < most

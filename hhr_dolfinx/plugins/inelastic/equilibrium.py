@@ -22,7 +22,7 @@ from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.inelastic.law import Update
-from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, Points
+from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, GaussPoints
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.trained import Signs, TrainedPaths
 from hhr_dolfinx.plugins.inelastic.update import LastOf, Material
@@ -125,7 +125,7 @@ class Goal(NamedTuple):
     parameter: np.ndarray
 
 
-class Way(NamedTuple):
+class ParameterDirection(NamedTuple):
     """A point of the parameters and a direction from it, with the amplitudes there and their
     derivatives.
     """
@@ -182,7 +182,7 @@ class Stepper(ABC):
         raise failure
 
 
-class Equilibrium(ABC):
+class MaterialEquilibrium(ABC):
     """Equilibrium of a full or a small model; its unknown ``x`` is U0, gamma, or g followed by λ.
 
     Outside of :meth:`at` its material has the formulas of moduli, and its elasticity is that of the
@@ -190,7 +190,7 @@ class Equilibrium(ABC):
     """
 
     trained: TrainedPaths | None = None  # training range of a reduced model
-    together: Points = ALL_HERE  # reductions over the Gauss points of all ranks
+    together: GaussPoints = ALL_HERE  # reductions over the Gauss points of all ranks
     lock: AbstractContextManager = nullcontext()  # held during a history
     symmetric = False  # whether linearisations have the symmetric part of tangents alone
     parameters: ParameterSpace
@@ -241,17 +241,17 @@ class Equilibrium(ABC):
         """Gaps minus the known part of the motion, (conditions,): upper bounds of B x."""
         return self.problem.gaps @ theta
 
-    def strain_along(self, x: np.ndarray, way: Way) -> np.ndarray:
+    def strain_along(self, x: np.ndarray, way: ParameterDirection) -> np.ndarray:
         """Derivative of :meth:`strain` along a way at a given unknown."""
         return self.strain(np.zeros_like(x), way.change)
 
-    def gaps_along(self, x: np.ndarray, way: Way) -> np.ndarray:
+    def gaps_along(self, x: np.ndarray, way: ParameterDirection) -> np.ndarray:
         """Derivative along a way of the gaps, with the motion by the forces of an unknown that has
         them.
         """
         return self.gaps(way.change)
 
-    def residual_along(self, x: np.ndarray, change: Update, way: Way) -> np.ndarray:
+    def residual_along(self, x: np.ndarray, change: Update, way: ParameterDirection) -> np.ndarray:
         """Derivative of :meth:`residual` along a way at a given unknown, by that of stress and
         state.
         """

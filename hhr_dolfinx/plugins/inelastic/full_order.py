@@ -28,7 +28,7 @@ from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings, StressOutput
 from hhr_dolfinx.plugins.elasticity.parts import with_springs
 from hhr_dolfinx.plugins.inelastic.constants import check_law_over_box
-from hhr_dolfinx.plugins.inelastic.equilibrium import Equilibrium, Linearisation, texts_of
+from hhr_dolfinx.plugins.inelastic.equilibrium import Linearisation, MaterialEquilibrium, texts_of
 from hhr_dolfinx.plugins.inelastic.gauss_points import (
     at_gauss_points,
     material_at,
@@ -37,8 +37,8 @@ from hhr_dolfinx.plugins.inelastic.gauss_points import (
 )
 from hhr_dolfinx.plugins.inelastic.law import Update
 from hhr_dolfinx.plugins.inelastic.linearised_step import (
-    PATIENCE,
     PATIENCE_IN_SPACE,
+    TANGENT_ITERATIONS,
     MeshEquilibrium,
 )
 from hhr_dolfinx.plugins.inelastic.outputs import (
@@ -96,9 +96,9 @@ class GaussModel:
         check_elasticity(whole, self.discretisation.scene.parameters, output)
         return energy(self.operator, self.material, output)
 
-    def equilibrium(self, full: FullModel) -> FullEquilibrium:
+    def equilibrium(self, full: FullModel) -> FullOrderEquilibrium:
         """Equilibrium of a full model."""
-        return FullEquilibrium(full, self)
+        return FullOrderEquilibrium(full, self)
 
 
 class LawsOnMesh(Discretisation):
@@ -152,7 +152,7 @@ class LazyStiffness(SparseStiffness):
         return found
 
 
-class FullEquilibrium(MeshEquilibrium):
+class FullOrderEquilibrium(MeshEquilibrium):
     """Equilibrium of U0, with the elastic factors of a full model.
 
     Each of several ranks has all dofs of vectors, and all Gauss points except in objects made by
@@ -188,7 +188,7 @@ class FullEquilibrium(MeshEquilibrium):
         self.law = problem.law
         self.points = np.arange(self.operator.gauss_points)
         self.per_cell = self.operator.per_cell
-        self.patience = PATIENCE_IN_SPACE if problem.block_size == 3 else PATIENCE
+        self.patience = PATIENCE_IN_SPACE if problem.block_size == 3 else TANGENT_ITERATIONS
         self._pairs = Pairs.of(problem.contact_pairs)
         # made for factoring, while that of the elastic stiffness is made for solving: on one core,
         # in the plane at 13,700 dofs, nd takes 31 ms to factor and 1.1 ms to solve, qmd 53 and 1.4
@@ -200,7 +200,7 @@ class FullEquilibrium(MeshEquilibrium):
         self._body[self.operator.dofs] = gauss.bodies[:, None]
         self._ranks: PointsOfRanks | None = None
         self._rows = problem.spread
-        self._spread: FullEquilibrium | None = None
+        self._spread: FullOrderEquilibrium | None = None
         shaped = (
             ()
             if self.shape is None
@@ -245,9 +245,9 @@ class FullEquilibrium(MeshEquilibrium):
         """Empty store of the factors of one tangent."""
         return FactorStore(lambda matrix: self._full.factors_of(matrix, "nd"))
 
-    def alongside(self) -> FullEquilibrium:
-        """See :class:`Equilibrium`; with factors of its own, so that both histories keep their
-        frozen tangents.
+    def alongside(self) -> FullOrderEquilibrium:
+        """See :class:`MaterialEquilibrium`; with factors of its own, so that both histories
+        keep their frozen tangents.
         """
         found = copy(self)
         found._tangent_factors = self._no_tangents()
@@ -261,7 +261,7 @@ class FullEquilibrium(MeshEquilibrium):
         """Cumulated plastic strain of an answer at all Gauss points."""
         return gauss_of(answer).state.cumulated.copy()
 
-    def _marching(self, settings: MarchSettings) -> FullEquilibrium:
+    def _marching(self, settings: MarchSettings) -> FullOrderEquilibrium:
         """Ranks share the Gauss points, but for derivatives.
 
         NotOfferedError for derivatives along shapes.
@@ -273,7 +273,7 @@ class FullEquilibrium(MeshEquilibrium):
             )
         return self if settings.gradient else self.on_ranks(self._full.comm)
 
-    def on_ranks(self, comm: MPI.Comm) -> FullEquilibrium:
+    def on_ranks(self, comm: MPI.Comm) -> FullOrderEquilibrium:
         """The same equilibrium with some of the Gauss points on each rank, for collective paths.
 
         Itself on one rank.
@@ -287,10 +287,10 @@ class FullEquilibrium(MeshEquilibrium):
             self._spread._rows = rows_of(slice(mine.start, mine.stop), self.size, group_of(comm))
         return self._spread
 
-    def _sharing(self, points: PointsOfRanks) -> FullEquilibrium:
+    def _sharing(self, points: PointsOfRanks) -> FullOrderEquilibrium:
         """The same equilibrium with the Gauss points of some cells."""
         found = copy(self)
-        Equilibrium.__init__(found)
+        MaterialEquilibrium.__init__(found)
         operator = self.operator
         arrays = {
             name: getattr(operator, name)[points.cells] for name in ("gradients", "weights", "dofs")
@@ -440,7 +440,7 @@ class FullEquilibrium(MeshEquilibrium):
             return found
 
 
-def equilibrium_of(full: FullModel) -> FullEquilibrium:
+def equilibrium_of(full: FullModel) -> FullOrderEquilibrium:
     """Equilibrium of a full model of inelastic bodies.
 
     NotOfferedError for laws that another plug-in reads.

@@ -15,8 +15,8 @@ code have differences.
 Contacts whose law remembers have derivatives by their law, see
 :mod:`plugins.inelastic.contact_slopes`. Statuses are those of the history. A derivative is
 one-sided where a condition is about to change its status, or where a point comes to a kink of its
-law, such as yield, within :data:`NEAR` of the box; so it is in later steps, whose state follows
-from it. In a hold of constant load points stay on their yield surface, and no kink is near.
+law, such as yield, within :data:`NEAR_KINK` of the box; so it is in later steps, whose state
+follows from it. In a hold of constant load points stay on their yield surface, and no kink is near.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ import numpy as np
 from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, ParameterError
 from hhr_dolfinx.models.answer import Answer, History
-from hhr_dolfinx.models.gradient import GRAZING, Gradient
+from hhr_dolfinx.models.gradient import CHANGING_STATUS, Gradient
 from hhr_dolfinx.plugins.inelastic.contact_slopes import ContactSlopes, slopes_of_contacts
-from hhr_dolfinx.plugins.inelastic.equilibrium import Equilibrium, Way
-from hhr_dolfinx.plugins.inelastic.law import State, Update
-from hhr_dolfinx.plugins.inelastic.law_slopes import STEP, Along, Inputs, slopes_of
+from hhr_dolfinx.plugins.inelastic.equilibrium import MaterialEquilibrium, ParameterDirection
+from hhr_dolfinx.plugins.inelastic.law import InternalVariables, Update
+from hhr_dolfinx.plugins.inelastic.law_slopes import CODE_STEP, Along, Inputs, slopes_of
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 
 SAME_STRESS = 1e-8
@@ -44,7 +44,7 @@ SKEW = 1e-6
 """Asymmetry of tangents, as a part of the largest, from which their symmetric part gives no
 derivatives.
 """
-NEAR = GRAZING
+NEAR_KINK = CHANGING_STATUS
 """Part of the box of the parameters within which a kink of a law makes a derivative one-sided."""
 
 
@@ -61,7 +61,7 @@ class StepGradient(NamedTuple):
 
 
 def history_gradient(
-    model: Equilibrium, history: History, directions: np.ndarray | None = None
+    model: MaterialEquilibrium, history: History, directions: np.ndarray | None = None
 ) -> list[StepGradient]:
     """Derivatives of all answers of a history, solved by a model in steps that were not cut, with
     tight settings.
@@ -95,14 +95,16 @@ def history_gradient(
     state = model.material.at_rest()
     time = history.start
     # at rest they are zero too
-    changes = State(*(np.repeat(part[..., None], along.shape[2], axis=-1) for part in state))
+    changes = InternalVariables(
+        *(np.repeat(part[..., None], along.shape[2], axis=-1) for part in state)
+    )
     contacts = slopes_of_contacts(model, along.shape[2])
     gradients = []
     scale = 0.0
     before = 0
     with model.lock:
         for number, answer in enumerate(history.answers, start=1):
-            step = _Step(model, answer, state, answer.time - time, number)
+            step = _SolvedStep(model, answer, state, answer.time - time, number)
             scale = max(scale, step.strain_size)
             found, changes = step.along(along[number], changes, scale, contacts)
             found = found._replace(kinks=found.kinks + before)
@@ -117,7 +119,7 @@ def history_gradient(
     return gradients
 
 
-def with_gradients(model: Equilibrium, history: History) -> None:
+def with_gradients(model: MaterialEquilibrium, history: History) -> None:
     """Give each answer of a history its derivatives along the parameters.
 
     See :func:`history_gradient`.
@@ -128,10 +130,17 @@ def with_gradients(model: Equilibrium, history: History) -> None:
         history.answers[place] = history.answers[place]._replace(gradient=gradient)
 
 
-class _Step:
+class _SolvedStep:
     """A solved step: its consistent linearisation, and its derivatives along directions."""
 
-    def __init__(self, model: Equilibrium, answer: Answer, before: State, dt: float, number: int):
+    def __init__(
+        self,
+        model: MaterialEquilibrium,
+        answer: Answer,
+        before: InternalVariables,
+        dt: float,
+        number: int,
+    ):
         self._model = model
         self._answer = answer
         self._there = model.at(answer.parameter)
@@ -158,8 +167,12 @@ class _Step:
         self._linear = self._there.linearised(update.tangents)
 
     def along(
-        self, directions: np.ndarray, before: State, scale: float, contacts: ContactSlopes
-    ) -> tuple[StepGradient, State]:
+        self,
+        directions: np.ndarray,
+        before: InternalVariables,
+        scale: float,
+        contacts: ContactSlopes,
+    ) -> tuple[StepGradient, InternalVariables]:
         """Derivatives of the step, and of the state after it, along directions of the parameter,
         (P, K).
 
@@ -171,7 +184,9 @@ class _Step:
         x = answer.unknown
         acting, by_parameter = there.amplitudes.slopes_at(answer.parameter)
         ways = [
-            Way(answer.parameter, direction, self._theta, Theta(acting, by_parameter @ direction))
+            ParameterDirection(
+                answer.parameter, direction, self._theta, Theta(acting, by_parameter @ direction)
+            )
             for direction in directions.T
         ]
         strain = np.stack([there.strain_along(x, way) for way in ways], axis=-1)
@@ -183,13 +198,15 @@ class _Step:
                 np.abs(array).max(axis=(0, 1), initial=0.0) for array in (strain, before.inelastic)
             ]
             rates = np.max([parts, *(size / (scale or 1.0) for size in sizes)], axis=0)
-            return Along(strain, before, constants, STEP / np.where(rates > 0, rates, 1.0))
+            return Along(strain, before, constants, CODE_STEP / np.where(rates > 0, rates, 1.0))
 
         first = slopes_of(self._material, self._inputs, along(strain))
         residuals = []
         for k, way in enumerate(ways):
             change = Update(
-                first.stress[..., k], State(*(part[..., k] for part in first.state)), None
+                first.stress[..., k],
+                InternalVariables(*(part[..., k] for part in first.state)),
+                None,
             )
             residuals.append(there.residual_along(x, change, way))
         right = (
@@ -203,7 +220,7 @@ class _Step:
         )
         moved = np.stack([there.strain_of(dx) for dx in unknown.T], axis=-1)
         after = slopes_of(self._material, self._inputs, along(strain + moved))
-        at_kinks = (after.reach * parts <= NEAR).any(axis=1)
+        at_kinks = (after.reach * parts <= NEAR_KINK).any(axis=1)
         return StepGradient(unknown, multipliers, slack, near, int(at_kinks.sum())), after.state
 
     def _parts_of_box(self, directions: np.ndarray) -> np.ndarray:

@@ -64,8 +64,9 @@ POSITIVE = (0.0, math.inf)
 NOT_NEGATIVE = (-math.ulp(0.0), math.inf)
 AT_LEAST_ONE = (math.nextafter(1.0, 0.0), math.inf)
 ANY = (-math.inf, math.inf)
-LARGEST = sys.float_info.max
 """Open intervals of constants."""
+LARGEST_FLOAT = sys.float_info.max
+"""Largest number: an interval up to it has no upper bound."""
 STANDARD = {"inelastic": TENSOR, "cumulated": NUMBER}
 """Internal variables that every law has."""
 INPUTS = ("strain", "y", "old", "dt", "constant")
@@ -201,14 +202,14 @@ def check_constant(
     if not (is_number(value) and low < value < high):
         least = (
             f"above {low:g}"
-            if low in (0.0, -math.inf, -LARGEST)
+            if low in (0.0, -math.inf, -LARGEST_FLOAT)
             else f"at least {abs(math.nextafter(low, 1)):g}"
         )
-        most = f" and below {high:g}" if high < LARGEST else ""
+        most = f" and below {high:g}" if high < LARGEST_FLOAT else ""
         raise SceneError(f"{name} = {value} of {law}{place} must be a number {least}{most}")
 
 
-class State(NamedTuple):
+class InternalVariables(NamedTuple):
     """Internal variables of the material."""
 
     inelastic: (
@@ -224,13 +225,13 @@ class Update(NamedTuple):
     """Result of a step at all Gauss points."""
 
     stress: np.ndarray  # stress at the end of the step, (gauss_points, components)
-    state: State  # state at the end of the step
+    state: InternalVariables  # state at the end of the step
     tangents: (
         np.ndarray | None
     )  # consistent tangents, (gauss_points, components, components), or None
 
 
-class Given(NamedTuple):
+class LawNumbers(NamedTuple):
     """Numbers of a law at a point of the parameters."""
 
     # E, ν and those of the law, (2 + constants, n), or (2 + constants, 1) if all points share them
@@ -254,7 +255,7 @@ class Given(NamedTuple):
         found: np.ndarray = stress @ self.compliance
         return found / self.grading[:, None] if self.grading.size else found
 
-    def some(self, chosen: slice) -> Given:
+    def some(self, chosen: slice) -> LawNumbers:
         """Numbers at some of the points."""
         constants = self.constants
         if constants.shape[1] > 1:
@@ -412,7 +413,13 @@ class LawProgram(Rebuilt):
         return replace(self, values=tuple(values))
 
     def update(
-        self, strain: np.ndarray, old: State, dt: float, given: Given, *, tangent: bool
+        self,
+        strain: np.ndarray,
+        old: InternalVariables,
+        dt: float,
+        given: LawNumbers,
+        *,
+        tangent: bool,
     ) -> Update:
         """Stress, state and tangents at the end of a step at some points.
 
@@ -444,10 +451,10 @@ class LawProgram(Rebuilt):
             result,
         )
         self._check(result, strains)
-        state = State(new[:components].T, new[components], new[components + 1 :].T)
+        state = InternalVariables(new[:components].T, new[components], new[components + 1 :].T)
         return Update(stress.T, state, tangents.transpose(2, 0, 1) if tangent else None)
 
-    def given(self, young: float, poisson: float) -> Given:
+    def given(self, young: float, poisson: float) -> LawNumbers:
         """Constants, which must be numbers, and the elasticity at rest; SceneError for a
         formula.
         """
@@ -459,7 +466,7 @@ class LawProgram(Rebuilt):
             )
         rows = np.broadcast_arrays(young, poisson, *self.values)
         constants = np.array(rows, dtype=float).reshape(len(rows), -1)
-        return Given(constants, *self.elasticity(young, poisson))
+        return LawNumbers(constants, *self.elasticity(young, poisson))
 
     def elasticity(self, young: float, poisson: float) -> tuple[np.ndarray, np.ndarray]:
         """C and C^-1, (c, c) each; SceneError if a constant that states them is no number."""

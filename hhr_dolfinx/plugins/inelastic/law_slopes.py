@@ -19,7 +19,12 @@ from typing import NamedTuple
 import numpy as np
 
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError
-from hhr_dolfinx.plugins.inelastic.law import Given, LawProgram, State, compliance_slope
+from hhr_dolfinx.plugins.inelastic.law import (
+    InternalVariables,
+    LawNumbers,
+    LawProgram,
+    compliance_slope,
+)
 from hhr_dolfinx.plugins.inelastic.local_solver import (
     AFTER,
     LOCAL,
@@ -33,11 +38,11 @@ from hhr_dolfinx.plugins.inelastic.update import Group, Material
 from hhr_dolfinx.plugins.programs.forward import Forward
 from hhr_dolfinx.plugins.programs.machine import evaluated
 
-CHUNK = 20_000
+DIFFERENTIATED_AT_ONCE = 20_000
 """Points times directions that are differentiated at once: registers of a program keep three
 numbers for each.
 """
-STEP = 1e-5
+CODE_STEP = 1e-5
 """Length of a difference of code, as a part of the box of the parameters and of the largest strain
 so far.
 """
@@ -45,7 +50,7 @@ BENT = 0.05
 """Second difference of a stress over its first one, above which code has a kink there and no
 curvature.
 """
-ROUND_OFF = 1e-8
+SECOND_DIFFERENCE_ROUND_OFF = 1e-8
 """Part of the largest stress below which its second difference is round-off."""
 
 
@@ -53,7 +58,7 @@ class Inputs(NamedTuple):
     """What a step depends on at n points."""
 
     strain: np.ndarray  # at its end, (n, c)
-    old: State  # before it
+    old: InternalVariables  # before it
     dt: float  # its duration
 
 
@@ -61,20 +66,20 @@ class Along(NamedTuple):
     """Derivatives of the inputs of a step along K directions, which are last in each array."""
 
     strain: np.ndarray  # (n, c, K)
-    old: State
+    old: InternalVariables
     constants: Sequence[np.ndarray]  # of each group, see :meth:`Material.constants_along`
     lengths: np.ndarray  # of differences of code, (K,)
 
 
-class Slopes(NamedTuple):
+class StepSlopes(NamedTuple):
     """Derivatives of the results of a step along K directions."""
 
     stress: np.ndarray  # (n, c, K)
-    state: State  # K is last in each array
+    state: InternalVariables  # K is last in each array
     reach: np.ndarray  # least distance along each direction to a kink of the law, (n, K)
 
 
-def slopes_of(material: Material, given: Inputs, along: Along) -> Slopes:
+def slopes_of(material: Material, given: Inputs, along: Along) -> StepSlopes:
     """Derivatives of the step of a material whose constants are numbers.
 
     Raises:
@@ -83,15 +88,15 @@ def slopes_of(material: Material, given: Inputs, along: Along) -> Slopes:
     """
     ways = along.strain.shape[2]
     old = along.old
-    found = Slopes(
+    found = StepSlopes(
         np.empty_like(along.strain),
-        State(np.zeros_like(along.strain), old.cumulated.copy(), old.memory.copy()),
+        InternalVariables(np.zeros_like(along.strain), old.cumulated.copy(), old.memory.copy()),
         np.full((len(given.strain), ways), np.inf),
     )
     for group, numbers, constants in zip(
         material.groups, material.given, along.constants, strict=True
     ):
-        size = max(CHUNK // max(ways, 1), 64)
+        size = max(DIFFERENTIATED_AT_ONCE // max(ways, 1), 64)
         for first in range(0, group.indices.size, size):
             _set_slopes(group, slice(first, first + size), numbers, given, along, constants, found)
     return found
@@ -100,18 +105,23 @@ def slopes_of(material: Material, given: Inputs, along: Along) -> Slopes:
 def _set_slopes(
     group: Group,
     chosen: slice,
-    numbers: Given,
+    numbers: LawNumbers,
     given: Inputs,
     along: Along,
     constants: np.ndarray,
-    found: Slopes,
+    found: StepSlopes,
 ) -> None:
     """Set the derivatives at some points of a group."""
     own = group.indices[chosen]
-    values = Inputs(given.strain[own], State(*(part[own] for part in given.old)), given.dt)
+    values = Inputs(
+        given.strain[own], InternalVariables(*(part[own] for part in given.old)), given.dt
+    )
     changes = constants[:, chosen] if constants.shape[1] > 1 else constants
     ways = Along(
-        along.strain[own], State(*(part[own] for part in along.old)), [changes], along.lengths
+        along.strain[own],
+        InternalVariables(*(part[own] for part in along.old)),
+        [changes],
+        along.lengths,
     )
     numbers = numbers.some(chosen)
     if group.law is None:
@@ -126,7 +136,7 @@ def _set_slopes(
     found.reach[own] = result.reach
 
 
-def _of_hooke(group: Group, numbers: Given, strain: np.ndarray, along: Along) -> np.ndarray:
+def _of_hooke(group: Group, numbers: LawNumbers, strain: np.ndarray, along: Along) -> np.ndarray:
     """Derivatives of the stress of an elastic body, (n, c, K)."""
     young = group.young
     assert not isinstance(young, str)  # the material is that of a point
@@ -141,7 +151,7 @@ def _of_hooke(group: Group, numbers: Given, strain: np.ndarray, along: Along) ->
     return found
 
 
-def _of_program(law: LawProgram, numbers: Given, given: Inputs, along: Along) -> Slopes:
+def _of_program(law: LawProgram, numbers: LawNumbers, given: Inputs, along: Along) -> StepSlopes:
     """Derivatives of a law that is a program."""
     strains = law.strains
     points, _, ways = along.strain.shape
@@ -201,7 +211,7 @@ def _of_program(law: LawProgram, numbers: Given, given: Inputs, along: Along) ->
             )
             inelastic -= softer[:, :, None] * by_ratio[:, None]
     memory = outputs[strains + 1 :].swapaxes(0, 1)
-    return Slopes(stress, State(inelastic, outputs[strains], memory), reach)
+    return StepSlopes(stress, InternalVariables(inelastic, outputs[strains], memory), reach)
 
 
 def _solve(law: LawProgram, forward: Forward, unknowns: np.ndarray) -> None:
@@ -222,7 +232,7 @@ def _solve(law: LawProgram, forward: Forward, unknowns: np.ndarray) -> None:
     forward.run(LOCAL)  # for its kinks, with the derivatives of the unknowns
 
 
-def _unknowns(law: LawProgram, numbers: Given, inputs: np.ndarray) -> np.ndarray:
+def _unknowns(law: LawProgram, numbers: LawNumbers, inputs: np.ndarray) -> np.ndarray:
     """Converged unknowns at all points, (u, n): the step is solved again, with them as outputs
     instead of its results.
 
@@ -251,7 +261,7 @@ def _unknowns(law: LawProgram, numbers: Given, inputs: np.ndarray) -> np.ndarray
     return np.vstack(found)
 
 
-def _of_code(law: LawProgram, numbers: Given, given: Inputs, along: Along) -> Slopes:
+def _of_code(law: LawProgram, numbers: LawNumbers, given: Inputs, along: Along) -> StepSlopes:
     """Derivatives of a law that is code, by central differences.
 
     NotOfferedError at a kink of any point.
@@ -265,10 +275,10 @@ def _of_code(law: LawProgram, numbers: Given, given: Inputs, along: Along) -> Sl
             young = float(constants[0, 0]) / (
                 float(numbers.grading[0]) if numbers.grading.size else 1.0
             )
-            there = Given(
+            there = LawNumbers(
                 constants, *law.elasticity(young, float(constants[1, 0])), numbers.grading
             )
-            old = State(
+            old = InternalVariables(
                 *(
                     part + step * change[..., way]
                     for part, change in zip(given.old, along.old, strict=True)
@@ -285,7 +295,7 @@ def _of_code(law: LawProgram, numbers: Given, given: Inputs, along: Along) -> Sl
             )
         less, more = (side.stress for side in sides)
         bend = np.abs(less + more - 2 * here.stress).max(axis=1, initial=0.0)
-        least = ROUND_OFF * np.abs(here.stress).max(initial=0.0)
+        least = SECOND_DIFFERENCE_ROUND_OFF * np.abs(here.stress).max(initial=0.0)
         kinks = bend > np.maximum(BENT * np.abs(more - less).max(axis=1, initial=0.0), least)
         if kinks.any():
             raise NotOfferedError(
@@ -300,4 +310,4 @@ def _of_code(law: LawProgram, numbers: Given, given: Inputs, along: Along) -> Sl
         ]
         found.append([(high - low) / (2 * length) for high, low in pairs])
     stress, *state = (np.stack(parts, axis=-1) for parts in zip(*found, strict=True))
-    return Slopes(stress, State(*state), np.full((len(stress), len(found)), np.inf))
+    return StepSlopes(stress, InternalVariables(*state), np.full((len(stress), len(found)), np.inf))

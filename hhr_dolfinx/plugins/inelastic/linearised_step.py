@@ -30,7 +30,7 @@ from hhr_dolfinx.plugins.inelastic.equilibrium import (
     Stepper,
     extrapolated,
 )
-from hhr_dolfinx.plugins.inelastic.march import Histories
+from hhr_dolfinx.plugins.inelastic.march import MarchingEquilibrium
 from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
@@ -40,7 +40,7 @@ ROUND_OFF_STRAIN = 1e-13
 """Strain that counts as round-off of displacements without strain, as when a gap closes without
 stress.
 """
-PATIENCE = 5
+TANGENT_ITERATIONS = 5
 """Most iterations of a step after which its frozen tangent, or the elastic operator at a start or
 turn of a history, is kept for the next one. In the plane the plastic pellet takes the same time
 with 5, 8, 10 and 15; its reduced model 1.6 times as long with 15.
@@ -49,7 +49,7 @@ PATIENCE_IN_SPACE = 15
 """The same if a tangent costs as much as ten iterations, as of full models in space: the smallest
 indentation of the demo takes 0.46 s, as by the elastic operator alone, and 0.69 s with 5.
 """
-NEWTON = 15
+EXTRAPOLATED_ITERATIONS = 15
 """Most iterations of Newton's method from an extrapolation: it takes four to eight, or cycles
 forever.
 """
@@ -58,7 +58,7 @@ TIRED = 30
 that creeps at constant load, they end with a stress accurate to 1e-5 and a displacement that was
 off by 2 %.
 """
-TIGHT = 1e-8
+TIGHT_TOLERANCE = 1e-8
 """Tolerances of these Newton iterations; the method squares the remaining error."""
 
 
@@ -93,7 +93,7 @@ class Anderson:
         return following
 
 
-class MeshEquilibrium(Histories):
+class MeshEquilibrium(MarchingEquilibrium):
     """Equilibrium of U0 or gamma: displacements of a mesh or a RID, in steps by linearisation."""
 
     operator: StrainOperator  # strain at its Gauss points
@@ -102,7 +102,7 @@ class MeshEquilibrium(Histories):
     )
     lifts: csc_matrix  # imposed displacements as terms of θ
     elastic: Linearisation
-    patience = PATIENCE
+    patience = TANGENT_ITERATIONS
     _sizes: csc_matrix  # absolute entries of the elastic stiffness
 
     @abstractmethod
@@ -186,7 +186,7 @@ class LinearisedStepper(Stepper):
         careful = replace(settings, search="tangent") if settings.search == "frozen" else settings
         first = settings
         if settings.search == "tangent" and len(trail) > 1:
-            first = replace(settings, iterations=min(settings.iterations, NEWTON))
+            first = replace(settings, iterations=min(settings.iterations, EXTRAPOLATED_ITERATIONS))
         if len(trail) == 1:  # at rest, or where a path reverses: the first response is elastic
             self._linearisation = self.model.elastic if settings.search == "frozen" else None
         try:
@@ -205,8 +205,12 @@ class LinearisedStepper(Stepper):
         """
         if self.settings.search != "frozen" or found.iterations <= TIRED:
             return found
-        tight: Any = dict.fromkeys(("relative_stress", "floor_stress", "relative_force"), TIGHT)
-        newton = replace(self.settings, search="tangent", iterations=NEWTON, **tight)
+        tight: Any = dict.fromkeys(
+            ("relative_stress", "floor_stress", "relative_force"), TIGHT_TOLERANCE
+        )
+        newton = replace(
+            self.settings, search="tangent", iterations=EXTRAPOLATED_ITERATIONS, **tight
+        )
         try:
             after = self._solved(trail[-1:], goal, newton, found)
         except (Diverged, ConvergenceError):

@@ -37,7 +37,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hhr_dolfinx.compat import compiled
-from hhr_dolfinx.plugins.programs.machine import BLOCK, run, set_numbers
+from hhr_dolfinx.plugins.programs.machine import POINTS_IN_CACHE, run, set_numbers
 from hhr_dolfinx.plugins.programs.program import Program
 
 TRIAL, START, LOCAL, AFTER, SLOPES, REST, REST_SLOPES = range(7)
@@ -47,10 +47,10 @@ unknowns, and those of the residual by the strain; and both for a point without 
 """
 ITERATIONS = 60
 """Most evaluations of a residual at a point."""
-LEAST_SHARE = 1 / 4096
+LEAST_LOCAL_SHARE = 1 / 4096
 """Smallest part of a step that the line search tries."""
 DONE = 1e-9
-ROUND_OFF = 1e-14
+STRAIN_ROUND_OFF = 1e-14
 """Part of a strain that counts as its round-off: differences of strains that an equation takes have
 some more.
 """
@@ -184,7 +184,7 @@ def _newton(code, law, work, open_, factors, pivots):
             _measure(new, weights, kinds, length)
             for k in range(count):
                 accepted = finite[k] and length[k] <= (1 - 0.25 * share[k]) * last[k]
-                if chosen[k] and not accepted and share[k] > LEAST_SHARE:
+                if chosen[k] and not accepted and share[k] > LEAST_LOCAL_SHARE:
                     share[k] *= 0.5
                     chosen[k] = False
                     for i in range(size):
@@ -246,7 +246,7 @@ def _settle(code, law, work, open_, factors, pivots, iterate, steps):
                 scale = max(scale, abs(work[i, k]), abs(work[strains + size + i, k]))
             small = True
             for i in range(size):
-                small = small and abs(steps[i, k]) <= ROUND_OFF * scale * noise[i, k]
+                small = small and abs(steps[i, k]) <= STRAIN_ROUND_OFF * scale * noise[i, k]
             if small:
                 open_[k] = SOLVED
 
@@ -458,7 +458,9 @@ def solve_points(
     """
     strains = code.sizes[law, STRAINS]
     size = code.sizes[law, UNKNOWNS]
-    blocks = max((end - start + BLOCK - 1) // BLOCK, 1)  # a rank may have no point of a law
+    blocks = max(
+        (end - start + POINTS_IN_CACHE - 1) // POINTS_IN_CACHE, 1
+    )  # a rank may have no point of a law
     block = max((end - start + 8 * blocks - 1) // (8 * blocks), 1) * 8
     work = np.empty((code.sizes[law, REGISTERS], block))
     numbers = code.numbers[code.number_ends[law] : code.number_ends[law + 1]]
@@ -519,7 +521,7 @@ def _set_inelastic(start, end, strain, old, elasticity, stress, new):
             for i in range(components):
                 size = max(size, abs(strain[i, k]), abs(old[i, k]))
                 change = max(change, abs(new[i, k] - old[i, k]))
-            if change <= ROUND_OFF * size:
+            if change <= STRAIN_ROUND_OFF * size:
                 for i in range(components):
                     new[i, k] = old[i, k]
 

@@ -37,8 +37,8 @@ from hhr_dolfinx.models.histories.steps import steps_of
 from hhr_dolfinx.models.model import warn_undetermined
 from hhr_dolfinx.one_thread import one_thread
 from hhr_dolfinx.parameters import PointLike
-from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Equilibrium, Goal, Stepper
-from hhr_dolfinx.plugins.inelastic.law import State
+from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, MaterialEquilibrium, Stepper
+from hhr_dolfinx.plugins.inelastic.law import InternalVariables
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.time_error import CONTROLLED, SecondSolution, in_parts, tightened
 from hhr_dolfinx.plugins.inelastic.trained import Watch
@@ -46,7 +46,7 @@ from hhr_dolfinx.plugins.inelastic.trained import Watch
 _log = logging.getLogger(__name__)
 
 
-class Histories(Equilibrium):
+class MarchingEquilibrium(MaterialEquilibrium):
     """Equilibrium that answers paths, see
     :class:`hhr_dolfinx.models.histories.equilibrium.Equilibrium`.
     """
@@ -69,7 +69,7 @@ class Histories(Equilibrium):
         """As it is."""
         return known
 
-    def _marching(self, settings: MarchSettings) -> Equilibrium:
+    def _marching(self, settings: MarchSettings) -> MaterialEquilibrium:
         """Equilibrium that solves histories with some settings."""
         return self
 
@@ -102,7 +102,7 @@ class Histories(Equilibrium):
 # them, 3.1 ms on one
 @one_thread
 def march(
-    model: Equilibrium,
+    model: MaterialEquilibrium,
     path: Path,
     settings: MarchSettings = DEFAULT_MARCH,
     *,
@@ -144,7 +144,9 @@ def march(
             )
     history = History(*path[0], time_tolerance=settings.time_tolerance)
     with model.lock, left_with(history):
-        walked(_Steps(model.at(path[0][1]), path, settings, history), path, history, known, keep)
+        walked(
+            _MarchedSteps(model.at(path[0][1]), path, settings, history), path, history, known, keep
+        )
     if settings.time_error:
         warn_of_time_error(float(history.time_error.max(initial=0.0)), settings.time_tolerance)
     if settings.gradient:
@@ -154,12 +156,14 @@ def march(
     return history
 
 
-class _Steps:
+class _MarchedSteps:
     """Steps of one history along a checked path; its signs go into the history as they are
     solved.
     """
 
-    def __init__(self, model: Equilibrium, path: Path, settings: MarchSettings, history: History):
+    def __init__(
+        self, model: MaterialEquilibrium, path: Path, settings: MarchSettings, history: History
+    ):
         self.model = model
         self.path = path
         self.history = history
@@ -254,7 +258,7 @@ def _stepped(
     return answer._replace(time_error=max(errors[:CONTROLLED])).remembering(time_errors=errors)
 
 
-def _turns(model: Equilibrium, trail: tuple[Answer, ...], target: np.ndarray) -> bool:
+def _turns(model: MaterialEquilibrium, trail: tuple[Answer, ...], target: np.ndarray) -> bool:
     """True if the path reverses its last step, as when a load is removed."""
     if len(trail) < 2:
         return False
@@ -265,14 +269,14 @@ def _turns(model: Equilibrium, trail: tuple[Answer, ...], target: np.ndarray) ->
     return bool(before @ after < 0)
 
 
-def _at_rest(model: Equilibrium, time: float, parameter: np.ndarray) -> Answer:
+def _at_rest(model: MaterialEquilibrium, time: float, parameter: np.ndarray) -> Answer:
     return _uniform(
         model, parameter, 0.0, Status.CONVERGED, time, steps_of(model.law).at_rest(model)
     )
 
 
 def _uniform(
-    model: Equilibrium,
+    model: MaterialEquilibrium,
     parameter: np.ndarray,
     value: float,
     status: Status,
@@ -282,7 +286,7 @@ def _uniform(
     """Answer of which all arrays have one value, such as NaN without a solution."""
     stress = np.full((model.material.gauss_points, model.material.components), value)
     gauss = GaussState(
-        stress, State(*(np.full_like(part, value) for part in model.material.at_rest()))
+        stress, InternalVariables(*(np.full_like(part, value) for part in model.material.at_rest()))
     )
     arrays = (
         np.full(model.size, value),

@@ -59,7 +59,7 @@ def mises(operator: StrainOperator, output: StressOutput, cells: np.ndarray) -> 
     return FlowMises(output.name, output.unit, *no_rows(), *of_points)
 
 
-SAME = 1e-9
+REST_ROUND_OFF = 1e-9
 """Part of the elasticity by which that at rest differs by round-off."""
 
 
@@ -156,7 +156,7 @@ def check_elasticity(material: Material, space: ParameterSpace, output: NamedOut
             elastic = there.elastic[group.indices]
             if (
                 np.abs(group.law.tangents_at_rest(given.constants) - elastic).max()
-                > SAME * np.abs(elastic).max()
+                > REST_ROUND_OFF * np.abs(elastic).max()
             ):
                 raise SceneError(
                     f"output '{output.name}': the law {group.law.name} changes the elasticity of "

@@ -14,15 +14,22 @@ import numpy as np
 
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.plain import rebuilt
-from hhr_dolfinx.plugins.inelastic.law import Given, Law, LawProgram, State, Update, law_sizes
-from hhr_dolfinx.plugins.inelastic.local_solver import NOT_SOLVED, ROUND_OFF, SOLVED
+from hhr_dolfinx.plugins.inelastic.law import (
+    InternalVariables,
+    Law,
+    LawNumbers,
+    LawProgram,
+    Update,
+    law_sizes,
+)
+from hhr_dolfinx.plugins.inelastic.local_solver import NOT_SOLVED, SOLVED, STRAIN_ROUND_OFF
 from hhr_dolfinx.plugins.inelastic.state import deviator
 
-KNOWN = {"inelastic": 0, "cumulated": 1, "strain": 0}
+STANDARD_MEMORY = {"inelastic": 0, "cumulated": 1, "strain": 0}
 """Memory of all these laws with its sizes; the old stress follows from it."""
 
 
-class Step(NamedTuple):
+class LawStep(NamedTuple):
     """A step at n points."""
 
     strain: np.ndarray  # at its end in Kelvin's notation, (n, c)
@@ -64,7 +71,9 @@ class OutsideLaw(Law):
         """See :class:`Law`."""
         return self._constants
 
-    def evaluate(self, step: Step) -> tuple[np.ndarray, dict[str, np.ndarray], np.ndarray | None]:
+    def evaluate(
+        self, step: LawStep
+    ) -> tuple[np.ndarray, dict[str, np.ndarray], np.ndarray | None]:
         """Stress, (n, c), memory by name, and consistent tangents, (n, c, c), if they are needed.
 
         A point without an answer has a value that is not finite. Without ``cumulated`` in the
@@ -93,7 +102,7 @@ class LawCode(LawProgram):
 
     def __init__(self, law: OutsideLaw, strains: int, values: tuple[float | str, ...] = ()):
         self.law = law
-        self.own = law_sizes(KNOWN, strains) | law.memory_of(strains)
+        self.own = law_sizes(STANDARD_MEMORY, strains) | law.memory_of(strains)
         named = law.constants()
         values = values or (*named.values(),)
         # fields of a frozen dataclass, without those of a program
@@ -124,7 +133,13 @@ class LawCode(LawProgram):
         return LawCode(self.law, self.strains, (*(known | {**numbers}).values(),))
 
     def update(
-        self, strain: np.ndarray, old: State, dt: float, given: Given, *, tangent: bool
+        self,
+        strain: np.ndarray,
+        old: InternalVariables,
+        dt: float,
+        given: LawNumbers,
+        *,
+        tangent: bool,
     ) -> Update:
         """See :class:`LawProgram`."""
         points, strains = strain.shape
@@ -139,11 +154,13 @@ class LawCode(LawProgram):
         rows = (row if row.size > 1 else float(row[0]) for row in given.constants)
         numbers = dict(zip(("young", "poisson", *self.constants), rows, strict=True))
         with np.errstate(all="ignore"):
-            stress, memory, tangents = self.law.evaluate(Step(strain, before, dt, numbers, tangent))
+            stress, memory, tangents = self.law.evaluate(
+                LawStep(strain, before, dt, numbers, tangent)
+            )
             inelastic = strain - given.strain(stress)
         change = inelastic - old.inelastic
         size = np.maximum(np.abs(strain), np.abs(old.inelastic)).max(axis=1)
-        change[np.abs(change).max(axis=1) <= ROUND_OFF * size] = 0.0
+        change[np.abs(change).max(axis=1) <= STRAIN_ROUND_OFF * size] = 0.0
         inelastic = old.inelastic + change
         cumulated = old.cumulated + np.sqrt(2 / 3) * np.linalg.norm(deviator(change), axis=1)
         memory = {"cumulated": cumulated, "strain": strain, **memory, "inelastic": inelastic}
@@ -157,5 +174,5 @@ class LawCode(LawProgram):
         )
         finite = np.isfinite(new).all(axis=1) & np.isfinite(slopes).all(axis=(1, 2))
         self._check(np.where(finite, SOLVED, NOT_SOLVED), strain.T)
-        state = State(inelastic, new[:, strains], new[:, strains + 1 :])
+        state = InternalVariables(inelastic, new[:, strains], new[:, strains + 1 :])
         return Update(stress, state, slopes if tangent else None)

@@ -10,7 +10,7 @@ import numpy as np
 from hhr_dolfinx.models.answer import Answer
 
 
-class Points:
+class GaussPoints:
     """Gauss points of a model, all of them local.
 
     Other classes distribute them over ranks that communicate.
@@ -55,4 +55,4 @@ class Points:
         return answer
 
 
-ALL_HERE = Points()
+ALL_HERE = GaussPoints()

@@ -13,13 +13,13 @@ from mpi4py import MPI
 from hhr_dolfinx.errors import ConvergenceError, class_of
 from hhr_dolfinx.group import share
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.plugins.inelastic.law import State
-from hhr_dolfinx.plugins.inelastic.points import Points
+from hhr_dolfinx.plugins.inelastic.law import InternalVariables
+from hhr_dolfinx.plugins.inelastic.points import GaussPoints
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 
 
-class PointsOfRanks(Points):
+class PointsOfRanks(GaussPoints):
     """Gauss points of some of all cells on each rank, with neighbours on the same one."""
 
     def __init__(self, cells: int, per_cell: int, comm: MPI.Comm) -> None:
@@ -31,21 +31,21 @@ class PointsOfRanks(Points):
         self._comm = comm
 
     def largest(self, value: float) -> float:
-        """See :class:`Points`; NaN counts as the largest."""
+        """See :class:`GaussPoints`; NaN counts as the largest."""
         values = np.array(self._comm.allgather(float(value)))
         return float(values.max())
 
     def total(self, value: float) -> float:
-        """See :class:`Points`."""
+        """See :class:`GaussPoints`."""
         return float(sum(self._comm.allgather(float(value))))
 
     def every(self, true: bool) -> bool:
-        """See :class:`Points`."""
+        """See :class:`GaussPoints`."""
         return all(self._comm.allgather(bool(true)))
 
     def agreed(self, work: Callable[[], Any]) -> Any:
-        """See :class:`Points`; of different errors on the ranks all raise the same, so that none
-        tries again alone.
+        """See :class:`GaussPoints`; of different errors on the ranks all raise the same, so
+        that none tries again alone.
         """
         found = failure = None
         try:
@@ -69,20 +69,20 @@ class PointsOfRanks(Points):
         raise class_of(name)(message) from failure
 
     def place(self, values: np.ndarray) -> int:
-        """See :class:`Points`."""
+        """See :class:`GaussPoints`."""
         place = int(values.argmax())
         return self.worst(float(values[place]), self.points.start + place)
 
     def worst(self, size: float, what: object) -> Any:
-        """See :class:`Points`."""
+        """See :class:`GaussPoints`."""
         return max(self._comm.allgather((float(size), what)), key=lambda pair: pair[0])[1]
 
     def own(self, answer: Answer) -> Answer:
-        """See :class:`Points`."""
+        """See :class:`GaussPoints`."""
         return _mapped(answer, lambda part: np.asarray(part)[self.points])
 
     def whole(self, answer: Answer) -> Answer:
-        """See :class:`Points`."""
+        """See :class:`GaussPoints`."""
         return _mapped(answer, self.gathered)
 
     def summed(self, part: np.ndarray) -> np.ndarray:
@@ -92,7 +92,7 @@ class PointsOfRanks(Points):
         return found
 
     def gathered(self, values: np.ndarray) -> np.ndarray:
-        """See :class:`Points`."""
+        """See :class:`GaussPoints`."""
         width = values.shape[1:]
         found = np.empty((int(self._counts.sum()), *width))
         self._comm.Allgatherv(
@@ -105,5 +105,5 @@ def _mapped(answer: Answer, change: Callable[[np.ndarray], np.ndarray]) -> Answe
     """An answer with other stress and state."""
     gauss = gauss_of(answer)
     return answer.remembering(
-        gauss=GaussState(change(gauss.stress), State(*map(change, gauss.state)))
+        gauss=GaussState(change(gauss.stress), InternalVariables(*map(change, gauss.state)))
     )

@@ -17,7 +17,7 @@ from hhr_dolfinx.errors import ReductionError, UnstableModelError
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plugins.inelastic.elastic_response import elastic_response
 from hhr_dolfinx.plugins.inelastic.force_correction import ForceCorrection
-from hhr_dolfinx.plugins.inelastic.full_order import FullEquilibrium, equilibrium_of
+from hhr_dolfinx.plugins.inelastic.full_order import FullOrderEquilibrium, equilibrium_of
 from hhr_dolfinx.plugins.inelastic.recipe import tangents_of
 from hhr_dolfinx.plugins.inelastic.reduced_flow import ReducedFlow
 from hhr_dolfinx.plugins.inelastic.reduction import FittedFlow
@@ -76,7 +76,7 @@ def check_tangents(draft: Draft) -> None:
         draft.further["tangent"] = margin
 
 
-def project_flow(full: FullEquilibrium, basis: np.ndarray, sets: IndexSets) -> ReducedFlow:
+def project_flow(full: FullOrderEquilibrium, basis: np.ndarray, sets: IndexSets) -> ReducedFlow:
     """Gauss points, laws and modes, (N, ell), of the cells that act on A, (6.17)."""
     problem = full.problem
     operator = full.operator
@@ -109,7 +109,7 @@ def project_flow(full: FullEquilibrium, basis: np.ndarray, sets: IndexSets) -> R
 
 
 def training_tangents(
-    full: FullEquilibrium, snapshots: SnapshotSet, count: int
+    full: FullOrderEquilibrium, snapshots: SnapshotSet, count: int
 ) -> list[tuple[np.ndarray, csr_matrix]]:
     """Tangents and stiffness at some training states of each history, the last among them, with
     their constants.

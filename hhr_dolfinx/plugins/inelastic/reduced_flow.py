@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.reduced import ReducedModel
     from hhr_dolfinx.plugins.inelastic.completion import FlowFields
 
-SAME = 1e-9
+STIFFNESS_ROUND_OFF = 1e-9
 """Relative difference of a stiffness in the middle of the box that counts as round-off."""
 
 
@@ -123,7 +123,7 @@ class ReducedFlow:
             there = np.tensordot(terms.weights(middle), terms.stiffness, 1)
             if (
                 not np.abs(there - problem.stiffness).max()
-                <= SAME * np.abs(problem.stiffness).max()
+                <= STIFFNESS_ROUND_OFF * np.abs(problem.stiffness).max()
             ):
                 yield "the parts of the stiffness do not make that of the middle of the box"
 
@@ -131,7 +131,7 @@ class ReducedFlow:
 def _alike(found: list[float], wanted: list[float]) -> bool:
     """True for the same numbers in another order."""
     return len(found) == len(wanted) and np.allclose(
-        sorted(found), sorted(wanted), rtol=SAME, atol=0.0
+        sorted(found), sorted(wanted), rtol=STIFFNESS_ROUND_OFF, atol=0.0
     )
 
 

@@ -48,14 +48,13 @@ from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.warn import warn
 
-STRESS = 1e-9
+STRESS_LEFT_OUT = 1e-9
+"""Part of the squared training stresses that their modes leave out."""
 PLASTIC_STRAIN = 1e-6
-"""Part of the squared training fields that the modes for stress and for cumulated plastic strain
-leave out.
-"""
+"""Part of the squared cumulated plastic strains of a training that their modes leave out."""
 
 
-PARTS = 8
+FIRST_STEP_PARTS = 8
 """Parts of first steps, in which bodies come into contact and yield: states on a finer path along a
 trained one have estimates up to nine times those of the training steps.
 """
@@ -102,7 +101,7 @@ def check_door(trained: TrainedPaths, limits: FlowLimits) -> None:
 def _onset(model: Model, path: Path) -> list[Signs]:
     """Signs along the first step of a path in small parts; empty if it does not converge."""
     (start, here), (end, there) = path[:2]
-    shares = np.arange(PARTS + 1) / PARTS
+    shares = np.arange(FIRST_STEP_PARTS + 1) / FIRST_STEP_PARTS
     parts = [(start + share * (end - start), here + share * (there - here)) for share in shares]
     try:
         return model.march(parts, MarchSettings(outside="ignore")).signs
@@ -125,7 +124,7 @@ class FittedFlow:
         known = states_of(snapshots)
         if not known:
             return cls()
-        stress = state_modes([item.stress.ravel() for item in known], STRESS)
+        stress = state_modes([item.stress.ravel() for item in known], STRESS_LEFT_OUT)
         if not flowed(snapshots):
             return cls(stress)
         return cls(stress, state_modes([item.state.cumulated for item in known], PLASTIC_STRAIN))

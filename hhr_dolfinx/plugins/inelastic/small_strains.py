@@ -6,8 +6,13 @@ import numpy as np
 
 from hhr_dolfinx.errors import SmallStrainWarning
 from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged
-from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, Points
-from hhr_dolfinx.plugins.small_strains.cells import LARGE, MOST, large_strain, spread_strain
+from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, GaussPoints
+from hhr_dolfinx.plugins.small_strains.cells import (
+    LARGE_STRAIN,
+    STRAIN_LIMIT,
+    large_strain,
+    spread_strain,
+)
 from hhr_dolfinx.warn import warn
 
 RUNAWAY = 100.0
@@ -20,7 +25,7 @@ class SmallStrains:
     def __init__(self) -> None:
         self._said = False
 
-    def check(self, strain: np.ndarray, together: Points = ALL_HERE) -> None:
+    def check(self, strain: np.ndarray, together: GaussPoints = ALL_HERE) -> None:
         """Warn once of large strains, (points, components).
 
         Diverged if they are too large for the theory.
@@ -28,11 +33,11 @@ class SmallStrains:
         ``together`` reduces over the points of all ranks.
         """
         largest = together.largest(np.abs(strain).max(initial=0.0))
-        if largest <= LARGE:
+        if largest <= LARGE_STRAIN:
             return
         sizes = np.abs(strain).max(axis=1)
         spread = spread_strain(together.gathered(sizes))
-        if spread > MOST or not largest <= RUNAWAY:
+        if spread > STRAIN_LIMIT or not largest <= RUNAWAY:
             raise Diverged(
                 (
                     f"a strain of {largest:.3g} is no small strain: the load is more than is "
@@ -40,6 +45,6 @@ class SmallStrains:
                 ),
                 together.place(sizes),
             )
-        if spread > LARGE and not self._said:
+        if spread > LARGE_STRAIN and not self._said:
             self._said = True
             warn(large_strain(spread), SmallStrainWarning)

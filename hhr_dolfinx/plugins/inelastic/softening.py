@@ -13,12 +13,12 @@ from hhr_dolfinx.errors import ConvergenceError, StabilityWarning
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.plugins.inelastic.full_order import equilibrium_of
-from hhr_dolfinx.plugins.inelastic.law import State
+from hhr_dolfinx.plugins.inelastic.law import InternalVariables
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
 from hhr_dolfinx.warn import warn
 
-SYMMETRIC = 1e-9
+SYMMETRIC_TANGENTS = 1e-9
 """Largest difference of a symmetric tangent from its transpose, over the elasticity."""
 SOFTENS = 1e-6
 """Negative eigenvalue of a symmetric tangent, over E, below which it is round-off."""
@@ -75,13 +75,18 @@ def _least(material: Material, group: Group, before: Answer, answer: Answer) -> 
     strain = given.strain(stress[points]) + new.inelastic[points]
     try:
         found = part.update(
-            strain, State(*(item[points] for item in old)), answer.time - before.time, tangent=True
+            strain,
+            InternalVariables(*(item[points] for item in old)),
+            answer.time - before.time,
+            tangent=True,
         )
     except ConvergenceError:  # the step was solved in parts
         return 0.0, 0
     tangents = np.asarray(found.tangents)
     size = np.abs(given.elastic).max()
-    symmetric = np.abs(tangents - tangents.swapaxes(1, 2)).max(axis=(1, 2)) <= SYMMETRIC * size
+    symmetric = (
+        np.abs(tangents - tangents.swapaxes(1, 2)).max(axis=(1, 2)) <= SYMMETRIC_TANGENTS * size
+    )
     if not symmetric.any():
         return 0.0, 0
     values = np.linalg.eigvalsh(tangents[symmetric]).min(axis=1) / given.constants[0].max()

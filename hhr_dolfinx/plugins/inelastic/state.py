@@ -13,14 +13,16 @@ from hhr_dolfinx.errors import HHRError
 if TYPE_CHECKING:
     from hhr_dolfinx.certify.accuracy import Solutions
     from hhr_dolfinx.models.answer import Answer
-    from hhr_dolfinx.plugins.inelastic.law import State
+    from hhr_dolfinx.plugins.inelastic.law import InternalVariables
 
 
 class GaussState(NamedTuple):
     """Stress and memory of the material at the Gauss points where a model evaluates its laws."""
 
     stress: np.ndarray  # Kelvin's notation, (Gauss points, components)
-    state: State  # inelastic strain, its cumulated amount, and further variables of laws
+    state: (
+        InternalVariables  # inelastic strain, its cumulated amount, and further variables of laws
+    )
 
 
 def state(answer: Answer) -> GaussState:
@@ -83,7 +85,7 @@ SMALL_STATE = 1e-3
 """Norm of a state, relative to the largest of any, above which it counts in full; smaller states
 count by their size, so that round-off of unloaded bodies does not count.
 """
-CHUNK = 20_000
+STACKED_VALUES = 20_000
 """Values of each field that are stacked at once."""
 
 
@@ -103,7 +105,9 @@ def state_modes(fields: Sequence[np.ndarray], tolerance: float) -> np.ndarray:
     if not sizes.any():  # as of bodies that only heat strains
         return np.zeros((fields[0].size, 1))
     scale = 1 / np.maximum(sizes, SMALL_STATE * sizes.max())
-    parts = [slice(start, start + CHUNK) for start in range(0, fields[0].size, CHUNK)]
+    parts = [
+        slice(start, start + STACKED_VALUES) for start in range(0, fields[0].size, STACKED_VALUES)
+    ]
 
     def stacked(part: slice) -> np.ndarray:
         return np.stack([field[part] for field in fields]) * scale[:, None]

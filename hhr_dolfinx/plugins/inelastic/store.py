@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 
 from hhr_dolfinx.certify.accuracy import slack_residuals
-from hhr_dolfinx.files import MAPPED
+from hhr_dolfinx.files import MAPPED_BYTES
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.full import FullModel
-from hhr_dolfinx.plugins.inelastic.full_order import FullEquilibrium, equilibrium_of
+from hhr_dolfinx.plugins.inelastic.full_order import FullOrderEquilibrium, equilibrium_of
 from hhr_dolfinx.plugins.inelastic.state import GaussState, state
 from hhr_dolfinx.plugins.inelastic.update import Group
 from hhr_dolfinx.snapshots.store import add_to
@@ -98,7 +98,7 @@ class StoredGauss:
         """Norm of the internal and external forces."""
         return self._on_shape(answer).signs(answer).size
 
-    def _on_shape(self, answer: Answer) -> FullEquilibrium:
+    def _on_shape(self, answer: Answer) -> FullOrderEquilibrium:
         """The equilibrium on the shape of an answer, the only one of which an unknown and a stress
         are on it.
         """
@@ -107,7 +107,7 @@ class StoredGauss:
 
     def is_large(self, answer: Answer) -> bool:
         """True if files of this size are mapped."""
-        return bool(state(answer).stress.nbytes >= MAPPED)
+        return bool(state(answer).stress.nbytes >= MAPPED_BYTES)
 
 
 def _identity(group: Group) -> list[object]:

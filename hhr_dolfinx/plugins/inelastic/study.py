@@ -22,9 +22,9 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plugins.inelastic.reduced_flow import ReducedFlow
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.paths.compared import largest_errors
-from hhr_dolfinx.plugins.studies.advice import TRAINING, Advice, by_favour, in_words
+from hhr_dolfinx.plugins.studies.advice import TRAINING_STAGES, Advice, by_favour, in_words
 from hhr_dolfinx.plugins.studies.measure import (
-    Errors,
+    MeasuredErrors,
     Measurement,
     Report,
     Row,
@@ -178,7 +178,10 @@ def row_of_runs(method: str, setting: str, runs: Sequence[Run], errors: Sequence
     kkt = {name: max(row[name] for row in residuals) for name in residuals[0]} if residuals else {}
     answered = np.array([run.history is not None for run in runs])
     return Row(
-        method, setting, np.array([run.seconds for run in runs]), Errors(values, answered, kkt)
+        method,
+        setting,
+        np.array([run.seconds for run in runs]),
+        MeasuredErrors(values, answered, kkt),
     )
 
 
@@ -261,7 +264,7 @@ class _Method(NamedTuple):
     text: str  # in the advice
 
 
-METHODS = {
+STUDY_METHODS = {
     "HHR": _Method("hhr", "this model", "online", "offline", "fields", "the hyper-reduced model"),
     "condensed": _Method(
         "condensed",
@@ -272,6 +275,7 @@ METHODS = {
         "condensed flow",
     ),
 }
+"""Methods that a report compares, by their names there."""
 
 
 @told_once()
@@ -310,7 +314,7 @@ def measure_histories(
         try:
             facts = model.offline
             setting = (
-                METHODS[name].setting
+                STUDY_METHODS[name].setting
                 if name == "HHR"
                 else f"{facts.modes} modes, {facts.points} points"
             )
@@ -338,10 +342,10 @@ def measure_histories(
     skipped += [{"stage": method, "why": str(error)} for method, error in refused.items()]
     others = [*(item.row for item in measured.values() if item is not own), best]
     rows = [
-        {"method": name, "setting": METHODS[name].setting, "refused": str(why)}
+        {"method": name, "setting": STUDY_METHODS[name].setting, "refused": str(why)}
         for name, why in refused.items()
     ]
-    by_key = {METHODS[method].key: item.model for method, item in measured.items()}
+    by_key = {STUDY_METHODS[method].key: item.model for method, item in measured.items()}
     return own.model, Measurement(own.row, others, beside, report, skipped, drawn, rows, by_key)
 
 
@@ -405,11 +409,11 @@ def _report(
     models: Report = {}
     seconds = {name: item.row.seconds for name, item in measured.items()}
     times: Report = {"fom_best": summary(best.seconds), "fom_searches": searches}
-    for name in reversed(METHODS):
-        times[METHODS[name].times] = summary(seconds[name]) if name in seconds else None
+    for name in reversed(STUDY_METHODS):
+        times[STUDY_METHODS[name].times] = summary(seconds[name]) if name in seconds else None
     slow = np.median(best.seconds)
     ratios: Report = {}
-    for name, method in METHODS.items():
+    for name, method in STUDY_METHODS.items():
         item = measured.get(name)
         models[method.key] = (
             {"refused": str(refused[name])} if item is None else makers[name](item.model, item.row)
@@ -479,7 +483,7 @@ def advice_flowing(report: Report) -> Advice:
     """
     times = report["times"]
     models = report["models"]
-    kinds = {method.key: method for method in reversed(METHODS.values())}
+    kinds = {method.key: method for method in reversed(STUDY_METHODS.values())}
     measured = {key: models[key] for key in kinds if "refused" not in models[key]}
     seconds = {key: times[kinds[key].times]["median"] for key in measured}
 
@@ -488,7 +492,9 @@ def advice_flowing(report: Report) -> Advice:
         count = report["break_even"].get(kinds[key].even)
         paid = "never pays" if count is None else f"pays after {count:.1f} histories"
         own = sum(
-            value for stage, value in times[kinds[key].offline].items() if stage not in TRAINING
+            value
+            for stage, value in times[kinds[key].offline].items()
+            if stage not in TRAINING_STAGES
         )
         ratio = times["fom_best"]["median"] / seconds[key]
         missed = measured[key]["unconverged"]

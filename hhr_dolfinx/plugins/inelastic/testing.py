@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.plugins.inelastic.law import Law, LawProgram, State, program_of
+from hhr_dolfinx.plugins.inelastic.law import InternalVariables, Law, LawProgram, program_of
 from hhr_dolfinx.plugins.inelastic.local_solver import AFTER, REST
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
 from hhr_dolfinx.testing import OF_FUNCTIONS, OTHER_IN_A_FILE, blaming, from_file, require
 
-WRONG = {
+LAW_FAULTS = {
     "formula": "its constants {} are formulas: give check_law numbers for them",
     "file": OTHER_IN_A_FILE,
     "idle": (
@@ -46,12 +46,12 @@ WRONG = {
     ),
 }
 """What the check says of a law: what is wrong, and what to do."""
-POINTS = 60
+TESTED_PATHS = 60
+"""Random closed paths of strains, each at a Gauss point."""
 LEGS = 200
-CLOSED = 1e-3
-"""Steps of a leg of a path whose work is summed, and the error of the sum over E times a strain
-squared.
-"""
+"""Steps of a leg of a path whose work is summed."""
+WORK_SUM_ERROR = 1e-3
+"""Error of this sum by the trapezoidal rule, over E times a strain squared."""
 
 
 @blaming
@@ -75,16 +75,16 @@ def check_law(
     """
     if not isinstance(law, Law):
         raise SceneError("a law of a body derives hhr.Law and states a step in UFL")
-    require(not law.formulas, WRONG["formula"], law.formulas)
+    require(not law.formulas, LAW_FAULTS["formula"], law.formulas)
     program = program_of(law, 4)
-    material = Material([Group(np.arange(POINTS), young, poisson, program)], 4)
+    material = Material([Group(np.arange(TESTED_PATHS), young, poisson, program)], 4)
     before, compliance, start = _unloaded(material, dt)
     _check_symmetry(np.linalg.pinv(compliance), young)
     old, inelastic, flows = start, before, _flows(program)
-    work = np.zeros(POINTS)
+    work = np.zeros(TESTED_PATHS)
     random = np.random.default_rng(0)
     paths = [before]
-    linear = np.ones(POINTS, dtype=bool)
+    linear = np.ones(TESTED_PATHS, dtype=bool)
     for _ in range(8):
         path = before + strain / 4 * random.standard_normal(before.shape)
         found = material.update(path, old, dt, tangent=True)
@@ -97,35 +97,39 @@ def check_law(
             if lost.max() > 1e-9 and not linear[lost > 1e-9].any():
                 lost = (
                     -_least_work(material, [*paths, paths[0]], start, dt) / (young * strain**2)
-                    - CLOSED
+                    - WORK_SUM_ERROR
                 )
-            require(float(lost.max()) <= 1e-9, WRONG["energy"], float(lost.max()))
+            require(float(lost.max()) <= 1e-9, LAW_FAULTS["energy"], float(lost.max()))
         else:
             _check_symmetry(np.asarray(found.tangents), young)
             other = np.abs(
                 material.update(path, start, dt, tangent=False).stress - found.stress
             ).max()
-            require(other <= 1e-9 * young * strain, WRONG["path"], other)
+            require(other <= 1e-9 * young * strain, LAW_FAULTS["path"], other)
         _check_tangents(material, path, old, dt, found.tangents, young, strain)
         before = path
         old = found.state
-    require(not flows or old.cumulated.any(), WRONG["idle"], strain, young)
+    require(not flows or old.cumulated.any(), LAW_FAULTS["idle"], strain, young)
     again: LawProgram = from_file(program)
-    same = Material([Group(np.arange(POINTS), young, poisson, again)], 4).update(
+    same = Material([Group(np.arange(TESTED_PATHS), young, poisson, again)], 4).update(
         before, old, dt, tangent=False
     )
     there = material.update(before, old, dt, tangent=False)
-    require(np.array_equal(same.stress, there.stress), WRONG["file"])
+    require(np.array_equal(same.stress, there.stress), LAW_FAULTS["file"])
 
 
 def _unloads_by(
-    compliance: np.ndarray, material: Material, paths: Sequence[np.ndarray], state: State, dt: float
+    compliance: np.ndarray,
+    material: Material,
+    paths: Sequence[np.ndarray],
+    state: InternalVariables,
+    dt: float,
 ) -> np.ndarray:
     """True at points that unload along the elasticity at rest, so that ε - C^-1 σ is their
     inelastic strain.
     """
     change = 1e-6 * (paths[-1] - paths[-2])
-    found = np.zeros(POINTS, dtype=bool)
+    found = np.zeros(TESTED_PATHS, dtype=bool)
     for way in (-1, 1):  # one of them unloads
         moved = paths[-1] + way * change
         slopes = compliance @ np.asarray(
@@ -139,12 +143,12 @@ def _unloads_by(
 
 
 def _least_work(
-    material: Material, paths: Sequence[np.ndarray], state: State, dt: float
+    material: Material, paths: Sequence[np.ndarray], state: InternalVariables, dt: float
 ) -> np.ndarray:
     """Smallest work ∫ σ:dε of each point on a path from rest, after any of its legs, by the
     trapezoidal rule.
     """
-    total = least = np.zeros(POINTS)
+    total = least = np.zeros(TESTED_PATHS)
     last = np.zeros_like(paths[0])
     for begin, end in pairwise(paths):
         for share in np.linspace(0, 1, LEGS + 1)[1:]:
@@ -165,15 +169,15 @@ def _flows(program: LawProgram) -> bool:
     return bool(program.program.outputs[first + program.strains] != 2 * program.strains + unknowns)
 
 
-def _unloaded(material: Material, dt: float) -> tuple[np.ndarray, np.ndarray, State]:
+def _unloaded(material: Material, dt: float) -> tuple[np.ndarray, np.ndarray, InternalVariables]:
     """Strains without stress, which are those of heat, with C^-1 and state there, in a step too
     short for creep.
     """
-    strain = np.zeros((POINTS, 4))
+    strain = np.zeros((TESTED_PATHS, 4))
     for _ in range(3):
         found = material.update(strain, material.at_rest(), 1e-9 * dt, tangent=True)
         tangents = np.asarray(found.tangents)
-        require(np.isfinite(tangents).all(), WRONG["rest"])
+        require(np.isfinite(tangents).all(), LAW_FAULTS["rest"])
         compliance = np.linalg.pinv(tangents)
         strain = strain - np.einsum("nij,nj->ni", compliance, found.stress)
     return strain, compliance, found.state
@@ -182,13 +186,13 @@ def _unloaded(material: Material, dt: float) -> tuple[np.ndarray, np.ndarray, St
 def _check_symmetry(tangents: np.ndarray, young: float) -> None:
     """Elastic tangents, (points, 4, 4), must be second derivatives of an energy."""
     most = float(np.abs(tangents - tangents.swapaxes(1, 2)).max()) / young
-    require(most <= OF_FUNCTIONS, WRONG["symmetric"], most)
+    require(most <= OF_FUNCTIONS, LAW_FAULTS["symmetric"], most)
 
 
 def _check_tangents(
     material: Material,
     path: np.ndarray,
-    old: State,
+    old: InternalVariables,
     dt: float,
     tangents: Any,
     young: float,
@@ -212,6 +216,6 @@ def _check_tangents(
         wrong = np.where(smooth, np.abs(slopes - (left + right) / 2).max(axis=1), 0.0)
         worst = wrong.argmax()
         fits = wrong[worst] <= 10 * OF_FUNCTIONS * young
-        require(fits, WRONG["tangent"], right[worst].max(), slopes[worst].max())
+        require(fits, LAW_FAULTS["tangent"], right[worst].max(), slopes[worst].max())
     least = float(np.linalg.eigvalsh((tangents + tangents.swapaxes(1, 2)) / 2).min())
-    require(least >= -0.05 * young, WRONG["softens"], -least / young)
+    require(least >= -0.05 * young, LAW_FAULTS["softens"], -least / young)

@@ -30,30 +30,31 @@ import numpy as np
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, SceneError, SmallStrainWarning
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
-from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Equilibrium, Goal, Stepper
+from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, MaterialEquilibrium, Stepper
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.warn import ignored
 
-MARGIN = 1.25
+RICHARDSON_FACTOR = 1.25
 """Factor over Richardson's estimate, which is too small where steps are too long to be of first
 order: without it the estimates in the table of docs/flow.md are down to 0.85 of the true errors.
 """
 SAFETY = 0.8
 """Part of the allowed error at which the next part of a step aims."""
-SHRUNK = 0.1
-GROWN = 4.0
-"""Least and largest factor from one part of a step to the next."""
+LEAST_GROWTH = 0.1
+"""Least factor from one part of a step to the next."""
+MOST_GROWTH = 4.0
+"""Largest factor from one part of a step to the next."""
 EARLY = 2
 """Steps in which the estimate may grow to half of the tolerance; in n steps to n / (n + 2) of
 it.
 """
 LATE = 20
 """Steps in which an estimate that has used up the tolerance may grow by as much again."""
-NEGLIGIBLE = 3e-3
+NEGLIGIBLE_TIME_ERROR = 3e-3
 """Part of the tolerance that any part of a step may add, however short: steps are solved more
 accurately than that.
 """
-TIGHT = {"floor_stress": 1e-4, "relative_stress": 1e-4, "relative_force": 1e-4}
+STEP_TOLERANCES = {"floor_stress": 1e-4, "relative_stress": 1e-4, "relative_force": 1e-4}
 """Largest tolerances of the solution of a step, over the time tolerance: with the default ones two
 solutions differed by 2e-5 however short a step was.
 """
@@ -86,7 +87,8 @@ def tightened(settings: MarchSettings) -> MarchSettings:
     if tolerance is None:
         return settings
     values: Any = {
-        name: min(getattr(settings, name), factor * tolerance) for name, factor in TIGHT.items()
+        name: min(getattr(settings, name), factor * tolerance)
+        for name, factor in STEP_TOLERANCES.items()
     }
     return replace(settings, **values)
 
@@ -96,7 +98,7 @@ class SecondSolution:
     makes it take halves.
     """
 
-    def __init__(self, model: Equilibrium, settings: MarchSettings, rest: Answer):
+    def __init__(self, model: MaterialEquilibrium, settings: MarchSettings, rest: Answer):
         self._model = model.alongside()
         self._stepper = self._model.stepper(tightened(settings))
         self._in_halves = settings.time_tolerance is None
@@ -132,7 +134,7 @@ class SecondSolution:
                 self._errors = self.norms(after, ends[-1])
                 self.largest = np.maximum(self.largest, self.norms(after))
         self._behind.clear()
-        times = math.nan if self._lost else MARGIN * (2.0 if self._in_halves else 1.0)
+        times = math.nan if self._lost else RICHARDSON_FACTOR * (2.0 if self._in_halves else 1.0)
         return TimeErrors(*(times * relative(self._errors, self.largest)).tolist())
 
     def advanced(self, trail: Trail, goals: Sequence[Goal]) -> list[Answer]:
@@ -247,13 +249,18 @@ def in_parts(
         spent += sum(answer.iterations for answer in (*whole, *halves))
         largest = np.maximum(largest, second.norms(halves[-1]))
         added = relative(
-            MARGIN * second.norms(halves[-1], whole[-1]), np.maximum(largest, second.largest)
+            RICHARDSON_FACTOR * second.norms(halves[-1], whole[-1]),
+            np.maximum(largest, second.largest),
         )
         duration = end - done
         share = np.maximum(duration / (1 - done), decay)
-        allowed = np.maximum((limit - error) * share, tolerance * max(duration / LATE, NEGLIGIBLE))
+        allowed = np.maximum(
+            (limit - error) * share, tolerance * max(duration / LATE, NEGLIGIBLE_TIME_ERROR)
+        )
         miss = float((added / allowed)[:CONTROLLED].max())
-        length = duration * (float(np.clip(SAFETY / miss, SHRUNK, GROWN)) if miss > 0 else GROWN)
+        length = duration * (
+            float(np.clip(SAFETY / miss, LEAST_GROWTH, MOST_GROWTH)) if miss > 0 else MOST_GROWTH
+        )
         if miss <= 1:
             second.follow(
                 trail[-1],

@@ -28,11 +28,11 @@ FACTOR = 3.0
 On the inelastic pellet 20 paths inside the training stayed below 1.2 times its imbalance, and 40
 outside, with errors of displacements from 2 %, were above 3.
 """
-SMALL = 1e-3
+SMALL_IN_TRAINING = 1e-3
 """Fraction of the forces, or of the gaps and motions, that counts as small for any training: if a
 model reproduces its training to round-off, any other answer would exceed the factor.
 """
-EXPLAINED = 0.01
+EXPLAINED_STRESS = 0.01
 """Fraction of the stress of a step that counts as explained by modes for any training, for the same
 reason.
 """
@@ -40,11 +40,11 @@ UNACCEPTABLE = 0.05
 """Estimate from which on a step is reported, unless the training had nearly as much: an
 unacceptable error.
 """
-POOR = 1.2
+POOR_FACTOR = 1.2
 """Factor over the estimates of the training that is always allowed, even above UNACCEPTABLE: such a
 model is poor, and the build warns of it.
 """
-NOTHING = 1e-4
+STRESS_ROUND_OFF = 1e-4
 """Fraction of the largest training stress below which the stress of a step counts as zero: steps
 are solved to 1e-5 of forces, and a body that moves freely before it touches has a stress of 3e-5 by
 the round-off of its modes.
@@ -162,10 +162,13 @@ class TrainedPaths:
         largest = max(sign.stress for sign in every)
         # steps of little stress are left out, as in the check: their relative misfit has no meaning
         estimate = max(
-            [EXPLAINED, *(sign.estimate for sign in every if sign.stress > SMALL_STEP * largest)]
+            [
+                EXPLAINED_STRESS,
+                *(sign.estimate for sign in every if sign.stress > SMALL_STEP * largest),
+            ]
         )
         begun = [
-            next((sign.stress for sign in signs if sign.stress > NOTHING * largest), 0.0)
+            next((sign.stress for sign in signs if sign.stress > STRESS_ROUND_OFF * largest), 0.0)
             for signs in known.signs
         ]
         return cls(
@@ -174,8 +177,11 @@ class TrainedPaths:
             rates.max(axis=0),
             (float(steps.min()), float(steps.max())),
             rated,
-            max(SMALL * max(sign.size for sign in every), max(sign.imbalance for sign in every)),
-            max(SMALL * known.length, max(sign.depth for sign in every)),
+            max(
+                SMALL_IN_TRAINING * max(sign.size for sign in every),
+                max(sign.imbalance for sign in every),
+            ),
+            max(SMALL_IN_TRAINING * known.length, max(sign.depth for sign in every)),
             largest,
             estimate,
             min(begun),
@@ -186,7 +192,7 @@ class TrainedPaths:
                         s.estimate
                         for signs in known.onsets
                         for s in signs
-                        if s.stress > NOTHING * largest
+                        if s.stress > STRESS_ROUND_OFF * largest
                     ),
                 ]
             ),
@@ -238,7 +244,7 @@ class TrainedPaths:
     def allowed(self, largest: float) -> float:
         """Largest estimate allowed for a step of such a history."""
         shown = self.shown(largest)
-        return max(min(FACTOR * shown, UNACCEPTABLE), POOR * shown)
+        return max(min(FACTOR * shown, UNACCEPTABLE), POOR_FACTOR * shown)
 
 
 def _direction(change: np.ndarray, trained: TrainedRange) -> np.ndarray:
@@ -295,8 +301,9 @@ class Watch:
         self._largest = max(self._largest, signs.stress)
         # relative to the stress of this step: residual stress after a small load is small, and may
         # be totally wrong
-        if not signs.stress <= NOTHING * trained.stress and not signs.estimate <= trained.allowed(
-            self._largest
+        if (
+            not signs.stress <= STRESS_ROUND_OFF * trained.stress
+            and not signs.estimate <= trained.allowed(self._largest)
         ):
             self._say(
                 "misfit",

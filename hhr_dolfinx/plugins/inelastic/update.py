@@ -22,7 +22,14 @@ from hhr_dolfinx.plugins.inelastic.constants import (
     check_law_over_box,
     formulas_of,
 )
-from hhr_dolfinx.plugins.inelastic.law import UNGRADED, Given, LawProgram, State, Update, hooke
+from hhr_dolfinx.plugins.inelastic.law import (
+    UNGRADED,
+    InternalVariables,
+    LawNumbers,
+    LawProgram,
+    Update,
+    hooke,
+)
 from hhr_dolfinx.plugins.inelastic.local_solver import Code, code_of
 
 
@@ -95,10 +102,10 @@ class Group:
             return self.law.elasticity(*self.numbers())
         return hooke(*self.numbers(), components)
 
-    def given(self, components: int) -> Given:
+    def given(self, components: int) -> LawNumbers:
         """Constants and elasticity, which must be numbers."""
         if self.law is None:
-            return Given(np.zeros((0, 1)), *self.elasticity(components), self.grading)
+            return LawNumbers(np.zeros((0, 1)), *self.elasticity(components), self.grading)
         found = self.law.given(*self.numbers())
         if not self.grading.size:
             return found
@@ -374,21 +381,23 @@ class Material:
             found.append(np.array(rows))
         return found
 
-    def at_rest(self) -> State:
+    def at_rest(self) -> InternalVariables:
         """State without inelastic strain."""
         points = self.gauss_points
-        return State(
+        return InternalVariables(
             np.zeros((points, self.components)),
             np.zeros(points),
             np.zeros((points, self.remembered)),
         )
 
     @cached_property
-    def given(self) -> tuple[Given, ...]:
+    def given(self) -> tuple[LawNumbers, ...]:
         """Constants and elasticity of each group, which must be numbers, see :meth:`at`."""
         return tuple(group.given(self.components) for group in self.groups)
 
-    def update(self, strain: np.ndarray, old: State, dt: float, *, tangent: bool) -> Update:
+    def update(
+        self, strain: np.ndarray, old: InternalVariables, dt: float, *, tangent: bool
+    ) -> Update:
         """Stress and state at the end of a step, by laws whose constants are numbers, see
         :meth:`at`.
 
@@ -405,7 +414,9 @@ class Material:
         if len(self.groups) == 1 and law is not None and self.given[0].constants.shape[1] == 1:
             return law.update(strain, old, dt, self.given[0], tangent=tangent)
         stress = np.empty_like(strain)
-        state = State(np.zeros_like(old.inelastic), old.cumulated.copy(), old.memory.copy())
+        state = InternalVariables(
+            np.zeros_like(old.inelastic), old.cumulated.copy(), old.memory.copy()
+        )
         tangents = np.empty((*strain.shape, self.components)) if tangent else None
         for group, given in zip(self.groups, self.given, strict=True):
             own = group.own
@@ -416,7 +427,11 @@ class Material:
                     tangents[own] = self.elastic[own]
                 continue
             found = law.update(
-                strain[own], State(*(part[own] for part in old)), dt, given, tangent=tangent
+                strain[own],
+                InternalVariables(*(part[own] for part in old)),
+                dt,
+                given,
+                tangent=tangent,
             )
             stress[own] = found.stress
             state.inelastic[own], state.cumulated[own] = found.state[:2]

@@ -39,9 +39,9 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.study.training.train import Training
 
-DRAWN = 200
+REGION_POINTS = 200
 """Random points of a region at which models of its cluster are estimated."""
-TINY = 1e-16
+EQUAL_ERRORS = 1e-16
 """Errors below count as equal."""
 STILL = 1e-12
 """Part of the largest displacement below which a solution counts as zero."""
@@ -194,7 +194,7 @@ class Clusters:
                 continue
             errors = force_errors(model, points, floor)
             # answers at all points first, since the scale of their forces is needed for the errors
-            known = np.maximum(errors[np.isfinite(errors)], TINY)
+            known = np.maximum(errors[np.isfinite(errors)], EQUAL_ERRORS)
             size = np.log(known).mean() if known.size else np.inf
             found.append(((errors.size - known.size, size), model, errors, doubts))
         if not found:
@@ -286,7 +286,7 @@ def _drawn_in(choice: Choice, number: int, space: ParameterSpace, seed: int) -> 
     if not volumes.sum() > 0:
         return np.zeros((0, width.size))
     rng = np.random.default_rng(seed)
-    chosen = rng.choice(len(boxes), DRAWN, p=volumes / volumes.sum())
+    chosen = rng.choice(len(boxes), REGION_POINTS, p=volumes / volumes.sum())
     low = lows[chosen]
     return low + rng.random(low.shape) * (highs[chosen] - low)
 

@@ -24,20 +24,20 @@ with extra("local", "a classifier of parameters"):
     from sklearn.ensemble import RandomForestClassifier
     from sklearn.tree import DecisionTreeClassifier
 
-DRAWN = 20_000
+LABELLED_POINTS = 20_000
 """Points at which one tree learns the labels of a forest."""
 TREES = 100
 """Trees of a forest."""
-STARTS = 5
+MEDOID_STARTS = 5
 """Random starts of k-medoids, in addition to a greedy one; the best result counts."""
-TOLERANCE = 1e-8
+CELL_TOLERANCE = 1e-8
 """Of the POD of each cell.
 
 An additional mode counts as a right angle in (4.2), so that a loose one clusters cells by their
 number of modes: the pellet's by pressure at 1e-4, and by height, as in figure 4.2b, at 1e-6 and
 below.
 """
-SAME = 1e-9
+EQUAL_GRID_VALUES = 1e-9
 """Difference of two values of a parameter over its range, below which they are one value of a
 grid.
 """
@@ -110,7 +110,7 @@ def cell_bases(columns: np.ndarray, corners: np.ndarray) -> list[np.ndarray]:
             f"all snapshots at the corners of cells {empty[:10].tolist()} are zero, and span no "
             "space: leave out parameters without load"
         )
-    return [pod(columns[:, own], TOLERANCE)[0] for own in corners]
+    return [pod(columns[:, own], CELL_TOLERANCE)[0] for own in corners]
 
 
 def cell_labels(grid: GridCells, columns: np.ndarray, count: int, seed: int = 1) -> np.ndarray:
@@ -156,7 +156,7 @@ def _chosen(matrix: np.ndarray, count: int, seed: int) -> np.ndarray:
     ends = [fasterpam(matrix, count, init="build", random_state=seed, n_cpu=1)]
     ends += [
         fasterpam(matrix, count, init="random", random_state=seed + k, n_cpu=1)
-        for k in range(STARTS)
+        for k in range(MEDOID_STARTS)
     ]
     chosen = np.unique(np.asarray(min(ends, key=lambda end: end.loss).medoids, dtype=np.int64))
     while chosen.size < count:  # one of several equal items may have been chosen twice
@@ -171,7 +171,7 @@ def _axis(column: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     Equal up to round-off.
     """
     rising = np.unique(column)
-    first = np.append(True, np.diff(rising) > SAME * (rising[-1] - rising[0]))
+    first = np.append(True, np.diff(rising) > EQUAL_GRID_VALUES * (rising[-1] - rising[0]))
     return rising[first], (np.cumsum(first) - 1)[np.searchsorted(rising, column)]
 
 
@@ -223,7 +223,10 @@ def forest_tree(
     """
     forest = RandomForestClassifier(TREES, random_state=seed).fit(_unit(points, space), labels)
     drawn = np.vstack(
-        [_unit(points, space), np.random.default_rng(seed).random((DRAWN, len(space.names)))]
+        [
+            _unit(points, space),
+            np.random.default_rng(seed).random((LABELLED_POINTS, len(space.names))),
+        ]
     )
     return _choice(DecisionTreeClassifier(random_state=0).fit(drawn, forest.predict(drawn)), space)
 

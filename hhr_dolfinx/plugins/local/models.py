@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.many import PartedAnswers
 
 
-ALIKE = 1e-5
+SAME_ARRAYS = 1e-5
 """Relative difference of arrays up to which two models are of one scene."""
 LEAF = -1
 """Axis of a node without a cut."""
@@ -364,5 +364,7 @@ def _same_arrays(one: Reconstruction, two: Reconstruction, point: np.ndarray) ->
         (one.bound.free_slack, two.bound.free_slack),
     ]
     return all(
-        abs(mine - other).max() <= ALIKE * abs(other).max() for mine, other in pairs if other.size
+        abs(mine - other).max() <= SAME_ARRAYS * abs(other).max()
+        for mine, other in pairs
+        if other.size
     )

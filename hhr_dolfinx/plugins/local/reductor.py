@@ -51,10 +51,12 @@ class Local(Reductor[Task]):
 
     def proposals(self, search: SearchContext) -> Iterator[Proposal]:
         """Of the largest training alone."""
-        from hhr_dolfinx.plugins.one_call.proposals import POINTS, Proposal
+        from hhr_dolfinx.plugins.one_call.proposals import POINT_COUNTS, Proposal
 
         yield Proposal(
-            self.method, f"{POINTS[-1]} training points", partial(search.reduced, self, POINTS[-1])
+            self.method,
+            f"{POINT_COUNTS[-1]} training points",
+            partial(search.reduced, self, POINT_COUNTS[-1]),
         )
 
 

@@ -33,7 +33,7 @@ from hhr_dolfinx.timing import StageLog
 if TYPE_CHECKING:
     from hhr_dolfinx.study.training.train import Training
 
-LEAST = 8
+FEWEST_SNAPSHOTS = 8
 """Snapshots in a part below which the full model computes more."""
 HELD_OUT = 20
 """Answers of the full model by which each model is checked."""
@@ -44,7 +44,7 @@ FEW = 60
 CLUSTERED = 300
 """Most snapshots of a part that decide its split; more change nothing."""
 STUCK = 3
-SHRUNK = 0.9
+USELESS_CUT = 0.9
 """Cuts in a row after which a part is left whole, if each leaves more than this part of the
 modes.
 """
@@ -149,7 +149,7 @@ class _Run:
         """The halves of a part that is too large for one model; empty if its model was built."""
         room = len(self.models) + waiting + 2 <= self.settings.most
         settings = self.settings
-        missing = LEAST - self._inside(part, 0.0).size
+        missing = FEWEST_SNAPSHOTS - self._inside(part, 0.0).size
         if missing > 0:  # to separate its halves
             self._learn(self._drawn(part, missing))
         added = 0
@@ -317,4 +317,6 @@ class _TooLargeError(Exception):
         """Number of useless cuts in a row, including the one that created a part."""
         if np.isnan(self.modes):
             return part.stuck
-        return part.stuck + 1 if np.isinf(self.modes) or self.modes > SHRUNK * part.modes else 0
+        return (
+            part.stuck + 1 if np.isinf(self.modes) or self.modes > USELESS_CUT * part.modes else 0
+        )

@@ -16,13 +16,13 @@ from scipy import linalg
 
 from hhr_dolfinx.errors import ReductionError
 
-ORTHONORMAL = 1e-8
+ORTHONORMAL_BASIS = 1e-8
 """Largest entry of V^T V - I of a basis that counts as orthonormal."""
-SMALL = 0.01
+SMALL_ANGLE = 0.01
 """Distance of two bases, in radians, below which it is computed from sines: cosines would leave
 1e-16 over it.
 """
-MOST_NUMBERS = 4_000_000
+PAIR_BLOCK_NUMBERS = 4_000_000
 """Numbers in memory of a block of pairs."""
 
 
@@ -126,7 +126,7 @@ def _distances(padded: np.ndarray, counts: np.ndarray) -> np.ndarray:
     found = _from_cosines(padded, counts)
     upper = np.triu(np.ones(found.shape, dtype=bool), 1)
     near = np.nonzero(
-        upper & (found < SMALL)
+        upper & (found < SMALL_ANGLE)
     )  # bases of different dimensions are a right angle apart
     found[near] = _from_sines(padded, *near)
     found = np.where(upper, found, 0.0)
@@ -137,7 +137,7 @@ def _from_cosines(padded: np.ndarray, counts: np.ndarray) -> np.ndarray:
     """Distances from cosines, on and above the diagonal, with errors of 1e-16 over the distance."""
     total, width, size = padded.shape
     found = np.zeros((total, total))
-    rows = max(1, MOST_NUMBERS // (total * width**2))
+    rows = max(1, PAIR_BLOCK_NUMBERS // (total * width**2))
     for start in range(0, total, rows):
         block = slice(start, min(start + rows, total))
         products = padded[block].reshape(-1, size) @ padded[start:].reshape(-1, size).T
@@ -159,7 +159,7 @@ def _from_sines(padded: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.nd
     """
     _, width, size = padded.shape
     found = [np.zeros(0)]
-    step = max(1, MOST_NUMBERS // (width * size))
+    step = max(1, PAIR_BLOCK_NUMBERS // (width * size))
     for start in range(0, one.size, step):
         first = padded[one[start : start + step]]
         second = padded[other[start : start + step]]
@@ -181,7 +181,7 @@ def _together(bases: dict[str, np.ndarray]) -> list[np.ndarray]:
     parts = np.hsplit(coordinates(np.hstack(given)), ends[:-1])
     for name, part in zip(bases, parts, strict=True):
         off = np.abs(part.T @ part - np.eye(part.shape[1])).max()
-        if off > ORTHONORMAL:
+        if off > ORTHONORMAL_BASIS:
             raise ReductionError(
                 f"basis {name} is not orthonormal, by {off:.2g} of V^T V - I: orthonormalise it, "
                 "by a QR factorisation for instance"

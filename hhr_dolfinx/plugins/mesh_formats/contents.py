@@ -16,14 +16,16 @@ from hhr_dolfinx.geometries.by_meshio import Elements, raw_mesh
 from hhr_dolfinx.geometries.cells import EDGE_ORDERS, EDGES
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
-LOW = {1: "vertex", 2: "line", 3: "line3"}
-PLANE = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9"}
+LOW_KINDS = {1: "vertex", 2: "line", 3: "line3"}
+PLANE_KINDS = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9"}
 _SOLID = "tetra pyramid wedge hexahedron tetra10 pyramid13 wedge15 hexahedron20 hexahedron27"
-SOLID = dict(zip((4, 5, 6, 8, 10, 13, 15, 20, 27), _SOLID.split(), strict=True))
+SOLID_KINDS = dict(zip((4, 5, 6, 8, 10, 13, 15, 20, 27), _SOLID.split(), strict=True))
 """Meshio's kinds of points and lines, plane elements, and those in space, by their number of
 nodes.
 """
-COUNTS = {kind: count for kinds in (LOW, PLANE, SOLID) for count, kind in kinds.items()}
+COUNTS = {
+    kind: count for kinds in (LOW_KINDS, PLANE_KINDS, SOLID_KINDS) for count, kind in kinds.items()
+}
 
 
 @dataclass

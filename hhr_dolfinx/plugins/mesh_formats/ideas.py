@@ -9,7 +9,7 @@ from itertools import takewhile
 from pathlib import Path
 
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
-from hhr_dolfinx.plugins.mesh_formats.contents import LOW, PLANE, SOLID, Contents
+from hhr_dolfinx.plugins.mesh_formats.contents import LOW_KINDS, PLANE_KINDS, SOLID_KINDS, Contents
 
 _NODES = {"15": False, "781": True, "2411": True}
 """Data sets of nodes: true if the coordinates are in a further row."""
@@ -88,11 +88,11 @@ def _elements(
                 raise ValueError(f"element {row[0]} has {len(nodes)} nodes, and not {count}")
             nodes += more
         kinds = (
-            LOW
+            LOW_KINDS
             if type_ in _BEAMS
-            else PLANE
+            else PLANE_KINDS
             if 41 <= type_ < 100
-            else SOLID
+            else SOLID_KINDS
             if 101 <= type_ <= 118
             else {}
         )
@@ -127,7 +127,7 @@ def _groups(found: Contents, rows: Iterator[list[str]], width: int) -> None:
 
 def _by_property(found: Contents, properties: dict[str, int]) -> None:
     """Add sets of elements by their properties, in dimensions of which no group has elements."""
-    dims = dict.fromkeys(SOLID.values(), 3) | dict.fromkeys(PLANE.values(), 2)
+    dims = dict.fromkeys(SOLID_KINDS.values(), 3) | dict.fromkeys(PLANE_KINDS.values(), 2)
     dimension = {one: dims.get(kind, 1) for kind, own in found.elements.items() for one in own}
     grouped = {dimension.get(str(one)) for own in found.sets.values() for one in own}
     for element, number in properties.items():

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
-from hhr_dolfinx.plugins.mesh_formats.contents import LOW, PLANE, SOLID, Contents
+from hhr_dolfinx.plugins.mesh_formats.contents import LOW_KINDS, PLANE_KINDS, SOLID_KINDS, Contents
 
 _LINES = ("Line", "Truss", "Cable", "Beam", "CrBeam")
 _FLAT = ("Triangle", "Quadrilateral", "Shell", "Membrane")
@@ -77,7 +77,7 @@ def _kind_of(name: str, kind: str, count: int) -> str:
         kind == "Elements" and not plane and not name.startswith(_FLAT)
     )
     # shells of any name have three corners
-    kinds = LOW if line else SOLID if solid and count in SOLID else PLANE
+    kinds = LOW_KINDS if line else SOLID_KINDS if solid and count in SOLID_KINDS else PLANE_KINDS
     if count not in kinds:
         raise ValueError(f"'{name}' has {count} nodes, which is not understood")
     return kinds[count]

@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
-from hhr_dolfinx.plugins.mesh_formats.contents import LOW, PLANE, SOLID, Contents
+from hhr_dolfinx.plugins.mesh_formats.contents import LOW_KINDS, PLANE_KINDS, SOLID_KINDS, Contents
 
 _SET = re.compile(r"SET_(NODE|SEGMENT|SOLID|SHELL|PART)(?:_LIST)?(_GENERATE)?(?:_TITLE)?")
 _SOLID = re.compile(r"ELEMENT_SOLID(?:_(H20|H27|TET4TOTET10|H8TOH20))?")
@@ -67,9 +67,9 @@ def _take(found: Contents, titles: dict[int, str], keyword: str, rows: Rows, pat
             node, *place = _fields(row, width, max(width, 16))
             found.points[int(_number(node))] = [_number(word) for word in (*place, "", "", "")[:3]]
     elif keyword == "ELEMENT_SHELL":
-        _elements(found, PLANE, keyword, rows, width)
+        _elements(found, PLANE_KINDS, keyword, rows, width)
     elif solid := _SOLID.fullmatch(keyword):
-        _elements(found, SOLID, "ELEMENT_SOLID", rows, width, _COUNTED.get(solid[1], 0))
+        _elements(found, SOLID_KINDS, "ELEMENT_SOLID", rows, width, _COUNTED.get(solid[1], 0))
     elif keyword == "PART":
         for (_, title), (found.line, row) in zip(rows[::2], rows[1::2], strict=False):
             titles[_numbers(row, width, 1)[0]] = title.strip()
@@ -109,7 +109,9 @@ def _set(found: Contents, what: str, title: str, rows: list[list[int]], ranges: 
         found.sets.setdefault(name, []).extend((f"ELEMENT_{what}", one) for one in members)
     for k, row in enumerate(rows[1:] if what == "SEGMENT" else ()):
         nodes = list(dict.fromkeys(node for node in row[:4] if node))
-        found.add((LOW if len(nodes) == 2 else PLANE)[len(nodes)], (what, number, k), nodes)
+        found.add(
+            (LOW_KINDS if len(nodes) == 2 else PLANE_KINDS)[len(nodes)], (what, number, k), nodes
+        )
         found.sets.setdefault(title or number, []).append((what, number, k))
 
 

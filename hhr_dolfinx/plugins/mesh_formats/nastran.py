@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
-from hhr_dolfinx.plugins.mesh_formats.contents import LOW, PLANE, SOLID, Contents
+from hhr_dolfinx.plugins.mesh_formats.contents import LOW_KINDS, PLANE_KINDS, SOLID_KINDS, Contents
 
 _SOLIDS = {
     "CTETRA": (4, 10),
@@ -31,12 +31,12 @@ _PLANES |= {
 }
 _LINES = {"CROD": (2,), "CBAR": (2,), "CBEAM": (2,), "CTUBE": (2,), "CBEAM3": (2, 3)}
 """Numbers of nodes of the elements, of first and of second order."""
-_KINDS = {name: (LOW, counts) for name, counts in _LINES.items()}
-_KINDS |= {name: (PLANE, counts) for name, counts in _PLANES.items()}
-_KINDS |= {name: (SOLID, counts) for name, counts in _SOLIDS.items()}
+_KINDS = {name: (LOW_KINDS, counts) for name, counts in _LINES.items()}
+_KINDS |= {name: (PLANE_KINDS, counts) for name, counts in _PLANES.items()}
+_KINDS |= {name: (SOLID_KINDS, counts) for name, counts in _SOLIDS.items()}
 WORDS = ("THRU", "SKIN")
 """Words in lists of nodes."""
-USUAL = ""
+DEFAULT_SYSTEM = ""
 """Name of no node, with the coordinate system of nodes that name none, by GRDSET."""
 _OTHERS = re.compile(r"C(?!ORD|END)[A-Z]+\d*|RB\w+|RROD|RSPLINE|PLOTEL")
 
@@ -52,7 +52,7 @@ def read_nastran(path: Path) -> RawMesh:
     turned: dict[str, str] = {}
     _read(found, systems, turned, path)
     with found.reading(path):
-        usual = turned.pop(USUAL, "")
+        usual = turned.pop(DEFAULT_SYSTEM, "")
         for node, word in turned.items():
             if number := int(word or usual or 0):
                 found.points[node] = _in_space(found.points[node], systems, number)
@@ -126,7 +126,7 @@ def _take(
         found.points[words[0]] = [_number(word) for word in words[2:5]]
         turned[words[0]] = words[1]
     elif name == "GRDSET":
-        turned[USUAL] = words[1]
+        turned[DEFAULT_SYSTEM] = words[1]
     elif name in ("CORD2R", "CORD2C", "CORD2S"):
         if int(words[1] or 0):
             raise ValueError(

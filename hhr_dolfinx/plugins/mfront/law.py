@@ -14,7 +14,7 @@ from types import MappingProxyType
 import numpy as np
 
 from hhr_dolfinx.errors import MissingPackageError, SceneError
-from hhr_dolfinx.plugins.inelastic.outside import OutsideLaw, Step
+from hhr_dolfinx.plugins.inelastic.outside import LawStep, OutsideLaw
 
 START = MappingProxyType({"Temperature": 293.15})
 """External state variables at the start of a history; others start at 0."""
@@ -71,7 +71,9 @@ class MFront(OutsideLaw):
             "internal": mgis.getArraySize(behaviour.isvs, behaviour.hypothesis)
         } | dict.fromkeys(external, 1)
 
-    def evaluate(self, step: Step) -> tuple[np.ndarray, dict[str, np.ndarray], np.ndarray | None]:
+    def evaluate(
+        self, step: LawStep
+    ) -> tuple[np.ndarray, dict[str, np.ndarray], np.ndarray | None]:
         """See :class:`OutsideLaw`; a point fails if MGIS returns a negative number."""
         points, strains = step.strain.shape
         mgis, behaviour = _loaded(self.library, self.name, strains)

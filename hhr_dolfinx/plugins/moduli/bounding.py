@@ -21,7 +21,7 @@ from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.plugins.differences.offline import check_hypotheses
 from hhr_dolfinx.plugins.moduli.components import (
     Component,
-    Solver,
+    ComponentSolver,
     interpolated_compliances,
     solvers_of,
 )
@@ -43,25 +43,26 @@ proof.
 """
 NOISE = 1e-9
 """Part of S, and of energies, that is round-off of soft directions."""
-PROBES = 6
+RANDOM_VECTORS = 6
+"""Random forces for the comparison of S with solutions, see :func:`probed`."""
 POWERS = 3
+"""Powers of the error of S that these are multiplied with."""
 CERTAIN = 10 * math.sqrt(2 / math.pi)
+"""Factor on the largest image of these forces, which bounds a norm but for a probability of
+10^-6: Halko et al., lemma 4.1."""
 PLACES_OF_FACTORS = 256
-"""Random forces for the comparison of S with solutions, powers of its error, the certainty of the
-norm, see :func:`probed`, and points at which factors of its parts are compared.
-"""
+"""Points at which factors of the parts of S are compared."""
 MEASURED = 16
 """Number of loads, the largest ones, whose energies determine round-off."""
 OBSERVED = 10.0
-PLACES = 3
-LARGEST = 1e-3
-"""Factor on the largest error at so many random points, without a proof.
+"""Factor on the largest error at :data:`COMPARED_POINTS` random points, without a proof."""
+COMPARED_POINTS = 3
+"""Random points of the box at which S is compared with solutions."""
+LARGEST_BOUND_ERROR = 1e-3
+"""Relative error of S above which there is no bound."""
 
-Error above which there is no bound.
-"""
 
-
-class Between(NamedTuple):
+class InterpolatedBound(NamedTuple):
     """Interpolated arrays that all bounds of a full model share, see :class:`VaryingBound`."""
 
     compliances: Compliances
@@ -71,12 +72,14 @@ class Between(NamedTuple):
     areas: Interpolant | None
 
 
-_KNOWN: WeakKeyDictionary[FullModel, Between | BoundError] = WeakKeyDictionary()
+_KNOWN: WeakKeyDictionary[FullModel, InterpolatedBound | BoundError] = WeakKeyDictionary()
 
 
 def between(
-    full: FullModel, solvers: Sequence[Solver] | None = None, announce: Announce = unannounced
-) -> Between:
+    full: FullModel,
+    solvers: Sequence[ComponentSolver] | None = None,
+    announce: Announce = unannounced,
+) -> InterpolatedBound:
     """Arrays that all bounds of a full model share, computed once.
 
     BoundError with the hypothesis that fails.
@@ -114,7 +117,7 @@ def varying_bound(
     full: FullModel,
     basis: np.ndarray,
     forces: np.ndarray | None = None,
-    solvers: Sequence[Solver] | None = None,
+    solvers: Sequence[ComponentSolver] | None = None,
     announce: Announce = unannounced,
 ) -> VaryingBound:
     """Bounds for answers with a basis, (own, ell), of a full model whose stiffness depends on
@@ -135,7 +138,9 @@ def varying_bound(
     )
 
 
-def _between(full: FullModel, solvers: Sequence[Solver], announce: Announce) -> Between:
+def _between(
+    full: FullModel, solvers: Sequence[ComponentSolver], announce: Announce
+) -> InterpolatedBound:
     """Compute the shared arrays."""
     problem: ContactProblem = full.problem
     components = [solver.component for solver in solvers]
@@ -176,10 +181,10 @@ def _between(full: FullModel, solvers: Sequence[Solver], announce: Announce) -> 
     if problem.reshaped is not None:
         errors.append(OBSERVED * grids[-1].surplus)
     _check_resolved(max(errors))
-    return Between(compliances, energies, max(errors), proved, _areas(problem))
+    return InterpolatedBound(compliances, energies, max(errors), proved, _areas(problem))
 
 
-def _round_off(solver: Solver) -> float:
+def _round_off(solver: ComponentSolver) -> float:
     """Part of the energy of loads on a component that is round-off, largest for slender bodies.
 
     It is the error of products with K: |K x| of a bent body is far below |K| |x|. Errors of rows
@@ -217,12 +222,13 @@ def _check_resolved(error: float) -> None:
 
     relative, in the order of energies.
     """
-    if error <= LARGEST:
+    if error <= LARGEST_BOUND_ERROR:
         return
     off = f"{error:.2g} of itself" if error < 1 else "more than itself"
     raise BoundError(
         "S, the compliance of the contact surface, is known at few parameters, and what is "
-        f"interpolated between them may be off by {off}; a bound allows {LARGEST:g}. Narrow the "
+        f"interpolated between them may be off by {off}; a bound allows "
+        f"{LARGEST_BOUND_ERROR:g}. Narrow the "
         "box, leave out values at which a modulus bends, jumps or nearly vanishes (a Poisson's "
         "ratio at .5), or write Young's modulus of a whole body as one formula"
     )
@@ -246,10 +252,10 @@ def _stiffness_of(component: Component, problem: ContactProblem) -> PartStiffnes
     return PartStiffness(part, problem.parameters, of_volume)
 
 
-def _seen(solver: Solver, part: Compliance, energy: PartEnergy) -> float:
+def _seen(solver: ComponentSolver, part: Compliance, energy: PartEnergy) -> float:
     """Largest error of a part at random points, in the order of energies."""
     worst = 0.0
-    for point in solver.problem.parameters.random(PLACES, seed=PLACES):
+    for point in solver.problem.parameters.random(COMPARED_POINTS, seed=COMPARED_POINTS):
         exact = with_energies(solver, point)
         along = part.interpolant.along_modes(point)
         schur = exact["schur"]
@@ -265,7 +271,7 @@ def _seen(solver: Solver, part: Compliance, energy: PartEnergy) -> float:
 
 
 def _largest_images(
-    pairs: Sequence[tuple[Solver, Compliance]], lower: np.ndarray, problem: ContactProblem
+    pairs: Sequence[tuple[ComponentSolver, Compliance]], lower: np.ndarray, problem: ContactProblem
 ) -> float:
     """Sum of the norm estimates of each, by powers of A; several components share a solution."""
     middle = problem.middle
@@ -273,7 +279,10 @@ def _largest_images(
         csr_matrix(problem.contact[part.conditions].multiply(solver.component.dofs))
         for solver, part in pairs
     ]
-    images = [np.random.default_rng(PROBES).standard_normal((len(lower), PROBES)) for _ in pairs]
+    images = [
+        np.random.default_rng(RANDOM_VECTORS).standard_normal((len(lower), RANDOM_VECTORS))
+        for _ in pairs
+    ]
     for _ in range(POWERS):
         forces = [
             solve_triangular(lower, image, lower=True, trans="T")[part.conditions]
@@ -295,16 +304,19 @@ def _largest_images(
     )
 
 
-def probed(solvers: Sequence[Solver], compliances: Compliances, problem: ContactProblem) -> float:
+def probed(
+    solvers: Sequence[ComponentSolver], compliances: Compliances, problem: ContactProblem
+) -> float:
     """Error of S against solutions with random forces, in the order of energies, at the worst point
     of the box.
 
     For parts that only have a variable factor: it is round-off, or due to compressed factors. The
     error E_c of each is measured relative to S = L L^T in the middle of the box, A = L^-1 E_c L^-T,
-    by a few powers of A times random vectors: with a probability of 1 - 10^-PROBES the norm of a
-    matrix is at most the largest of their images times 10 (2/π)^1/2 (N. Halko, P.-G. Martinsson and
-    J. Tropp, SIAM Review 53, 2011, lemma 4.1), and that of A at most the root of it. As S is the
-    sum of its parts, the error is multiplied by the ratio of the softest part to the stiffest.
+    by a few powers of A times random vectors: with a probability of 1 - 10^-RANDOM_VECTORS the
+    norm of a matrix is at most the largest of their images times 10 (2/π)^1/2 (N. Halko, P.-G.
+    Martinsson and J. Tropp, SIAM Review 53, 2011, lemma 4.1), and that of A at most the root of
+    it. As S is the sum of its parts, the error is multiplied by the ratio of the softest part
+    to the stiffest.
     """
     middle = problem.middle
     schur = compliances.stiffness(middle).schur.T  # symmetric; LAPACK uses Fortran order
@@ -321,7 +333,7 @@ def probed(solvers: Sequence[Solver], compliances: Compliances, problem: Contact
     together = bool(kept) and solvers[0].serves_all
     groups = [kept] if together else [[one] for one in kept]
     error = sum(_largest_images(group, lower, problem) for group in groups)
-    places = problem.parameters.random(PLACES_OF_FACTORS, seed=PLACES)
+    places = problem.parameters.random(PLACES_OF_FACTORS, seed=COMPARED_POINTS)
     softer = [part.compliances(places) / part.compliance(middle) for part in compliances.parts]
     return error * float((np.max(softer, axis=0) / np.min(softer, axis=0)).max(initial=1.0))
 
@@ -332,7 +344,7 @@ def _sizes(energies: np.ndarray) -> np.ndarray:
     return np.sqrt(own + NOISE * own.max(initial=0.0) + np.finfo(float).tiny)
 
 
-def with_energies(solver: Solver, point: np.ndarray) -> dict[str, np.ndarray]:
+def with_energies(solver: ComponentSolver, point: np.ndarray) -> dict[str, np.ndarray]:
     """Arrays of a component at a point, (P,), with those of :class:`PartEnergy`."""
     found = solver(point)
     problem = solver.with_stiffness(point)

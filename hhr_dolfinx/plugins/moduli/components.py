@@ -18,7 +18,7 @@ from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
 from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.plugins.moduli.interpolate import (
     GridSettings,
-    Part,
+    ProblemComponent,
     compliance_of,
     grown,
     round_off_of_gaps,
@@ -30,7 +30,7 @@ from hhr_dolfinx.timing import Announce, unannounced
 if TYPE_CHECKING:
     from hhr_dolfinx.plugins.one_call.array_store import ArrayStore
 
-LARGE = 1e5
+LARGE_COMPONENT = 1e5
 """Number of dofs above which recomputed factors of a component take less of its time than of the
 memory.
 """
@@ -47,7 +47,7 @@ class Component:
     number: int  # its index among the components of the problem
     dofs: np.ndarray  # its dofs that are free, as a mask, (N,)
     body: np.ndarray  # numbers of all of its dofs
-    part: Part  # conditions, loads and imposed displacements that act on it
+    part: ProblemComponent  # conditions, loads and imposed displacements that act on it
 
 
 def components_of(problem: ContactProblem) -> list[Component]:
@@ -66,7 +66,7 @@ def components_of(problem: ContactProblem) -> list[Component]:
         moduli = moduli_of(problem, body)
         factor, axes = dependence(moduli, shape_axes, problem.parameters.names)
         forced, lifted = (_acting(columns, dofs) for columns in (problem.external, lifts))
-        part = Part(conditions, forced, lifted, factor, axes, tuple(moduli))
+        part = ProblemComponent(conditions, forced, lifted, factor, axes, tuple(moduli))
         found.append(Component(number, dofs, body, part))
     return found
 
@@ -91,7 +91,7 @@ def _acting(columns: csc_matrix, dofs: np.ndarray) -> np.ndarray:
     return np.flatnonzero(np.diff(csc_matrix(columns[dofs]).indptr))
 
 
-class Solver:
+class ComponentSolver:
     """Computes S and the load response of one connected component, with factors that are updated at
     each point.
 
@@ -257,7 +257,7 @@ class Solver:
 
     def release(self) -> None:
         """Free large factors: components are solved one after another."""
-        if self.problem.free.size > LARGE:
+        if self.problem.free.size > LARGE_COMPONENT:
             self._last = None
             self._factors.release()
 
@@ -315,7 +315,7 @@ class Solver:
         """Factors of the component of a matrix."""
         full = self._full
         problem = self.problem
-        if problem.free.size > LARGE:
+        if problem.free.size > LARGE_COMPONENT:
             full.store.release()
         dofs = self.component.dofs & problem.held
         low_rank = low_rank_of(problem.block_size, int(np.count_nonzero(dofs)), anew=True)
@@ -355,12 +355,14 @@ def without_motions(
 
 def interpolated_compliances(
     problem: ContactProblem,
-    solvers: Sequence[Solver],
+    solvers: Sequence[ComponentSolver],
     settings: GridSettings,
     own: Sequence[GridSettings] = (),
     announce: Announce = unannounced,
     stage: str = "compliances",
-    solve: Callable[[Solver, np.ndarray], Mapping[str, np.ndarray]] = Solver.__call__,
+    solve: Callable[
+        [ComponentSolver, np.ndarray], Mapping[str, np.ndarray]
+    ] = ComponentSolver.__call__,
 ) -> tuple[Compliances, list[GrownGrid], list[dict[str, np.ndarray]]]:
     """Compute and interpolate all that contact needs of a full model, on one rank, and the modes of
     further arrays.
@@ -372,7 +374,7 @@ def interpolated_compliances(
     fewest = sum(1 + FIRST_LEVELS * solver.component.part.axes.size for solver in solvers)
     done = count(1)
 
-    def counted(solver: Solver, point: np.ndarray) -> Mapping[str, np.ndarray]:
+    def counted(solver: ComponentSolver, point: np.ndarray) -> Mapping[str, np.ndarray]:
         found = solve(solver, point)
         number = next(done)
         announce(stage, number / max(fewest, number + 1))
@@ -406,6 +408,6 @@ def interpolated_compliances(
     return Compliances(tuple(parts), problem.amplitudes, problem.gaps, reshaped), grids, others
 
 
-def solvers_of(full: FullModel, store: ArrayStore | None = None) -> list[Solver]:
+def solvers_of(full: FullModel, store: ArrayStore | None = None) -> list[ComponentSolver]:
     """Solvers of all components of a full model, with the store that keeps their solutions."""
-    return [Solver(full, component, store) for component in components_of(full.problem)]
+    return [ComponentSolver(full, component, store) for component in components_of(full.problem)]

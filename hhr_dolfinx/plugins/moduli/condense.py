@@ -33,7 +33,12 @@ from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.starts import KnownStatuses, LinearStarts
 from hhr_dolfinx.plugins.differences.offline import singular_along
 from hhr_dolfinx.plugins.moduli.bounding import between, varying_bound
-from hhr_dolfinx.plugins.moduli.components import Solver, interpolated_compliances, kept, solvers_of
+from hhr_dolfinx.plugins.moduli.components import (
+    ComponentSolver,
+    interpolated_compliances,
+    kept,
+    solvers_of,
+)
 from hhr_dolfinx.plugins.moduli.interpolate import DEFAULT_GRID, GridSettings
 from hhr_dolfinx.plugins.moduli.interpolate_reduced import whole_problem
 from hhr_dolfinx.plugins.moduli.interpolated import Compliances, InterpolatedFields
@@ -57,7 +62,7 @@ if TYPE_CHECKING:
 
 ALONG = 4
 """Points along each path that samples the forces of a law that remembers."""
-STARTS = 256
+MOST_STARTS = 256
 FEWEST_STARTS = 32
 START_BYTES = 0.13e9
 """Points with tabulated statuses: four times as many save a tenth of the iterations on the pellet.
@@ -67,11 +72,11 @@ Their number is reduced if the displacements there would take more memory than t
 FIELD_TOLERANCE = 1e-13
 """Part of the squared sum of displacements that the basis of the fields may leave out."""
 FORCE_TOLERANCE = 1e-9
+"""Part of the squared forces that the fields of a shape may leave out."""
 FIELD_NODES = 8
-TINY = 1e-300
-"""Part of the squared forces that the fields of a shape may leave out, and the number of shapes
-they are solved at.
-"""
+"""Number of shapes that these fields are solved at."""
+LEAST_NORM = 1e-300
+"""Least norm that forces are divided by: they may be zero."""
 _INTERPOLATED = (
     "S is interpolated between parameters and not resolved here: raise the budget of the grid or "
     "narrow the box"
@@ -79,22 +84,24 @@ _INTERPOLATED = (
 ADVICE: Mapping[Status, str] = MappingProxyType(
     {Status.CYCLING: _INTERPOLATED, Status.SINGULAR: _INTERPOLATED}
 )
-SHAPES = 8
-SAME = 1e-9
-"""Shapes at which the effect of contact on motions is compared, and the relative difference that is
-round-off.
-"""
+COMPARED_SHAPES = 8
+"""Shapes at which the effect of contact on motions is compared."""
+SHAPE_ROUND_OFF = 1e-9
+"""Relative difference of these effects that is round-off."""
 OF_MEMORY = (
     "moduli vary, and contacts remember their path: how far interpolated forces are off is not "
     "bounded there"
 )
 ALONG_NODES = (4, 16)
-PER_NODE = 8
-TOGETHER = 16
-"""Nodes of a grid at which fields are solved without snapshots, each a factorisation, at least and
-at most; fields for each of them; and the number solved for at once. Of 32 fields those at 3 to 16
-nodes were as good.
+"""Nodes of a grid, at least and at most, at which fields are solved without snapshots, each a
+factorisation.
+
+Of 32 fields those at 3 to 16 nodes were as good.
 """
+PER_NODE = 8
+"""Fields for each of these nodes."""
+FIELDS_AT_ONCE = 16
+"""Fields that are solved for at once."""
 FEW = 150_000
 """Numbers of an interpolation up to which it may be finer than requested: they fit into the cache
 of a processor, so that answers take hardly longer, and into a page.
@@ -144,7 +151,7 @@ class _Prepared(NamedTuple):
     """
 
     task: Task
-    solvers: list[Solver]
+    solvers: list[ComponentSolver]
 
     @property
     def store(self) -> ArrayStore | None:
@@ -181,7 +188,7 @@ class _Prepared(NamedTuple):
         announce = self.task.announce
         problem = full.problem
         room = int(np.log2(START_BYTES / (8 * problem.free.size)))
-        points = Sobol(min(STARTS, max(FEWEST_STARTS, 2**room))).points(problem.parameters)
+        points = Sobol(min(MOST_STARTS, max(FEWEST_STARTS, 2**room))).points(problem.parameters)
         if problem.law.remembers:
             return _starts_along_paths(
                 _with_motions(compliances, problem), points, problem, announce
@@ -382,10 +389,13 @@ def _check_motions(problem: ContactProblem) -> None:
     kernel: Any = problem.kernel
     if kernel is None or problem.reshaped is None:
         return
-    for point in Sobol(SHAPES).points(problem.parameters):
+    for point in Sobol(COMPARED_SHAPES).points(problem.parameters):
         there: Any = problem.at(point).kernel
         pairs = (there.contact_of_motions, kernel.contact_of_motions), (there.loads, kernel.loads)
-        if any(np.abs(one - other).max() > SAME * np.abs(other).max() for one, other in pairs):
+        if any(
+            np.abs(one - other).max() > SHAPE_ROUND_OFF * np.abs(other).max()
+            for one, other in pairs
+        ):
             raise NotOfferedError(
                 "contact alone holds bodies, and a shape changes the directions in which it does: "
                 "the balance of these bodies is exact in every model, and interpolated it would "
@@ -482,7 +492,7 @@ def _starts_along_paths(
     return KnownStatuses(np.array(seen), np.array(found) != 0), np.array(found)
 
 
-def _warn_of_untouched(solvers: list[Solver]) -> None:
+def _warn_of_untouched(solvers: list[ComponentSolver]) -> None:
     """Warn of loaded bodies without any contact: without snapshots nothing spans their fields."""
     problem = solvers[0].problem
     touched = {solver.component.number for solver in solvers}
@@ -567,13 +577,15 @@ def _finer(compliances: Compliances, bound: Any) -> Compliances:
 
 
 def _fields_seen(
-    compliances: Compliances, solvers: list[Solver], forces: np.ndarray
+    compliances: Compliances, solvers: list[ComponentSolver], forces: np.ndarray
 ) -> list[np.ndarray]:
     """Displacements at some shapes under typical forces, (S, m), (N, k) each: few snapshots do not
     span them.
     """
     forces = forces.T
-    forces = pod(forces / np.maximum(np.linalg.norm(forces, axis=0), TINY), FORCE_TOLERANCE)[0]
+    forces = pod(forces / np.maximum(np.linalg.norm(forces, axis=0), LEAST_NORM), FORCE_TOLERANCE)[
+        0
+    ]
     found = []
     for part, solver in zip(compliances.parts, solvers, strict=True):
         for node in part.interpolant.nodes[:FIELD_NODES]:
@@ -585,7 +597,7 @@ def _fields_seen(
 
 def _fields_along(
     compliances: Compliances,
-    solvers: list[Solver],
+    solvers: list[ComponentSolver],
     points: np.ndarray,
     forces: np.ndarray,
     announce: Announce,
@@ -618,7 +630,7 @@ def _fields_along(
                 if solver is solvers[0] or not solver.serves_all
                 else np.arange(0)
             )
-            for some in np.array_split(own, -(-own.size // TOGETHER)) if own.size else ():
+            for some in np.array_split(own, -(-own.size // FIELDS_AT_ONCE)) if own.size else ():
                 fields[:, some] += solver.fields_under(point, points[some], forces[some])
             fields[:, place : place + part.lifted.size] = solver.fields_of_lifts(point)
             place += part.lifted.size

@@ -33,7 +33,7 @@ from hhr_dolfinx.plugins.moduli.interpolation import (
 )
 from hhr_dolfinx.plugins.moduli.known_forces import many_weights
 
-CLOSED = 1e-8
+CLOSED_GAP = 1e-8
 """Gap over the size of a mesh up to which nothing is interpolated: 1e-16 is round-off, and
 tolerances reach 1e-7.
 """
@@ -71,7 +71,7 @@ DEFAULT_GRID = GridSettings()
 
 
 @dataclass(frozen=True)
-class Part:
+class ProblemComponent:
     """A connected component of a problem."""
 
     conditions: np.ndarray  # contact conditions that act on it, increasing
@@ -107,7 +107,7 @@ def grown(
     space: ParameterSpace,
     axes: Sequence[int] | np.ndarray,
     settings: GridSettings,
-    part: Part | None = None,
+    part: ProblemComponent | None = None,
     round_off: Mapping[str, float] | None = None,
 ) -> tuple[GrownGrid, dict[str, np.ndarray]]:
     """Interpolate arrays by name over some parameters; the others stay in the middle of the box.
@@ -166,7 +166,7 @@ def round_off_of_gaps(problem: ContactProblem) -> float:
     """Norm of gaps below which they may be round-off of coordinates, as where surfaces stay flush
     in every shape.
     """
-    return CLOSED * float(np.ptp(problem.points, axis=0).max()) * math.sqrt(len(problem.gaps))
+    return CLOSED_GAP * float(np.ptp(problem.points, axis=0).max()) * math.sqrt(len(problem.gaps))
 
 
 def typical(space: ParameterSpace, axes: np.ndarray) -> np.ndarray:
@@ -188,7 +188,7 @@ def size_in_box(values: Sequence[np.ndarray | float]) -> float:
 def _alone(
     solved: Callable[[np.ndarray], Mapping[str, np.ndarray]],
     space: ParameterSpace,
-    part: Part | None,
+    part: ProblemComponent | None,
 ) -> tuple[GrownGrid, dict[str, np.ndarray]]:
     """Case without parameters: the arrays as they are.
 
@@ -206,7 +206,10 @@ def _alone(
 
 
 def compliance_of(
-    part: Part, grid: GrownGrid, modes: dict[str, np.ndarray], unknowns: np.ndarray | None
+    part: ProblemComponent,
+    grid: GrownGrid,
+    modes: dict[str, np.ndarray],
+    unknowns: np.ndarray | None,
 ) -> Compliance:
     """Compliance of a part, from modes of ``schur`` (m, m), ``columns`` (T, m), ``pushed`` (n, m),
     ``free`` (T, n).
@@ -232,7 +235,7 @@ MIXED = (0.1, 0.5)
 class FormulaGrid:
     """Compares polynomials of a grid over the axes of a connected component with its formulas."""
 
-    part: Part  # the component
+    part: ProblemComponent  # the component
     space: ParameterSpace  # the box
 
     def error(self, levels: np.ndarray) -> float:

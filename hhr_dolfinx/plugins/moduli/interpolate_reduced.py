@@ -19,12 +19,12 @@ from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets, dependence
 from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.formulas import Modulus
-from hhr_dolfinx.models.eliminations.block import Block, blocks_of
+from hhr_dolfinx.models.eliminations.block import ModeBlock, blocks_of
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem, ReducedTerms
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.moduli.interpolate import (
     GridSettings,
-    Part,
+    ProblemComponent,
     compliance_of,
     grown,
     round_off_of_gaps,
@@ -64,18 +64,18 @@ def interpolated_reduction(
     return Compliances(tuple(parts), amplitudes, problem.gaps, None, size, symmetric=False)
 
 
-def _part(terms: ReducedTerms, block: Block, space: ParameterSpace) -> Part:
+def _part(terms: ReducedTerms, block: ModeBlock, space: ParameterSpace) -> ProblemComponent:
     """Conditions and terms that act on a block."""
     conditions = np.flatnonzero(block.test.any(axis=0) | block.trial.any(axis=1))
     forced = np.flatnonzero(terms.forces[block.modes].any(axis=0))
     lifted = np.flatnonzero(terms.lifts[:, block.modes].any(axis=(0, 1)))
     moduli = [terms.moduli[k] for k in block.parts]
     factor, axes = dependence(moduli, (), space.names)
-    return Part(conditions, forced, lifted, factor, axes, tuple(moduli))
+    return ProblemComponent(conditions, forced, lifted, factor, axes, tuple(moduli))
 
 
 def _solved(
-    terms: ReducedTerms, block: Block, part: Part, point: np.ndarray
+    terms: ReducedTerms, block: ModeBlock, part: ProblemComponent, point: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Arrays of an eliminated block for the factor 1, see :func:`compliance_of`."""
     weights = np.array([modulus.value(point) for modulus in terms.moduli])

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 TOGETHER_BYTES = 4e6
 """Memory of matrices S that are computed at once."""
-MOSTLY = 0.5
+NEW_STIFFNESS_SHARE = 0.5
 """Share of points with a new stiffness from which on S is computed for many of them at once."""
 
 
@@ -424,7 +424,7 @@ class Compliances(Elimination):
 
         answers: list[Answer] = []
         changes = (points[1:, self.stiffness_axes] != points[:-1, self.stiffness_axes]).any(axis=1)
-        alike = bool(changes.mean() < MOSTLY) if len(points) > 1 else True
+        alike = bool(changes.mean() < NEW_STIFFNESS_SHARE) if len(points) > 1 else True
         if alike or self.unknowns:
             made = self.along_path()
             for point in points:

@@ -28,11 +28,10 @@ FIRST_LEVELS = 2
 do.
 """
 
-PROBES = 2
-NEAR = 10.0
-"""Places of the final check of an interpolation against its function, and the error allowed there
-in tolerances.
-"""
+RANDOM_WEIGHTS = 2
+"""Points of the final check of an interpolation against its function."""
+FINAL_CHECK_ERROR = 10.0
+"""Error allowed there, in tolerances."""
 FAR = 30.0
 """Error allowed in tolerances at the worst of thousands of places.
 
@@ -190,7 +189,7 @@ def probes_of(dimension: int) -> np.ndarray:
     """Random places of [-1, 1]^d, (n, d), at which no function of interest vanishes unless it is
     zero.
     """
-    return np.random.default_rng(0).uniform(-1, 1, (PROBES, dimension))
+    return np.random.default_rng(0).uniform(-1, 1, (RANDOM_WEIGHTS, dimension))
 
 
 @dataclass(frozen=True)
@@ -247,8 +246,8 @@ def grow(
             and not growing.is_early(chosen)
             and len(growing.order) >= least
         ):
-            missed = max(growing.off(), unresolved() * NEAR / FAR)
-            if missed <= NEAR * tolerance:
+            missed = max(growing.off(), unresolved() * FINAL_CHECK_ERROR / FAR)
+            if missed <= FINAL_CHECK_ERROR * tolerance:
                 missed = last = 0.0
                 break
             # no surplus shows where the error is: one more level along every axis

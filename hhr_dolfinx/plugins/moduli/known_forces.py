@@ -14,9 +14,9 @@ from scipy.linalg.lapack import dgetrs
 
 from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.models.displacement import dense
-from hhr_dolfinx.models.eliminations.block import Block, BlockElimination, factored
+from hhr_dolfinx.models.eliminations.block import BlockElimination, ModeBlock, factored
 
-SYMMETRIC = 1e-10
+SYMMETRIC_PARTS = 1e-10
 """Largest relative difference of a part and its transpose in a Galerkin projection (equal test and
 trial functions).
 """
@@ -86,7 +86,7 @@ class DiagonalBlock:
     entries: np.ndarray  # d_q, (q, k)
 
     @classmethod
-    def of(cls, block: Block) -> DiagonalBlock | None:
+    def of(cls, block: ModeBlock) -> DiagonalBlock | None:
         """Diagonal form of a block; None if it has more than two parts, or is not symmetric and
         definite.
         """
@@ -94,7 +94,7 @@ class DiagonalBlock:
         parts = block.entries.reshape(-1, size, size)
         largest = np.abs(parts).max(axis=(1, 2), initial=0.0)
         skew = np.abs(parts - parts.transpose(0, 2, 1)).max(axis=(1, 2), initial=0.0)
-        if not 0 < len(parts) < 3 or (skew > SYMMETRIC * largest).any():
+        if not 0 < len(parts) < 3 or (skew > SYMMETRIC_PARTS * largest).any():
             return None
         total = np.tensordot(1 / largest, parts, 1)
         try:

@@ -27,16 +27,14 @@ from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set
 from hhr_dolfinx.plugins.differences.contact_response import ContactResponse
 from hhr_dolfinx.plugins.moduli.interpolated import Compliance, Compliances, ManyContacts
 
-STEP = math.log(1.1)
+LOG_WEIGHT_STEP = math.log(1.1)
 """Step of logarithms of weights: bounds are wider than with exact weights by at most the root of
 half a step.
 """
-KEPT = 64
-KEPT_BYTES = 64 * 2**20
-"""Number and memory of kept factors, for the most recently used weights.
-
-a single factor may take more memory.
-"""
+KEPT_FACTORS = 64
+"""Most factors that are kept, for the most recently used weights."""
+KEPT_FACTOR_BYTES = 64 * 2**20
+"""Memory of kept factors; a single one may take more."""
 FACTORED = 1500
 """Conditions up to which weights have steps.
 
@@ -47,21 +45,21 @@ WITH_MODES = 400
 
 beyond, their eigenvalues take a minute.
 """
-NOTHING = 1e-10
+ZERO_EIGENVALUE = 1e-10
 """Part of the largest eigenvalue of S_c up to which one counts as zero: conditions on a body may be
 dependent.
 """
-SOLVED = 1e-11
+SOLVED_RESIDUAL = 1e-11
 """Part of S times the forces up to which residuals are not solved for again: they are bounded
 instead.
 """
-LEAST = 0.2
+LEAST_REMAINDER = 0.2
 """Smallest part of S_c(middle) that bounds S_c: if the modes sum to more, a point has its exact
 factor.
 """
 
 
-class Share(NamedTuple):
+class ComponentExtremes(NamedTuple):
     """S_c in the middle of the box, and the extremes of its modes."""
 
     compliance: float  # 1 / E_c there
@@ -71,18 +69,20 @@ class Share(NamedTuple):
     )  # least and largest eigenvalue of S_c(middle)^-1 M_ck, (r, 2); infinite where S_c is zero
 
     @classmethod
-    def of(cls, part: Compliance, middle: np.ndarray) -> Share:
+    def of(cls, part: Compliance, middle: np.ndarray) -> ComponentExtremes:
         """Data of one part; without an axis, along which modes change, there are no eigenvalues."""
         along = part.interpolant.along_modes(middle)
         extremes = np.zeros((along.size, 2))
         if part.interpolant.axes.size:
             sizes, ways = eigh(part.schur(along))
-            there = sizes > NOTHING * sizes[-1]
+            there = sizes > ZERO_EIGENVALUE * sizes[-1]
             half = ways[:, there] / np.sqrt(sizes[there])
             for place, unit in enumerate(np.eye(along.size)):
                 mode = part.schur(unit)
                 values = eigvalsh(half.T @ mode @ half)
-                elsewhere = np.abs(mode @ ways[:, ~there]).max(initial=0.0) > NOTHING * sizes[-1]
+                elsewhere = (
+                    np.abs(mode @ ways[:, ~there]).max(initial=0.0) > ZERO_EIGENVALUE * sizes[-1]
+                )
                 extremes[place] = (-np.inf, np.inf) if elsewhere else (values[0], values[-1])
         return cls(part.compliance(middle), along, extremes)
 
@@ -98,7 +98,7 @@ class Share(NamedTuple):
             left = 1 + np.where(off > 0, off * self.extremes[:, 0], off * self.extremes[:, 1]).sum(
                 axis=1
             )
-        return np.where(left > LEAST, left, 0.0) * compliances / self.compliance
+        return np.where(left > LEAST_REMAINDER, left, 0.0) * compliances / self.compliance
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ class ManyResponses:
         wrong = np.where(forces > 0, np.abs(slack), np.maximum(-slack, 0.0)).max(
             axis=1, initial=0.0
         )
-        solved = wrong <= SOLVED * np.abs(schur_times_forces).max(axis=1, initial=0.0)
+        solved = wrong <= SOLVED_RESIDUAL * np.abs(schur_times_forces).max(axis=1, initial=0.0)
         closed = np.zeros(len(forces), dtype=bool)
         for k in np.flatnonzero(~solved):
             schur = self.schur[k]
@@ -215,8 +215,8 @@ class LeastResponse:
         self.compliances = compliances
         self.middle = middle
         conditions = len(compliances.gaps)
-        fitting = KEPT_BYTES // (8 * max(conditions, 1) ** 2)
-        self._factored = lru_cache(maxsize=int(min(max(fitting, 1), KEPT)))(self._made)
+        fitting = KEPT_FACTOR_BYTES // (8 * max(conditions, 1) ** 2)
+        self._factored = lru_cache(maxsize=int(min(max(fitting, 1), KEPT_FACTORS)))(self._made)
 
     def at(self, found: ManyContacts) -> ManyResponses:
         """S of some points with factors of lower bounds, or exact factors.
@@ -234,8 +234,8 @@ class LeastResponse:
         steps = np.zeros(shares.shape)
         known = (shares > 0).all(axis=1)
         if conditions <= FACTORED:
-            steps[known] = np.round(np.log(shares[known] / shares[known, :1]) / STEP)
-        least = (shares / np.exp(STEP * steps)).min(axis=1)
+            steps[known] = np.round(np.log(shares[known] / shares[known, :1]) / LOG_WEIGHT_STEP)
+        least = (shares / np.exp(LOG_WEIGHT_STEP * steps)).min(axis=1)
         responses = []
         for schur, own, size in zip(
             found.schur, steps.astype(int).tolist(), least.tolist(), strict=True
@@ -248,14 +248,16 @@ class LeastResponse:
         return ManyResponses(responses, found.schur)
 
     @cached_property
-    def _shares(self) -> list[Share]:
-        return [Share.of(part, self.middle) for part in self.compliances.parts]
+    def _shares(self) -> list[ComponentExtremes]:
+        return [ComponentExtremes.of(part, self.middle) for part in self.compliances.parts]
 
     def _made(self, steps: tuple[int, ...]) -> tuple[np.ndarray, tuple[float, np.ndarray]]:
         """Cholesky factor of a sum with weights of so many steps, and its :func:`amplified_by`."""
         schur = np.zeros((len(self.compliances.gaps),) * 2)
         for part, share, step in zip(self.compliances.parts, self._shares, steps, strict=True):
-            schur[part.block] += part.schur(math.exp(STEP * step) * share.compliance * share.along)
+            schur[part.block] += part.schur(
+                math.exp(LOG_WEIGHT_STEP * step) * share.compliance * share.along
+            )
         # symmetric, and as large as a hundredth of all memory: LAPACK works in place
         lower = cholesky(schur.T, lower=True, overwrite_a=True)
         return lower, amplified_by(lower)

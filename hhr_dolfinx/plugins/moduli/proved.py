@@ -18,12 +18,12 @@ from functools import cached_property
 import numpy as np
 
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.plugins.moduli.interpolate import Part, points_of
+from hhr_dolfinx.plugins.moduli.interpolate import ProblemComponent, points_of
 from hhr_dolfinx.plugins.moduli.interpolation import MOST_LEVELS, leja_points, values_between
 
 SMALLEST = 1e-9
 SHARES = 81
-PLACES = 1001
+EVALUATED_POINTS = 1001
 """Smallest κ, and numbers of κ and of ν, at which the error is evaluated: it oscillates once
 between nodes.
 """
@@ -39,7 +39,7 @@ tr(ε)^2.
 class PartStiffness:
     """Dependence of the stiffness of a part of a scene, of one or two moduli, on its only axis."""
 
-    part: Part
+    part: ProblemComponent
     space: ParameterSpace  # the box; its other parameters have no effect
     of_volume: bool  # the two moduli are those of the changes of volume and of shape of one body
 
@@ -71,7 +71,8 @@ class PartStiffness:
         Some are irregular: expressions may be periodic.
         """
         places = np.append(
-            np.linspace(-1, 1, PLACES), np.random.default_rng(0).uniform(-1, 1, PLACES // 4)
+            np.linspace(-1, 1, EVALUATED_POINTS),
+            np.random.default_rng(0).uniform(-1, 1, EVALUATED_POINTS // 4),
         )[:, None]
         return places, self._inverses(places)
 

@@ -21,7 +21,7 @@ from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.moduli.interpolation import Interpolant, unstacked
 
-DIFFERENCE = 1e-4
+RESIDUAL_STEP = 1e-4
 """Step of the central differences, as a part of the box: their error is its square."""
 
 
@@ -110,7 +110,7 @@ class ReshapedElimination(Elimination):
             )
             return np.append(left, problem.gaps @ theta - problem.contact_trial @ unknown)
 
-        explicit = self.parameters.differences(residual_and_slack, point, DIFFERENCE)
+        explicit = self.parameters.differences(residual_and_slack, point, RESIDUAL_STEP)
         size = unknown.size
         found = dgetrs(*factors, -explicit[:size])[0]
         return explicit[size:] - trial @ found, found

@@ -32,8 +32,8 @@ from scipy.linalg import LinAlgError
 
 from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.errors import BoundError, ConvergenceError
-from hhr_dolfinx.models.bound import ROUND_OFF, ForceScale, Thetas, estimates_of, lengths
-from hhr_dolfinx.models.eliminations.block import Block, blocks_of
+from hhr_dolfinx.models.bound import BOUND_ROUND_OFF, ForceScale, Thetas, estimates_of, lengths
+from hhr_dolfinx.models.eliminations.block import ModeBlock, blocks_of
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.parameters import is_number
@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 
 OF_ENERGY = 1e-13
 """Part of an energy that is round-off of its sums."""
-NOTHING = 0.01
+UNIMPROVED_FORCES = 0.01
 """Part of the bound of a field up to which the bound of its forces is not improved."""
 
 
@@ -157,7 +157,7 @@ class VaryingBound(Rebuilt):
         )
 
     @cached_property
-    def _blocks(self) -> list[Block]:
+    def _blocks(self) -> list[ModeBlock]:
         """Modes that share entries of V^T K V: those of one body."""
         assert isinstance(self.whole, ReducedProblem)
         return blocks_of(self.whole)
@@ -251,9 +251,9 @@ class VaryingThere(NamedTuple):
         one = np.array((forces, better, off, off, better))
         other = np.array((product, less, product - less, off, better))
         sizes, exact, apart, apart_euclid, exact_euclid = lengths(one, other)
-        noise = max(inexact, ROUND_OFF) * (sizes + exact + balanced)
+        noise = max(inexact, BOUND_ROUND_OFF) * (sizes + exact + balanced)
         primal = unbalanced + nearer
-        if (rows := np.flatnonzero(nearer > NOTHING * unbalanced)).size:
+        if (rows := np.flatnonzero(nearer > UNIMPROVED_FORCES * unbalanced)).size:
             alone = unbalanced[rows]
             left = response.off(slack()[rows], better[rows], rows)
             primal[rows] = np.minimum(
@@ -269,7 +269,7 @@ class VaryingThere(NamedTuple):
         least = np.maximum(
             np.array((exact / wider, exact_euclid, pressures[1])) - further, scale.least[:, None]
         )
-        primal = (primal + ROUND_OFF * size + noise) * wider
+        primal = (primal + BOUND_ROUND_OFF * size + noise) * wider
         return estimates_of(
             self.owner.kind, np.array((primal, *errors)), np.array((size - primal, *least))
         )

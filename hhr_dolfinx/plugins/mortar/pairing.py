@@ -22,7 +22,7 @@ from hhr_dolfinx.contact.law import LAW, PairLaw
 from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import NeverFacingError, SceneError
 from hhr_dolfinx.pairings.surface import (
-    GRAZING,
+    GRAZING_NORMAL,
     SlaveAndMaster,
     Surface,
     check_facing,
@@ -34,7 +34,7 @@ from hhr_dolfinx.pairings.surface import (
     warn_of_overlap,
 )
 from hhr_dolfinx.plugins.mortar.segments import Segments, common_parts
-from hhr_dolfinx.plugins.nonmatching.facing import FACING, opposed
+from hhr_dolfinx.plugins.nonmatching.facing import FACING_DIRECTIONS, opposed
 from hhr_dolfinx.plugins.nonmatching.messages import (
     beyond_overlap,
     never_facing,
@@ -42,9 +42,9 @@ from hhr_dolfinx.plugins.nonmatching.messages import (
     warn_of_sag,
     warn_of_tilt,
 )
-from hhr_dolfinx.plugins.nonmatching.projection import ROUND_OFF, pairs_within
+from hhr_dolfinx.plugins.nonmatching.projection import BOX_ENLARGEMENT, pairs_within
 
-COVERED = 0.1
+COVERED_AREA = 0.1
 """Covered fraction of a node's area below which it has no condition: its gap would be extrapolated
 too far.
 """
@@ -103,10 +103,10 @@ class Mortar(SlaveAndMaster):
                     np.bincount(some.slave, some.measures, count) for some in (every, seen)
                 )
                 hidden = np.zeros(len(slave.nodes), dtype=bool)  # in part, by a body between
-                hidden[slave.facets[left < whole * (1 - ROUND_OFF)]] = True
+                hidden[slave.facets[left < whole * (1 - BOX_ENLARGEMENT)]] = True
                 looks = opposed(slave, master, 0.0).overhanging & ~hidden
             else:
-                looks = looking(slave, unit(self.normal, slave.points.shape[1]), GRAZING)[0]
+                looks = looking(slave, unit(self.normal, slave.points.shape[1]), GRAZING_NORMAL)[0]
             warn_beyond_edge(slave, master, idle & looks)
         return rows
 
@@ -127,12 +127,12 @@ class Mortar(SlaveAndMaster):
         dim = slave.points.shape[1]
         if self.normal is None:
             directions = slave.outward
-            cosine = FACING
+            cosine = FACING_DIRECTIONS
             reach = 3.0 * cKDTree(master.points).query(slave.points)[0].max()
             pairs = _near_pairs(slave.corners, master.corners, reach)
         else:
             normal = unit(self.normal, dim)
-            cosine = GRAZING
+            cosine = GRAZING_NORMAL
             check_facing(slave, normal, along=True)
             for surface in (slave, master):
                 warn_of_tilt(surface, normal)
@@ -173,12 +173,12 @@ class Mortar(SlaveAndMaster):
             normals = np.zeros_like(slave.points)
             np.add.at(normals, slave.facets, by_facet[:, :, None] * slave.outward[:, None, :])
             normals = normalised(normals)
-            least = FACING
+            least = FACING_DIRECTIONS
         else:
             normals = np.tile(unit(self.normal, slave.points.shape[1]), (n, 1))
-            least = GRAZING
+            least = GRAZING_NORMAL
         # of a node on an edge only the side that looks at the master can be covered
-        covered = area > COVERED * looking(slave, normals, least)[1]
+        covered = area > COVERED_AREA * looking(slave, normals, least)[1]
         shared = None
         if slave.quadratic is not None and covered.any():
             shared = slave.quadratic.shared(slave, normals, np.flatnonzero(covered))
@@ -259,7 +259,7 @@ def _meeting(
     distance = _distances(slave, master, segments)
     # sides of equal blocks of one cell lie a cell behind each other, to round-off
     deepest = np.maximum(slave.depths[segments.slave], master.depths[segments.master]) * (
-        1 - ROUND_OFF
+        1 - BOX_ENLARGEMENT
     )
     behind = distance < -deepest - overlap
     if behind.all():
@@ -278,7 +278,7 @@ def _own_body(slave: Surface, facets: np.ndarray, reach: float) -> np.ndarray:
     if facets.size:
         here, there = _near_pairs(slave.corners[facets], slave.corners, reach)
         here, there = _overlapping(slave, slave, slave.outward, facets[here], there)
-        alike = np.einsum("pd,pd->p", slave.outward[here], slave.outward[there]) > FACING
+        alike = np.einsum("pd,pd->p", slave.outward[here], slave.outward[there]) > FACING_DIRECTIONS
         along = np.einsum(
             "pd,pd->p",
             (slave.corners[there] - slave.corners[here]).mean(axis=1),
@@ -421,7 +421,7 @@ def _near_pairs(
     half = (
         half
         + reach
-        + ROUND_OFF * max(np.ptp(first, axis=(0, 1)).max(), np.ptp(second, axis=(0, 1)).max())
+        + BOX_ENLARGEMENT * max(np.ptp(first, axis=(0, 1)).max(), np.ptp(second, axis=(0, 1)).max())
     )
     here, there = pairs_within(
         cKDTree(others), middle, (half + other_half.max(axis=0)).max(axis=1), np.inf

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 from hhr_dolfinx.plugins.mortar.pairing import Mortar
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.plugins.conformance.draft import Draft
+    from hhr_dolfinx.plugins.conformance.draft import SceneDraft
 
 
-def mortar(draft: Draft) -> Draft:
+def mortar(draft: SceneDraft) -> SceneDraft:
     """Mortar contact on meshes that do not match."""
     return draft.with_pairing(Mortar)

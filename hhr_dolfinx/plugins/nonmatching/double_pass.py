@@ -17,7 +17,7 @@ from hhr_dolfinx.pairings.surface import Surface, unit, warn
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.plugins.nonmatching.node_to_surface import NodeToSurface
 
-DEPENDENT = 1e-8
+SPANNED_ROW = 1e-8
 """Fraction of a row not spanned by the rows before it, below which the row is dependent on them."""
 POOR_INF_SUP = 0.02
 """Inf-sup constant of a double pass relative to the norm of B below which pressures oscillate
@@ -102,6 +102,6 @@ def _independent(one: csr_matrix, two: csr_matrix) -> tuple[np.ndarray, float]:
     rest = second - (second @ basis) @ basis.T
     _, triangle, order = linalg.qr(rest.T, mode="economic", pivoting=True)
     size = np.abs(np.diag(triangle))
-    kept = np.sort(order[: int((size > DEPENDENT * np.linalg.norm(second, axis=1).max()).sum())])
+    kept = np.sort(order[: int((size > SPANNED_ROW * np.linalg.norm(second, axis=1).max()).sum())])
     values = linalg.svdvals(np.vstack([first, second[kept]]))
     return kept, float(values[-1] / values[0])

@@ -13,19 +13,19 @@ from scipy.spatial.distance import cdist
 
 from hhr_dolfinx.pairings.surface import Surface, looking, normalised
 from hhr_dolfinx.plugins.nonmatching.projection import (
-    ROUND_OFF,
+    BOX_ENLARGEMENT,
     ClosestPoints,
     closest_of,
     closest_points,
 )
 
-FACING = 0.1
+FACING_DIRECTIONS = 0.1
 """Cosine between two directions found from the meshes below which surfaces do not face each
 other.
 """
-AT_ONCE = 2_000_000
+FACING_PAIRS = 2_000_000
 """Pairs of a node and a facet in one batch: 16 MB for each array, a few times that for sides."""
-BEYOND = 1e-6
+EDGE_OVERHANG = 1e-6
 """Part of a facet by which a slave node may lie beyond the edge of the master surface: round-off of
 meshers.
 """
@@ -57,24 +57,24 @@ def opposed(slave: Surface, master: Surface, overlap: float) -> Opposed:
     """Partners of the slave nodes; bodies may overlap by the length ``overlap`` beyond a cell."""
     closest = closest_points(slave.points, master.corners)
     normals = _towards(master, closest)
-    facing = looking(slave, normals, FACING)[0]
+    facing = looking(slave, normals, FACING_DIRECTIONS)[0]
     others = np.flatnonzero(~facing)
     if others.size:
         closest = _of_opposed(slave, master, others, closest)
         normals = _towards(master, closest)
-        facing = looking(slave, normals, FACING)[0]
+        facing = looking(slave, normals, FACING_DIRECTIONS)[0]
     depth = np.einsum("md,md->m", closest.offsets, normals)
     # a back side lies behind its partner by the thickness of both bodies, and no body is thinner
     # than a cell
     smallest = np.full(len(slave.nodes), np.inf)  # depth of the facets at each node
     np.minimum.at(smallest, slave.facets, slave.depths[:, None])
-    deepest = np.maximum(smallest, master.depths[closest.facets]) * (1 - ROUND_OFF)
+    deepest = np.maximum(smallest, master.depths[closest.facets]) * (1 - BOX_ENLARGEMENT)
     behind = depth > deepest + overlap
     beyond = _beyond(master, closest)
     overhanging = facing & ~behind & beyond
     # back sides of bodies of one cell are no deeper than a cell, but farther behind the partner
     # than beyond the edge
-    deeper = depth[others] > FACING * np.linalg.norm(closest.offsets[others], axis=1)
+    deeper = depth[others] > FACING_DIRECTIONS * np.linalg.norm(closest.offsets[others], axis=1)
     overhanging[others[deeper]] = False
     return Opposed(closest, normals, facing, behind, beyond, overhanging, depth)
 
@@ -91,7 +91,7 @@ def _beyond(master: Surface, closest: ClosestPoints) -> np.ndarray:
     sideways = np.linalg.norm(closest.offsets - outward * height[:, None], axis=1)
     cosines = np.einsum("mkd,md->mk", master.corner_normals[closest.facets], outward).min(axis=1)
     turned = np.tan(np.minimum(2 * np.arccos(np.clip(cosines, -1.0, 1.0)), 1.0)) * np.abs(height)
-    return sideways > BEYOND * master.lengths()[closest.facets] + 1.001 * turned
+    return sideways > EDGE_OVERHANG * master.lengths()[closest.facets] + 1.001 * turned
 
 
 def _towards(master: Surface, closest: ClosestPoints) -> np.ndarray:
@@ -115,17 +115,21 @@ def _of_opposed(
     reach = np.linalg.norm(master.corners - middles[:, None], axis=2).max(axis=1)
     found = ClosestPoints(*(part.copy() for part in closest))
     # all sides of a node are in one batch
-    count = max(1, AT_ONCE // len(middles))
+    count = max(1, FACING_PAIRS // len(middles))
     for first in range(0, nodes.size, count):
         some = nodes[first : first + count]
         own = (of_node >= first) & (of_node < first + count)
         starts = np.searchsorted(of_node[own] - first, np.arange(some.size))
-        against = np.logical_or.reduceat(sides[own] @ master.outward.T < -FACING, starts, axis=0)
+        against = np.logical_or.reduceat(
+            sides[own] @ master.outward.T < -FACING_DIRECTIONS, starts, axis=0
+        )
         distance = np.where(against, cdist(slave.points[some], middles), np.inf)
         # a facet is at least as far as its middle less its radius, and the nearest one at most as
         # far as a middle
         bound = distance.min(axis=1)
-        point, facet = np.nonzero(against & (distance - reach <= bound[:, None] * (1 + ROUND_OFF)))
+        point, facet = np.nonzero(
+            against & (distance - reach <= bound[:, None] * (1 + BOX_ENLARGEMENT))
+        )
         having = np.unique(point)
         if not having.size:
             continue

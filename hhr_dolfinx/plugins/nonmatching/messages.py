@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from hhr_dolfinx.contact.rows import ContactRows
-from hhr_dolfinx.pairings.surface import GRAZING, Surface, warn
+from hhr_dolfinx.pairings.surface import GRAZING_NORMAL, Surface, warn
 
-FLAT = 0.95
+FLAT_MEAN_NORMAL = 0.95
 """Length of the mean of unit normals above which a surface is flat: an arc of 60 degrees has
 0.955.
 """
@@ -34,7 +34,7 @@ def warn_of_tilt(surface: Surface, normal: np.ndarray) -> None:
     mean = surface.sizes @ surface.outward / surface.sizes.sum()
     length = np.linalg.norm(mean)
     cosine = abs(mean @ normal) / length if length > 0 else 1.0
-    if length > FLAT and GRAZING < cosine < np.cos(np.deg2rad(TILT)):
+    if length > FLAT_MEAN_NORMAL and GRAZING_NORMAL < cosine < np.cos(np.deg2rad(TILT)):
         warn(
             f"the contact normal {normal.tolist()} is {np.rad2deg(np.arccos(cosine)):.0f} degrees "
             f"off that of the flat surface {surface.tag}, {np.round(mean / length, 3).tolist()}: "

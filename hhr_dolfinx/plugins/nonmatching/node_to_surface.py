@@ -12,7 +12,7 @@ from hhr_dolfinx.contact.law import LAW, PairLaw
 from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import NeverFacingError
 from hhr_dolfinx.pairings.surface import (
-    GRAZING,
+    GRAZING_NORMAL,
     SlaveAndMaster,
     Surface,
     check_facing,
@@ -24,7 +24,7 @@ from hhr_dolfinx.pairings.surface import (
     warn,
     warn_of_overlap,
 )
-from hhr_dolfinx.plugins.nonmatching.facing import BEYOND, FACING, opposed
+from hhr_dolfinx.plugins.nonmatching.facing import EDGE_OVERHANG, FACING_DIRECTIONS, opposed
 from hhr_dolfinx.plugins.nonmatching.messages import (
     beyond_overlap,
     never_facing,
@@ -34,7 +34,7 @@ from hhr_dolfinx.plugins.nonmatching.messages import (
 )
 from hhr_dolfinx.plugins.nonmatching.projection import ClosestPoints, closest_points, project
 
-LAYERS = 1e-4
+KEPT_HEIGHT = 1e-4
 """Fraction of their height that projected surfaces keep, so that the nearest of several layers is
 found.
 """
@@ -49,7 +49,7 @@ NESTED = 1.5
 
 WITH_MIDDLE = 9
 """Nodes of a facet of which the last one is in its middle."""
-CORNERS = 4
+FACET_CORNERS = 4
 """Number of corners of such a facet, whose nodes come first."""
 
 
@@ -158,7 +158,7 @@ def _without_middles(slave: Surface, rows: ContactRows) -> ContactRows:
     place[rows.slaves] = np.arange(rows.slaves.size)
     whole = place[slave.nodes[slave.quadratic.nodes]]
     middle = whole[:, -1]
-    edges = whole[:, CORNERS:-1]
+    edges = whole[:, FACET_CORNERS:-1]
     there = (edges >= 0) & (middle >= 0)[:, None]
     shares = rows.areas[middle][:, None] * there / np.maximum(there.sum(axis=1, keepdims=True), 1)
     areas = rows.areas + np.bincount(edges[there], shares[there], rows.areas.size)
@@ -174,7 +174,7 @@ def _warn_of_coarse_slave(slave: Surface, master: Surface, weights: np.ndarray) 
     """
     ratio = slave.lengths().mean() / master.lengths().mean()
     matching = (
-        weights.max(axis=1) > 1 - BEYOND
+        weights.max(axis=1) > 1 - EDGE_OVERHANG
     ).all() and ratio < NESTED  # nodes of nested meshes lie on nodes too
     if slave.quadratic is not None and not matching and ratio > FINER:
         warn(
@@ -188,7 +188,7 @@ def _along(slave: Surface, master: Surface, normal: np.ndarray) -> _Partners:
     check_facing(slave, normal, along=True)
     for surface in (slave, master):
         warn_of_tilt(surface, normal)
-    facing = master.outward @ normal < -GRAZING
+    facing = master.outward @ normal < -GRAZING_NORMAL
     if not facing.any():
         raise NeverFacingError(
             never_facing(slave, master, f"no facet of {master.tag} looks against {normal.tolist()}")
@@ -198,13 +198,13 @@ def _along(slave: Surface, master: Surface, normal: np.ndarray) -> _Partners:
     corners = master.corners[facing]
     # projected along the normal the surfaces are flat, and the closest point is the point hit
     found = closest_points(
-        slave.points @ (flat + LAYERS * along), corners @ (flat + LAYERS * along)
+        slave.points @ (flat + KEPT_HEIGHT * along), corners @ (flat + KEPT_HEIGHT * along)
     ).facets
     weights = project(slave.points @ flat, corners[found] @ flat)
     offsets = slave.points @ flat - np.einsum("mk,mkd->md", weights, corners[found] @ flat)
     closest = ClosestPoints(np.flatnonzero(facing)[found], weights, offsets)
-    beyond = np.linalg.norm(offsets, axis=1) > BEYOND * master.lengths()[closest.facets]
-    looks, areas = looking(slave, normal, GRAZING)
+    beyond = np.linalg.norm(offsets, axis=1) > EDGE_OVERHANG * master.lengths()[closest.facets]
+    looks, areas = looking(slave, normal, GRAZING_NORMAL)
     kept = _kept(slave, master, beyond | ~looks, beyond & looks)
     return _Partners(kept, closest, np.tile(normal, (len(slave.nodes), 1)), areas)
 
@@ -224,7 +224,7 @@ def _closest(slave: Surface, master: Surface, allowed: float) -> _Partners:
         raise NeverFacingError(
             never_facing(slave, master, beyond_overlap(found.depth[found.facing].max()))
         )
-    areas = looking(slave, found.normals, FACING)[1]
+    areas = looking(slave, found.normals, FACING_DIRECTIONS)[1]
     return _Partners(
         _kept(slave, master, ~found.meets, found.overhanging), closest, found.normals, areas
     )

@@ -13,11 +13,11 @@ from scipy.spatial import cKDTree
 
 from hhr_dolfinx.pairings.surface import shape_functions
 
-ROUND_OFF = 1e-9
+BOX_ENLARGEMENT = 1e-9
 """Fraction of the size of the surfaces by which bounding boxes are enlarged."""
 EQUAL = 1e-12
 """Fraction of the size of the surface within which two facets are equally near."""
-AT_ONCE = 1000
+PROJECTED_AT_ONCE = 1000
 """Points in one batch of the search: a distant point has hundreds of candidate facets."""
 
 
@@ -44,9 +44,9 @@ def closest_points(points: np.ndarray, corners: np.ndarray) -> ClosestPoints:
     ]
     tree = cKDTree(middles)
     parts = []
-    for first in range(0, len(points), AT_ONCE):
-        some = slice(first, first + AT_ONCE)
-        pairs = pairs_within(tree, points[some], (bound[some] + radius) * (1 + ROUND_OFF))
+    for first in range(0, len(points), PROJECTED_AT_ONCE):
+        some = slice(first, first + PROJECTED_AT_ONCE)
+        pairs = pairs_within(tree, points[some], (bound[some] + radius) * (1 + BOX_ENLARGEMENT))
         parts.append(closest_of(points[some], corners, bound[some], *pairs))
     return ClosestPoints(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
@@ -62,7 +62,7 @@ def closest_of(
     low = corners.min(axis=1)
     high = corners.max(axis=1)
     beside = np.maximum(np.maximum(low[facet] - points[point], points[point] - high[facet]), 0.0)
-    near = np.linalg.norm(beside, axis=1) <= bound[point] * (1 + ROUND_OFF) + EQUAL * size
+    near = np.linalg.norm(beside, axis=1) <= bound[point] * (1 + BOX_ENLARGEMENT) + EQUAL * size
     point = point[near]
     facet = facet[near]
     weights = project(points[point], corners[facet])

@@ -19,11 +19,11 @@ from hhr_dolfinx.pairings.surface import Surface, area_vectors, normalised
 from hhr_dolfinx.plugins.nonmatching.projection import closest_points
 from hhr_dolfinx.plugins.obstacles.rigid import Rigid, Size
 
-STEPS = 8
+CURVE_ITERATIONS = 8
 """Newton steps on a curve: from a chord three to four reach round-off."""
-PARTS = 8
+CURVE_CHORDS = 8
 """Chords of a curve between two points, which start the search on it."""
-SAMPLES = 801
+CURVE_SAMPLES = 801
 """Points of a curve given by a formula.
 
 a spline through them is off by the fourth power of their distance.
@@ -32,9 +32,9 @@ SMOOTH = np.cos(np.deg2rad(20.0))
 """Cosine of half the angle of a crease: normals of smooth surfaces deviate less from the way to the
 closest point.
 """
-EDGE = 1e-6
+EDGE_ROUND_OFF = 1e-6
 """Part of a facet by which round-off puts a point off its edge."""
-AT_ONCE = 2_000_000
+OBSTACLE_PAIRS = 2_000_000
 """Pairs of a node and a facet in one batch."""
 
 
@@ -79,17 +79,23 @@ class Facets:
         lengths = np.linalg.norm(np.ptp(self.corners[facets], axis=1), axis=1)
         heights = np.einsum("md,md->m", offsets, flat)
         # all corners of the facet that bear the closest point are on the end
-        end = ((self.ends[facets] == 1) | (weights <= EDGE)).all(axis=1)
-        beyond = end & (np.linalg.norm(offsets - heights[:, None] * flat, axis=1) > EDGE * lengths)
+        end = ((self.ends[facets] == 1) | (weights <= EDGE_ROUND_OFF)).all(axis=1)
+        beyond = end & (
+            np.linalg.norm(offsets - heights[:, None] * flat, axis=1) > EDGE_ROUND_OFF * lengths
+        )
         away = np.linalg.norm(offsets, axis=1)
         straight = normalised(offsets) * np.where(heights < 0, -1.0, 1.0)[:, None]
-        edge = ~end & (away > EDGE * lengths) & (np.einsum("md,md->m", straight, smooth) < SMOOTH)
+        edge = (
+            ~end
+            & (away > EDGE_ROUND_OFF * lengths)
+            & (np.einsum("md,md->m", straight, smooth) < SMOOTH)
+        )
         return self.turned * np.where(edge[:, None], straight, smooth), beyond
 
     def along(self, sizes: np.ndarray, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """Distances along normals to the nearest front, (m,)."""
         local = (points - sizes[:-1]) / sizes[-1]
-        count = max(1, AT_ONCE // len(self.corners))
+        count = max(1, OBSTACLE_PAIRS // len(self.corners))
         parts = [slice(first, first + count) for first in range(0, len(local), count)]
         found = [self._crossed(np.real(local[part]), normals[part]) for part in parts]
         places, vectors = (np.concatenate(part) for part in zip(*found, strict=True))
@@ -113,8 +119,8 @@ class Facets:
         slack = (
             1e-12 * (np.abs(middles).max() + np.abs(local).max()) ** 2
         )  # cancellation of these squares
-        near = (away <= (1 + EDGE) ** 2 * reach**2 + slack) & (
-            self.turned * normals @ self.flat.T > EDGE
+        near = (away <= (1 + EDGE_ROUND_OFF) ** 2 * reach**2 + slack) & (
+            self.turned * normals @ self.flat.T > EDGE_ROUND_OFF
         )
         point, facet = np.nonzero(near)
         start = self.corners[facet, 0]
@@ -130,7 +136,7 @@ class Facets:
         )
         weights = np.column_stack([1 - inner.sum(axis=1), inner])
         order = np.lexsort((np.abs(gap), point))
-        order = order[(weights[order] >= -EDGE).all(axis=1)]
+        order = order[(weights[order] >= -EDGE_ROUND_OFF).all(axis=1)]
         found, first = np.unique(point[order], return_index=True)
         facet = facet[order[first]]
         weights = weights[order[first]]
@@ -153,14 +159,14 @@ class Facets:
         """
         pieces = self.curve.shape[1]
         place = (chords + weights[:, 1]) * pieces / len(self.corners)
-        for step in range(STEPS + 1):
+        for step in range(CURVE_ITERATIONS + 1):
             piece = np.clip(np.floor(place).astype(int), 0, pieces - 1)
             t = (place - piece)[:, None]
             a, b, c, d = self.curve[:, piece]
             point = ((a * t + b) * t + c) * t + d
             tangent = (3 * a * t + 2 * b) * t + c
             second = 6 * a * t + 2 * b
-            if step == STEPS:
+            if step == CURVE_ITERATIONS:
                 break
             across = tangent if normals is None else _rotated(normals)
             slope = np.einsum("md,md->m", tangent, across)
@@ -271,7 +277,7 @@ class Profile(_Drawn):
         closed = np.array_equal(points[0], points[-1])
         powers = None
         if self.smooth and len(steps) > 1:
-            parts = PARTS if knots is None else 1
+            parts = CURVE_CHORDS if knots is None else 1
             knots = np.append(0.0, np.cumsum(steps)) if knots is None else knots
             spline = CubicSpline(knots, points, bc_type="periodic" if closed else "not-a-knot")
             powers = spline.c * (np.diff(knots) ** np.arange(3, -1, -1)[:, None])[:, :, None]
@@ -297,9 +303,9 @@ class Profile(_Drawn):
                 f"the curve {self.curve!r} of a Profile must be a formula of one of x, y, r and "
                 "z, and its ends increase, between=(-1, 1)"
             )
-        places = np.linspace(between[0], between[1], SAMPLES)
+        places = np.linspace(between[0], between[1], CURVE_SAMPLES)
         with np.errstate(all="ignore"):
-            values = np.broadcast_to(formula({name: places}), SAMPLES)
+            values = np.broadcast_to(formula({name: places}), CURVE_SAMPLES)
         if not np.isfinite(values).all():
             bad = places[~np.isfinite(values)][0]
             raise SceneError(

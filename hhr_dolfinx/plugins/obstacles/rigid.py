@@ -21,9 +21,16 @@ from hhr_dolfinx.contact.law import LAW, PairLaw
 from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.declared import Floats, KnownArguments
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.formulas import LONGEST, STEP, Formula, Scalar, box_samples, formula_of
+from hhr_dolfinx.formulas import (
+    IMAGINARY_STEP,
+    LONGEST_FORMULA,
+    Formula,
+    Scalar,
+    box_samples,
+    formula_of,
+)
 from hhr_dolfinx.pairings.surface import (
-    GRAZING,
+    GRAZING_NORMAL,
     Surface,
     looking,
     nodal_rows,
@@ -43,7 +50,7 @@ TURN = 10.0
 """Degrees by which the normal at a node near the obstacle may turn over the box without a
 warning.
 """
-TRIED = 32
+NORMAL_SAMPLES = 32
 """Random points of the box, in addition to its corners, at which normals are compared."""
 FAR = 10.0
 """Gap of a node whose normal misses the obstacle, over the extent of the surface: it never
@@ -124,14 +131,16 @@ class Distances(Rebuilt):
             f"{written(self.sizes, point, normal, far)}-({float(gap)!r})"
             for point, normal, gap in rows
         ]
-        too_long = max(map(len, texts), default=0) > LONGEST
+        too_long = max(map(len, texts), default=0) > LONGEST_FORMULA
         return None if too_long else tuple(Scalar(text, self.names) for text in texts)
 
     def derivative(self, point: np.ndarray) -> np.ndarray:
         """Derivatives of the gaps along the parameters, exact to round-off, (m, P)."""
         values = dict(zip(self.names, map(complex, point), strict=True))
-        columns = [self._at(values | {name: values[name] + 1j * STEP}) for name in self.names]
-        return np.stack([np.imag(column) / STEP for column in columns], axis=1)
+        columns = [
+            self._at(values | {name: values[name] + 1j * IMAGINARY_STEP}) for name in self.names
+        ]
+        return np.stack([np.imag(column) / IMAGINARY_STEP for column in columns], axis=1)
 
 
 @dataclass(frozen=True)
@@ -268,7 +277,7 @@ class Rigid(KnownArguments):
         found = []
         for shape in self._shape.sides():
             normals, beyond = shape.normals(sizes, surface.points)
-            looks, areas = looking(surface, normals, GRAZING)
+            looks, areas = looking(surface, normals, GRAZING_NORMAL)
             gaps = distances(shape, sizes, surface.points, normals)
             nodes = np.flatnonzero(looks & ~beyond)
             # of both sides of an obstacle the body is on that which is nearer to what looks at it
@@ -292,7 +301,9 @@ class Rigid(KnownArguments):
         box.
         """
         met = np.zeros(len(lost), dtype=bool)
-        for point in box_samples(self.box, TRIED) if self._varies and self.box is not None else ():
+        for point in (
+            box_samples(self.box, NORMAL_SAMPLES) if self._varies and self.box is not None else ()
+        ):
             met |= ~shape.normals(self._at(point), lost)[1]
         if met.any():
             warn(
@@ -307,7 +318,9 @@ class Rigid(KnownArguments):
         """Warn if the normal of a node closer than a cell turns over the box."""
         sizes = surface.cell_sizes()[np.searchsorted(surface.nodes, rows.slaves)]
         worst = np.ones(len(sizes))  # smallest cosine of each node
-        for point in box_samples(self.box, TRIED) if self._varies and self.box is not None else ():
+        for point in (
+            box_samples(self.box, NORMAL_SAMPLES) if self._varies and self.box is not None else ()
+        ):
             there = self._at(point)
             now, beyond = shape.normals(there, rows.points)
             near = (distances(shape, there, rows.points, normals) < sizes) & ~beyond

@@ -13,7 +13,7 @@ import numpy as np
 
 from hhr_dolfinx.formulas import Formula
 
-SURE = 1e300
+SWITCH_FACTOR = 1e300
 """Factor by which a number is 0 or more than 1: a positive one of the size of a gap squared is no
 smaller.
 """
@@ -96,9 +96,9 @@ def _if(number: str, least: bool = False) -> tuple[str, str]:
     elsewhere.
     """
     if least:
-        negative = f"min(1,max(0,-({number}))*{SURE:g})"
+        negative = f"min(1,max(0,-({number}))*{SWITCH_FACTOR:g})"
         return f"(1-{negative})", negative
-    positive = f"min(1,max(0,{number})*{SURE:g})"
+    positive = f"min(1,max(0,{number})*{SWITCH_FACTOR:g})"
     return positive, f"(1-{positive})"
 
 

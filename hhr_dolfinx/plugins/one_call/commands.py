@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from hhr_dolfinx.command.speaking import resumable, spoken
-from hhr_dolfinx.command.words import NO_ANSWER, OUT, SCENE, examples
+from hhr_dolfinx.command.words import EXIT_NO_ANSWER, OUT, SCENE, examples
 from hhr_dolfinx.compat import extra
 
 with extra("study", "the command hhr"):
     import click
 
 
-class Share(click.ParamType):
+class ShareArgument(click.ParamType):
     """``1%`` or ``0.01``."""
 
     name = "share"
@@ -38,7 +38,7 @@ class Share(click.ParamType):
 @SCENE
 @click.option(
     "--error",
-    type=Share(),
+    type=ShareArgument(),
     default="1%",
     show_default=True,
     help="largest relative error of an answer",
@@ -69,7 +69,7 @@ def reduce(
     from hhr_dolfinx.command.loading import beside, scene_of
     from hhr_dolfinx.errors import StudyError
     from hhr_dolfinx.plugins.one_call.progress import shares_on
-    from hhr_dolfinx.plugins.one_call.search import KEPT
+    from hhr_dolfinx.plugins.one_call.search import RECORD_FILE
     from hhr_dolfinx.plugins.one_call.search import reduce as reduced
     from hhr_dolfinx.plugins.one_call.target import Budget
 
@@ -90,9 +90,9 @@ def reduce(
     except StudyError as error:
         if tried := vars(error).get("reduction"):  # its reasons are those of the error
             console.print(tried.table, highlight=False, markup=False)
-            console.print(f"what was tried: {folder / KEPT}", highlight=False)
+            console.print(f"what was tried: {folder / RECORD_FILE}", highlight=False)
         raise
     console.print(str(model.reduction), highlight=False, markup=False)
     console.print(f"errors of its answers: {model.known_error}", highlight=False, markup=False)
     console.print(f"model: {folder / 'model.npz'}")
-    sys.exit(0 if model.reduction.met else NO_ANSWER)
+    sys.exit(0 if model.reduction.met else EXIT_NO_ANSWER)

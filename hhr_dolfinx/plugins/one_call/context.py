@@ -27,7 +27,7 @@ from hhr_dolfinx.models.answer import Path as AnswerPath
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.plugins.one_call.array_store import ArrayStore
 from hhr_dolfinx.plugins.one_call.progress import Stopwatch
-from hhr_dolfinx.plugins.one_call.target import Budget, Errors, Exact, Target, steps_of
+from hhr_dolfinx.plugins.one_call.target import Budget, Exact, Target, TargetErrors, steps_of
 from hhr_dolfinx.plugins.one_call.workers import Workers
 from hhr_dolfinx.plugins.paths.compared import retraced
 from hhr_dolfinx.plugins.paths.path_families import PathFamily
@@ -43,9 +43,9 @@ from hhr_dolfinx.warn import ignored, warn
 
 FRESH_SEED = 7000
 """Offset of the seed for points of checks, which then differ from those of any training."""
-CORNERS = 6
+TRAINED_CORNERS = 6
 """Parameters up to which all corners of the box are trained on."""
-SURE = 4
+BOUND_CHECKS = 4
 """Full answers that a model is compared with if its bound meets the target already."""
 FRESH = 40
 """Full answers that others are compared with.
@@ -90,7 +90,7 @@ class SearchContext:
     store: ArrayStore | None = (
         None  # keeps solutions of connected components; None keeps them in memory alone
     )
-    errors: Errors = field(init=False)  # of models, in the norms of the target
+    errors: TargetErrors = field(init=False)  # of models, in the norms of the target
     clock: Stopwatch = field(default_factory=Stopwatch)  # since the search began
     solved: int = 0  # number of answers of the full model, those found in the store among them
     checks: int = 0  # number of them
@@ -114,7 +114,7 @@ class SearchContext:
     _known: dict[bytes, Answer | History | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.errors = Errors(self.target, self.full)
+        self.errors = TargetErrors(self.target, self.full)
 
     def check_budget(self) -> None:
         """Raise BudgetSpentError if nothing more may be solved for."""
@@ -222,8 +222,10 @@ class SearchContext:
             questions = self.family.training(count, self.seed)
         else:
             space = self.full.parameters
-            questions = Sobol(count, self.seed, corners=len(space.names) <= CORNERS).points(space)
-        self.check_affordable(questions, f"a training of {len(questions)}", SURE)
+            questions = Sobol(count, self.seed, corners=len(space.names) <= TRAINED_CORNERS).points(
+                space
+            )
+        self.check_affordable(questions, f"a training of {len(questions)}", BOUND_CHECKS)
         lost = Lost()
         least = (len(questions) + 1) // 2
         answers = list(self._answers(questions, "training answers", lost, least))
@@ -291,7 +293,7 @@ class SearchContext:
             self.short = f"{len(found)} of {len(questions)} fresh answers were affordable: {error}"
         if not found and self.family is None:  # a part of the box may have answers
             questions = self.full.parameters.random(HOPELESS, seed)[count:]
-            found += islice(self._answers(questions, "fresh answers", lost), SURE)
+            found += islice(self._answers(questions, "fresh answers", lost), BOUND_CHECKS)
         if not found and self._first_failure:
             raise self._few(f"none of {len(self._known)} queries of the box has an answer")
         lost.warn(len(found) + len(lost.failures), 1, "fresh queries")

@@ -13,7 +13,7 @@ from hhr_dolfinx.reduction.reductor import Reductor, Task, made
 if TYPE_CHECKING:
     from hhr_dolfinx.plugins.one_call.context import SearchContext
 
-POINTS = (32, 64, 128, 256, 512)
+POINT_COUNTS = (32, 64, 128, 256, 512)
 PATHS = (8, 16, 32)
 """Training points and paths of the models that a search tries.
 
@@ -48,7 +48,7 @@ def proposals_of(reductor: Reductor, search: SearchContext) -> Iterator[Proposal
 
 def of_more_answers(reductor: Reductor, search: SearchContext) -> Iterator[Proposal]:
     """Models trained on more and more points, or paths."""
-    kind, counts = ("points", POINTS) if search.family is None else ("paths", PATHS)
+    kind, counts = ("points", POINT_COUNTS) if search.family is None else ("paths", PATHS)
     for count in counts:
         yield Proposal(
             reductor.method, f"{count} training {kind}", partial(search.reduced, reductor, count)

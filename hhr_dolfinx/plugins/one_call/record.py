@@ -14,7 +14,7 @@ CONFIDENCE = 0.9
 :func:`share_beyond`.
 """
 MET = "met"
-LONG = 40
+LONG_OUTCOME = 40
 """Length of the outcome of a model above which it is printed below the table, once for all models
 that share it.
 """
@@ -79,7 +79,9 @@ class Reduction:
         """Reasons why models were refused or stopped, each once, in the order of their
         occurrence.
         """
-        return tuple(dict.fromkeys(item.outcome for item in self.tried if len(item.outcome) > LONG))
+        return tuple(
+            dict.fromkeys(item.outcome for item in self.tried if len(item.outcome) > LONG_OUTCOME)
+        )
 
     @property
     def numbered(self) -> tuple[str, ...]:

@@ -56,8 +56,8 @@ from hhr_dolfinx.parameters import check_counts
 from hhr_dolfinx.plain import finite
 from hhr_dolfinx.plugins.one_call.array_store import ArrayStore
 from hhr_dolfinx.plugins.one_call.context import (
+    BOUND_CHECKS,
     FRESH,
-    SURE,
     BudgetSpentError,
     FewAnswersError,
     SearchContext,
@@ -77,44 +77,46 @@ from hhr_dolfinx.warn import ignored, repeat, warn
 
 _log = logging.getLogger(__name__)
 
-MANY = 1000
+MANY_CONDITIONS = 1000
 """Number of contact conditions above which a hyper-reduced model is tried after a condensed one of
 sufficient accuracy; a heuristic, since the faster one is found by timing.
 """
-LOOKED_AT = 500
+ERROR_POINTS = 500
 """Random points at which a model estimates its errors."""
 FRESH_PATHS = 6
 """Full histories that a model is compared with."""
-ROOM = 2.0
+OBSERVED_ERROR_FACTOR = 2.0
 """Factor on observed errors: the worst of 200 points exceeds that of 40."""
 UNRESOLVED = 3.0
 """Error of forces over that of S, for an interpolation that has not converged: kinks lie between
 its nodes, and few of them lie near a point of a check. For a modulus with kinks both were 0.0024,
 measured once.
 """
-CLOSE = 3.0
+SIMILAR_TIME = 3.0
 """Factor of the time of an answer within which the more accurate model is chosen."""
-TIMED = 25
+TIMED_QUERIES = 25
+"""Timed queries of each model, after a warm-up; of histories those that are compared."""
 TIMING = 0.02
-"""Timed queries of each model, after a warm-up, while all take less than so many seconds; of
-histories those that are compared.
-"""
-WARM_UP = 5
-FEWEST = 3
-"""Queries before the measurement, and smallest number of long queries for a median."""
+"""Seconds beyond which the timed queries of a model end."""
+UNTIMED_QUERIES = 5
+"""Queries before the measurement, as a warm-up."""
+FEWEST_QUERIES = 3
+"""Smallest number of long queries for a median."""
 NO_BUDGET = Budget()
-TINY = 1e-300
+LEAST_MEDIAN = 1e-300
+"""Least median that estimates are divided by: they may be zero."""
 OF_FIELDS = ("fields", "bound")
 """Stages that a model can skip if the target includes no displacements.
 
 It is compared with more full answers then.
 """
-KEPT = "reduction.json"
+RECORD_FILE = "reduction.json"
+"""Name of the record of a search in its folder."""
 NOTHING_SMALL = (
     "strains are above 1 in nearly all of the box, where a theory of small strains means nothing. "
     "Lower the loads, check units and moduli, or narrow the box"
 )
-"""Reason for which there is no model if each of :data:`LOOKED_AT` points has such strains."""
+"""Reason for which there is no model if each of :data:`ERROR_POINTS` points has such strains."""
 
 
 def reduce(
@@ -239,7 +241,7 @@ def _with_fallback(model: KeptModel, full: FullOrderModel, target: Target) -> An
 def _keep_record(folder: Path | None, reduction: Reduction) -> None:
     if folder is None:
         return
-    with replacing(make_folder(folder) / KEPT, text=True) as file:
+    with replacing(make_folder(folder) / RECORD_FILE, text=True) as file:
         json.dump(finite(reduction.described()), file, indent=1, allow_nan=False)
 
 
@@ -257,7 +259,7 @@ def _opened(
     scene = full.scene.name
     other = None
     with suppress(OSError, ValueError, AttributeError):
-        other = json.loads((kept / KEPT).read_text(encoding="utf-8")).get("scene")
+        other = json.loads((kept / RECORD_FILE).read_text(encoding="utf-8")).get("scene")
     if other not in (None, scene):
         raise StudyError(
             f"the folder {kept} holds a model of scene '{other}': choose another one for '{scene}'"
@@ -322,7 +324,7 @@ def _no_model(kept: Path | None, reduction: Reduction) -> StudyError:
 
 def _share_answered(context: SearchContext, model: KeptModel) -> float:
     """Part of random points of the box at which a model does not refuse to answer."""
-    points = context.full.parameters.random(LOOKED_AT, context.seed)
+    points = context.full.parameters.random(ERROR_POINTS, context.seed)
     answered = 0
     for point in points:
         with suppress(OutsideTrainingError):
@@ -395,7 +397,7 @@ class _Found:
         for number, attempt in enumerate(attempts(context)):
             # with many contact conditions another kind of model may be faster than one that meets
             # the target
-            other = context.full.conditions >= MANY and all(
+            other = context.full.conditions >= MANY_CONDITIONS and all(
                 item.method != attempt.method for item in self.tried
             )
             if self._over or (any(item.met for item in self.tried) and not other):
@@ -519,27 +521,31 @@ def _judged(
     """
     if context.family is not None:
         exact = context.fresh(FRESH_PATHS)
-        known = f"{len(exact)} fresh histories, times {ROOM:g}"
-        return _compared(context, model, exact, ROOM), known, share_beyond(len(exact))
-    points = context.full.parameters.random(LOOKED_AT, context.seed + context.checks)
+        known = f"{len(exact)} fresh histories, times {OBSERVED_ERROR_FACTOR:g}"
+        return (
+            _compared(context, model, exact, OBSERVED_ERROR_FACTOR),
+            known,
+            share_beyond(len(exact)),
+        )
+    points = context.full.parameters.random(ERROR_POINTS, context.seed + context.checks)
     if model.fields.exact:
-        exact = context.fresh(SURE, _silent(context, model, points))
+        exact = context.fresh(BOUND_CHECKS, _silent(context, model, points))
         context.check_claim(method, model, exact)
         errors = _compared(context, model, exact)
         return errors, f"{len(exact)} fresh answers; an exact condensation", math.nan
     said = _said(model, points, context.target)
     worst = np.array([said[name].max() if name in said else math.inf for name in context.target.of])
     if (worst <= context.target.error).all():
-        exact = context.fresh(SURE)
+        exact = context.fresh(BOUND_CHECKS)
         seen = _compared(context, model, exact)
         known = (
-            f"{model.fields.estimated} at {LOOKED_AT} points (each answer tells its own), "
+            f"{model.fields.estimated} at {ERROR_POINTS} points (each answer has its own), "
             f"{len(exact)} fresh answers"
         )
         return np.maximum(worst, seen), known, math.nan
     if not said:
         return _seen(context, model, None)
-    relative = [errors / max(float(np.median(errors)), TINY) for errors in said.values()]
+    relative = [errors / max(float(np.median(errors)), LEAST_MEDIAN) for errors in said.values()]
     worst_first = np.argsort(-np.max(relative, axis=0), kind="stable")
     return _seen(context, model, points[worst_first[: FRESH // 2]])
 
@@ -554,8 +560,8 @@ def _seen(
     random = FRESH if suspects is None else FRESH - len(suspects)
     exact = context.fresh(random, suspects)
     suspected = "" if suspects is None else ", half where it may be worst"
-    known = f"{len(exact)} fresh answers{suspected}, times {ROOM:g}"
-    errors = _compared(context, model, exact, ROOM)
+    known = f"{len(exact)} fresh answers{suspected}, times {OBSERVED_ERROR_FACTOR:g}"
+    errors = _compared(context, model, exact, OBSERVED_ERROR_FACTOR)
     # with many attempts one passes by chance; models are not built from forces of earlier checks
     if before:
         others = [k for k, name in enumerate(context.target.of) if name != DISPLACEMENT]
@@ -640,7 +646,7 @@ def _query_time(context: SearchContext, model: KeptModel) -> float:
 
         paths = [item.path for item in context.held_out[-FRESH_PATHS:] if isinstance(item, History)]
         return float(np.median([timed(partial(march, path))[1] for path in paths]))
-    points = context.full.parameters.random(TIMED + WARM_UP, context.seed)
+    points = context.full.parameters.random(TIMED_QUERIES + UNTIMED_QUERIES, context.seed)
     return median_time(
         context.target.ask(model), points, TIMING
     )  # accurate enough: models differ by a factor of three
@@ -661,8 +667,8 @@ def median_time(query: Callable[[np.ndarray], Any], points: np.ndarray, most: fl
                 query(point)
             times.append(now() - start)
             if not warm:
-                warm = len(times) if len(times) >= WARM_UP or sum(times) > most / 2 else 0
-            elif len(times) >= warm + FEWEST and sum(times) > most:
+                warm = len(times) if len(times) >= UNTIMED_QUERIES or sum(times) > most / 2 else 0
+            elif len(times) >= warm + FEWEST_QUERIES and sum(times) > most:
                 break
     return float(np.median(times[warm:] or times))
 
@@ -694,4 +700,6 @@ def _chosen(tried: Sequence[Tried], models: Sequence[Any], target: Target) -> in
     if not met:
         return min(there, key=worst, default=None)
     quickest = min(tried[number].query for number in met)
-    return min((number for number in met if tried[number].query <= CLOSE * quickest), key=worst)
+    return min(
+        (number for number in met if tried[number].query <= SIMILAR_TIME * quickest), key=worst
+    )

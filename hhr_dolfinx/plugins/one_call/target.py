@@ -28,7 +28,7 @@ from hhr_dolfinx.certify.accuracy import FORCE_FLOOR
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ParameterError
 from hhr_dolfinx.models.answer import Answer, History
-from hhr_dolfinx.models.estimates import ASKED
+from hhr_dolfinx.models.estimates import FALLBACK_ERRORS
 from hhr_dolfinx.models.functionals.kinds import Linear
 from hhr_dolfinx.parameters import is_number, is_whole
 
@@ -42,7 +42,7 @@ LEAST_ERROR = 1e-12
 
 Exact condensation solves the equations of the full model in another order, and differs by 8e-13.
 """
-ROUND_OFF = 1e-10
+FULL_ORDER_ROUND_OFF = 1e-10
 """Part of the largest displacement or force by which exact answers may differ: a hundred times the
 observed value.
 """
@@ -108,9 +108,9 @@ class Target:
         outputs = (
             () if full.functionals is None else tuple(item.name for item in full.functionals.items)
         )
-        unknown = [word for word in words if word not in (*ASKED, *outputs)]
+        unknown = [word for word in words if word not in (*FALLBACK_ERRORS, *outputs)]
         if unknown or not words:
-            known = ", ".join(repr(word) for word in (*ASKED, *outputs))
+            known = ", ".join(repr(word) for word in (*FALLBACK_ERRORS, *outputs))
             raise ParameterError(
                 f"of = {of!r} is no error that is known here: give one or several of {known}"
             )
@@ -129,12 +129,12 @@ class Target:
     @property
     def elastic(self) -> bool:
         """True if it includes no output, which might need the stress."""
-        return set(self.of) <= set(ASKED)
+        return set(self.of) <= set(FALLBACK_ERRORS)
 
     @property
     def outputs(self) -> tuple[str, ...]:
         """Outputs that it includes."""
-        return tuple(word for word in self.of if word not in ASKED)
+        return tuple(word for word in self.of if word not in FALLBACK_ERRORS)
 
     def ask(self, model: AnsweringModel) -> Callable[[np.ndarray], Any]:
         """Query of a point, (P,), that evaluates the quantities of the target, to be timed."""
@@ -159,7 +159,7 @@ def steps_of(exact: Exact) -> Sequence[Answer]:
     return exact.answers if isinstance(exact, History) else (exact,)
 
 
-class Errors:
+class TargetErrors:
     """Errors of models in the norms of a target, against answers of the full model."""
 
     def __init__(self, target: Target, full: FullOrderModel):
@@ -207,7 +207,7 @@ class Errors:
         if not math.isfinite(error):
             return math.inf
         relative = error / size if size > 0 else math.inf if error > 0 else 0.0
-        if name in ASKED or relative <= self.target.error:
+        if name in FALLBACK_ERRORS or relative <= self.target.error:
             return relative
         # an output that vanishes up to round-off, as a closed gap does, has no size to compare with
         return 0.0 if error <= max(self._round_off(name, there) for there in exact) else relative
@@ -220,7 +220,7 @@ class Errors:
         value = answer.outputs()[name]
 
         def disturbed(values: np.ndarray) -> np.ndarray:
-            size = ROUND_OFF * float(np.abs(values).max(initial=0.0))
+            size = FULL_ORDER_ROUND_OFF * float(np.abs(values).max(initial=0.0))
             return values + size * dice.choice([-1.0, 1.0], values.shape)
 
         changes = []
@@ -235,7 +235,7 @@ class Errors:
         """Quantity of the target, for one answer."""
         if name == DISPLACEMENT:
             return answer.displacement()
-        if name not in ASKED:
+        if name not in FALLBACK_ERRORS:
             return np.array(answer.outputs()[name])
         forces = answer.forces()
         if name != PRESSURE:

@@ -26,7 +26,7 @@ from hhr_dolfinx.models.displacement import dense
 from hhr_dolfinx.models.eliminations.constant import ConstantElimination
 from hhr_dolfinx.models.exact import ExactFields
 from hhr_dolfinx.models.functionals.functional import Functional, State
-from hhr_dolfinx.models.functionals.kinds import LOADED, Largest, Linear, Loaded
+from hhr_dolfinx.models.functionals.kinds import UNDER_LOAD, Largest, Linear, Loaded
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.plugins.pages.kernel import kernel_of, kernel_parts
 from hhr_dolfinx.plugins.pages.laws import check_law, law_tree, laws_of
@@ -36,7 +36,7 @@ from hhr_dolfinx.plugins.pages.pictures import pictures_of
 from hhr_dolfinx.plugins.pages.records import kernel_data
 from hhr_dolfinx.plugins.pages.scenery import Scenery
 
-FLAT = 0.3
+DRAWN_FROM_ABOVE = 0.3
 """Height of a contact over its width up to which it is drawn from above."""
 
 _OF_KERNEL = ("amplitudes", "limits", "groups", "schur", "free_slack", "gaps", "reshaped")
@@ -330,7 +330,12 @@ def _of_forces(item: Largest | Loaded, number: int, arrays: Packed) -> dict[str,
     if isinstance(item, Largest):
         return {"kind": "largest"} | own
     own |= {"counted": arrays.put(f"output{number}_counted", item.counted)}
-    return {"kind": "loaded", "offset": item.offset, "factor": item.factor, "least": LOADED} | own
+    return {
+        "kind": "loaded",
+        "offset": item.offset,
+        "factor": item.factor,
+        "least": UNDER_LOAD,
+    } | own
 
 
 def drawn(scenery: Scenery) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
@@ -363,7 +368,7 @@ def _flat(scenery: Scenery) -> np.ndarray:
         own = scenery.pairs == pair
         places = scenery.contact_points[own] - scenery.contact_points[own].mean(axis=0)
         widths = np.ptp(places, axis=0)
-        if widths.min() < FLAT * widths.max():
+        if widths.min() < DRAWN_FROM_ABOVE * widths.max():
             found[own] = np.delete(places, widths.argmin(), axis=1)
             continue
         ways = np.linalg.svd(places, full_matrices=False)[2][:2]

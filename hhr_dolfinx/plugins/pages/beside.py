@@ -37,18 +37,20 @@ class MeshBeside:
         """The scenery; NotOfferedError if there is none, it is of another scene, or the shape of
         its mesh varies.
         """
-        from hhr_dolfinx.plugins.pages.scenery import NAME, Scenery
+        from hhr_dolfinx.plugins.pages.scenery import SCENERY_FILE, Scenery
 
         try:
-            scenery = Scenery.read(self.model.with_name(NAME))
+            scenery = Scenery.read(self.model.with_name(SCENERY_FILE))
         except FileNotFoundError:
             raise NotOfferedError(
-                f"there is no {NAME} beside {self.model}, and a model in a file has no mesh: "
+                f"there is no {SCENERY_FILE} beside {self.model}, and a model in a file "
+                f"has no mesh: "
                 f"{self._remedy}"
             ) from None
         if scenery.moves:
             raise NotOfferedError(
-                f"shapes of bodies are parameters, and the {NAME} beside {self.model} has those "
+                f"shapes of bodies are parameters, and the {SCENERY_FILE} beside "
+                f"{self.model} has those "
                 f"in the middle of the box alone: {FULL}"
             )
         # the answers of others do not have S of the whole surface: the numbers of their forces and

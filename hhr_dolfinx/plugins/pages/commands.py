@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from hhr_dolfinx.command.speaking import guarded
-from hhr_dolfinx.command.words import KNOWN, examples
+from hhr_dolfinx.command.words import KNOWN_OPTION, examples
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import FileError, NotOfferedError
 
@@ -24,7 +24,7 @@ PAGES = (".html",)
 @click.argument("model", type=click.Path(path_type=Path))
 @click.option("--scene", help="what the model was made of, where no scenery.npz lies beside it")
 @click.option("--out", type=click.Path(path_type=Path), help="the page [<model>.html]")
-@KNOWN
+@KNOWN_OPTION
 @guarded
 def page(model: Path, scene: str | None, out: Path | None, known: tuple[str, ...]) -> None:
     """Write one HTML page that answers as a condensed model does, in any browser, without Python
@@ -48,7 +48,7 @@ def page(model: Path, scene: str | None, out: Path | None, known: tuple[str, ...
 
 def _scenery_of(model: Path, scene: str | None) -> Any:
     """Scenery from the file next to a model, or from its scene."""
-    from hhr_dolfinx.plugins.pages.scenery import NAME, Scenery
+    from hhr_dolfinx.plugins.pages.scenery import SCENERY_FILE, Scenery
 
     if scene is not None:
         from mpi4py import MPI
@@ -59,10 +59,11 @@ def _scenery_of(model: Path, scene: str | None) -> Any:
 
         return scenery_of(FullOrderModel(scene_of(scene), MPI.COMM_SELF))
     try:
-        return Scenery.read(model.with_name(NAME))
+        return Scenery.read(model.with_name(SCENERY_FILE))
     except FileNotFoundError:
         raise FileError(
-            f"there is no {NAME} beside {model}, and a model in a file knows no mesh: name its "
+            f"there is no {SCENERY_FILE} beside {model}, and a model in a file knows no "
+            f"mesh: name its "
             "scene, --scene FILE.py"
         ) from None
 

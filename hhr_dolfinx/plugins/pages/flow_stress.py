@@ -22,7 +22,14 @@ from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlowModel
 from hhr_dolfinx.plugins.pages.packing import BASE64, Packed, kept_levels, modes_of, packed_levels
 from hhr_dolfinx.plugins.pages.scenery import Scenery
-from hhr_dolfinx.plugins.pages.stress import APART, COARSE, FALSE, STRESS, far_off, mises_of
+from hhr_dolfinx.plugins.pages.stress import (
+    FALSE,
+    HELD_OUT_STRIDE,
+    STRESS_LEVELS,
+    STRESS_MODES_ERROR,
+    far_off,
+    mises_of,
+)
 
 MOST_CELLS = 20_000
 """Most drawn cells for which the stress is shown, as for elastic bodies."""
@@ -114,19 +121,21 @@ def flow_stress(
     """
     assert scenery.owners is not None
     cells, places = np.unique(scenery.owners, return_inverse=True)
-    if not 0 < len(cells) <= MOST_CELLS or len(histories) < APART:
+    if not 0 < len(cells) <= MOST_CELLS or len(histories) < HELD_OUT_STRIDE:
         return None
     means = CellMeans(model, cells)
     seen = np.array(
         [means.stressed(model.fields.stress(answer)) for along in histories for answer in along]
     ).T
     number = np.repeat(np.arange(len(histories)), [len(along) for along in histories])
-    apart = np.flatnonzero(number % APART == APART - 1)
-    ways = modes_of(np.delete(seen, apart, axis=1), STRESS, int((room - arrays.size) / BASE64))
+    apart = np.flatnonzero(number % HELD_OUT_STRIDE == HELD_OUT_STRIDE - 1)
+    ways = modes_of(
+        np.delete(seen, apart, axis=1), STRESS_MODES_ERROR, int((room - arrays.size) / BASE64)
+    )
     if ways is None:
         return None
     tried = Packed()
-    tree = {"kind": "stressed"} | packed_levels("stress_modes", ways.T, tried, COARSE)
+    tree = {"kind": "stressed"} | packed_levels("stress_modes", ways.T, tried, STRESS_LEVELS)
     tree |= _maps(model, means, cells, ways, tried)
     found = kept_levels(tree, tried).T @ (ways.T @ seen[:, apart])
     exact, drawn = (

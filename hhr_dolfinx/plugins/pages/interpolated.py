@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from hhr_dolfinx.models.bound import ROUND_OFF
+from hhr_dolfinx.models.bound import BOUND_ROUND_OFF
 from hhr_dolfinx.plugins.moduli.interpolated import Compliance, Compliances
 from hhr_dolfinx.plugins.moduli.interpolation import Interpolant, leja_points
 from hhr_dolfinx.plugins.moduli.varying_bound import VaryingBound
 from hhr_dolfinx.plugins.pages.packing import BASE64, Packed, half, steps_of
 
-MOST_BYTES = 500_000
+MOST_ENERGY_BYTES = 500_000
 """Most bytes for energies; without them a page shows the largest error at random points only."""
 
 
@@ -83,10 +83,10 @@ def bound_tree(model: Any, arrays: Packed) -> dict[str, Any] | None:
     if not isinstance(bound, VaryingBound) or not alike(bound.compliances, model.eliminated):
         return None
     halves = [np.array([half(mode) for mode in energy.work]) for energy in bound.energies]
-    if BASE64 * sum(modes.nbytes for modes in halves) > MOST_BYTES:
+    if BASE64 * sum(modes.nbytes for modes in halves) > MOST_ENERGY_BYTES:
         return None
     return {
-        "inexact": max(bound.inexact, ROUND_OFF),
+        "inexact": max(bound.inexact, BOUND_ROUND_OFF),
         "least": bound.least.tolist(),
         "areas": None
         if bound.reshaped_areas is not None

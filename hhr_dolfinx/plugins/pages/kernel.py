@@ -20,7 +20,7 @@ from typing import Any
 from hhr_dolfinx.errors import MissingPackageError, NotOfferedError
 from hhr_dolfinx.plugins.pages.laws import Laws
 
-PARTS = ("floating", "friction", "flow", "ranges")
+KERNEL_PARTS = ("floating", "friction", "flow", "ranges")
 """Capabilities that a kernel has or has not; each is a key of the tree of a model."""
 FLAGS_OF_PARTS = {
     "friction": "RUBS",
@@ -34,7 +34,7 @@ FLAGS_OF_PARTS = {
 
 def kernel_parts(tree: dict[str, Any]) -> list[str]:
     """Parts of the kernel that a model needs."""
-    found = [part for part in PARTS if tree[part]]
+    found = [part for part in KERNEL_PARTS if tree[part]]
     return [*found, "memory"] if tree["ranges"] and tree["ranges"]["remembers"] else found
 
 
@@ -47,7 +47,7 @@ def kernel_text(parts: list[str], laws: Laws) -> str:
     if laws.part is not None:
         texts[laws.part.key] = laws.part.header.read_text("utf-8")
         rubbing = laws.part.range_header.read_text("utf-8")
-    for part in (*PARTS, "springs"):
+    for part in (*KERNEL_PARTS, "springs"):
         needed = ("floating" if part == "springs" else part) in parts
         text = text.replace(f"/*{part.upper()}*/", texts[part] if needed else "")
     return text.replace("/*LAWS*/", _laws(laws)).replace("/*RUBBING*/", rubbing)
@@ -107,7 +107,7 @@ FLAGS = (
     *("-Wl,--no-entry", "-Wl,--strip-all", "-Wl,-z,stack-size=1048576"),
 )
 """Options of clang for a kernel of pages."""
-MARK = b"sources"
+SOURCES_SECTION = b"sources"
 """Name of the section of a kernel that has the digest of its sources."""
 
 
@@ -160,7 +160,7 @@ def compiled(sources: dict[str, str]) -> bytes:
         done = subprocess.run(words, cwd=folder, capture_output=True, text=True)
         if done.returncode:
             raise NotOfferedError(f"the kernel of this law is not compiled: {done.stderr[:1000]}")
-        return (folder / "kernel.wasm").read_bytes() + _section(MARK, digest_of(sources))
+        return (folder / "kernel.wasm").read_bytes() + _section(SOURCES_SECTION, digest_of(sources))
 
 
 def _section(name: bytes, content: bytes) -> bytes:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from hhr_dolfinx.plugins.pages.kernel import kernel_file
-from hhr_dolfinx.plugins.pages.records import Formula, KernelData, Struct
+from hhr_dolfinx.plugins.pages.records import KernelData, RecordedFormula, Struct
 
 _TYPEDEF = re.compile(r"typedef struct \{([^{}]*)\} model_(\w+);")
 _SCALARS = {"double": "d", "int": "i", "model_function": "i"}
@@ -49,7 +49,7 @@ def _fields(body: str) -> Iterator[tuple[str, str]]:
 
 def encoded(kernel: KernelData) -> dict[str, Any]:
     """Layouts, sizes, data and formulas as plain values; arrays of the page are named."""
-    writer = _Writer()
+    writer = _LayoutWriter()
     sizes = {name.lower(): value for name, value in kernel.sizes.items()}
     return {
         "layouts": {kind: list(fields.values()) for kind, fields in layouts().items()},
@@ -59,7 +59,7 @@ def encoded(kernel: KernelData) -> dict[str, Any]:
     }
 
 
-class _Writer:
+class _LayoutWriter:
     def __init__(self) -> None:
         self.formulas: list[list[Any]] = []
 
@@ -71,7 +71,7 @@ class _Writer:
         ]
 
     def value(self, value: Any, code: str) -> Any:
-        if isinstance(value, Formula):
+        if isinstance(value, RecordedFormula):
             if value.steps is None:
                 return 0
             if value.steps not in self.formulas:

@@ -15,14 +15,12 @@ import numpy as np
 from hhr_dolfinx.formulas import FUNCTIONS, Scalar
 
 FIELD = 3e-3
-ROOM = 1_330_000
-"""Relative error of displacements by truncation of the drawn modes, below what a picture shows.
-
-Most bytes of modes.
-"""
-POOR = 0.03
+"""Relative error of displacements by truncation of the drawn modes, below what a picture shows."""
+MODE_BYTES = 1_330_000
+"""Most bytes of modes."""
+POOR_MODES = 0.03
 """Largest acceptable truncation error of drawn modes."""
-NOTHING = 1e-9
+DRAWN_ROUND_OFF = 1e-9
 """Size of an answer over the largest one below which it is round-off."""
 BASE64 = 4 / 3
 """Bytes of text for each byte of numbers."""
@@ -99,22 +97,22 @@ def half(matrix: np.ndarray) -> np.ndarray:
 
 
 def modes_of(
-    seen: np.ndarray, left: float = FIELD, numbers: int = int(ROOM / (2 * BASE64))
+    seen: np.ndarray, left: float = FIELD, numbers: int = int(MODE_BYTES / (2 * BASE64))
 ) -> np.ndarray | None:
     """Modes of drawn answers, (n, S), as columns (n, k), with a relative truncation error up to
     ``left``.
 
     Answers are normalised one by one, as colour scales are. None if all are zero, or if the modes
-    that fit into ``numbers`` have a truncation error above :data:`POOR`.
+    that fit into ``numbers`` have a truncation error above :data:`POOR_MODES`.
     """
     lengths = np.linalg.norm(seen, axis=0)
-    moves = lengths > NOTHING * lengths.max(initial=0.0)
+    moves = lengths > DRAWN_ROUND_OFF * lengths.max(initial=0.0)
     if not moves.any():
         return None
     ways, sizes, _ = np.linalg.svd(seen[:, moves] / lengths[moves], full_matrices=False)
     rest = np.sqrt(np.cumsum(sizes[::-1] ** 2)[::-1])
     count = min(int((rest > left * rest[0]).sum()), max(numbers, 0) // len(seen))
-    poor = count < len(rest) and rest[count] > POOR * rest[0]
+    poor = count < len(rest) and rest[count] > POOR_MODES * rest[0]
     return None if poor else ways[:, :count]
 
 

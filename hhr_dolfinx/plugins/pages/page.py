@@ -23,20 +23,20 @@ from hhr_dolfinx.plugins.pages.scenery import Scenery, thinned
 from hhr_dolfinx.timing import today
 from hhr_dolfinx.version import __version__
 
-MOST_BYTES = 3_000_000
+MOST_PAGE_BYTES = 3_000_000
 """Largest size of a page: the limit of many mail servers."""
-ALIKE = 0.01
+SAME_COMPLIANCE = 0.01
 """Relative difference of S up to which a model and a scenery are of one scene: S may be
 interpolated.
 """
-DRAWN = 12_000
+DRAWN_NODES = 12_000
 """Most nodes of the drawn mesh."""
 SCRIPTS = 150_000
 """Most bytes of a page without its arrays."""
 _SCRIPTS = "model bound steps flow path drawing plots field view".split()
-PARTS = ("page.css", *(f"{name}.js" for name in _SCRIPTS))
+PAGE_FILES = ("page.css", *(f"{name}.js" for name in _SCRIPTS))
 """Files that replace their names in ``page.html``."""
-LOOKED_AT = 100
+PAGE_ERROR_POINTS = 100
 """Random points at which the error shown on a page is estimated."""
 
 
@@ -83,7 +83,7 @@ def check_alike(model: Any, scenery: Scenery) -> None:
     middle = model.parameters.middle
     there = model.equilibrium.at(middle) if flows(model) else model.contacts()(middle)
     own = there.schur.sum(axis=1)
-    if not np.linalg.norm(own - scenery.compliance) <= ALIKE * np.linalg.norm(own):
+    if not np.linalg.norm(own - scenery.compliance) <= SAME_COMPLIANCE * np.linalg.norm(own):
         raise NotOfferedError(
             "the scenery is not of the scene of this model: its contact is stiffer or softer"
         )
@@ -100,7 +100,7 @@ def check_for_page(model: object) -> None:
 
 
 def _check_size(count: int, model: Any) -> None:
-    if count > MOST_BYTES:
+    if count > MOST_PAGE_BYTES:
         size = f"{model.conditions} contact conditions"
         if flows(model):
             size += (
@@ -108,7 +108,8 @@ def _check_size(count: int, model: Any) -> None:
                 "laws are evaluated"
             )
         raise NotOfferedError(
-            f"a page of {count / 1e6:.1f} MB or more exceeds the {MOST_BYTES / 1e6:g} MB that go "
+            f"a page of {count / 1e6:.1f} MB or more exceeds the "
+            f"{MOST_PAGE_BYTES / 1e6:g} MB that go "
             f"by mail: {size} are too many. Take a coarser mesh for the page"
             + (
                 ", or a model with fewer modes: a larger error, or fewer paths"
@@ -127,10 +128,12 @@ def page_text(model: Any, scenery: Scenery) -> str:
     strained = 0 if scenery.strains is None else len(scenery.strains.bodies)
     if scenery.owners is not None:
         strained = int(np.unique(scenery.owners).size)
-    scenery = thinned(scenery, DRAWN)
+    scenery = thinned(scenery, DRAWN_NODES)
     of_scenery, placed = drawn(scenery)
     tree, arrays = packed(
-        model, scenery, MOST_BYTES - SCRIPTS - sum(len(item["data"]) for item in placed.values())
+        model,
+        scenery,
+        MOST_PAGE_BYTES - SCRIPTS - sum(len(item["data"]) for item in placed.values()),
     )
     tree |= {"scenery": of_scenery, "strained": strained}
     arrays |= placed
@@ -141,7 +144,7 @@ def page_text(model: Any, scenery: Scenery) -> str:
     ).replace("<", "\\u003c")
     needed = {"flow.js": flows(model), "steps.js": tree["path"] is not None}
     needed |= {"bound.js": tree["bound"] is not None}
-    marked = {f"/*{part}*/": _file(part) if needed.get(part, True) else "" for part in PARTS}
+    marked = {f"/*{part}*/": _file(part) if needed.get(part, True) else "" for part in PAGE_FILES}
     marked |= {"/*DATA*/": data, "TITLE": escape(scenery.words["scene"].replace("_", " "))}
     # in one pass: a name of the user may look like a marker
     return re.sub(
@@ -159,8 +162,8 @@ def error_of(model: Any) -> dict[str, Any]:
         return {"kind": "exact", "pressure": 0.0, "forces": 0.0, "points": 0}
     if model.fields.bound is None or model.law.plugin:  # it is that of unilateral contact
         return {"kind": "none", "pressure": None, "forces": None, "points": 0}
-    many = model.solve_many(model.parameters.random(LOOKED_AT, 1), raise_on_failure=False)
-    found: dict[str, Any] = {"kind": model.fields.bound.kind, "points": LOOKED_AT}
+    many = model.solve_many(model.parameters.random(PAGE_ERROR_POINTS, 1), raise_on_failure=False)
+    found: dict[str, Any] = {"kind": model.fields.bound.kind, "points": PAGE_ERROR_POINTS}
     for name in ("pressure", "forces"):
         errors = relative_errors(many, name)
         found[name] = (

@@ -28,7 +28,7 @@ from hhr_dolfinx.plugins.pages.packing import (
     BASE64,
     FIELD,
     LEVELS,
-    ROOM,
+    MODE_BYTES,
     Packed,
     kept_levels,
     modes_of,
@@ -36,20 +36,26 @@ from hhr_dolfinx.plugins.pages.packing import (
     steps_of,
 )
 from hhr_dolfinx.plugins.pages.scenery import Scenery
-from hhr_dolfinx.plugins.pages.stress import APART, COARSE, FALSE, STRESS, Stress
+from hhr_dolfinx.plugins.pages.stress import (
+    FALSE,
+    HELD_OUT_STRIDE,
+    STRESS_LEVELS,
+    STRESS_MODES_ERROR,
+    Stress,
+)
 from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.warn import ignored
 
 SEEN = 200
+"""Answers from which these modes are computed."""
 FEW = 40
-CORNERS = 64
-"""Answers from which these modes are computed; their number with proportional loading, if a path
-does not converge; and most corners of the box among them.
-"""
+"""Their number with proportional loading, if a path does not converge."""
+MOST_CORNERS = 64
+"""Most corners of the box among the points of these answers."""
 FITTED = 512
 FORCE_MODES = 20
 DEGREE = 6
-TRIES = 20
+PATH_TRIES = 20
 OFF = 0.03
 """Points to which the picture of a model with varying stiffness is fitted, modes of forces, highest
 degree, and largest median error at half of the points of a fit to the other half; most paths of
@@ -71,7 +77,7 @@ class Drawn:
     rows: csr_matrix
     left: float = FIELD
     levels: int = LEVELS
-    room: int = ROOM
+    room: int = MODE_BYTES
     most: int | None = None
 
     def modes(self, seen: np.ndarray) -> np.ndarray | None:
@@ -128,7 +134,7 @@ def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict
         return {"field": displacement, "stress": of_cells}
     found: dict[str, Any] = {"field": None, "stress": None}
     known, maps = _answers(model)
-    if not known.held(APART)[1].size:
+    if not known.held(HELD_OUT_STRIDE)[1].size:
         return found
     rows = rows_of(model, scenery)
     entries = np.ones(rows.size), (np.arange(rows.size), rows)
@@ -149,7 +155,11 @@ def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict
     found["field"] = field.tree
     if stress is not None:
         drawn = Drawn(
-            "stress", stress.rows, STRESS, COARSE, min(ROOM, room - arrays.size - stress.size)
+            "stress",
+            stress.rows,
+            STRESS_MODES_ERROR,
+            STRESS_LEVELS,
+            min(MODE_BYTES, room - arrays.size - stress.size),
         )
         found["stress"] = _stress(
             partial(maps, drawn, known), stress, known, seen[rows.size :], arrays
@@ -169,9 +179,9 @@ def _answers(
         return Split(_walked(model), 0), partial(_exact, model)
     count = len(model.parameters.names)
     ends = np.random.default_rng(0).integers(
-        0, 2, (CORNERS, count)
+        0, 2, (MOST_CORNERS, count)
     )  # a random choice if there are many corners
-    if 2**count <= CORNERS:
+    if 2**count <= MOST_CORNERS:
         ends = np.arange(2**count)[:, None] >> np.arange(count) & 1
     corners = np.where(ends, model.parameters.upper, model.parameters.lower)
     if isinstance(fields, ExactFields):
@@ -228,7 +238,7 @@ def _exact(
     the box.
     """
     fields = model.fields
-    inner, apart = known.held(APART)
+    inner, apart = known.held(HELD_OUT_STRIDE)
     ways = drawn.modes(seen[:, inner])
     if ways is None:
         return None
@@ -264,7 +274,7 @@ def _borne(model: Any, points: np.ndarray) -> list[Answer]:
     does not bear.
     """
     found: list[Answer] = []
-    for _ in range(TRIES):
+    for _ in range(PATH_TRIES):
         try:
             return found + model.march(list(enumerate(points)), MarchSettings(cuts=0)).answers
         except (ConvergenceError, NotSolvableError) as error:

@@ -15,7 +15,7 @@ Steps = list[Any]
 
 
 @dataclass(frozen=True)
-class Formula:
+class RecordedFormula:
     """Function of the parameters; None without one."""
 
     steps: Steps | None
@@ -47,10 +47,10 @@ def kernel_data(
         arrays: by name.
         ends: smallest and largest parameters with answers, (P,) each.
     """
-    return _Reader(tree, arrays).kernel_data(ends)
+    return _RecordReader(tree, arrays).kernel_data(ends)
 
 
-class _Reader:
+class _RecordReader:
     def __init__(self, tree: dict[str, Any], arrays: dict[str, np.ndarray]):
         self.tree = tree
         self.arrays = arrays
@@ -106,7 +106,7 @@ class _Reader:
             width = self.arrays[part["numbers"]].shape[1]
             fields = {key: part[key] for key in ("rows", "numbers", "law", "memory", "remembers")}
             fields |= {
-                "formulas": [Formula(steps) for steps in part["formulas"]] or None,
+                "formulas": [RecordedFormula(steps) for steps in part["formulas"]] or None,
                 "first_formula": formulas,
             }
             fields |= {
@@ -130,14 +130,16 @@ class _Reader:
         return {name: item[key] for name, key in names.items()} | {
             "middle": np.array(item["middle"], dtype=float),
             "bodies": [self._body(group) for group in item["groups"]],
-            "moduli": [Struct("modulus", {"value": Formula(steps)}) for steps in item["moduli"]],
+            "moduli": [
+                Struct("modulus", {"value": RecordedFormula(steps)}) for steps in item["moduli"]
+            ],
         }
 
     def _body(self, group: dict[str, Any]) -> Struct:
         fields: dict[str, Any] = {
             key: group[key] for key in ("elastic", "compliance", "points", "grading")
         }
-        fields |= {"constants": [Formula(steps) for steps in group["constants"]]}
+        fields |= {"constants": [RecordedFormula(steps) for steps in group["constants"]]}
         fields |= {"constants_count": len(group["constants"])}
         fields["law"] = None if group["law"] is None else self._program(group["law"])
         if places := group["places"]:
@@ -167,7 +169,8 @@ class _Reader:
             "twice": "twice",
         }
         laws = [
-            {"coefficient": Formula(one), "limit": Formula(other)} for one, other in item["laws"]
+            {"coefficient": RecordedFormula(one), "limit": RecordedFormula(other)}
+            for one, other in item["laws"]
         ]
         return {name: item[key] for name, key in rows.items()} | {
             "along": along,
@@ -250,11 +253,13 @@ class _Reader:
 
     def _limit(self, item: dict[str, Any]) -> Struct:
         high = np.inf if item["high"] is None else item["high"]
-        return Struct("limit", {"value": Formula(item["steps"]), "low": item["low"], "high": high})
+        return Struct(
+            "limit", {"value": RecordedFormula(item["steps"]), "low": item["low"], "high": high}
+        )
 
     def _amplitude(self, item: dict[str, Any]) -> Struct:
         if item["kind"] == "formula":
-            return Struct("amplitude", {"value": Formula(item["steps"])})
+            return Struct("amplitude", {"value": RecordedFormula(item["steps"])})
         fields = {key: item[key] for key in ("positions", "constant", "degree", "extent")}
         fields |= {
             "slopes": np.array(item["slopes"], dtype=float),
@@ -281,7 +286,10 @@ class _Reader:
     def _component(self, item: dict[str, Any]) -> Struct:
         fields = {key: item[key] for key in ("conditions", "terms", "columns", "forced")}
         count, terms = (self.arrays[item[key]].size for key in ("conditions", "terms"))
-        fields |= {"interpolant": self._interpolant(item), "factor": Formula(item["factor"])}
+        fields |= {
+            "interpolant": self._interpolant(item),
+            "factor": RecordedFormula(item["factor"]),
+        }
         return Struct("part", fields | {"count": count, "terms_count": terms})
 
     def _output(self, item: dict[str, Any]) -> Struct:

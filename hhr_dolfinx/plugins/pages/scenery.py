@@ -17,9 +17,12 @@ from scipy.sparse.csgraph import connected_components
 from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.files import read_arrays, write_arrays
 
-FORMAT = "hhr scenery"
-VERSION = 2
-NAME = "scenery.npz"
+SCENERY_FORMAT = "hhr scenery"
+"""Content of a file, in its header."""
+SCENERY_VERSION = 2
+"""Version of this format."""
+SCENERY_FILE = "scenery.npz"
+"""Name of the file next to a model."""
 _ROWS = ("data", "indices", "indptr")
 _MESH = ("all_points", "all_cells", "cell_bodies", "slaves", "pressing")
 _NAMES_OF_MESH = ("kind", "parameters")
@@ -161,7 +164,12 @@ class Scenery:
     def write(self, path: str | Path) -> None:
         """Write it to a file."""
         arrays = {name: getattr(self, name) for name in (*_ARRAYS, "shares")}
-        header = {"format": FORMAT, "version": VERSION, "words": self.words, "moves": self.moves}
+        header = {
+            "format": SCENERY_FORMAT,
+            "version": SCENERY_VERSION,
+            "words": self.words,
+            "moves": self.moves,
+        }
         if self.strains is not None:
             own = self.strains
             header |= {
@@ -184,7 +192,7 @@ class Scenery:
             FileNotFoundError: if there is no file.
             FileContentError: if it is damaged, or not a scenery.
         """
-        header, arrays = read_arrays(path, FORMAT, VERSION)
+        header, arrays = read_arrays(path, SCENERY_FORMAT, SCENERY_VERSION)
         if missing := set(_ARRAYS) - set(arrays):
             raise FileContentError(f"{path} is damaged: {', '.join(sorted(missing))} are missing")
         own = {name: arrays[name] for name in _ARRAYS} | {

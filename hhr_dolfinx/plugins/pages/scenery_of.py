@@ -10,19 +10,19 @@ from scipy.sparse import coo_matrix, csr_matrix
 
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.full import FullOrderModel
-from hhr_dolfinx.geometries.cells import CORNERS, TENSOR, outer_faces_of_cells
+from hhr_dolfinx.geometries.cells import CORNERS, TENSOR_ORDER, outer_faces_of_cells
 from hhr_dolfinx.materials.elasticity import von_mises
-from hhr_dolfinx.plugins.pages.scenery import NAME, Scenery, Strains, WholeMesh
+from hhr_dolfinx.plugins.pages.scenery import SCENERY_FILE, Scenery, Strains, WholeMesh
 from hhr_dolfinx.plugins.stress.mesh import moduli_of, strains_of_cells
 from hhr_dolfinx.scene import Scene
 
-PARTS = {3: ((0, 1, 2),), 4: ((0, 1, 2), (0, 2, 3))}
+TRIANGLES_OF_FACES = {3: ((0, 1, 2),), 4: ((0, 1, 2), (0, 2, 3))}
 """Triangles of a triangle, and of a quadrilateral with corners in circular order."""
 STRAINED = 20_000
 """Number of drawn cells up to which their strains are kept: they take 50 MB in space."""
-LOOKED_AT = 8
+UNDEFORMED_POINTS = 8
 """Random points at which the stress of undeformed bodies is checked."""
-ALIKE = 1e-9
+DEVIATOR_ROUND_OFF = 1e-9
 """Part of a stress below which its deviator counts as round-off of a pressure."""
 
 
@@ -30,7 +30,7 @@ def write_scenery(full: FullOrderModel, folder: Path) -> None:
     """Write the scenery of a page next to a model in a folder. Collective."""
     scenery = scenery_of(full)
     if full.comm.rank == 0:
-        scenery.write(folder / NAME)
+        scenery.write(folder / SCENERY_FILE)
 
 
 def scenery_of(full: FullOrderModel) -> Scenery:
@@ -44,11 +44,13 @@ def scenery_of(full: FullOrderModel) -> Scenery:
     kind = discretisation.mesh.topology.cell_name()
     cells = discretisation._cell_nodes()[:, : CORNERS[kind]]
     flat = problem.block_size == 2
-    cells = cells[:, TENSOR[kind]] if kind in TENSOR else cells  # corners in circular order
+    cells = (
+        cells[:, TENSOR_ORDER[kind]] if kind in TENSOR_ORDER else cells
+    )  # corners in circular order
     outer, inside = outer_faces_of_cells(kind, cells)
     faces = cells if flat else outer
     owners = np.arange(len(cells)) if flat else inside
-    parts = PARTS[faces.shape[1]]
+    parts = TRIANGLES_OF_FACES[faces.shape[1]]
     triangles = np.concatenate([faces[:, list(corners)] for corners in parts])
     nodes, places = np.unique(triangles, return_inverse=True)
     number = np.full(len(discretisation._points()), -1)
@@ -146,9 +148,9 @@ def _stressed_at_rest(full: FullOrderModel) -> bool:
     rest = np.zeros(full.problem.free.size)
     box = full.parameters
     # loads may cancel each other at ends and in the middle
-    for point in (box.lower, box.upper, *box.random(LOOKED_AT, 0)):
+    for point in (box.lower, box.upper, *box.random(UNDEFORMED_POINTS, 0)):
         stress = full.stress_of(rest, point)
-        if von_mises(stress).max() > ALIKE * np.abs(stress).max():
+        if von_mises(stress).max() > DEVIATOR_ROUND_OFF * np.abs(stress).max():
             return True
     return False
 

@@ -9,16 +9,16 @@ from scipy.sparse import csr_matrix, diags, kron
 
 from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.materials.elasticity import von_mises
-from hhr_dolfinx.plugins.pages.packing import BASE64, NOTHING, Packed, steps_of
+from hhr_dolfinx.plugins.pages.packing import BASE64, DRAWN_ROUND_OFF, Packed, steps_of
 from hhr_dolfinx.plugins.pages.scenery import Strains
 
-STRESS = 3e-3
-COARSE = 127
+STRESS_MODES_ERROR = 3e-3
+"""Relative truncation error of the stress."""
+STRESS_LEVELS = 127
+"""Quantisation levels of the modes of the stress: in a colour scale finer ones look the same."""
 FALSE = 0.05
-"""Relative truncation error of the stress, quantisation levels of its modes (in a colour scale
-finer ones look the same), and allowed relative error of the largest stress.
-"""
-APART = 4
+"""Allowed relative error of the largest stress."""
+HELD_OUT_STRIDE = 4
 """One of so many answers is held out of the modes, to measure their error."""
 
 
@@ -98,7 +98,7 @@ def far_off(
     """
     largest = exact.max(axis=1, initial=0.0)
     scales = largest if scales is None else scales
-    known = scales > NOTHING * scales.max(initial=0.0)
+    known = scales > DRAWN_ROUND_OFF * scales.max(initial=0.0)
     cells = np.abs(found - exact).max(axis=1, initial=0.0)[known] / scales[known]
     peaks = np.abs(found.max(axis=1, initial=0.0) - largest)[known] / scales[known]
     return {"cells": float(cells.max(initial=0.0)), "largest": float(peaks.max(initial=0.0))}

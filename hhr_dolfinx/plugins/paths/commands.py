@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from hhr_dolfinx.command.answering import FIELDS, largest_values
 from hhr_dolfinx.command.speaking import first_rank, guarded
-from hhr_dolfinx.command.words import AT, KNOWN, examples
+from hhr_dolfinx.command.words import AT, KNOWN_OPTION, examples
 from hhr_dolfinx.compat import extra
 
 if TYPE_CHECKING:
@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 with extra("study", "the command hhr"):
     import click
 
-WIDTH = 12
+COLUMN_WIDTH = 12
+"""Characters of a column of a printed path."""
 
 
 @click.command(
@@ -38,7 +39,7 @@ WIDTH = 12
     type=click.Path(path_type=Path),
     help="a table (.csv), or fields for ParaView (.vtkhdf or .vtu)",
 )
-@KNOWN
+@KNOWN_OPTION
 @guarded
 def march(
     scene: str, words: tuple[str, ...], model: Path | None, out: Path | None, known: tuple[str, ...]
@@ -70,9 +71,13 @@ def march(
         rows.append(row_of(answering, answer))
         if first_rank():
             if len(rows) == 1:
-                click.echo(f"{path.name}\n{'  '.join(name.rjust(WIDTH) for name in rows[0])}")
+                click.echo(
+                    f"{path.name}\n{'  '.join(name.rjust(COLUMN_WIDTH) for name in rows[0])}"
+                )
             click.echo(
-                "  ".join(f"{value:{max(len(name), WIDTH)}.6g}" for name, value in rows[-1].items())
+                "  ".join(
+                    f"{value:{max(len(name), COLUMN_WIDTH)}.6g}" for name, value in rows[-1].items()
+                )
             )
 
     if model is None:

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from hhr_dolfinx.group import Group
+from hhr_dolfinx.group import ProcessGroup
 from hhr_dolfinx.models.answer import Answer, History, Path
 from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings, told_once
 from hhr_dolfinx.models.histories.path import checked_path
-from hhr_dolfinx.snapshots.records import NOWHERE, SnapshotSet, Solver
+from hhr_dolfinx.snapshots.records import NOWHERE, SnapshotSet, SnapshotSolver
 from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.warn import first_alone
 
@@ -102,7 +102,7 @@ class Paths:
         """See :class:`~hhr_dolfinx.snapshots.records.Queries`."""
         return Paths([self.paths[k] for k in numbers])
 
-    def solved(self, solver: Solver) -> SnapshotSet | None:
+    def solved(self, solver: SnapshotSolver) -> SnapshotSet | None:
         """See :class:`~hhr_dolfinx.snapshots.records.Queries`."""
         group = solver.full.group
         group.agreed("snapshots", self.asked)
@@ -115,7 +115,7 @@ class Paths:
                 else SnapshotSet.of_histories(histories)
             )
 
-    def _histories(self, solver: Solver) -> Iterator[History]:
+    def _histories(self, solver: SnapshotSolver) -> Iterator[History]:
         parameters = solver.full.parameters
         for number, path in enumerate(solver.in_step(self.paths), start=1):
             _log.info("history %d of %d, %d steps", number, len(self.paths), len(path) - 1)
@@ -126,7 +126,9 @@ class Paths:
             if history is not None:
                 yield history
 
-    def gathered(self, own: SnapshotSet | None, full: FullModel, group: Group) -> SnapshotSet:
+    def gathered(
+        self, own: SnapshotSet | None, full: FullModel, group: ProcessGroup
+    ) -> SnapshotSet:
         """See :class:`~hhr_dolfinx.snapshots.records.Queries`."""
         # an answer refers to its model, which cannot be sent to another rank
         sent: Any = (
@@ -137,7 +139,7 @@ class Paths:
         )
 
 
-def _history(solver: Solver, path: Path) -> History:
+def _history(solver: SnapshotSolver, path: Path) -> History:
     """History continued after its stored steps.
 
     If several ranks solve it, one of them reads and writes these.

@@ -24,11 +24,12 @@ from hhr_dolfinx.sampling import Sobol
 Targets = Mapping[str, float | str] | tuple[tuple[str, float | str], ...]
 """Numbers or formulas of the family parameters, by the names of parameters of the scene."""
 
-NOTHING = 1e-12
+LEG_ROUND_OFF = 1e-12
 """Fraction of the longest leg, and of a parameter's range, below which the value of a formula
 counts as zero.
 """
-MOST_STEPS = 100_000
+MOST_LEG_STEPS = 100_000
+"""Most steps of a leg: each of them is a solution."""
 LEAST_PART = 0.1
 """Smallest fraction of a load in training paths."""
 
@@ -311,7 +312,7 @@ class PathFamily:
             seconds = [
                 _value(f"seconds of leg {k}", leg.seconds, values) for k, leg in enumerate(legs, 1)
             ]
-            nothing = NOTHING * max(map(abs, seconds))
+            nothing = LEG_ROUND_OFF * max(map(abs, seconds))
             if not nothing:
                 raise ParameterError("no leg takes any time: give one of them a duration")
             here = self._target("the start", start, values, {})
@@ -326,12 +327,12 @@ class PathFamily:
                     )
                 if duration > nothing:
                     steps = max(round(_value(f"steps of leg {k}", leg.steps, values)), 1)
-                    if steps > MOST_STEPS:
-                        raise ParameterError(f"leg {k} has {steps} steps: {MOST_STEPS} at most")
+                    if steps > MOST_LEG_STEPS:
+                        raise ParameterError(f"leg {k} has {steps} steps: {MOST_LEG_STEPS} at most")
                     found.append(_Corner(target, duration, steps))
                     here = target
                     continue
-                jumps = np.abs(target - here) > NOTHING * np.subtract(
+                jumps = np.abs(target - here) > LEG_ROUND_OFF * np.subtract(
                     self.space.upper, self.space.lower
                 )
                 if jumps.any():

@@ -9,25 +9,25 @@ from hhr_dolfinx.geometries.two_blocks import FIRST, side
 from hhr_dolfinx.plugins.places.places import NodalForce, Nodes, Springs
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.plugins.conformance.draft import Draft
+    from hhr_dolfinx.plugins.conformance.draft import SceneDraft
 
 NO_STIFFNESS = 1e-12
 """Modulus of springs that resist nothing."""
 
 
-def bedding(draft: Draft, neutral: bool) -> Draft:
+def bedding(draft: SceneDraft, neutral: bool) -> SceneDraft:
     """A bedding of a flank of the lower block."""
     modulus = NO_STIFFNESS if neutral else 1.0
     return draft.with_loads(Springs(side(FIRST, 0, True), 0, modulus, bedding=True))
 
 
-def springs(draft: Draft, neutral: bool) -> Draft:
+def springs(draft: SceneDraft, neutral: bool) -> SceneDraft:
     """A spring at a corner of the lower block."""
     corner = Nodes.near(tuple(map(float, draft.at(1.0, 1.0))))
     return draft.with_loads(Springs(corner, 0, NO_STIFFNESS if neutral else 0.5))
 
 
-def nodal_force(draft: Draft, neutral: bool) -> Draft:
+def nodal_force(draft: SceneDraft, neutral: bool) -> SceneDraft:
     """A force at a node of a flank of the lower block."""
     draft = draft.with_load_parameter("pull", 0.01, neutral)
     node = Nodes.near(tuple(map(float, draft.at(1.0, 0.6))))

@@ -8,7 +8,7 @@ from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.plugins.programs.graph import LARGEST_POWER
 from hhr_dolfinx.plugins.programs.program import CODES, Program
 
-BLOCK = 256
+POINTS_IN_CACHE = 256
 """Most points that are evaluated together: their registers stay in the cache of the processor."""
 BITS = LARGEST_POWER.bit_length()
 ADD, SUB, MUL, DIV, NEG = (CODES[name] for name in ("add", "sub", "mul", "div", "neg"))
@@ -154,12 +154,12 @@ def set_numbers(numbers: np.ndarray, inputs: int, work: np.ndarray) -> None:
 @compiled(error_model="numpy")
 def _evaluated(rows, spans, numbers, outputs, registers, given, found):
     inputs, points = given.shape
-    work = np.empty((registers, BLOCK))
+    work = np.empty((registers, POINTS_IN_CACHE))
     set_numbers(numbers, inputs, work)
-    for first in range(0, points, BLOCK):
-        count = min(BLOCK, points - first)
+    for first in range(0, points, POINTS_IN_CACHE):
+        count = min(POINTS_IN_CACHE, points - first)
         for i in range(inputs):
-            for k in range(BLOCK):
+            for k in range(POINTS_IN_CACHE):
                 work[i, k] = given[i, first + min(k, count - 1)]
         for span in range(len(spans)):
             run(rows, spans[span, 0], spans[span, 1], work)

@@ -8,10 +8,10 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.linear.sparse import MOST_LAST, low_rank_of
-from hhr_dolfinx.models.full import KEPT_BYTES
+from hhr_dolfinx.models.full import RESPONSE_BYTES
 
 MEASURED_DOFS = 280_221
-WHOLE = ((2.6, 1.3), (89.0, 2.1), (0.035, 1.15))
+UNCOMPRESSED = ((2.6, 1.3), (89.0, 2.1), (0.035, 1.15))
 COMPRESSED = ((2.6, 1.57), (27.0, 1.47), (0.053, 1.2))
 """Measured cost of a full model in space, on hexahedra, by MUMPS on one core: GB and seconds of the
 factors, and seconds of a column of K^-1 B^T, with the powers of the dofs by which they grow. First
@@ -38,11 +38,11 @@ def expected_in_space(contact: csr_matrix) -> Expected:
     columns = 8e-9 * dofs * conditions
     factor, factor_s, column_s = (
         value * (dofs / MEASURED_DOFS) ** power
-        for value, power in (COMPRESSED if low_rank_of(3, dofs) else WHOLE)
+        for value, power in (COMPRESSED if low_rank_of(3, dofs) else UNCOMPRESSED)
     )
     memory = factor + 16e-9 * conditions**2
     seconds = factor_s + conditions * column_s
-    keeps = columns <= 1e-9 * KEPT_BYTES
+    keeps = columns <= 1e-9 * RESPONSE_BYTES
     last = np.unique(contact.indices).size
     if keeps:
         memory += columns

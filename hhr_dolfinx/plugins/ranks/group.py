@@ -20,7 +20,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, vstack
 
 from hhr_dolfinx.errors import RankError, class_of
-from hhr_dolfinx.group import Group, share
+from hhr_dolfinx.group import ProcessGroup, share
 from hhr_dolfinx.plugins.ranks.rows import RowsOfRanks
 from hhr_dolfinx.plugins.ranks.shared import SharedCholesky
 
@@ -30,14 +30,14 @@ if TYPE_CHECKING:
     from hhr_dolfinx.linear.sparse import FreeCholesky
     from hhr_dolfinx.scene import Scene
 
-PATIENCE = 3.0
+FAILURE_SECONDS = 3.0
 """Seconds for which a rank that failed in a collective section waits for the others to fail as
 well.
 """
 
 _POLL = 0.02
 _FORWARDED = 1.0
-SAME = 1e-12
+EQUAL_ON_RANKS = 1e-12
 """Relative difference of values up to which ranks are asked for the same: machines may differ in
 last digits.
 """
@@ -45,8 +45,9 @@ _SHOWN = 60
 _END: Any = object()
 
 
-class Ranks(Group):
-    """The ranks of a communicator, the tool ``group``: see :class:`~hhr_dolfinx.group.Group`."""
+class Ranks(ProcessGroup):
+    """The ranks of a communicator, the tool ``group``: see
+    :class:`~hhr_dolfinx.group.ProcessGroup`."""
 
     def __init__(self, comm: Comm):
         super().__init__(comm)
@@ -54,29 +55,29 @@ class Ranks(Group):
         self.number = comm.rank
 
     def gathered(self, value: Any) -> list[Any]:
-        """See :class:`~hhr_dolfinx.group.Group`."""
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
         found: list[Any] = self.comm.allgather(value)
         return found
 
     def joined(self, values: np.ndarray) -> np.ndarray:
-        """See :class:`~hhr_dolfinx.group.Group`."""
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
         return np.concatenate(self.comm.allgather(values))
 
     def stacked(self, rows: csr_matrix) -> csr_matrix:
-        """See :class:`~hhr_dolfinx.group.Group`."""
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
         return csr_matrix(vstack(self.comm.allgather(rows)))
 
     def total(self, value: Any) -> Any:
-        """See :class:`~hhr_dolfinx.group.Group`."""
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
         return self.comm.allreduce(value)
 
     def from_first(self, value: Any) -> Any:
-        """See :class:`~hhr_dolfinx.group.Group`."""
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
         return self.comm.bcast(value)
 
     @contextmanager
     def each(self, task: str) -> Iterator[None]:
-        """See :class:`~hhr_dolfinx.group.Group`.
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`.
 
         The rank that failed raises its exception. The others raise one of the same class if it
         belongs to this package, else :class:`~hhr_dolfinx.errors.RankError`. Exceptions are
@@ -103,7 +104,7 @@ class Ranks(Group):
         return [value for _, value in every]
 
     def agreed(self, task: str, call: Callable[[], list[str | np.ndarray]]) -> None:
-        """See :class:`~hhr_dolfinx.group.Group`."""
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
         failure = None
         asked: list[str | np.ndarray] = []
         try:
@@ -122,7 +123,7 @@ class Ranks(Group):
             )
 
     def in_step(self, items: Callable[[], Iterable[Any]], task: str) -> Iterator[Any]:
-        """See :class:`~hhr_dolfinx.group.Group`."""
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
         with self.each(task):
             iterator = iter(items())
         while True:
@@ -143,7 +144,8 @@ class Ranks(Group):
 
     @contextmanager
     def together(self, task: str) -> Iterator[None]:
-        """See :class:`~hhr_dolfinx.group.Group`; an error on every rank is raised on every rank."""
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`; an error on every rank is raised on
+        every rank."""
         # a separate communicator, so that votes do not mix with messages of the block
         votes = self.comm.Dup()
         try:
@@ -160,7 +162,7 @@ class Ranks(Group):
         votes.Free()
 
     def ending(self, task: str) -> Callable[[int, str], bool]:
-        """See :class:`~hhr_dolfinx.group.Group`."""
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
         votes = self.comm.Dup()
 
         def end(code: int, words: str) -> bool:
@@ -186,13 +188,13 @@ class Ranks(Group):
         self.comm.Abort(code)
 
     def shared_out(self, count: int, work: Callable[[int], Any], task: str) -> list[Any]:
-        """See :class:`~hhr_dolfinx.group.Group`."""
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
         with self.each(task):
             own = [work(number) for number in share(count, self.number, self.size)]
         return [item for part in self.comm.allgather(own) for item in part]
 
     def no_room_side_by_side(self, scene: Scene) -> str:
-        """See :class:`~hhr_dolfinx.group.Group`."""
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
         from hhr_dolfinx.plugins.ranks.sharing import no_room_side_by_side
 
         return no_room_side_by_side(scene, self)
@@ -200,7 +202,7 @@ class Ranks(Group):
     def shared_factors(
         self, factors: FreeCholesky, rows: slice, own: csr_matrix, whole: csr_matrix
     ) -> SharedCholesky:
-        """See :class:`~hhr_dolfinx.group.Group`."""
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
         return SharedCholesky(factors, rows, own, whole, self.comm)
 
     def factors(
@@ -213,20 +215,20 @@ class Ranks(Group):
         last: np.ndarray | None,
         rows: slice | None = None,
     ) -> SharedCholesky:
-        """See :class:`~hhr_dolfinx.group.Group`."""
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
         return SharedCholesky.of(
             matrix, free, scene, self.comm, low_rank=low_rank, last=last, rows=rows
         )
 
     def rows(self, own: slice, count: int) -> RowsOfRanks:
-        """See :class:`~hhr_dolfinx.group.Group`."""
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
         return RowsOfRanks(own, count, self.comm)
 
 
 def _arrives(arrival: Request) -> bool:
-    """True if every rank takes part within :data:`PATIENCE`."""
+    """True if every rank takes part within :data:`FAILURE_SECONDS`."""
     pause = Event()
-    for _ in range(int(PATIENCE / _POLL)):
+    for _ in range(int(FAILURE_SECONDS / _POLL)):
         if arrival.Test():
             return True
         pause.wait(_POLL)
@@ -239,7 +241,7 @@ def _without_addresses(text: str) -> str:
 
 
 def _same(asked: list[str | np.ndarray], known: list[str | np.ndarray]) -> bool:
-    """True for equal words, and values that are equal to :data:`SAME`."""
+    """True for equal words, and values that are equal to :data:`EQUAL_ON_RANKS`."""
     if len(asked) != len(known):
         return False
     for here, there in zip(asked, known, strict=True):
@@ -247,7 +249,7 @@ def _same(asked: list[str | np.ndarray], known: list[str | np.ndarray]) -> bool:
             if not (isinstance(here, str) and isinstance(there, str) and here == there):
                 return False
         elif here.shape != there.shape or not np.allclose(
-            here, there, rtol=SAME, atol=0.0, equal_nan=True
+            here, there, rtol=EQUAL_ON_RANKS, atol=0.0, equal_nan=True
         ):
             return False
     return True
@@ -269,7 +271,9 @@ def _shown(asked: list[str | np.ndarray], others: list[str | np.ndarray]) -> str
         if isinstance(here, str) or isinstance(there, str) or here.shape != there.shape:
             return f"{words} with {np.shape(here)} values"
         first = int(
-            np.flatnonzero(~np.isclose(here, there, rtol=SAME, atol=0.0, equal_nan=True))[0]
+            np.flatnonzero(~np.isclose(here, there, rtol=EQUAL_ON_RANKS, atol=0.0, equal_nan=True))[
+                0
+            ]
         )
         return f"{words} with {here.ravel()[first]:.15g} as value {first} of {here.size}"
     return words

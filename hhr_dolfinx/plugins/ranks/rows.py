@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 
-PANEL = 32
+EXCHANGED_COLUMNS = 32
 """Columns in one exchange of rows between neighbours."""
 
 
@@ -67,9 +67,9 @@ class RowsOfRanks(Rows):
             return self.whole(table[:, None])[:, 0]
         ends = self._ends(table)
         found = np.empty((self.count, table.shape[1]), order="F")
-        for first in range(0, table.shape[1], PANEL):
-            panel = found[:, first : first + PANEL]
-            own = np.ascontiguousarray(table[:, first : first + PANEL].T, dtype=float)
+        for first in range(0, table.shape[1], EXCHANGED_COLUMNS):
+            panel = found[:, first : first + EXCHANGED_COLUMNS]
+            own = np.ascontiguousarray(table[:, first : first + EXCHANGED_COLUMNS].T, dtype=float)
             every = np.empty(panel.size)
             self.comm.Allgatherv(own, (every, np.diff(ends) * panel.shape[1]))
             parts = np.split(every, ends[1:-1] * panel.shape[1])
@@ -209,11 +209,11 @@ class MatrixOfRows:
         """Multiply a table, (own, k), or the local entries of a vector, (own,)."""
         if table.ndim == 1:
             return self._times(table[:, None])[:, 0]
-        if table.shape[1] <= PANEL:
+        if table.shape[1] <= EXCHANGED_COLUMNS:
             return self._times(table)
         found = np.empty(table.shape, order="F")
-        for first in range(0, table.shape[1], PANEL):
-            part = slice(first, first + PANEL)
+        for first in range(0, table.shape[1], EXCHANGED_COLUMNS):
+            part = slice(first, first + EXCHANGED_COLUMNS)
             found[:, part] = self._times(table[:, part])
         return found
 
@@ -242,8 +242,8 @@ class ModesOfRows:
         """V^T K V, tested on A, (ell, ell)."""
         inside = self._stiffness.alike(stiffness).cut(self._inside)
         found = np.empty((self._basis.shape[1],) * 2)
-        for first in range(0, len(found), PANEL):
-            part = slice(first, first + PANEL)
+        for first in range(0, len(found), EXCHANGED_COLUMNS):
+            part = slice(first, first + EXCHANGED_COLUMNS)
             found[:, part] = self._test.T @ (inside @ self._basis[:, part])
         return self._rows.sum(found)
 

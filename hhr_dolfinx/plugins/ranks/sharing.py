@@ -9,15 +9,15 @@ from pathlib import Path
 from mpi4py import MPI
 
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.group import Group
+from hhr_dolfinx.group import ProcessGroup
 from hhr_dolfinx.plugins.ranks.expected import expected_in_space
 from hhr_dolfinx.scene import Scene
 
-ROOM = 0.8
+FREE_MEMORY_SHARE = 0.8
 """Part of the free memory that full models may take: answers and models need some too."""
 
 
-def no_room_side_by_side(scene: Scene, group: Group) -> str:
+def no_room_side_by_side(scene: Scene, group: ProcessGroup) -> str:
     """Reason why full models, one for each rank, exceed the memory of a machine; empty if they fit.
 
     Collective.
@@ -34,7 +34,7 @@ def no_room_side_by_side(scene: Scene, group: Group) -> str:
         if machine.rank == 0 and room is not None:
             rows, _ = Discretisation(scene, MPI.COMM_SELF).contact_rows()
             needed = expected_in_space(rows.matrix).gigabytes
-            if machine.size * needed > ROOM * room:
+            if machine.size * needed > FREE_MEMORY_SHARE * room:
                 why = (
                     f"{machine.size} full models of about {needed:.2g} GB have no room in "
                     f"{room:.2g} GB of memory"

@@ -33,11 +33,11 @@ FACETS = {
     "tetrahedron": "triangle",
     "hexahedron": "quadrilateral",
 }
-FLAT = 1e-9
+COPLANAR_FACETS = 1e-9
 """Deviation of a facet from its plane, and of unit normals, below which facets lie in one plane."""
-LAYERS = 5
+MOVED_LAYERS = 5
 """Layers of cells around bad ones whose nodes may move."""
-SECONDS = 60.0
+OPTIMISER_SECONDS = 60.0
 """Longest duration of one run of an optimiser."""
 OF_MPI = ("OMPI_", "PMIX_", "PMI_", "HYDI_", "MPI")
 """Beginnings of variables of the environment that make a child process a rank."""
@@ -48,10 +48,10 @@ def optimised(
 ) -> np.ndarray:
     """Coordinates of all nodes, (nodes, dim), with the fewest bad cells that gmsh reaches.
 
-    Nodes of :data:`LAYERS` layers of cells around the bad ones move. Those on curved surfaces and
-    between bodies stay. In space those on flat sides of bodies move in their plane first, unless
-    other nodes are at the same place, ``matched``: with folded facets on a surface no cell inside
-    can be mended.
+    Nodes of :data:`MOVED_LAYERS` layers of cells around the bad ones move. Those on curved
+    surfaces and between bodies stay. In space those on flat sides of bodies move in their plane
+    first, unless other nodes are at the same place, ``matched``: with folded facets on a
+    surface no cell inside can be mended.
 
     Args:
         raw: the mesh.
@@ -83,7 +83,7 @@ def optimised(
 def _around(raw: RawMesh, rows: np.ndarray) -> np.ndarray:
     """Rows of the cells of some layers around cells."""
     inside = np.zeros(len(raw.points), dtype=bool)
-    for _ in range(LAYERS):
+    for _ in range(MOVED_LAYERS):
         inside[raw.cells[rows]] = True
         rows = np.flatnonzero(inside[raw.cells].any(axis=1))
     return rows
@@ -166,8 +166,10 @@ def _flat(
     planes = np.column_stack(
         [normals, np.einsum("fd,fd->f", places[:, 0], normals) / size, labels[owner[own]]]
     )
-    kept = (off < FLAT * size) & ~matched[nodes].any(axis=1)
-    same = np.unique((planes[kept] / (1e3 * FLAT)).round(), axis=0, return_inverse=True)[1].ravel()
+    kept = (off < COPLANAR_FACETS * size) & ~matched[nodes].any(axis=1)
+    same = np.unique((planes[kept] / (1e3 * COPLANAR_FACETS)).round(), axis=0, return_inverse=True)[
+        1
+    ].ravel()
     width = len(FACES[raw.kind][0])
     return nodes[kept, :width], nodes[kept, width:], same
 
@@ -210,7 +212,7 @@ def _optimised(
                 env=environment,
                 capture_output=True,
                 check=True,
-                timeout=SECONDS,
+                timeout=OPTIMISER_SECONDS,
             )
         except (subprocess.CalledProcessError, subprocess.TimeoutExpired):
             return None

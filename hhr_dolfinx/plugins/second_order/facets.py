@@ -30,9 +30,9 @@ from hhr_dolfinx.declared import Integers
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.pairings.surface import Surface, shape_functions, warn
 
-CORNERS = {3: 2, 6: 3, 9: 4}
+CORNER_COUNTS = {3: 2, 6: 3, 9: 4}
 """Corners of a facet by its number of nodes."""
-PARTS = {
+FLAT_PARTS = {
     3: ((0, 2), (2, 1)),
     6: ((0, 5, 4), (5, 1, 3), (4, 3, 2), (3, 4, 5)),
     9: ((0, 4, 5, 8), (4, 1, 8, 6), (5, 8, 2, 7), (8, 6, 7, 3)),
@@ -42,7 +42,7 @@ PARTS = {
 Nodes have the order of DOLFINx: corners, edges, middle. Edge i of a triangle is opposite to corner
 i; edges of a quadrilateral are (0, 1), (0, 2), (1, 3), (2, 3).
 """
-PLACES = {
+REFERENCE_NODES = {
     3: np.array([[0.0], [1.0], [0.5]]),
     6: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.5, 0.5], [0.0, 0.5], [0.5, 0.0]]),
     9: np.array(
@@ -51,15 +51,15 @@ PLACES = {
     ),
 }
 """Reference coordinates of the nodes."""
-STRAIGHT = 1e-6
+STRAIGHT_SIDES = 1e-6
 """Angle between the flat parts of a facet of second order below which its sides are straight."""
 CURVED = 1e-4
 """Mean sag of straight sides, in lengths of a flat part, below which a surface is flat: sides meet
 at 0.1 degrees.
 """
-ALIKE = 0.1
+SAME_CURVATURE = 0.1
 """Sum of the sags of two surfaces over the larger one, below which they are curved alike."""
-POINTS = 5
+GAUSS_POINTS = 5
 """Gauss points along an axis: products of psi, phi, the Jacobian and a radius are polynomials of
 degree 7 at most if facets are flat.
 """
@@ -78,14 +78,14 @@ class QuadraticFacets:
     @property
     def corners(self) -> np.ndarray:
         """Corners of each facet, (F, k)."""
-        return self.nodes[:, : CORNERS[self.nodes.shape[1]]]
+        return self.nodes[:, : CORNER_COUNTS[self.nodes.shape[1]]]
 
     @property
     def parts(self) -> int:
         """Number of flat parts of a facet: part p of facet f is facet f parts + p of the
         surface.
         """
-        return len(PARTS[self.nodes.shape[1]])
+        return len(FLAT_PARTS[self.nodes.shape[1]])
 
     def functions(self, flat: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Facets, (q,), and shape functions, (q, K), of points in flat parts, by the functions of
@@ -93,7 +93,9 @@ class QuadraticFacets:
         """
         count = self.nodes.shape[1]
         facet, part = np.divmod(flat, self.parts)
-        local = np.einsum("qk,qkd->qd", values, PLACES[count][np.array(PARTS[count])][part])
+        local = np.einsum(
+            "qk,qkd->qd", values, REFERENCE_NODES[count][np.array(FLAT_PARTS[count])][part]
+        )
         return facet, quadratic(local, count)
 
     def integrals(self, points: np.ndarray, weights: np.ndarray, covered: np.ndarray) -> csr_matrix:
@@ -105,7 +107,7 @@ class QuadraticFacets:
         """
         whole = covered[self.nodes].all(axis=1)
         found = csr_matrix((len(points), len(points)))
-        for part in PARTS[self.nodes.shape[1]]:
+        for part in FLAT_PARTS[self.nodes.shape[1]]:
             alone = covered[self.nodes[:, list(part)]].all(axis=1) & ~whole
             for nodes, linearly in ((self.nodes[whole], False), (self.nodes[alone], True)):
                 if len(nodes):
@@ -124,7 +126,7 @@ class QuadraticFacets:
         parts = outward.reshape(-1, self.parts, outward.shape[1])
         cosines = np.einsum("fpd,fqd->fpq", parts, parts).min(axis=(1, 2))
         angles = np.repeat(np.arccos(np.clip(cosines, -1.0, 1.0)), self.parts)
-        return np.where(angles < STRAIGHT, 4.0, angles**2)
+        return np.where(angles < STRAIGHT_SIDES, 4.0, angles**2)
 
     def averaged(self, surface: Surface, rows: ContactRows) -> ContactRows:
         """Average conditions of single nodes of the slave surface of these facets.
@@ -197,7 +199,7 @@ class QuadraticFacets:
         place = int(np.abs(sags).argmax())
         worst = surfaces[place]
         largest = abs(sags[place])
-        if largest < CURVED * worst.lengths().mean() or abs(sum(sags)) < ALIKE * largest:
+        if largest < CURVED * worst.lengths().mean() or abs(sum(sags)) < SAME_CURVATURE * largest:
             return
         warn(
             f"displacements are of second order and the sides of surface {worst.tag} are "
@@ -255,7 +257,7 @@ def parted(
     and the facets.
     """
     count = facet_nodes.shape[1]
-    flat = facet_nodes[:, np.array(PARTS[count])].reshape(-1, CORNERS[count])
+    flat = facet_nodes[:, np.array(FLAT_PARTS[count])].reshape(-1, CORNER_COUNTS[count])
     quadratic = QuadraticFacets(np.searchsorted(np.unique(facet_nodes), facet_nodes))
     return flat, np.repeat(inner_points, len(flat) // len(facet_nodes), axis=0), quadratic
 
@@ -290,7 +292,7 @@ def _rule(
     """Quadrature on a flat part: its functions, (q, k), those of the facet, (q, K), slopes, (q, K,
     d), and weights.
     """
-    ends, sizes = np.polynomial.legendre.leggauss(POINTS)
+    ends, sizes = np.polynomial.legendre.leggauss(GAUSS_POINTS)
     local = (ends[:, None] + 1) / 2
     weights = sizes / 2
     if count != 3:
@@ -301,9 +303,9 @@ def _rule(
         local[:, 0] *= 1 - second
         weights *= 1 - second
     values = np.hstack([1 - local, local]) if count == 3 else shape_functions(local, len(part))[0]
-    there = values @ PLACES[count][list(part)]
+    there = values @ REFERENCE_NODES[count][list(part)]
     steps = np.eye(there.shape[1]) * 0.5
     # central differences are exact for parabolas
     slopes = [quadratic(there + step, count) - quadratic(there - step, count) for step in steps]
-    share = 1 / len(PARTS[count])
+    share = 1 / len(FLAT_PARTS[count])
     return values, quadratic(there, count), np.stack(slopes, axis=2), share * weights

@@ -29,16 +29,16 @@ BAD = 0.1
 """Smallest Jacobian of a curved cell over that of the cell with straight sides below which it is
 mended.
 """
-PARTS = 10
+MOVE_PARTS = 10
 """Number of equal parts of the way to the middle of a side by which its node moves."""
 LATTICE = 4
 """Degree of the cell at whose nodes Jacobians are evaluated.
 
 They include those of degree 2, which a scene checks.
 """
-AT_ONCE = 8192
+CELLS_AT_ONCE = 8192
 """Number of cells whose Jacobians are evaluated at once, for memory."""
-SAME = 1e-9
+MIDDLE_NODES = 1e-9
 """Distance over the extent of the mesh below which nodes coincide, and nodes of sides lie in the
 middle.
 """
@@ -105,7 +105,7 @@ class Untangled(MeshFile):
         ].max()
         place = raw.points[raw.cells[found.bad[0]]].mean(axis=0) * self.scale
         left = found.straightened.size
-        count = np.count_nonzero(moves > SAME * moves.max())
+        count = np.count_nonzero(moves > MIDDLE_NODES * moves.max())
         rest = (
             f"; sides of {left} that gmsh left folded are straightened"
             if self.how == "gmsh" and left
@@ -233,7 +233,7 @@ class _Sides:
         middles[nodes] = ends.mean(axis=2)
         off = np.linalg.norm(middles - raw.points, axis=1)[nodes]
         lengths = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
-        curved = np.flatnonzero((off > SAME * lengths).any(axis=1))
+        curved = np.flatnonzero((off > MIDDLE_NODES * lengths).any(axis=1))
         return cls(
             raw,
             nodes,
@@ -246,8 +246,8 @@ class _Sides:
         self, rows: np.ndarray, points: np.ndarray
     ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """Rows of some cells, (r,), and their Jacobians, (r, q), with the nodes at ``points``."""
-        for start in range(0, len(rows), AT_ONCE):
-            own = rows[start : start + AT_ONCE]
+        for start in range(0, len(rows), CELLS_AT_ONCE):
+            own = rows[start : start + CELLS_AT_ONCE]
             part = RawMesh(points, self.raw.kind, self.raw.cells[own], {}, sides=self.nodes[own])
             places, whole = part.whole()
             yield own, np.linalg.det(np.einsum("qkd,ckx->cqdx", self.slopes, places[whole]))
@@ -298,8 +298,8 @@ def _straightened(raw: RawMesh, sides: _Sides, bad: np.ndarray) -> np.ndarray:
     parts = np.zeros(len(points), dtype=np.int64)  # of the way that each node has gone
     while bad.size:
         moving = np.isin(same, same[sides.nodes[bad]])
-        parts[moving] = np.minimum(parts[moving] + 1, PARTS)
-        points = raw.points + (parts / PARTS)[:, None] * (sides.middles - raw.points)
+        parts[moving] = np.minimum(parts[moving] + 1, MOVE_PARTS)
+        points = raw.points + (parts / MOVE_PARTS)[:, None] * (sides.middles - raw.points)
         touched = sides.curved[moving[sides.nodes[sides.curved]].any(axis=1)]
         bad = sides.bad(touched, points)
     return points
@@ -308,6 +308,6 @@ def _straightened(raw: RawMesh, sides: _Sides, bad: np.ndarray) -> np.ndarray:
 def _coinciding(points: np.ndarray, nodes: np.ndarray) -> np.ndarray:
     """A label for each node, common to those among ``nodes`` that have the same place, (nodes,)."""
     pairs = cKDTree(points[nodes]).query_pairs(
-        SAME * np.ptp(points, axis=0).max(), output_type="ndarray"
+        MIDDLE_NODES * np.ptp(points, axis=0).max(), output_type="ndarray"
     )
     return components_of_nodes(len(points), nodes[pairs])

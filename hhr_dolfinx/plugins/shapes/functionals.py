@@ -23,9 +23,9 @@ from hhr_dolfinx.plugins.moduli.interpolation import Interpolant, unstacked
 from hhr_dolfinx.plugins.shapes.cells import CellStrain, MovingCells
 from hhr_dolfinx.plugins.stress.kinds import Mises
 
-ROWS = "rows"
+ROWS_ARRAY = "rows"
 """Name of the rows of an output among its arrays."""
-DIFFERENCE = 1e-4
+OUTPUT_STEP = 1e-4
 """Step of the central differences over shapes, as a part of the box: their error is its square."""
 
 
@@ -77,7 +77,7 @@ class OverShapes(AllOutputs):
 
         if self.axes.size:
             found[:, self.axes] = self.parameters.differences(
-                followed, answer.parameter, DIFFERENCE, self.axes
+                followed, answer.parameter, OUTPUT_STEP, self.axes
             )
         return found
 
@@ -149,7 +149,7 @@ class ReshapedFunctionals(OverShapes):
         ]
         parts = unstacked(self.interpolant.value(point), [shape for _, _, shape in self.arrays])
         for (place, name, shape), part in zip(self.arrays, parts, strict=True):
-            if name == ROWS:
+            if name == ROWS_ARRAY:
                 blocks[place] = part
             else:
                 changed[place][name] = part if shape else float(part)

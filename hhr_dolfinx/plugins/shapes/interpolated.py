@@ -13,13 +13,18 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.models.functionals.functional import Functional
 from hhr_dolfinx.plugins.moduli.interpolate import GridSettings, grown
-from hhr_dolfinx.plugins.shapes.functionals import ROWS, MovingMises, ReshapedFunctionals, Zone
+from hhr_dolfinx.plugins.shapes.functionals import (
+    ROWS_ARRAY,
+    MovingMises,
+    ReshapedFunctionals,
+    Zone,
+)
 from hhr_dolfinx.plugins.stress.kinds import Mises
 
 if TYPE_CHECKING:
     from hhr_dolfinx.plugins.shapes.outputs import FullShapeFunctionals
 
-TOLERANCE = 3e-7
+OUTPUT_TOLERANCE = 3e-7
 """Target error of the arrays of outputs, relative to their size: forces and displacements cancel in
 them, as in a gap. A grid this fine has a few shapes more than that of the model.
 """
@@ -53,10 +58,10 @@ def reshaped_functionals(
             }
             found |= {f"{place} {name}": array for name, array in smooth.items()}
             if not isinstance(item, MovingMises) and item.count:
-                found[f"{place} {ROWS}"] = item.matrix(len(columns)) @ columns
+                found[f"{place} {ROWS_ARRAY}"] = item.matrix(len(columns)) @ columns
         return found
 
-    finer = replace(settings, tolerance=min(TOLERANCE, settings.tolerance))
+    finer = replace(settings, tolerance=min(OUTPUT_TOLERANCE, settings.tolerance))
     grid, modes = grown(solved, problem.parameters, prepared.axes, finer)
     names = [name.split(" ", 1) for name in modes]
     shapes = [part.shape[:-1] for part in modes.values()]

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.histories.equilibrium import LawsAtPlaces
 
 MakeCells = Callable[[np.ndarray, bool], MovingCells]
-SHAPES = 8
+KEPT_SHAPES = 8
 """Number of shapes whose outputs a full model keeps."""
 
 
@@ -49,7 +49,7 @@ class FullShapeFunctionals(OverShapes):
         self._reshaped = reshaped
         self._moving = moving
         self._base = problem
-        self._prepared = lru_cache(maxsize=SHAPES)(self._made)
+        self._prepared = lru_cache(maxsize=KEPT_SHAPES)(self._made)
         self.items = self.at(problem.middle).items
 
     def at(self, point: np.ndarray) -> Functionals:

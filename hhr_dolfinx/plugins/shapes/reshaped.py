@@ -43,19 +43,19 @@ if TYPE_CHECKING:
     from hhr_dolfinx.loads import Term
     from hhr_dolfinx.models.histories.equilibrium import FullEquilibrium
 
-CLOSE = 1e-9
+MAP_ROUND_OFF = 1e-9
 """Part of the size of the mesh up to which two maps of one node agree."""
-MOST_BYTES = 5e8
+MOST_SHAPE_BYTES = 5e8
 """Memory for problems of previous shapes."""
-TRIED = 32
+MAP_SAMPLES = 32
 """Number of points, in addition to the corners of the box, at which maps are checked."""
-CORNERS = 33
+COMPARED_CORNERS = 33
 """Most shapes at which it is looked which nodes face each other, the middle of the box and corners
 of it.
 """
 
 
-DIFFERENCE = 1e-5
+MESH_STEP = 1e-5
 """Part of the box by which a mesh is displaced for finite differences: their error is its square,
 and for smaller ones round-off of the assembly dominates.
 """
@@ -111,7 +111,7 @@ class ReassembledSystem(System):
             )
             return np.append(residual, problem.gaps @ theta - problem.contact @ unknown)
 
-        found = self.problem.parameters.differences(residual_and_slack, point, DIFFERENCE)
+        found = self.problem.parameters.differences(residual_and_slack, point, MESH_STEP)
         return found[: unknown.size], found[unknown.size :]
 
 
@@ -168,7 +168,7 @@ class Reshaped(StillMesh):
         for shape, nodes in zip(scene.shapes, self.nodes, strict=True):
             there = shape.moved(self.reference[nodes, :dim], names, values)
             both = seen[nodes] & (
-                np.abs(coordinates[nodes, :dim] - there).max(axis=1) > CLOSE * size
+                np.abs(coordinates[nodes, :dim] - there).max(axis=1) > MAP_ROUND_OFF * size
             )
             if both.any():
                 raise SceneError(
@@ -189,7 +189,7 @@ class Reshaped(StillMesh):
         kind = self._owner.mesh.topology.cell_name()
         places = compat.nodes_of_cell(kind, self._owner.order)[count:]
         weights = compat.shape_functions(kind, places)[0]
-        most = round(1 / weights[weights > CLOSE].min())
+        most = round(1 / weights[weights > MAP_ROUND_OFF].min())
         between = np.array(
             [np.repeat(np.arange(count), np.round(row * most).astype(int)) for row in weights]
         )
@@ -287,7 +287,7 @@ class Reshaped(StillMesh):
         )
         # tables of forces, fields and outputs use the same shapes, which take seconds to assemble
         # and to pair
-        self._kept = lru_cache(maxsize=max(1, int(MOST_BYTES / terms)))(self._assembled)
+        self._kept = lru_cache(maxsize=max(1, int(MOST_SHAPE_BYTES / terms)))(self._assembled)
         self._check_constraints(problem)
         return self._base
 
@@ -297,7 +297,7 @@ class Reshaped(StillMesh):
             return
         rigid = np.abs(np.hstack([problem.kernel.motions, problem.kernel.idle])).max(axis=1)
         moved = np.repeat(self._moving_nodes(), problem.block_size)
-        if (moved & (rigid > CLOSE * rigid.max())).any():
+        if (moved & (rigid > MAP_ROUND_OFF * rigid.max())).any():
             raise SceneError(
                 f"contacts that alone hold a body of scene '{self._owner.scene.name}' act on one "
                 "whose shape depends on parameters: that is built in for bodies that keep their "
@@ -350,7 +350,7 @@ class Reshaped(StillMesh):
         total = abs(self._base.contact)
         corners = box_samples(self._base.parameters, 1)[:-1]
         _, first = np.unique(corners[:, list(self.axes)], axis=0, return_index=True)
-        for point in corners[np.sort(first)[:CORNERS]]:
+        for point in corners[np.sort(first)[:COMPARED_CORNERS]]:
             total = total + abs(self(point).contact)
         return replace(self._base, contact=csr_matrix(total))
 
@@ -450,7 +450,7 @@ class Reshaped(StillMesh):
     def _check_box(self) -> None:
         """Raise SceneError for maps that invert a cell in a corner of the box or between."""
         scene = self._owner.scene
-        for point in box_samples(scene.parameters, TRIED):
+        for point in box_samples(scene.parameters, MAP_SAMPLES):
             try:
                 coordinates = self.coordinates(point)
             except ParameterError as error:
@@ -502,4 +502,4 @@ def _alike(one: csr_matrix | None, other: csr_matrix | None) -> bool:
     """True if two maps of dofs, or their absence, are the same up to round-off."""
     if one is None or other is None:
         return one is other
-    return bool(abs(one - other).max() <= CLOSE)
+    return bool(abs(one - other).max() <= MAP_ROUND_OFF)

@@ -10,10 +10,10 @@ from hhr_dolfinx.geometries.two_blocks import FIRST
 from hhr_dolfinx.plugins.shapes.shape import Shape
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.plugins.conformance.draft import Draft
+    from hhr_dolfinx.plugins.conformance.draft import SceneDraft
 
 
-def shape(draft: Draft, neutral: bool) -> Draft:
+def shape(draft: SceneDraft, neutral: bool) -> SceneDraft:
     """A crown of the lower block; on distorted quadrilaterals the rules of shapes and of constant
     bodies differ.
     """

@@ -30,20 +30,20 @@ from hhr_dolfinx.contact.rows import ContactRows, normals_of
 from hhr_dolfinx.contact.shares import Shares
 from hhr_dolfinx.errors import SceneError, rounded
 from hhr_dolfinx.full_order.free_bodies import components_of_nodes
-from hhr_dolfinx.pairings.surface import CREASE, GRAZING, Surface, looking
+from hhr_dolfinx.pairings.surface import CREASE, GRAZING_NORMAL, Surface, looking
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discretisation import Discretisation
 
-ALIKE = 1e-6
+COMMON_CONDITION = 1e-6
 """Distance of gaps over the size of the mesh, and of rows of B T over theirs, up to which
 conditions are the same.
 """
 GROUND = -1
 """Number of the body behind obstacles."""
-TRIED = 8
+OPENING_SAMPLES = 8
 """Random points of the box at which openings of two contacts are compared."""
 
 
@@ -119,7 +119,9 @@ class CommonConditions:
         lengths = np.where(np.bincount(label) > 1, np.linalg.norm(directions, axis=1), 1.0)
         normals = directions / lengths[:, None]
         mean = csr_matrix(diags(1 / lengths) @ mean)
-        matrix = _along(csr_matrix(mean @ given.rows.matrix), normals, lengths < 1.0 - ALIKE**2)
+        matrix = _along(
+            csr_matrix(mean @ given.rows.matrix), normals, lengths < 1.0 - COMMON_CONDITION**2
+        )
         rows = replace(given.rows.take(first), matrix=matrix, gap=mean @ given.rows.gap, areas=sums)
         common = np.flatnonzero(np.bincount(label)[label] > 1)
         nodes = self._shares_of_nodes(common, label, parts, normals)
@@ -173,12 +175,12 @@ class CommonConditions:
         acting = csr_matrix(self._acting @ diags(self.prolongation.free.astype(float)))
         size = np.asarray(acting.multiply(acting).sum(axis=1)).ravel()
         off = acting[one] - acting[other]
-        same = np.asarray(off.multiply(off).sum(axis=1)).ravel() <= ALIKE**2 * size[one]
+        same = np.asarray(off.multiply(off).sum(axis=1)).ravel() <= COMMON_CONDITION**2 * size[one]
         alike = same | self._of_one_slave(one, other)
         length = max(
             np.ptp(rows.points, axis=0).max(initial=0.0), np.abs(rows.gap).max(initial=0.0)
         )
-        step = np.abs(rows.gap[one] - rows.gap[other]) > ALIKE * length
+        step = np.abs(rows.gap[one] - rows.gap[other]) > COMMON_CONDITION * length
         for k in np.flatnonzero(alike).tolist():
             bodies = [self._touched(row) for row in (one[k], other[k])]
             # of one row with two gaps the smaller one holds, as on a step of the ground
@@ -195,7 +197,7 @@ class CommonConditions:
             np.random.default_rng(0).standard_normal(self._acting.shape[1])
         )
         at_slaves = known.reshape(-1, self._dim)[self.given.rows.slaves]
-        node = np.abs(at_slaves[one] - at_slaves[other]).max(axis=1) <= ALIKE * np.abs(
+        node = np.abs(at_slaves[one] - at_slaves[other]).max(axis=1) <= COMMON_CONDITION * np.abs(
             at_slaves[one]
         ).max(axis=1)
         cosines = np.einsum("kd,kd->k", self._normals[one], self._normals[other])
@@ -203,7 +205,9 @@ class CommonConditions:
             [getattr(item, "normal", ()) is None for item in self.given.scene.contacts]
         )
         averages = averages[self.given.pairs]
-        return node & (cosines >= np.where(averages[one] & averages[other], CREASE, 1.0 - ALIKE**2))
+        return node & (
+            cosines >= np.where(averages[one] & averages[other], CREASE, 1.0 - COMMON_CONDITION**2)
+        )
 
     @cached_property
     def _body(self) -> np.ndarray:
@@ -233,11 +237,11 @@ class CommonConditions:
         Openings of two obstacles for one surface may differ: these are two conditions.
         """
         given = self.given
-        samples = given.scene.parameters.random(TRIED, seed=0)
+        samples = given.scene.parameters.random(OPENING_SAMPLES, seed=0)
         opened = self.amplitudes.sum_columns(given.opened[[one, other]], samples)
         first, second = (given.scene.contacts[given.pairs[row]] for row in (one, other))
         differ = "laws"
-        if np.abs(opened[0] - opened[1]).max() > ALIKE * length:
+        if np.abs(opened[0] - opened[1]).max() > COMMON_CONDITION * length:
             if first.tags[0] == second.tags[0]:
                 return False
             differ = "openings"
@@ -268,7 +272,7 @@ class CommonConditions:
             surface = self.surface(first_tags[tag])
             for number in np.unique(group[(sizes[group] > 1) & (tags == tag)]).tolist():
                 own = np.flatnonzero(group == number)
-                _, sides = looking(surface, self._normals[own[0]], GRAZING)
+                _, sides = looking(surface, self._normals[own[0]], GRAZING_NORMAL)
                 whole = sides[surface.nodes == given.rows.slaves[own[0]]].sum()
                 areas[own] *= min(1.0, whole / areas[own].sum()) if whole else 1.0
         return areas

@@ -14,7 +14,7 @@ from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import FarSlidingWarning
 from hhr_dolfinx.warn import is_first, warn
 
-PRESSED = 1e-9
+LOADED_CONDITION = 1e-9
 """Part of the largest force below which a condition is not under load."""
 
 
@@ -47,7 +47,9 @@ class BesideTools:
             FarSlidingWarning: with the condition that has moved farthest.
         """
         way = np.linalg.norm(motion, axis=1)
-        share = np.where(forces[self.conditions] > PRESSED * largest, way / self.widths, 0.0)
+        share = np.where(
+            forces[self.conditions] > LOADED_CONDITION * largest, way / self.widths, 0.0
+        )
         if not share.max(initial=0.0) > 1.0:
             return False
         at = int(share.argmax())

@@ -29,8 +29,8 @@ from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.pairings.surface import Surface, area_vectors
 from hhr_dolfinx.plugins.friction.laws import Friction, SlipState
-from hhr_dolfinx.plugins.friction.slider import Reached, Slider, Solved, Target
-from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
+from hhr_dolfinx.plugins.friction.slider import IncrementEnd, Slider, SlidingState, SolvedSliding
+from hhr_dolfinx.plugins.friction.sliding_set import Sliding, SlidingContact, SlidingIncrement
 from hhr_dolfinx.plugins.friction.tangents import tangents_of
 from hhr_dolfinx.plugins.mortar.pairing import Mortar
 from hhr_dolfinx.plugins.nonmatching.node_to_surface import NodeToSurface
@@ -54,9 +54,9 @@ IMPOSED = 1e-14
 """Part of the largest compliance below which that of a contact is none: of a stiff body it may be
 as small as 1e-9.
 """
-TOUCHING = 1e-9
+TOUCHING_SURFACES = 1e-9
 """Part of the size of surfaces up to which they touch."""
-APART = 10.0
+UNPAIRED_GAP = 10.0
 """Gap of nodes that face no surface, in sizes of the surfaces."""
 
 
@@ -184,7 +184,7 @@ class RepairingSlider(Slider):
         self.dofs = slice(self.kept, self.kept + self.dim * sum(pair.nodes for pair in self.pairs))
         self._warned = self._far_along = False
 
-    def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> Reached:
+    def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> SlidingState:
         """Undeformed bodies as meshed, without slip."""
         free_slack = self._contact_at(point).free_slack
         nothing = np.zeros(len(free_slack))
@@ -192,11 +192,11 @@ class RepairingSlider(Slider):
         gap = np.concatenate([self.paired(nothing, nothing, point).gap, others])
         slip = SlipState.at_rest(self.friction)
         changes = self._no_changes, self._no_changes
-        return Reached(
+        return SlidingState(
             point, time, np.zeros(self.rows), None, gap, slip, weights, *changes, nothing, nothing
         )
 
-    def increment(self, before: Reached, target: Target) -> Solved:
+    def increment(self, before: SlidingState, target: IncrementEnd) -> SolvedSliding:
         """Solve one increment; it may not converge."""
         point = target.point
         contact = self._contact_at(point)
@@ -224,14 +224,14 @@ class RepairingSlider(Slider):
         reached = self._reached(
             target, found, slip, (before.changes, before.closing), displacement, surface_forces
         )
-        return Solved(found, reached, contact, None)
+        return SolvedSliding(found, reached, contact, None)
 
     def _solved_on(
         self,
         compliance: np.ndarray,
         free: np.ndarray,
         paired: Paired,
-        before: Reached,
+        before: SlidingState,
         point: np.ndarray,
     ) -> tuple[Sliding, np.ndarray]:
         """Solution of an increment on one pairing, and limits of tangential forces, (C,)."""
@@ -247,12 +247,12 @@ class RepairingSlider(Slider):
         idle = np.zeros(self.friction.normal.size, dtype=bool)
         idle[: self.count] = idle_contacts(schur[pressures, pressures])
         self._check_imposed(paired.gap, np.diag(schur)[pressures], point)
-        slack[self.friction.normal[idle]] = APART * self.size
+        slack[self.friction.normal[idle]] = UNPAIRED_GAP * self.size
         coefficient, limit = self.friction.bounds(point)
         limit = np.where(
             idle & np.isinf(coefficient), 0.0, limit
         )  # Tresca's law holds at no pressure too
-        given = Increment(slack, coefficient, limit, np.zeros(0))
+        given = SlidingIncrement(slack, coefficient, limit, np.zeros(0))
         friction = self._with_held(np.diag(schur), idle)
         found = SlidingContact(schur, friction).increment(given, before.forces, before.active)
         return found, given.bounds(self.friction, found.forces)
@@ -261,7 +261,9 @@ class RepairingSlider(Slider):
         """Warn once of contacts, (C,), all of whose nodes have imposed displacements and
         penetrate.
         """
-        deep = (diagonal <= IMPOSED * diagonal.max(initial=0.0)) & (gap < -TOUCHING * self.size)
+        deep = (diagonal <= IMPOSED * diagonal.max(initial=0.0)) & (
+            gap < -TOUCHING_SURFACES * self.size
+        )
         if deep.any() and not self._warned:
             self._warned = True
             warn(
@@ -289,7 +291,7 @@ class RepairingSlider(Slider):
         """All pairs at displaced dofs of surfaces, (m + n,), from their displacement before, at a
         point, (P,).
         """
-        gap = np.full(self.count, APART * self.size)
+        gap = np.full(self.count, UNPAIRED_GAP * self.size)
         kept = np.arange(self.kept)
         entries: list[tuple[np.ndarray, ...]] = [(np.ones(kept.size), kept, kept)]
         first = 0
@@ -330,7 +332,7 @@ class RepairingSlider(Slider):
             for k in range(dim)
         ]
 
-    def check(self, place: Reached) -> None:
+    def check(self, place: SlidingState) -> None:
         """Check the distance that bodies have slid past tools, whose rows are not made again."""
         super().check(place)
         beside = self.model.beside
@@ -340,12 +342,12 @@ class RepairingSlider(Slider):
             words = self.model.parameters.described(place.point)
             self._far_along = beside.check(place.surface_forces, motion, self.largest, words)
 
-    def elastic_energy(self, solved: Solved) -> float:
+    def elastic_energy(self, solved: SolvedSliding) -> float:
         """See :class:`Slider`."""
         surface_forces = solved.reached.surface_forces
         return 0.5 * float(surface_forces @ (solved.contact.schur @ surface_forces))
 
-    def answer(self, solved: Solved) -> Answer:
+    def answer(self, solved: SolvedSliding) -> Answer:
         """Answer of an increment; its forces are those of the pairs that do not slide, and on all
         dofs of surfaces.
         """

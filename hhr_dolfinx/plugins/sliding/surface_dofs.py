@@ -15,7 +15,7 @@ from hhr_dolfinx.contact.law import ContactLaw
 from hhr_dolfinx.contact.rows import ContactRows, joined, normals_of
 from hhr_dolfinx.contact.shares import Shares
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.full_order.eliminated import Eliminated
+from hhr_dolfinx.full_order.eliminated import DependentDofs
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.pairings.obstacle import Obstacle
 from hhr_dolfinx.pairings.surface import SlaveAndMaster, Surface
@@ -63,7 +63,7 @@ class SurfacesThatSlide(Discretisation):
         rows: ContactRows,
         pairs: np.ndarray,
         opened: np.ndarray,
-        eliminated: Eliminated,
+        eliminated: DependentDofs,
         amplitudes: Amplitudes,
     ) -> tuple[ContactRows, np.ndarray, np.ndarray, ContactLaw, Shares | None]:
         """Conditions of the pairs that do not slide, as the full order makes them, followed by dofs

@@ -9,10 +9,10 @@ from hhr_dolfinx.plugins.nonmatching.node_to_surface import NodeToSurface
 from hhr_dolfinx.plugins.sliding.slide import slide
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.plugins.conformance.draft import Draft
+    from hhr_dolfinx.plugins.conformance.draft import SceneDraft
 
 
-def sliding(draft: Draft) -> Draft:
+def sliding(draft: SceneDraft) -> SceneDraft:
     """Pairings are made again in each increment."""
     return replace(
         draft.of_other_meshes(),

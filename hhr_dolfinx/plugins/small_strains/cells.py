@@ -12,18 +12,18 @@ if TYPE_CHECKING:
     from hhr_dolfinx.contact.problem import ContactProblem
 
 
-LARGE = 0.1
+LARGE_STRAIN = 0.1
 """Strain that raises a warning: the neglected squares, e^2 / 2, are a twentieth of it."""
-MOST = 1.0
+STRAIN_LIMIT = 1.0
 """Strain at which small-strain theory has no solution.
 
 Beyond a limit load, the only balance is round-off.
 """
-ALONE = 0.01
+EXEMPT_POINTS = 0.01
 """Part of the points that may have larger strains: at the corner of a punch they depend on the
 mesh.
 """
-CELLS = 20_000
+SAMPLED_CELLS = 20_000
 """Most cells whose strains are evaluated: they estimate the largest hundredth as well as all
 cells.
 """
@@ -31,23 +31,27 @@ cells.
 
 def spread_strain(sizes: np.ndarray) -> float:
     """Strain that is exceeded at a hundredth of the points, from the sizes at each, (points,)."""
-    count = max(int(ALONE * sizes.size), 1)
+    count = max(int(EXEMPT_POINTS * sizes.size), 1)
     return float(np.partition(sizes, -count)[-count])
 
 
 def large_strain(strain: float) -> str:
     """Message on a large strain."""
     return (
-        f"a strain of {strain:.2g} at more than {ALONE:.0%} of the points is no small strain, and "
-        f"answers are those of small strains, which are a few per cent off at {LARGE:g} and mean "
-        f"nothing at {MOST:g}: lower the load, check units and moduli, or take a program for "
+        f"a strain of {strain:.2g} at more than {EXEMPT_POINTS:.0%} of the points is no "
+        f"small strain, and "
+        f"answers are those of small strains, which are a few per cent off at "
+        f"{LARGE_STRAIN:g} and mean "
+        f"nothing at {STRAIN_LIMIT:g}: lower the load, check units and moduli, or take a "
+        f"program for "
         "finite strains"
     )
 
 
 def _large_rotation(rotation: float) -> str:
     return (
-        f"a rotation of {rotation:.2g} rad in more than {ALONE:.0%} of the cells is not small, "
+        f"a rotation of {rotation:.2g} rad in more than {EXEMPT_POINTS:.0%} of the cells "
+        f"is not small, "
         "and answers are those of small displacements, to which a rotation of w is a strain of "
         f"w^2 / 2 = {rotation**2 / 2:.2g} that is not there: lower the load, or take a program "
         "for large displacements"
@@ -72,11 +76,11 @@ class StrainKind(NamedTuple):
 
 def strain_kinds(problem: ContactProblem, *, axisymmetric: bool) -> tuple[StrainKind, StrainKind]:
     """Strains, and rotations in radians (one in the plane, three in space), of at most
-    :data:`CELLS` cells of a mesh.
+    :data:`SAMPLED_CELLS` cells of a mesh.
 
     They are those of the linear field nearest to the displacement in each cell.
     """
-    cells = problem.cell_nodes[:: -(-len(problem.cell_nodes) // CELLS)]
+    cells = problem.cell_nodes[:: -(-len(problem.cell_nodes) // SAMPLED_CELLS)]
     places = problem.points[cells]
     # values at the nodes of each cell to the gradient there, (cells, dim, n)
     gradients = np.linalg.pinv(places - places.mean(axis=1, keepdims=True))

@@ -13,8 +13,8 @@ from hhr_dolfinx.errors import NotOfferedError, ReductionError, SmallStrainWarni
 from hhr_dolfinx.models.full import Checked, FullModel, Guard
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.plugins.small_strains.cells import (
-    LARGE,
-    MOST,
+    LARGE_STRAIN,
+    STRAIN_LIMIT,
     StrainKind,
     spread_strain,
     strain_kinds,
@@ -29,11 +29,11 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.model import AnsweringModel
 
 
-CORNERS = 16
+CHECKED_CORNERS = 16
 """Largest number of corners of the box in which strains of a model are checked."""
-GROWN = 1.5
+CHECKED_GROWTH = 1.5
 """Growth of the squared displacement after which strains of a full model are checked again."""
-TOGETHER = 50
+STRAINS_AT_ONCE = 50
 """Answers whose strains are computed at once.
 
 Distributed ones need all values of one on each rank meanwhile.
@@ -52,7 +52,7 @@ class StrainGuard(Guard):
     """
 
     def __init__(self, problem: ContactProblem, *, axisymmetric: bool):
-        self.limit = LARGE
+        self.limit = LARGE_STRAIN
         """The strain or rotation above which the next warning is due."""
         self._problem = problem
         self._axisymmetric = axisymmetric
@@ -76,19 +76,19 @@ class StrainGuard(Guard):
         """Check an answer of the full model.
 
         Warns:
-            SmallStrainWarning: if a strain is above :data:`LARGE`, and once more above
-            :data:`MOST`.
+            SmallStrainWarning: if a strain is above :data:`LARGE_STRAIN`, and once more above
+            :data:`STRAIN_LIMIT`.
         """
         unknown = answer.unknown
         size = unknown @ unknown
-        if self._paused or not size > GROWN * self._looked:
+        if self._paused or not size > CHECKED_GROWTH * self._looked:
             return
         self._looked = size
         whole = answer.displacement()[:, None]
         for kind in self._kinds:
             size = spread_strain(kind.sizes(whole)[:, 0])
             if size > self.limit:
-                self.limit = MOST if size <= MOST else np.inf
+                self.limit = STRAIN_LIMIT if size <= STRAIN_LIMIT else np.inf
                 where = self._problem.parameters.described(answer.parameter)
                 warn(f"at {where}: {kind.in_words(size)}", SmallStrainWarning)
                 return
@@ -153,7 +153,7 @@ class StrainGuard(Guard):
         Loads that are formulas may be largest in the middle.
         """
         count = 2 ** min(ends.shape[1], 10)
-        numbers = np.unique(np.linspace(0, count - 1, min(count, CORNERS)).astype(int))
+        numbers = np.unique(np.linspace(0, count - 1, min(count, CHECKED_CORNERS)).astype(int))
         axes = np.arange(ends.shape[1])
         corners = np.array(
             [*(ends[(number >> (axes % 10)) & 1, axes] for number in numbers), ends.mean(axis=0)]
@@ -187,12 +187,12 @@ class StrainGuard(Guard):
         """Raise and warn by the strains and rotations of answers at points, (S, 2)."""
         for kind, size in zip(self._kinds, sizes.T, strict=True):
             worst = int(size.argmax())
-            if size[worst] <= LARGE:
+            if size[worst] <= LARGE_STRAIN:
                 continue
             message = (
                 f"at {problem.parameters.described(points[worst])}: {kind.in_words(size[worst])}"
             )
-            if size[worst] > MOST:
+            if size[worst] > STRAIN_LIMIT:
                 raise ReductionError(message)
             warn(message, SmallStrainWarning)
 
@@ -202,7 +202,7 @@ class StrainGuard(Guard):
         """The strain and the rotation that few cells exceed, (S, 2), of local rows without lifts,
         (own, S).
         """
-        each = TOGETHER if problem.spread.all_here else 1
+        each = STRAINS_AT_ONCE if problem.spread.all_here else 1
         found = []
         for first in range(0, len(points), each):
             part = slice(first, first + each)

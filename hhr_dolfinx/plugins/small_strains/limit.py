@@ -8,10 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.plugins.small_strains.cells import MOST
+from hhr_dolfinx.plugins.small_strains.cells import STRAIN_LIMIT
 from hhr_dolfinx.trained import TrainedRange, announce
 
-STEPS = 10
+BISECTIONS = 10
 """Bisections of the part of the box that is kept."""
 Box = np.ndarray
 """Lower and upper ends of parameters, (2, P)."""
@@ -19,7 +19,7 @@ Box = np.ndarray
 
 @dataclass(frozen=True)
 class StrainRange(TrainedRange):
-    """Range beyond which strains are larger than :data:`MOST`.
+    """Range beyond which strains are larger than :data:`STRAIN_LIMIT`.
 
     a model refuses there as outside its training range.
     """
@@ -28,7 +28,8 @@ class StrainRange(TrainedRange):
         """Check a point against the range; see :func:`~hhr_dolfinx.trained.announce`."""
         if self.complaint(point):
             announce(
-                f"strains or rotations above {MOST:g}, which mean nothing in a theory of small "
+                f"strains or rotations above {STRAIN_LIMIT:g}, which mean nothing in a "
+                f"theory of small "
                 f"ones, come beyond {self.described()}: lower the load, or take a program for "
                 "large ones",
                 outside,
@@ -43,7 +44,7 @@ class StrainRange(TrainedRange):
 def narrowed(
     space: ParameterSpace, worst: Callable[[Box], float], given: TrainedRange | None
 ) -> StrainRange | None:
-    """Largest part of the box with strains of at most :data:`MOST` in its corners.
+    """Largest part of the box with strains of at most :data:`STRAIN_LIMIT` in its corners.
 
     None without one.
 
@@ -61,13 +62,13 @@ def narrowed(
     for choice in (*choices, np.ones(len(space.names), dtype=bool)):
         ends = (*whole, whole.mean(axis=0), np.clip(0.0, *whole))
         target = min((np.where(choice, end, whole) for end in ends), key=worst)
-        if worst(target) > MOST:
+        if worst(target) > STRAIN_LIMIT:
             continue
         inside = 0.0
         beyond = 1.0
-        for _ in range(STEPS):
+        for _ in range(BISECTIONS):
             middle = (inside + beyond) / 2
-            if worst(target + middle * (whole - target)) > MOST:
+            if worst(target + middle * (whole - target)) > STRAIN_LIMIT:
                 beyond = middle
             else:
                 inside = middle

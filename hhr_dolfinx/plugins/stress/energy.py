@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.outputs import ModelProbe, NamedOutput
 
 
-class Work(NamedTuple):
+class WorkOfForces(NamedTuple):
     """Arrays of the work of forces, named as in :class:`Energy`."""
 
     rows: csr_matrix  # (k, N)
@@ -98,7 +98,7 @@ def _entries(matrix: csr_matrix) -> tuple[int, np.ndarray, np.ndarray, np.ndarra
     return matrix.shape[0], found.row.astype(np.int64), found.col.astype(np.int64), found.data
 
 
-def _work(probe: ModelProbe, problem: ContactProblem) -> Work:
+def _work(probe: ModelProbe, problem: ContactProblem) -> WorkOfForces:
     """The work of all forces but contact."""
     moduli = tuple(f"({modulus.factor}) * ({modulus.rest})" for modulus in problem.moduli) or ("1",)
     # a user's K without parts is refused: it is read here
@@ -117,7 +117,9 @@ def _work(probe: ModelProbe, problem: ContactProblem) -> Work:
     squares = np.array([(lifts.T @ part).toarray() for part in pulled])
     squares = squares.reshape(count, lifted.size, lifted.size)
     own = (rows @ lifts).toarray()
-    return Work(rows, moduli, terms, parts.astype(np.int64), lifted.astype(np.int64), squares, own)
+    return WorkOfForces(
+        rows, moduli, terms, parts.astype(np.int64), lifted.astype(np.int64), squares, own
+    )
 
 
 def _strained_terms(discretisation: Discretisation) -> np.ndarray:

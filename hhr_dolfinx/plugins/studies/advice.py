@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from hhr_dolfinx.plugins.studies.measure import Report
 
-ALIKE = 1e-9
+EQUALLY_ACCURATE = 1e-9
 """Relative force error below which methods count as equally accurate."""
 
 
@@ -125,7 +125,7 @@ def advice_varying(report: Report) -> Advice:
     return Advice(favoured.lower(), sentence)
 
 
-TRAINING = ("full_order", "snapshots", "held_out")
+TRAINING_STAGES = ("full_order", "snapshots", "held_out")
 """Stages of a training, which all reduced models share."""
 _OWN = ("this model", "interpolated")
 """Settings of the rows of the work-precision table that the advice compares."""
@@ -146,7 +146,10 @@ def by_favour(rows: dict[str, Report], seconds: dict[str, float]) -> list[str]:
     # round-off errors count as equal, and then the fastest comes first
     favoured = min(
         close,
-        key=lambda method: (max(rows[method]["dual_full_floored_max"], ALIKE), seconds[method]),
+        key=lambda method: (
+            max(rows[method]["dual_full_floored_max"], EQUALLY_ACCURATE),
+            seconds[method],
+        ),
     )
     return [favoured, *(method for method in rows if method != favoured)]
 

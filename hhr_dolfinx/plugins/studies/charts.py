@@ -11,19 +11,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-WIDTH = 640
+CHART_WIDTH = 640
 HEIGHT = 360
 """Sizes of a chart, in units of the SVG."""
-LEFT = 64
-RIGHT = 16
+LEFT_MARGIN = 64
+RIGHT_MARGIN = 16
 TOP = 14
 BOTTOM = 46
 """Its margins."""
-END = WIDTH - RIGHT
+END = CHART_WIDTH - RIGHT_MARGIN
 FLOOR = HEIGHT - BOTTOM
-"""Ends of its axes, which begin at ``LEFT`` and ``TOP``."""
-LEAST = 1e-16
-MOST = 1e16
+"""Ends of its axes, which begin at ``LEFT_MARGIN`` and ``TOP``."""
+LEAST_DRAWN = 1e-16
+MOST_DRAWN = 1e16
 """Limits at which values below and above are drawn: zero has no logarithm, and such numbers occur
 in no report.
 """
@@ -58,24 +58,26 @@ class _Axis:
     """A logarithmic axis from ``low`` to ``high``, drawn from ``begin`` to ``end``."""
 
     def __init__(self, values: Sequence[float], begin: float, end: float):
-        logs = [math.log10(min(max(value, LEAST), MOST)) for value in values]
+        logs = [math.log10(min(max(value, LEAST_DRAWN), MOST_DRAWN)) for value in values]
         self.low = math.floor(min(logs) - 0.05)
         self.high = max(math.ceil(max(logs) + 0.05), self.low + 1)
         self.begin = begin
         self.end = end
 
     def __call__(self, value: float) -> float:
-        part = (math.log10(min(max(value, LEAST), MOST)) - self.low) / (self.high - self.low)
+        part = (math.log10(min(max(value, LEAST_DRAWN), MOST_DRAWN)) - self.low) / (
+            self.high - self.low
+        )
         return self.begin + part * (self.end - self.begin)
 
 
 def _frame(across: str, up: str, content: Sequence[str], title: str) -> str:
     """A chart with the names of its axes."""
     return (
-        f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{escape(title)}">'
-        f'<path class="axis" d="M{LEFT} {TOP}V{FLOOR}H{END}"/>'
+        f'<svg viewBox="0 0 {CHART_WIDTH} {HEIGHT}" role="img" aria-label="{escape(title)}">'
+        f'<path class="axis" d="M{LEFT_MARGIN} {TOP}V{FLOOR}H{END}"/>'
         + "".join(content)
-        + _text((LEFT + END) / 2, HEIGHT - 8, "middle", escape(across))
+        + _text((LEFT_MARGIN + END) / 2, HEIGHT - 8, "middle", escape(across))
         + f'<text transform="translate(14 {(TOP + FLOOR) / 2:.0f}) rotate(-90)" '
         f'text-anchor="middle">{escape(up)}</text></svg>'
     )
@@ -91,9 +93,9 @@ def _ticks(axis: _Axis, up: bool = False) -> list[str]:
     for k in range(axis.low, axis.high + 1, max(1, math.ceil((axis.high - axis.low) / 9))):
         place = axis(10.0**k)
         power = f'10<tspan dy="-5" font-size="9">{k}</tspan>'
-        line = f"M{LEFT} {place:.1f}H{END}" if up else f"M{place:.1f} {TOP}V{FLOOR}"
+        line = f"M{LEFT_MARGIN} {place:.1f}H{END}" if up else f"M{place:.1f} {TOP}V{FLOOR}"
         number = (
-            _text(LEFT - 6, place + 4, "end", power)
+            _text(LEFT_MARGIN - 6, place + 4, "end", power)
             if up
             else _text(place, FLOOR + 17, "middle", power)
         )
@@ -117,7 +119,7 @@ def work_precision(marks: Sequence[Mark], error: str) -> str:
     marks = [mark for mark in marks if math.isfinite(mark.error) and 0 < mark.seconds < math.inf]
     if not marks:
         return ""
-    across = _Axis([mark.seconds for mark in marks], LEFT, END)
+    across = _Axis([mark.seconds for mark in marks], LEFT_MARGIN, END)
     up = _Axis([value for mark in marks for value in (mark.error, *mark.tail)], FLOOR, TOP)
     best = front(marks)
     line = "L".join(f"{across(mark.seconds):.1f} {up(mark.error):.1f}" for mark in best)
@@ -154,7 +156,7 @@ def _label(name: str, x: float, y: float, used: list[float]) -> str:
     used.append(place)
     return (
         _text(x - 9, place, "end", escape(name))
-        if x > WIDTH - 150
+        if x > CHART_WIDTH - 150
         else _text(x + 9, place, "start", escape(name))
     )
 
@@ -165,19 +167,20 @@ def histogram(errors: Sequence[float], bounds: Sequence[float], error: str, boun
     bounds = [value for value in bounds if math.isfinite(value)]
     if not errors:
         return ""
-    across = _Axis([*errors, *bounds], LEFT, END)
+    across = _Axis([*errors, *bounds], LEFT_MARGIN, END)
     counts = _counted(errors, across)
     limits = _counted(bounds, across)
     most = max(*counts, *limits)
     size = (FLOOR - TOP) / most
-    step = (END - LEFT) / BINS
+    step = (END - LEFT_MARGIN) / BINS
     parts = _ticks(across)
     parts += [
-        _text(LEFT - 6, FLOOR - count * size + 4, "end", count)
+        _text(LEFT_MARGIN - 6, FLOOR - count * size + 4, "end", count)
         for count in range(0, most + 1, max(1, math.ceil(most / 5)))
     ]
     for k, count in enumerate(counts):
-        box = f'x="{LEFT + k * step + 1:.1f}" y="{FLOOR - count * size:.1f}" width="{step - 2:.1f}"'
+        left, top = LEFT_MARGIN + k * step + 1, FLOOR - count * size
+        box = f'x="{left:.1f}" y="{top:.1f}" width="{step - 2:.1f}"'
         label = f"<title>{count} answers</title>"
         parts.append(
             f'<rect class="bar" {box} height="{count * size:.1f}">{label}</rect>' if count else ""
@@ -185,7 +188,7 @@ def histogram(errors: Sequence[float], bounds: Sequence[float], error: str, boun
     if bounds:
         steps = "".join(f"V{FLOOR - count * size:.1f}h{step:.2f}" for count in limits)
         parts.append(
-            f'<path class="limit" d="M{LEFT} {FLOOR}{steps}V{FLOOR}">'
+            f'<path class="limit" d="M{LEFT_MARGIN} {FLOOR}{steps}V{FLOOR}">'
             f"<title>{escape(bound)}</title></path>"
         )
     return _frame(error, "answers", parts, f"how many answers have which {error}")
@@ -214,12 +217,12 @@ def map_of(
     ]
     if not known:
         return ""
-    ends = [math.log10(max(pick(error for *_, error in known), LEAST)) for pick in (min, max)]
+    ends = [math.log10(max(pick(error for *_, error in known), LEAST_DRAWN)) for pick in (min, max)]
     (left, right), (low, high) = box
     parts: list[str] = []
     for x, y, error in sorted(known, key=lambda item: item[2]):
-        part = (math.log10(max(error, LEAST)) - ends[0]) / max(ends[1] - ends[0], 1e-9)
-        across = LEFT + (x - left) / (right - left) * (END - LEFT)
+        part = (math.log10(max(error, LEAST_DRAWN)) - ends[0]) / max(ends[1] - ends[0], 1e-9)
+        across = LEFT_MARGIN + (x - left) / (right - left) * (END - LEFT_MARGIN)
         up = FLOOR - (y - low) / (high - low) * (FLOOR - TOP)
         label = (
             f"<title>{escape(names[0])} = {x:.4g}, {escape(names[1])} = {y:.4g}: "
@@ -231,9 +234,9 @@ def map_of(
             f'r="{2.5 + 3 * part:.1f}">{label}</circle>'
         )
     parts += [
-        _text(LEFT, FLOOR + 17, "middle", f"{left:.4g}"),
+        _text(LEFT_MARGIN, FLOOR + 17, "middle", f"{left:.4g}"),
         _text(END, FLOOR + 17, "end", f"{right:.4g}"),
-        _text(LEFT - 6, FLOOR, "end", f"{low:.4g}"),
-        _text(LEFT - 6, TOP + 8, "end", f"{high:.4g}"),
+        _text(LEFT_MARGIN - 6, FLOOR, "end", f"{low:.4g}"),
+        _text(LEFT_MARGIN - 6, TOP + 8, "end", f"{high:.4g}"),
     ]
     return _frame(*names, parts, f"errors over {names[0]} and {names[1]}")

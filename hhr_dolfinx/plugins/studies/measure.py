@@ -33,7 +33,7 @@ Report = dict[str, Any]
 
 
 @dataclass(frozen=True)
-class Errors:
+class MeasuredErrors:
     """Errors by name at every point or history, (n,) each, infinite without an answer, and where
     there is one, (n,).
 
@@ -65,7 +65,7 @@ class Row:
     method: str
     setting: str
     seconds: np.ndarray
-    errors: Errors
+    errors: MeasuredErrors
 
     def as_report(self) -> Report:
         """Row of ``work_precision``: medians, and the tails."""
@@ -169,7 +169,7 @@ class References:
         lost.warn(len(points), 1, "test points")
         return cls(full_order.problem, solutions, force_floor(full_order.problem, training))
 
-    def errors(self, model: Model) -> Errors:
+    def errors(self, model: Model) -> MeasuredErrors:
         """Errors of any model with ``solve(mu)`` on the whole mesh at every point, see
         :func:`answer_errors`.
         """
@@ -213,4 +213,4 @@ class References:
             for name in Residuals.__dataclass_fields__
         }
         counts = {"points_with_false_contact": false_contact, "unconverged": int((~answered).sum())}
-        return Errors(values, answered, kkt, counts)
+        return MeasuredErrors(values, answered, kkt, counts)

@@ -18,11 +18,11 @@ from hhr_dolfinx.files import replacing
 from hhr_dolfinx.plugins.studies import charts
 from hhr_dolfinx.plugins.studies.advice import in_words
 
-LONG = 18
+LONG_CELL = 18
 """Length of the text of a cell above which it may break into several lines."""
-MAPPED = 3
+MAPPED_PARAMETERS = 3
 """Number of parameters whose neighbours are mapped against each other."""
-FIRST = ("primal_l2", "dual_full_floored", "stress_rr", "plastic_strain")
+MAIN_ERRORS = ("primal_l2", "dual_full_floored", "stress_rr", "plastic_strain")
 """Main errors; the same in other norms, or of a part, are folded."""
 ERRORS = {
     "primal_l2": "displacement, mean square",
@@ -38,7 +38,8 @@ ERRORS = {
 """Names of errors for readers; others have the names of their keys."""
 CHARTED = {"dual_full_floored": "contact forces", "primal_l2": "displacement"}
 """Errors that are drawn over the time of a query."""
-MATERIALS = {"young": "Young's modulus", "poisson": "Poisson's ratio"}
+MATERIAL_WORDS = {"young": "Young's modulus", "poisson": "Poisson's ratio"}
+"""Names of constants of materials on the page."""
 TIMES = {
     "fom_naive": "a first program: everything assembled and factored for each query",
     "fom_best": "the full order at its best: the stiffness factored once",
@@ -49,7 +50,7 @@ TIMES = {
     "online_full": "the reduced model, fields and forces",
     "online_forces": "the reduced model, forces on the whole surface",
 }
-PICTURES = {
+CAPTIONS = {
     "scene.png": "The scene: bodies, contact surfaces, supports and loads.",
     "pressures.png": "Contact pressures: lines of the full order, marks of the reduced model.",
     "fields.png": (
@@ -60,6 +61,7 @@ PICTURES = {
     "largest_plastic_strain.png": "Largest plastic strain over time.",
     "iterations_of_a_step.png": "Iterations of the steps of a history.",
 }
+"""Captions of pictures by their files, in this order."""
 SIZES = {
     "N": "unknowns",
     "N_lambda": "contact conditions",
@@ -196,7 +198,7 @@ def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def _line(cells: Sequence[str], tag: str) -> str:
-    marks = (f'<{tag} class="long">' if len(cell) > LONG else f"<{tag}>" for cell in cells)
+    marks = (f'<{tag} class="long">' if len(cell) > LONG_CELL else f"<{tag}>" for cell in cells)
     return (
         "<tr>"
         + "".join(f"{mark}{escape(cell)}</{tag}>" for mark, cell in zip(marks, cells, strict=True))
@@ -252,7 +254,7 @@ def _asked(report: Mapping[str, Any]) -> str:
     return _section(
         "What was asked",
         _table(["parameter", "from", "to"], box),
-        _table([MATERIALS.get(name, _words(name)) for name in names], materials),
+        _table([MATERIAL_WORDS.get(name, _words(name)) for name in names], materials),
         _note(f"{name} in {_text(unit)}" for name, unit in units.items()),
     )
 
@@ -336,7 +338,7 @@ def method_rows(methods: Sequence[Mapping[str, Any]]) -> list[list[str]]:
 
 def _errors(errors: Mapping[str, Any], mesh: Mapping[str, Any]) -> str:
     rows = error_rows(errors)
-    main = [row for key, row in rows.items() if key in FIRST] or list(rows.values())
+    main = [row for key, row in rows.items() if key in MAIN_ERRORS] or list(rows.values())
     rest = [row for row in rows.values() if row not in main]
     note = (
         "<p class='small'>Relative to the full order, at parameters that no model was trained "
@@ -457,7 +459,7 @@ def _maps(report: Mapping[str, Any], errors: list[float]) -> list[str]:
             (_named(box[k]), _named(box[k + 1])),
             ends[k : k + 2],
         )
-        for k in range(min(len(box) - 1, MAPPED))
+        for k in range(min(len(box) - 1, MAPPED_PARAMETERS))
     ]
 
 
@@ -475,13 +477,13 @@ def _figure(path: Path) -> str:
     if not path.is_file():
         return ""
     data = base64.b64encode(path.read_bytes()).decode()
-    caption = escape(PICTURES.get(path.name, _words(path.stem)))
+    caption = escape(CAPTIONS.get(path.name, _words(path.stem)))
     image = f'<img alt="{caption}" src="data:image/png;base64,{data}">'
     return f"<figure>{image}<figcaption>{caption}</figcaption></figure>"
 
 
 def _pictures(folder: Path) -> str:
-    order = {name: place for place, name in enumerate(PICTURES)}
+    order = {name: place for place, name in enumerate(CAPTIONS)}
     found = [path for path in folder.glob("*.png") if path.name != "scene.png"]
     found.sort(key=lambda path: (order.get(path.name, len(order)), path.name))
     return _section("Pictures", *(_figure(path) for path in found))

@@ -38,11 +38,11 @@ with extra("pictures", "pictures and fields for ParaView"):
 
 Curves = dict[str, tuple[Any, Any]]
 """Positions and values of curves by name."""
-SHARE = 99.0
+COLOUR_PERCENTILE = 99.0
 """Percentiles of the values that bound the colours: else an infinite stress at a corner would take
 them all.
 """
-BEYOND = 1.3
+PEAK_IN_TITLE = 1.3
 """Largest value, over the end of the colours, above which the title states it."""
 BAR = {
     "vertical": False,
@@ -72,10 +72,10 @@ def _row(
 ) -> Iterator[_Field]:
     """Pictures of a quantity: one of each model in the same colours, and their difference."""
     every = np.concatenate([np.ravel(values) for values in models.values()])
-    low, high = np.percentile(every, [100 - SHARE, SHARE])
+    low, high = np.percentile(every, [100 - COLOUR_PERCENTILE, COLOUR_PERCENTILE])
     for model, values in models.items():
         largest = float(np.max(values))
-        peak = f", up to {largest:.3g}" if largest > BEYOND * high else ""
+        peak = f", up to {largest:.3g}" if largest > PEAK_IN_TITLE * high else ""
         yield _Field(
             warped[model],
             f"{quantity}, {model}",
@@ -84,7 +84,7 @@ def _row(
             (low, high),
         )
     first, *_, last = models
-    size = float(np.percentile(np.abs(models[last] - models[first]), SHARE)) or 1.0
+    size = float(np.percentile(np.abs(models[last] - models[first]), COLOUR_PERCENTILE)) or 1.0
     title = f"{last} less {first}"
     yield _Field(warped[last], f"{quantity}, difference", title, "coolwarm", (-size, size))
 

@@ -31,7 +31,7 @@ from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.one_thread import one_thread
-from hhr_dolfinx.plugins.studies.measure import Errors, Measurement, References, Report, Row
+from hhr_dolfinx.plugins.studies.measure import MeasuredErrors, Measurement, References, Report, Row
 from hhr_dolfinx.reduction.exact import exact_condensation
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.snapshots.records import SnapshotSet
@@ -39,7 +39,14 @@ from hhr_dolfinx.study.training.train import Progress, Training
 from hhr_dolfinx.timing import now
 
 COMPARED = ("fom_naive", "fom_best", "condensed")
-TIMED = (*COMPARED, "condensed_full", "online", "online_forces", "online_lapack", "online_full")
+TIMED_METHODS = (
+    *COMPARED,
+    "condensed_full",
+    "online",
+    "online_forces",
+    "online_lapack",
+    "online_full",
+)
 COLD = (*COMPARED, "online", "online_lapack")
 
 SAMPLED = {"displacement": "primal_energy", "forces": "dual_full_floored"}
@@ -203,7 +210,7 @@ def _queries_of(full: FullOrderModel, model: KeptModel) -> tuple[dict[str, Model
     return models, whole
 
 
-def _samples(points: np.ndarray, answers: list[Answer], errors: Errors) -> Report:
+def _samples(points: np.ndarray, answers: list[Answer], errors: MeasuredErrors) -> Report:
     """The ``samples`` part of a report: test points, errors there, and their estimates,
     relative.
     """
@@ -327,7 +334,7 @@ def _times(warm: Times, cold: Times, baselines: Iterable[str], offline: Report) 
     """
     return {
         "times": {
-            **_summaries(warm, (*TIMED, *baselines)),
+            **_summaries(warm, (*TIMED_METHODS, *baselines)),
             "cold_start": _summaries(cold, (*COLD, *baselines)),
             **offline,
         },

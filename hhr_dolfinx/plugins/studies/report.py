@@ -20,7 +20,7 @@ from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plain import finite
 from hhr_dolfinx.plugins.studies import page
-from hhr_dolfinx.plugins.studies.advice import TRAINING, advice, in_words
+from hhr_dolfinx.plugins.studies.advice import TRAINING_STAGES, advice, in_words
 from hhr_dolfinx.plugins.studies.measure import Measurement, Report, Row
 from hhr_dolfinx.plugins.studies.of_laws import study_of
 from hhr_dolfinx.scene import Scene
@@ -30,7 +30,7 @@ from hhr_dolfinx.version import __version__
 
 FROM_FILES = "answers read from files"
 """Stage of a training whose answers existed already."""
-LONGEST = 160
+LONGEST_CELL = 160
 """Most characters of a printed cell."""
 
 
@@ -122,7 +122,7 @@ def break_even(times: Report) -> dict[str, float | None]:
     found = dict[str, float | None](forces=None)
     if "condensed_full" not in times:
         found["fields"] = _pays(times, offline, "online")
-        shared = sum(times["offline"].get(stage, 0.0) for stage in (*TRAINING, FROM_FILES))
+        shared = sum(times["offline"].get(stage, 0.0) for stage in (*TRAINING_STAGES, FROM_FILES))
         spent = shared + sum(times.get("offline_condensed", {}).values())
         return found | {"fields, condensed": _pays(times, spent, "condensed")}
     for name, kind in {"forces": "online_forces", "fields": "online_full"}.items():
@@ -225,7 +225,7 @@ def write_report(report: Report | list[Report], folder: str | Path, name: str = 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
     table = Table(*head)
     for row in rows:
-        table.add_row(*(cell[:LONGEST] for cell in row))
+        table.add_row(*(cell[:LONGEST_CELL] for cell in row))
     return table
 
 

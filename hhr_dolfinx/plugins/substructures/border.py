@@ -24,7 +24,7 @@ SENT = 2_000_000
 
 
 @dataclass(frozen=True)
-class Part:
+class BorderPart:
     """A connected part of the border, which ``owner`` factors: first its ``common`` rows, those
     that ranks share.
     """
@@ -47,7 +47,7 @@ class Border:
     place: (
         np.ndarray
     )  # index in this order of each row of the matrix; -1 outside of the border, (n,)
-    parts: tuple[Part, ...]  # connected components of the border
+    parts: tuple[BorderPart, ...]  # connected components of the border
     inverted: (
         np.ndarray
     )  # indices in the border of the rows between which K^-1 is needed, by increasing row number
@@ -82,7 +82,7 @@ def border_of(rows: csr_matrix, first: int, last: np.ndarray, comm: Comm) -> Bor
     spans = [slice(int(one), int(other)) for one, other in pairwise(starts)]
     owners = _owners([span.stop - span.start for span in spans], comm.size)
     counts = [int(np.count_nonzero(~inverted[span])) for span in spans]
-    parts = tuple(Part(*item) for item in zip(spans, counts, owners, strict=True))
+    parts = tuple(BorderPart(*item) for item in zip(spans, counts, owners, strict=True))
     return Border(numbers, place, parts, place[ends], inside_of)
 
 
@@ -188,7 +188,9 @@ def _cover(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.concatenate([lefts[~reached], rights[met]])
 
 
-def gathered(part: Part, reach: np.ndarray, left: np.ndarray, comm: Comm) -> np.ndarray | None:
+def gathered(
+    part: BorderPart, reach: np.ndarray, left: np.ndarray, comm: Comm
+) -> np.ndarray | None:
     """Sum of the Schur complements of all ranks on a part, (size, size); None on ranks that do not
     own it. Collective.
 

@@ -18,7 +18,13 @@ from mpi4py import MPI
 from scipy.sparse import csc_matrix, csr_matrix, triu
 
 from hhr_dolfinx.linear.factors import Factors, Pattern, add_between
-from hhr_dolfinx.plugins.substructures.border import Border, DenseFactors, Part, border_of, gathered
+from hhr_dolfinx.plugins.substructures.border import (
+    Border,
+    BorderPart,
+    DenseFactors,
+    border_of,
+    gathered,
+)
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
@@ -27,7 +33,7 @@ MOST_AT_BORDER = 20_000
 """Largest count of rows of a part of the border: its Schur complement then takes 3.2 GB on the
 owner.
 """
-SMALL = 1000
+SMALL_PART = 1000
 """Rows of parts below which the interior rows connected to several parts are factored as one."""
 
 
@@ -65,9 +71,9 @@ class Substructures:
         # complements with zeros; small parts form one group
         inside = np.flatnonzero(at < 0)
         sizes = np.array([part.size for part in self._border.parts] + [0])
-        label = np.where(sizes[self._border.part_of] < SMALL, -1, self._border.part_of)
+        label = np.where(sizes[self._border.part_of] < SMALL_PART, -1, self._border.part_of)
         self._insides = [
-            _Inside(
+            _InteriorFactors(
                 marks,
                 pattern.places,
                 values,
@@ -81,7 +87,7 @@ class Substructures:
         ]
         self.possible = comm.allreduce(all(inside.possible for inside in self._insides), MPI.LAND)
         self._values = values[self._among.places]
-        self._dense: dict[Part, DenseFactors] = {}
+        self._dense: dict[BorderPart, DenseFactors] = {}
 
     def replace(self, values: np.ndarray, _: Callable[[], Pattern]) -> None:
         """Set the values of the first pattern that are factored next."""
@@ -110,7 +116,7 @@ class Substructures:
             definite &= self._dense[part].definite
         return self._comm.allreduce(definite, MPI.LAND)
 
-    def _left(self, part: Part) -> np.ndarray | None:
+    def _left(self, part: BorderPart) -> np.ndarray | None:
         """Schur complement on a part of the border, on and above the diagonal; None off its owner.
 
         Collective.
@@ -215,7 +221,7 @@ class Substructures:
         return total
 
 
-class _Inside:
+class _InteriorFactors:
     """Factors of interior rows of this rank, (k,), with their Schur complement on the border, if
     that is ``possible``.
 

@@ -12,7 +12,7 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.system import SystemAt
 from hhr_dolfinx.parameters import ParameterSpace
 
-ROUND_OFF = 1e-12
+VALUE_ROUND_OFF = 1e-12
 """Part of the terms of a value up to which it is round-off: sums of some hundred terms have
 1e-14.
 """
@@ -38,7 +38,7 @@ def check_symmetric(at: SystemAt, matrix: csr_matrix, name: str) -> None:
     off = mine[0] @ (matrix @ other) - mine[1] @ (matrix @ one)
     size = abs(mine[0]) @ (abs(matrix) @ abs(other))
     off, size = problem.spread.sum(np.array([off, size]))
-    if not abs(off) <= ROUND_OFF * size:
+    if not abs(off) <= VALUE_ROUND_OFF * size:
         raise SceneError(
             f"K of the system of scene '{name}' is not symmetric at "
             f"{problem.parameters.described(at.point)}: factors read one half of it. Give the K of "
@@ -75,7 +75,7 @@ def check_parts(at: SystemAt, matrix: csr_matrix, problem: ContactProblem, name:
         "the gaps": _largest(at.gaps - gaps, problem) / (_largest(reach, problem) or 1.0),
     }
     for what, error in errors.items():
-        if not error <= ROUND_OFF:
+        if not error <= VALUE_ROUND_OFF:
             raise SceneError(
                 f"the system of scene '{name}' states parts, and {what} of its equations differ "
                 f"from their sum by {error:.2g} of it at {problem.parameters.described(at.point)}: "

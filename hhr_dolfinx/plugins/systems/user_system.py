@@ -21,7 +21,7 @@ from hhr_dolfinx.errors import HHRError, NotSolvableError, SceneError, SceneWarn
 from hhr_dolfinx.formulas import Formula
 from hhr_dolfinx.full_order.free_bodies import FreeBody
 from hhr_dolfinx.full_order.system import SummedSystem, System, SystemAt
-from hhr_dolfinx.group import Group
+from hhr_dolfinx.group import ProcessGroup
 from hhr_dolfinx.plugins.elasticity.unresisted import unresisted
 from hhr_dolfinx.plugins.systems.parts import check_parts, check_symmetric, samples
 from hhr_dolfinx.plugins.systems.restricted import (
@@ -161,7 +161,7 @@ class UserSystem:
         return checked
 
     @contextmanager
-    def _of_user(self, group: Group) -> Iterator[None]:
+    def _of_user(self, group: ProcessGroup) -> Iterator[None]:
         """On several ranks errors of a system name the ranks; on one they keep their traceback."""
         try:
             yield

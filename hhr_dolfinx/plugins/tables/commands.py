@@ -7,14 +7,15 @@ from functools import partial
 from pathlib import Path
 
 from hhr_dolfinx.command.speaking import resumable, spoken
-from hhr_dolfinx.command.words import KNOWN, NO_ANSWER, PART, examples
+from hhr_dolfinx.command.words import EXIT_NO_ANSWER, KNOWN_OPTION, PART_OPTION, examples
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.group import share
 
 with extra("study", "the command hhr"):
     import click
 
-TABLES = (".csv", ".parquet")
+WRITTEN_TABLES = (".csv", ".parquet")
+"""Endings of tables that are written."""
 
 
 @click.command(
@@ -45,8 +46,8 @@ TABLES = (".csv", ".parquet")
     show_default=True,
     help="a column for each contact condition",
 )
-@PART
-@KNOWN
+@PART_OPTION
+@KNOWN_OPTION
 @resumable
 def answer(
     model: Path,
@@ -67,7 +68,7 @@ def answer(
     from hhr_dolfinx.command.loading import checked_target, model_of
     from hhr_dolfinx.plugins.tables.tables import answer_table, checksum, read_points
 
-    checked_target(out, TABLES)
+    checked_target(out, WRITTEN_TABLES)
     target = out or Path("answers.csv")
     target = (
         target
@@ -93,4 +94,4 @@ def answer(
     bad = answer_table(
         loaded, rows, target, console, progress("blocks of rows"), **columns, resume=checksum(model)
     )
-    sys.exit(NO_ANSWER if bad else 0)
+    sys.exit(EXIT_NO_ANSWER if bad else 0)

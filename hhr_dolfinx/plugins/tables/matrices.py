@@ -26,11 +26,11 @@ from hhr_dolfinx.models.functionals.kinds import Largest, Linear
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.parameters import ParameterSpace, as_tuple, is_number
 
-STARTS = 64
+STATUS_POINTS = 64
 """Points at which initial statuses are computed."""
 PIVOT = 1e-14
 """Largest ratio of a pivot to its diagonal entry in a matrix that is singular to round-off."""
-SYMMETRIC = 1e-10
+SYMMETRIC_STIFFNESS = 1e-10
 """Largest difference of a stiffness from its transpose over its largest entry: ten digits, as files
 have them.
 """
@@ -106,7 +106,7 @@ def _started(
     """Make the model, with initial statuses from solutions without any."""
     nothing = KnownStatuses(parameters.middle[None], np.zeros((1, fields.conditions), dtype=bool))
     model = CondensedModel(parameters, eliminated, nothing, fields, pairs)
-    points = parameters.random(STARTS, 0)
+    points = parameters.random(STATUS_POINTS, 0)
     known = KnownStatuses.of_answers(
         model.solve(point, start=None, raise_on_failure=False) for point in points
     )
@@ -167,7 +167,7 @@ def _check(stiffness: csc_matrix, contact: csc_matrix) -> None:
         if not np.isfinite(matrix.data).all():
             raise SceneError(f"{name} holds numbers that are not finite")
     off = abs(stiffness - stiffness.T).max()
-    if off > SYMMETRIC * abs(stiffness).max():
+    if off > SYMMETRIC_STIFFNESS * abs(stiffness).max():
         raise SceneError(
             f"the stiffness is not symmetric: it differs from its transpose by {off:.3g}"
         )

@@ -35,14 +35,14 @@ if TYPE_CHECKING:
 
 PARQUET = ".parquet"
 """Ending of binary tables."""
-MARK = "blocks of answers by hhr_dolfinx"
+FOLDER_MARK = "blocks of answers by hhr_dolfinx"
 """Content of the file ``of.json`` in a folder of blocks.
 
 a folder without it has another owner and is not touched.
 """
 WORKBOOKS = (".xlsx", ".xls", ".xlsm", ".ods")
 """Endings of tables that only spreadsheets read."""
-SHOWN = 20
+MOST_REASONS = 20
 """Largest count of bad rows whose reasons are printed; the table has all of them."""
 DELIMITERS = ",;\t"
 """Marks between the columns of a table of text, the usual one first."""
@@ -218,14 +218,14 @@ def answer_table(
             f"{good} and {len(bad)} bad rows on {group.size} ranks in {seconds:.1f} s: {path}",
             markup=False,
         )
-        for number, why in bad[:SHOWN]:
+        for number, why in bad[:MOST_REASONS]:
             row = rows[number]
             console.print(
                 f"line {row.line} ({', '.join(row.cells)}): {why}", highlight=False, markup=False
             )
-        if len(bad) > SHOWN:
+        if len(bad) > MOST_REASONS:
             console.print(
-                f"and {len(bad) - SHOWN} more, with their reasons in the column '{_STATUS}'",
+                f"and {len(bad) - MOST_REASONS} more, with their reasons in the column '{_STATUS}'",
                 markup=False,
             )
     return count
@@ -275,13 +275,13 @@ class _Blocks:
 
         FileError if it has other files.
         """
-        mark = {MARK: self.digest()}
+        mark = {FOLDER_MARK: self.digest()}
         found = None
         with suppress(OSError, ValueError, RecursionError):
             found = json.loads(self._mark.read_text(encoding="utf-8"))
         if self.resume is not None and found == mark:
             return
-        if isinstance(found, dict) and found.keys() == {MARK}:
+        if isinstance(found, dict) and found.keys() == {FOLDER_MARK}:
             self._clear()
         elif self.folder.is_dir():
             self._refuse_others()

@@ -25,7 +25,7 @@ from hhr_dolfinx.plugins.theorems.rid_norms import Directions, Norms
 
 SLACK = 1e-8
 """Relative accuracy of constants, by which others may be beyond them."""
-NAMES = {"3": "beta_HR of (2.38)", "6": "alpha' of (2.46)"}
+CONSTANT_NAMES = {"3": "beta_HR of (2.38)", "6": "alpha' of (2.46)"}
 """Names of the constants that are not alpha, (2.9), on the space of the proof."""
 OVER_ALL = (
     "its infimum is over all of the reduced space, (2.142), and that of the proof over fewer "
@@ -99,7 +99,7 @@ def given_constants(
         )
     # theorems 3 and 6 keep their own constant in the place of alpha
     used = {
-        name: replace(own, continuity=given.continuity) if name in NAMES else given
+        name: replace(own, continuity=given.continuity) if name in CONSTANT_NAMES else given
         for name, own in sharp.items()
     }
     if sigma_min is None:
@@ -123,7 +123,7 @@ def beyond(used: dict[str, Ellipticity], sharp: dict[str, Ellipticity]) -> dict[
                 f"{known.continuity:.3g} and more"
             )
         elif own.coercivity > known.coercivity * (1 + SLACK):
-            what = NAMES.get(name, "alpha of (2.9)")
+            what = CONSTANT_NAMES.get(name, "alpha of (2.9)")
             found[name] = (
                 f"{own.coercivity:.3g} is no {what}, which are {known.coercivity:.3g} and less"
             )

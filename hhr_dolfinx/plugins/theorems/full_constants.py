@@ -20,7 +20,7 @@ from scipy import linalg
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.certify.constants import Constants, Stability, constants_of
-from hhr_dolfinx.contact.problem import DEPENDENT, ContactProblem
+from hhr_dolfinx.contact.problem import DEPENDENT_ROWS, ContactProblem
 from hhr_dolfinx.reduction.build import Draft, independent
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ def smallest_singular_value(rows: csr_matrix) -> float:
             "unknown"
         )
         return math.nan
-    return math.sqrt(scale * value) if value > DEPENDENT else 0.0
+    return math.sqrt(scale * value) if value > DEPENDENT_ROWS else 0.0
 
 
 def extreme_eigenvalue(prepared: Callable[[], SLEPc.EPS]) -> tuple[float, float] | None:
@@ -160,7 +160,7 @@ def _smallest_by_inversion(matrix: csr_matrix) -> float:
         solver.setProblemType(SLEPc.EPS.ProblemType.HEP)
         solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
         # close to zero but not zero: the matrix may be singular
-        solver.setTarget(-DEPENDENT)
+        solver.setTarget(-DEPENDENT_ROWS)
         solver.getST().setType(SLEPc.ST.Type.SINVERT)
         return solver
 

@@ -25,7 +25,7 @@ from hhr_dolfinx.plugins.theorems.ellipticity import (
     on_dofs,
 )
 
-NEGLIGIBLE = 1e-12
+NEGLIGIBLE_MODE = 1e-12
 """Singular value of modes cut off outside A over the largest, below which they are dependent to
 round-off.
 """
@@ -44,7 +44,7 @@ class Directions:
     def spanned(cls, columns: np.ndarray, gram: Callable[[np.ndarray], np.ndarray]) -> Directions:
         """The span of columns, which may be dependent, (n, m)."""
         left, sizes, _ = linalg.svd(columns, full_matrices=False)
-        left = left[:, sizes > NEGLIGIBLE * sizes.max(initial=0.0)]
+        left = left[:, sizes > NEGLIGIBLE_MODE * sizes.max(initial=0.0)]
         energies, axes = (
             linalg.eigh(left.T @ gram(left)) if left.size else (np.ones(0), np.zeros((0, 0)))
         )

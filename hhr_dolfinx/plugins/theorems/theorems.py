@@ -58,7 +58,7 @@ from hhr_dolfinx.plugins.theorems.rid_norms import (
 )
 
 THEOREMS = ("3", "4", "4 kernel", "5", "6", "8")
-ROUND_OFF = 1e-10
+RIGHT_SIDE_ROUND_OFF = 1e-10
 """Part of an answer that is round-off, added to each right side."""
 
 
@@ -240,7 +240,7 @@ class _Pair:
         constants = self.bounds.constants[theorem]
         ratio = constants.continuity / constants.coercivity
         near, near_whole = self.bounds.near
-        noise = ROUND_OFF * self._size
+        noise = RIGHT_SIDE_ROUND_OFF * self._size
         match theorem:
             case "3":
                 forces = (
@@ -251,7 +251,7 @@ class _Pair:
                 nearest = near.distance(self._error[self._inside])
                 return Sides(self._moved, (1 + ratio) * (nearest + self._lifted) + noise)
             case "6":
-                noise = ROUND_OFF * self._whole(self.exact.unknown)
+                noise = RIGHT_SIDE_ROUND_OFF * self._whole(self.exact.unknown)
                 return Sides(
                     self._whole(self._error), (1 + ratio) * near_whole.distance(self._error) + noise
                 )

@@ -6,7 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from hhr_dolfinx.command.speaking import guarded
-from hhr_dolfinx.command.words import KNOWN, examples
+from hhr_dolfinx.command.words import KNOWN_OPTION, examples
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.group import launched
@@ -33,7 +33,7 @@ with extra("study", "the command hhr"):
     help="0 takes a free one",
 )
 @click.option("--name", default="forward", show_default=True, help="name of the model, for clients")
-@KNOWN
+@KNOWN_OPTION
 @guarded
 def serve(model: Path, host: str, port: int, name: str, known: tuple[str, ...]) -> None:
     """Serve a model over HTTP, to clients of UM-Bridge, until Ctrl-C: values, gradients, products

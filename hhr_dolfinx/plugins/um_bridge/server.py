@@ -22,15 +22,15 @@ from hhr_dolfinx.errors import FileError, HHRError, NotOfferedError, ParameterEr
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.version import __version__
 
-VERSION = 1.0
+PROTOCOL_VERSION = 1.0
 """Version of the protocol."""
-MOST_BYTES = 1_000_000
+MOST_REQUEST_BYTES = 1_000_000
 """Largest size of a request: a point of a thousand parameters has some 20,000 bytes."""
-MOST_SKIPPED = 50 * MOST_BYTES
+MOST_SKIPPED = 50 * MOST_REQUEST_BYTES
 """Bytes of a request above the limit that are read and discarded before it is refused."""
-SECONDS = 60.0
+IDLE_SECONDS = 60.0
 """Seconds after which the connection of a client that sends nothing is closed."""
-NAME = "forward"
+DEFAULT_NAME = "forward"
 """Default name of the model for clients: the protocol's usual word for a map from parameters to
 outputs.
 """
@@ -54,7 +54,7 @@ class Protocol:
     Clients see no warnings of Python: a point outside the training range is refused.
     """
 
-    def __init__(self, model: AnsweringModel, name: str = NAME):
+    def __init__(self, model: AnsweringModel, name: str = DEFAULT_NAME):
         if model.fields.functionals is None:
             raise NotOfferedError(
                 "UM-Bridge needs numbers to hand out: name outputs in the scene, "
@@ -85,7 +85,7 @@ class Protocol:
         """Answer a GET request; RequestError for any path but ``/Info``."""
         if path != "/Info":
             raise self._unknown(path)
-        return {"protocolVersion": VERSION, "models": [self.name]}
+        return {"protocolVersion": PROTOCOL_VERSION, "models": [self.name]}
 
     def post(self, path: str, body: bytes) -> Fields:
         """Answer a POST request.
@@ -200,7 +200,7 @@ class _Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
     server_version = f"hhr_dolfinx/{__version__}"
     sys_version = ""
-    timeout = SECONDS
+    timeout = IDLE_SECONDS
     server: Server
 
     def do_GET(self) -> None:
@@ -216,12 +216,12 @@ class _Handler(BaseHTTPRequestHandler):
             raise self._unread(
                 HTTPStatus.LENGTH_REQUIRED, "a request must have its Content-Length, and no chunks"
             )
-        if len(text) > 9 or int(text) > MOST_BYTES:
+        if len(text) > 9 or int(text) > MOST_REQUEST_BYTES:
             # a client must finish sending to read the reason
             left = min(int(text[:9]), MOST_SKIPPED)
-            while left > 0 and (piece := self.rfile.read(min(left, MOST_BYTES))):
+            while left > 0 and (piece := self.rfile.read(min(left, MOST_REQUEST_BYTES))):
                 left -= len(piece)
-            size = f"a request of {text[:20]} bytes is more than the limit of {MOST_BYTES}"
+            size = f"a request of {text[:20]} bytes is more than the limit of {MOST_REQUEST_BYTES}"
             raise self._unread(
                 HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"{size}: send one point at a time"
             )
@@ -295,7 +295,11 @@ class Server(ThreadingHTTPServer):
     request_queue_size = 128
 
     def __init__(
-        self, model: AnsweringModel, host: str = "127.0.0.1", port: int = 4242, name: str = NAME
+        self,
+        model: AnsweringModel,
+        host: str = "127.0.0.1",
+        port: int = 4242,
+        name: str = DEFAULT_NAME,
     ):
         self.protocol = Protocol(model, name)
         self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET

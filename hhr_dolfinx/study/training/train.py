@@ -17,7 +17,7 @@ from mpi4py import MPI
 from hhr_dolfinx import registry
 from hhr_dolfinx.errors import NotOfferedError, ParameterError, StudyError
 from hhr_dolfinx.full_order.full import FullOrderModel
-from hhr_dolfinx.group import Group, group_of, share
+from hhr_dolfinx.group import ProcessGroup, group_of, share
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.model import KeptModel
@@ -186,7 +186,8 @@ def train(
 
 
 def _trained(
-    scene: Scene, training: Any, held_out: Any, seed: int, folder: str | Path | None, group: Group,
+    scene: Scene, training: Any, held_out: Any, seed: int, folder: str | Path | None,
+    group: ProcessGroup,
     march: MarchSettings, progress: Progress, together: bool | None,
 ) -> Training:  # fmt: skip
     """See :func:`train`."""
@@ -237,7 +238,7 @@ def _trained(
 
 
 def _full_model(
-    scene: Scene, group: Group, together: bool | None, queries: object, log: StageLog
+    scene: Scene, group: ProcessGroup, together: bool | None, queries: object, log: StageLog
 ) -> FullOrderModel:
     """A full model on each rank, or one distributed over all ranks, by rows if it reduces by
     rows.
@@ -267,7 +268,7 @@ def _full_model(
     return full.gathered()
 
 
-def _bar(progress: Progress, label: str, group: Group) -> Callable[[Iterable], Iterable]:
+def _bar(progress: Progress, label: str, group: ProcessGroup) -> Callable[[Iterable], Iterable]:
     """Progress bar of the user; all ranks raise if it fails on one."""
     with group.each(PROGRESS):
         return progress(label)
@@ -276,7 +277,7 @@ def _bar(progress: Progress, label: str, group: Group) -> Callable[[Iterable], I
 def _answered(
     full: FullOrderModel,
     given: Any,
-    group: Group,
+    group: ProcessGroup,
     progress: Callable[[Iterable], Iterable],
     store: SnapshotStore | None,
     march: MarchSettings,
@@ -292,7 +293,7 @@ def _answered(
 def _solved(
     full: FullOrderModel,
     queries: Any,
-    group: Group,
+    group: ProcessGroup,
     progress: Progress,
     store: SnapshotStore | None,
     march: MarchSettings,

@@ -206,7 +206,7 @@ def test_bodies_held_by_contact_are_named_with_their_motions():
 
 def test_a_body_that_nothing_holds_and_that_touches_another_one():
     """The only contact is with a floor."""
-    floor = hhr.Obstacle(stacked_blocks.interface(stacked_blocks.LOWER, 2), (0.0, 1.0), 10.0)
+    floor = hhr.Obstacle(stacked_blocks.interface(stacked_blocks.LOWER_BLOCK, 2), (0.0, 1.0), 10.0)
     found = check_scene(lying(bulge=0.0, contacts=(floor,)))
     assert any(re.search(r"body 2 .* can move freely", text) for text in texts(found, MISTAKE))
     assert any(

@@ -21,10 +21,10 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx import registry
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.plugins.conformance.draft import (
-    Chosen,
-    Draft,
+    ChosenSwitch,
     Excluded,
     Kind,
+    SceneDraft,
     composed,
     has_neutral,
     switches,
@@ -65,11 +65,11 @@ def test_a_switch_adds_a_capability_to_any_draft():
     known = switches()
     three = [name for name in ("cone", "traction", "obstacle") if name in known]
     for pair in itertools.permutations(three):
-        draft = composed(Chosen(name, known[name]) for name in pair)
+        draft = composed(ChosenSwitch(name, known[name]) for name in pair)
         assert draft.dimension == (3 if "cone" in pair else 2)
         assert all(len(load.direction) == draft.dimension for load in draft.loads)
     for name, switch in known.items():
-        assert isinstance(Chosen(name, switch, True).applied(Draft()), Draft), name
+        assert isinstance(ChosenSwitch(name, switch, True).applied(SceneDraft()), SceneDraft), name
 
 
 def test_contact_opens_and_closes_along_the_path():
@@ -133,7 +133,7 @@ def test_few_pairs_are_refused():
     excluded = 0
     for pair in every:
         try:
-            composed(Chosen(name, known[name]) for name in pair)
+            composed(ChosenSwitch(name, known[name]) for name in pair)
         except Excluded:
             excluded += 1
     assert 20 <= excluded <= 30
@@ -185,7 +185,7 @@ def test_pairs_in_all_verbs(names):
     check(names, tuple(compose_verbs.VERBS))
 
 
-def lying(draft: Draft, neutral: bool) -> Draft:
+def lying(draft: SceneDraft, neutral: bool) -> SceneDraft:
     """A neutral value that changes the answer."""
     return draft.with_body(1, lambda body: replace(body, young=3.0 * (1.0 + 1e-4 * neutral)))
 
@@ -297,7 +297,7 @@ def test_what_a_verb_raises_is_its_outcome(error, outcome, monkeypatch):
 def test_capabilities_that_exclude_each_other_are_no_refusal():
     rows = list(compose_verbs.tried(("axisymmetric", "solid"), ("full", "condense")))
     assert {row.outcome for row in rows} == {"excluded"}
-    assert composed([], Draft(kind=Kind("solid"))).dimension == 3
+    assert composed([], SceneDraft(kind=Kind("solid"))).dimension == 3
 
 
 def row(names, verb, outcome, reason="", place="", **measured):

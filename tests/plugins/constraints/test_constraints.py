@@ -14,7 +14,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import energy_minimum
 from hhr_dolfinx.errors import PairingWarning, SceneError
 from hhr_dolfinx.geometries import block, two_blocks
-from hhr_dolfinx.plugins.constraints.elimination import Equations
+from hhr_dolfinx.plugins.constraints.elimination import ConstraintEquations
 
 RIGHT = block.side(0, upper=True)
 LEFT = block.side(0, upper=False)
@@ -244,7 +244,7 @@ class Lever:
     def equations(self, assembler):
         one, other = (2 * assembler.nodes(hhr.Nodes.near((x, 1.0)))[0] + 1 for x in (0.0, 1.0))
         rows = csr_matrix(([1.0, -1.0], ([0, 0], [one, other])), shape=(1, assembler.size))
-        given = Equations(rows, np.array([one]), np.ones(1))
+        given = ConstraintEquations(rows, np.array([one]), np.ones(1))
         changed = self.changes(given)
         return replace(given, **changed) if isinstance(changed, dict) else changed
 

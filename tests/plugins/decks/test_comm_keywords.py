@@ -16,7 +16,7 @@ from hhr_dolfinx.plugins.decks import comm_commands
 from hhr_dolfinx.plugins.decks.comm_commands import commands_of
 from hhr_dolfinx.plugins.decks.comm_keywords import COMMANDS
 from hhr_dolfinx.plugins.decks.commands import deck_of
-from hhr_dolfinx.plugins.decks.keywords import LEFT, OUT, READ, rows_of_docs
+from hhr_dolfinx.plugins.decks.keywords import AS_TODO, OUT, READ, rows_of_docs
 
 DOCS = Path(__file__).parents[3] / "docs/decks.md"
 ALL = """
@@ -72,7 +72,7 @@ def test_a_keyword_has_its_outcome(name, key, rule, tmp_path):
         for left in command.unread
         if left.keyword == name.replace("/", " ") and left.why.startswith(word)
     ]
-    assert bool(said) == (rule.outcome in (LEFT, OUT)) == bool(rule.why)
+    assert bool(said) == (rule.outcome in (AS_TODO, OUT)) == bool(rule.why)
     inner = command.factors(factor) if factor else (command,)
     assert any(word in one.words for one in inner) == (rule.outcome == READ)
     assert all(left.source == "one.comm:1" for left in said)

@@ -310,7 +310,7 @@ def test_blocks_of_mumps_are_the_columns_of_petsc(monkeypatch):
     full = in_time(pressed_block("solid", cells=4))
     problem, factors = full.problem, full.store.first
     assert factors._factors._ksp.getPC().getFactorSolverType() == "mumps"
-    monkeypatch.setattr(cholesky, "BLOCK", 7)  # 25 columns
+    monkeypatch.setattr(cholesky, "RIGHT_SIDES", 7)  # 25 columns
     own = cholesky.FreeCholesky(
         problem.stiffness, problem.free, slice(0, len(problem.free)), "block", "nd", full.comm
     )

@@ -326,7 +326,7 @@ def test_other_models_are_refused_by_name(monkeypatch):
     with pytest.raises(NotOfferedError, match="FullOrderModel"):
         c_header.c_header(hhr.FullOrderModel(contract.blocks()), "press")
     model = hhr.condense(contract.blocks())
-    monkeypatch.setattr(c_header, "MOST_NUMBERS", 10)
+    monkeypatch.setattr(c_header, "MOST_HEADER_NUMBERS", 10)
     with pytest.raises(NotOfferedError, match="coarser mesh"):
         c_header.c_header(model, "press")
 

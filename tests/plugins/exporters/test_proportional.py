@@ -78,7 +78,7 @@ def test_a_page_cuts_increments_where_python_does(seed):
     point = np.array(NEAR[seed])
     (found,) = along(model, scenery, [[0.0, 0.0]], [point])["loaded"]
     shares = np.linspace(0.0, 1.0, increments.PROPORTIONAL + 1)
-    settings = MarchSettings(time_tolerance=increments.TOLERANCE, outside="ignore")
+    settings = MarchSettings(time_tolerance=increments.INCREMENT_TOLERANCE, outside="ignore")
     history = model.follow([(float(share), share * point) for share in shares], settings)
     np.testing.assert_allclose(
         found["path"], [place for _, place in history.solved_path], rtol=0, atol=1e-15
@@ -107,9 +107,9 @@ def test_limits_of_cuts_are_those_of_python():
         "FEWEST": increments.PROPORTIONAL,
         "CUTS": increments.CUTS,
         "HALVED": MarchSettings().cuts,
-        "SETTLED": increments.TOLERANCE,
+        "SETTLED": increments.INCREMENT_TOLERANCE,
         "WORK": slider.WORK,
-        "APART": slider.APART,
+        "APART": slider.OPEN_GAP,
     }
     for name, value in expected.items():
         assert float(re.search(rf"#define MODEL_{name}(?:_LEAST)? ([\d.e-]+)", header)[1]) == value

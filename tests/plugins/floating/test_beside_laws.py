@@ -59,7 +59,7 @@ def on_springs(made, stiffness):
     everything.
     """
     springs = tuple(
-        hhr.Springs(blocks.interface(blocks.UPPER, 2), component, stiffness, bedding=True)
+        hhr.Springs(blocks.interface(blocks.UPPER_BLOCK, 2), component, stiffness, bedding=True)
         for component in (0, 1)
     )
     return replace(made, loads=(*made.loads, *springs))
@@ -109,8 +109,8 @@ def test_friction_of_flowing_bodies_is_the_limit_of_weak_springs():
     The law of the contacts is any that solves for a slack.
     """
     made = flowing("plasticity", BOTH)
-    surfaces = (blocks.interface(body, 2) for body in (blocks.LOWER, blocks.UPPER))
-    pressed = hhr.Traction(blocks.outer_end(blocks.UPPER, 2), (0.15, -1.0), slope("p"))
+    surfaces = (blocks.interface(body, 2) for body in (blocks.LOWER_BLOCK, blocks.UPPER_BLOCK))
+    pressed = hhr.Traction(blocks.outer_end(blocks.UPPER_BLOCK, 2), (0.15, -1.0), slope("p"))
     pair = hhr.NodeToNode(*surfaces, (0.0, 1.0), friction=0.4)
     made = replace(made, contacts=(pair,), loads=(pressed, made.loads[1]))
     full = hhr.FullOrderModel(made, MPI.COMM_SELF)
@@ -133,7 +133,7 @@ def block_on_a_floor(law, *, held):
     """A block under a pressure on a floor: alone, or with displacements in the place of the floor,
     which is far off.
     """
-    over, bottom = blocks.UPPER, blocks.interface(blocks.UPPER, 2)
+    over, bottom = blocks.UPPER_BLOCK, blocks.interface(blocks.UPPER_BLOCK, 2)
     made = lying(bulge=0.0, cells=(4, 4))
     lower, upper = made.bodies
     # on the axis of symmetry; both blocks have a node at its foot
@@ -143,7 +143,7 @@ def block_on_a_floor(law, *, held):
         made,
         bodies=(lower, replace(upper, law=law)),
         contacts=(
-            hhr.Obstacle(blocks.interface(blocks.LOWER, 2), (0.0, 1.0), 10.0)
+            hhr.Obstacle(blocks.interface(blocks.LOWER_BLOCK, 2), (0.0, 1.0), 10.0)
             if held
             else hhr.Obstacle(bottom, (0.0, -1.0), -_height()),
         ),
@@ -329,7 +329,7 @@ def test_beside_a_shape(tmp_path):
 
     a body that changes itself is refused.
     """
-    crowned = hhr.Shape(blocks.LOWER, ("x", "y * (1 + c * (x - 0.5)**2)"))
+    crowned = hhr.Shape(blocks.LOWER_BLOCK, ("x", "y * (1 + c * (x - 0.5)**2)"))
     made = lying(
         cells=(6, 3), tilt=0.2, parameters=space(p=(1.0, 10.0), c=(-0.02, 0.02)), shapes=(crowned,)
     )
@@ -346,7 +346,7 @@ def test_beside_a_shape(tmp_path):
             assert np.abs(found.displacement() - moved).max() < 10 * tolerance * np.abs(moved).max()
             assert found.forces().sum() == pytest.approx(point[0] + 0.2 * 0.95, rel=1e-10)
     assert slope_errors(full, [5.0, 0.01], step=1e-4).max() < 1e-5
-    itself = replace(made, shapes=(hhr.Shape(blocks.UPPER, ("x", "y * (1 + 0.1 * c)")),))
+    itself = replace(made, shapes=(hhr.Shape(blocks.UPPER_BLOCK, ("x", "y * (1 + 0.1 * c)")),))
     with pytest.raises(
         SceneError, match=r"contacts that alone hold a body .* for bodies that keep their shape"
     ):

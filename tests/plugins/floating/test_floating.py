@@ -76,7 +76,7 @@ def test_what_nothing_holds_is_named_with_its_motion():
     resists = r"body 2 of scene 'floating', .* moves along axis 0, which no contact resists"
     with pytest.warns(SceneWarning, match=resists):
         hhr.FullOrderModel(lying(), MPI.COMM_SELF)
-    lone = lying(contacts=(hhr.Obstacle(blocks.interface(blocks.LOWER, 2), (0.0, 1.0), 2.0),))
+    lone = lying(contacts=(hhr.Obstacle(blocks.interface(blocks.LOWER_BLOCK, 2), (0.0, 1.0), 2.0),))
     for made, why in (
         (lying(sideways=0.1), r"moves along axis 0, which loads drive and no contact resists"),
         (lone, r"can move freely: it moves along axis 0, .*turns\. Impose"),

@@ -11,10 +11,10 @@ import hhr_dolfinx as hhr
 
 
 def made():
-    from hhr_dolfinx.plugins.conformance.draft import Chosen, composed, switches
+    from hhr_dolfinx.plugins.conformance.draft import ChosenSwitch, composed, switches
 
     known = switches()
-    draft = composed(Chosen(name, known[name]) for name in ("friction", "energy"))
+    draft = composed(ChosenSwitch(name, known[name]) for name in ("friction", "energy"))
     return hhr.FullOrderModel(draft.scene(), MPI.COMM_SELF), draft.path()
 
 

@@ -37,7 +37,7 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
-from hhr_dolfinx.plugins.friction.sliding_set import Increment, SlidingContact
+from hhr_dolfinx.plugins.friction.sliding_set import SlidingContact, SlidingIncrement
 from hhr_dolfinx.plugins.friction.sliding_system import SlidingSystem
 from hhr_dolfinx.plugins.friction.uniqueness import coupling
 
@@ -99,7 +99,7 @@ def test_increments_that_differ_little_share_factors(directions, monkeypatch):
     )
     for _ in range(60):
         slack = slack + 0.03 * m * rng.normal(size=m)
-        given = Increment(slack, np.full(20, 0.4), np.full(20, np.inf), NONE)
+        given = SlidingIncrement(slack, np.full(20, 0.4), np.full(20, np.inf), NONE)
         found = model.increment(given, forces)
         forces, solved = found.forces, solved + found.iterations
         assert (
@@ -123,9 +123,9 @@ def test_friction_in_space_knows_no_directions():
         angle = rng.uniform(0, np.pi)
         turn[np.ix_(rows, rows)] = [[np.cos(angle), np.sin(angle)], [-np.sin(angle), np.cos(angle)]]
     rest = np.full(6, 0.4), np.full(6, np.inf), NONE
-    one = SlidingContact(schur, friction).increment(Increment(slack, *rest), np.zeros(m))
+    one = SlidingContact(schur, friction).increment(SlidingIncrement(slack, *rest), np.zeros(m))
     other = SlidingContact(turn @ schur @ turn.T, friction).increment(
-        Increment(turn @ slack, *rest), np.zeros(m)
+        SlidingIncrement(turn @ slack, *rest), np.zeros(m)
     )
     statuses = friction.statuses(one.active)
     assert {1, 2} <= set(statuses.tolist())
@@ -512,7 +512,9 @@ def test_a_singular_problem_is_never_answered_by_its_round_off():
         schur = np.outer(vector, vector)
         model = SlidingContact(schur, friction)
         for _ in range(30):
-            given = Increment(vector * rng.normal(), np.full(2, 0.3), np.full(2, np.inf), NONE)
+            given = SlidingIncrement(
+                vector * rng.normal(), np.full(2, 0.3), np.full(2, np.inf), NONE
+            )
             found = model.increment(given, np.zeros(m))
             if found.status is Status.CONVERGED:
                 assert violation(schur, friction, given, found.forces) < 1e-7
@@ -663,7 +665,7 @@ def test_standard_multipliers_have_no_friction():
 
 def test_what_does_not_settle_is_named_with_its_contacts(monkeypatch):
     model = hhr.condense(rubbing())
-    monkeypatch.setattr("hhr_dolfinx.plugins.friction.sliding_set.NEWTON", 0)
+    monkeypatch.setattr("hhr_dolfinx.plugins.friction.sliding_set.SLIDING_ITERATIONS", 0)
     monkeypatch.setattr("hhr_dolfinx.plugins.friction.sliding_set.SWEEPS", (1,))
     with pytest.raises(ConvergenceError, match=r"stick and slip.*keep changing") as caught:
         model.march(PATH, hhr.MarchSettings(cuts=1))
@@ -773,7 +775,7 @@ def test_below_one_there_is_one_answer_and_far_above_there_may_be_two():
     for case in range(300):
         friction, m = layout(3, 1)
         schur = definite(rng, m, 0.02)
-        given = Increment(
+        given = SlidingIncrement(
             schur @ rng.normal(size=m), rng.random(3) * (1, 4)[case % 2], np.full(3, np.inf), NONE
         )
         answers = by_enumeration(schur, friction, given)

@@ -234,7 +234,10 @@ def test_a_body_held_by_contact_alone_whose_modulus_varies_is_refused_at_the_doo
     """Nothing there says how wrong forces are: the indicators that would answer are 1e6 times too
     large.
     """
-    bodies = hhr.Body(stacked_blocks.LOWER, "E", 0.3), hhr.Body(stacked_blocks.UPPER, 9, 0.3)
+    bodies = (
+        hhr.Body(stacked_blocks.LOWER_BLOCK, "E", 0.3),
+        hhr.Body(stacked_blocks.UPPER_BLOCK, 9, 0.3),
+    )
     scene = lying(bodies=bodies, parameters=space(p=(1.0, 10.0), E=(1e3, 4e3)))
     monkeypatch.setattr("hhr_dolfinx.study.training.train.spread_snapshots", None)
     with (

@@ -17,7 +17,7 @@ from hhr_dolfinx.errors import ConvergenceError, OutsideTrainingError
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.plugins.inelastic import condensed_step, small_strains
 from hhr_dolfinx.plugins.inelastic.condensed_flow import laws_of
-from hhr_dolfinx.plugins.inelastic.condensed_step import StepLoad, StepModel, Work, touch
+from hhr_dolfinx.plugins.inelastic.condensed_step import StepLoad, StepModel, WorkArrays, touch
 
 pytestmark = pytest.mark.filterwarnings("ignore:no training solution has contact")
 
@@ -28,7 +28,7 @@ def contact_arrays(schur):
     bodies = np.zeros((2, 4)), np.zeros((2, 4)), np.zeros((size, 4)), np.zeros(0)
     moved = np.zeros((size, 2)), np.zeros((2, 2)), np.zeros((2, size)), np.array([1]), 1.0
     model = StepModel(*bodies, np.ascontiguousarray(schur), *moved, np.zeros((2, 4), np.float32))
-    return model, Work.of(2, size, 1, 4, 5)
+    return model, WorkArrays.of(2, size, 1, 4, 5)
 
 
 def contact_load(slack):
@@ -116,7 +116,7 @@ def derivative_error(model, laws, seed):
     rng, arrays = np.random.default_rng(seed), model.step_model
     points, components, conditions = model.points.size, model.flow.components, model.conditions
     work, elastic = (
-        Work.of(model.modes, conditions, points, components, components + 1) for _ in range(2)
+        WorkArrays.of(model.modes, conditions, points, components, components + 1) for _ in range(2)
     )
     plastic = 1e-3 * rng.standard_normal((components, points))
     plastic[:3] -= plastic[:3].mean(axis=0)
@@ -211,7 +211,7 @@ def test_what_is_handed_out_is_in_balance(first, second, monkeypatch):
     that of the steps.
     """
     monkeypatch.setattr(
-        small_strains, "MOST", small_strains.RUNAWAY
+        small_strains, "STRAIN_LIMIT", small_strains.RUNAWAY
     )  # some creep farther than small strains mean
     bodies = (
         hhr.Body(two_blocks.FIRST, "E1", 0.3, first),

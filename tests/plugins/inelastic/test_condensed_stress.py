@@ -186,9 +186,9 @@ def test_what_the_correction_is_not_for(known):
         Training(elastic, hhr.SnapshotSet.of_histories(training), None, None).force_correction()
 
 
-@pytest.mark.parametrize("chunk", [module.CHUNK, 7])
+@pytest.mark.parametrize("chunk", [module.STACKED_VALUES, 7])
 def test_modes_hold_small_states_and_no_round_off(chunk, monkeypatch):
-    monkeypatch.setattr(module, "CHUNK", chunk)
+    monkeypatch.setattr(module, "STACKED_VALUES", chunk)
     ways = np.linalg.qr(np.random.default_rng(0).normal(size=(50, 4)))[0]
     large, small, tiny, noise = (
         size * way for size, way in zip((1.0, 1e-2, 1e-4, 1e-9), ways.T, strict=True)

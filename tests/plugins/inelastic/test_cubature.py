@@ -177,7 +177,7 @@ def test_compression_of_many_rows_in_a_subspace(tolerance, monkeypatch):
     rows = (generator.normal(size=(600, 400)) * 10.0 ** -np.linspace(0, 12, 400)) @ noisy(400, 900)
     exact = compressed(lambda: [rows], tolerance)
     monkeypatch.setattr(cubature, "SKETCHED", 100)
-    monkeypatch.setattr(cubature, "BLOCK", 32)
+    monkeypatch.setattr(cubature, "SUBSPACE_GROWTH", 32)
     found = compressed(lambda: np.array_split(rows, 3, axis=1), tolerance)
     assert abs(len(found) - len(exact)) <= 1 and len(found) < 250
     left_out = 1 - (found**2).sum() / (rows**2).sum()

@@ -125,7 +125,7 @@ def test_large_histories_stay_on_the_disk(full, whole, solved, tmp_path, monkeyp
     own.
     """
     for module in (files, store_of_gauss_points):
-        monkeypatch.setattr(module, "MAPPED", 1)
+        monkeypatch.setattr(module, "MAPPED_BYTES", 1)
     interrupted(monkeypatch, tmp_path, lambda: computed(full, tmp_path))
     for found in (3, flowing.STEPS):
         history, store = computed(full, tmp_path)

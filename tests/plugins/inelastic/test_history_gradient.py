@@ -12,7 +12,7 @@ from tubes import POISSON, YOUNG, tube
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.geometries import block, two_blocks
-from hhr_dolfinx.plugins.inelastic.law import State
+from hhr_dolfinx.plugins.inelastic.law import InternalVariables
 from hhr_dolfinx.plugins.inelastic.law_slopes import Along, Inputs, slopes_of
 from hhr_dolfinx.plugins.inelastic.outside import OutsideLaw
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
@@ -53,7 +53,7 @@ def moved(material, given, along, way, step):
     numbers = material.given[0].constants[:, 0] + step * along.constants[0][:, 0, way]
     law = group.law.with_numbers(dict(zip(group.law.constants, numbers[2:].tolist(), strict=True)))
     shifted = Material([Group(group.indices, float(numbers[0]), POISSON, law)], law.strains)
-    old = State(
+    old = InternalVariables(
         *(part + step * change[..., way] for part, change in zip(given.old, along.old, strict=True))
     )
     return shifted.update(
@@ -71,7 +71,9 @@ def test_derivatives_of_laws_are_those_of_their_steps(name, plane_stress):
     material, given, rng = given_states(law, 60)
     ways = 2
     strain = rng.standard_normal((*given.strain.shape, ways)) * 1e-2
-    old = State(*(rng.standard_normal((*part.shape, ways)) * 1e-3 for part in given.old))
+    old = InternalVariables(
+        *(rng.standard_normal((*part.shape, ways)) * 1e-3 for part in given.old)
+    )
     values = material.given[0].constants
     constants = values[:, :, None] * rng.uniform(-0.2, 0.2, (*values.shape, ways))
     constants[1] = 0.0
@@ -110,7 +112,7 @@ def test_a_kink_is_found_at_its_point_alone():
     strain = np.zeros((3, 4))
     strain[:, 3] = 0.5 * at_yield, at_yield, 1e6 * at_yield
     rest = material.at_rest()
-    old = State(*(part[..., None] for part in rest))
+    old = InternalVariables(*(part[..., None] for part in rest))
     along = Along(strain[:, :, None], old, [np.zeros((4, 1, 1))], np.ones(1))
     reach = slopes_of(material, Inputs(strain, rest, 1.0), along).reach[:, 0]
     assert reach[1] < 1e-14
@@ -285,13 +287,13 @@ def test_code_at_a_kink_is_refused_by_the_number_of_its_points():
     material = Material([Group(np.arange(3), 1.0, 0.0, Bilinear().at_points(4))], 4)
     strain = np.array([[1.0, 0, 0, 0], [0, 0, 0, 0], [-1.0, 0, 0, 0]])
     change = np.ones((3, 4, 1))
-    old = State(*(np.zeros((*part.shape, 1)) for part in material.at_rest()))
+    old = InternalVariables(*(np.zeros((*part.shape, 1)) for part in material.at_rest()))
     along = Along(change, old, [np.zeros((2, 1, 1))], np.full(1, 1e-5))
     with pytest.raises(NotOfferedError, match="1 of 3 points have a kink there"):
         slopes_of(material, Inputs(strain, material.at_rest(), 1.0), along)
     rows = [0, 2]
     two = Material([Group(np.arange(2), 1.0, 0.0, Bilinear().at_points(4))], 4)
-    old = State(*(np.zeros((*part.shape, 1)) for part in two.at_rest()))
+    old = InternalVariables(*(np.zeros((*part.shape, 1)) for part in two.at_rest()))
     along = along._replace(strain=change[rows], old=old)
     found = slopes_of(two, Inputs(strain[rows], two.at_rest(), 1.0), along)
     assert found.stress[:, :, 0] == pytest.approx(np.array([[2.0] * 4, [1.0] * 4]), rel=1e-9)

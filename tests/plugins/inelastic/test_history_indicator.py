@@ -17,7 +17,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import relative_error
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import OutsideTrainingError, OutsideTrainingWarning, StabilityWarning
-from hhr_dolfinx.models.estimates import STRESS, Estimate
+from hhr_dolfinx.models.estimates import STRESS_INDICATOR, Estimate
 from hhr_dolfinx.plugins.inelastic.completion import FlowFields, GappyField
 from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 from hhr_dolfinx.plugins.inelastic.reduction import check_door
@@ -127,7 +127,7 @@ def test_it_is_the_misfit_of_the_stress_to_its_modes(small):
     expected = by_least_squares(reduced.fields.flow, stress)
     found = answer.estimate()
     assert found.primal_relative == pytest.approx(expected, rel=1e-4, abs=1e-8)
-    assert found == Estimate.indicated(found.primal_relative, STRESS)
+    assert found == Estimate.indicated(found.primal_relative, STRESS_INDICATOR)
     noise = np.random.default_rng(0).normal(size=stress.shape) * np.abs(stress).max()
     spoiled = answer.remembering(gauss=answer.gauss._replace(stress=stress + noise))
     expected = by_least_squares(reduced.fields.flow, stress + noise)

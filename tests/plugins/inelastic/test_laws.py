@@ -22,7 +22,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ConformanceError, ConvergenceError, SceneError
 from hhr_dolfinx.forms import laws as forms
 from hhr_dolfinx.plain import as_plain
-from hhr_dolfinx.plugins.inelastic.law import NUMBER, TENSOR, Law, State, program_of
+from hhr_dolfinx.plugins.inelastic.law import NUMBER, TENSOR, InternalVariables, Law, program_of
 from hhr_dolfinx.plugins.inelastic.local_solver import LOCAL, REST, START, TRIAL
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
 from hhr_dolfinx.plugins.programs.machine import evaluated
@@ -873,7 +873,7 @@ def test_the_material_of_some_gauss_points_answers_as_the_whole_does():
     old = whole.update(strain / 2, whole.at_rest(), 0.1, tangent=False).state
     kept = np.sort(rng.choice(60, 17, replace=False))
     part = whole.restricted(kept).update(
-        strain[kept], State(*(item[kept] for item in old)), 0.1, tangent=True
+        strain[kept], InternalVariables(*(item[kept] for item in old)), 0.1, tangent=True
     )
     everywhere = whole.update(strain, old, 0.1, tangent=True)
     assert np.array_equal(part.tangents, everywhere.tangents[kept])

@@ -24,11 +24,11 @@ from hhr_dolfinx.errors import (
 from hhr_dolfinx.geometries import block, two_blocks
 from hhr_dolfinx.models.histories.equilibrium import SEARCHES
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.plugins.inelastic.law import State, program_of
+from hhr_dolfinx.plugins.inelastic.law import InternalVariables, program_of
 from hhr_dolfinx.plugins.inelastic.project import project_flow, tangent_margin
 from hhr_dolfinx.plugins.inelastic.reduction import FittedFlow
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
-from hhr_dolfinx.reduction.completion import Completion
+from hhr_dolfinx.reduction.completion import ReconstructionData
 from hhr_dolfinx.reduction.projection import project
 
 LAWS = {
@@ -54,7 +54,9 @@ def some_states(seed, points=40, components=4):
         0.3 * rng.standard_normal((points, components)) * np.abs(strain).max(axis=1, keepdims=True)
     )
     plastic[:, :3] -= plastic[:, :3].mean(axis=1, keepdims=True)
-    return strain, State(plastic, np.abs(rng.standard_normal(points)) * 1e-2, np.zeros((points, 0)))
+    return strain, InternalVariables(
+        plastic, np.abs(rng.standard_normal(points)) * 1e-2, np.zeros((points, 0))
+    )
 
 
 @pytest.mark.parametrize("exponent", [1.0, 2.5, 4.0, 5.0, 20.0])
@@ -255,7 +257,7 @@ def whole_history(full, path, settings, field=1e-8, force=1e-6):
     sets = whole_domain(problem)
     flow = project_flow(full.equilibrium, basis, sets)
     snapshots = hhr.SnapshotSet.of_histories([exact])
-    fields = Completion.of(problem, snapshots).reconstruction(problem, basis, sets)
+    fields = ReconstructionData.of(problem, snapshots).reconstruction(problem, basis, sets)
     fields = dataclasses.replace(fields, flow=FittedFlow.of(snapshots).completion(flow))
     reduced = ReducedModel(project(problem, basis, sets), full.parameters, fields, flow=flow)
     for there, here in zip(exact.answers, reduced.march(path, settings).answers, strict=True):

@@ -86,7 +86,7 @@ def test_many_bases_go_through_in_blocks(monkeypatch):
         for basis in bases
     ]
     whole = basis_distances(bases)
-    monkeypatch.setattr("hhr_dolfinx.plugins.local.subspaces.MOST_NUMBERS", 100)
+    monkeypatch.setattr("hhr_dolfinx.plugins.local.subspaces.PAIR_BLOCK_NUMBERS", 100)
     assert basis_distances(bases) == pytest.approx(whole, rel=1e-13, abs=1e-15)
 
 

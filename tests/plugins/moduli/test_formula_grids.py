@@ -12,7 +12,7 @@ from scipy.interpolate import BarycentricInterpolator
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import SceneError, StabilityWarning, TrainingWarning
 from hhr_dolfinx.formulas import Modulus, Scalar, check_over_box
-from hhr_dolfinx.plugins.moduli.interpolate import FormulaGrid, Part
+from hhr_dolfinx.plugins.moduli.interpolate import FormulaGrid, ProblemComponent
 from hhr_dolfinx.plugins.moduli.interpolation import nodes_of
 from hhr_dolfinx.plugins.moduli.proved import PartStiffness
 
@@ -26,7 +26,7 @@ SPACE = hhr.ParameterSpace(("other", "t"), (5.0, 0.0), (7.0, 1.0))
 def part_of(modulus, factor, axis):
     """A part of one modulus whose grid is over one parameter."""
     none = np.zeros(0, dtype=np.int64)
-    return Part(none, none, none, factor, np.array([axis]), (modulus,))
+    return ProblemComponent(none, none, none, factor, np.array([axis]), (modulus,))
 
 
 def training(poisson):

@@ -226,7 +226,7 @@ def test_modes_that_take_too_much_leave_a_factor_of_the_point(monkeypatch):
     training, model, _ = trained("lower")
     point = training.full_order.parameters.random(1, 1)
     usual = model.solve(point[0], outside="ignore").estimate()
-    monkeypatch.setattr(least_response, "LEAST", 0.9999)
+    monkeypatch.setattr(least_response, "LEAST_REMAINDER", 0.9999)
     bound = model.fields.bound
     (alone,) = bound._least.at(bound.compliances.many(point)).each
     assert alone.known is None and alone.least == 1.0

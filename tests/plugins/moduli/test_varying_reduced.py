@@ -11,7 +11,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ReductionError, StabilityWarning
 from hhr_dolfinx.plugins.moduli.interpolate import GridSettings
 from hhr_dolfinx.plugins.moduli.interpolated import Compliances
-from hhr_dolfinx.reduction.completion import Completion
+from hhr_dolfinx.reduction.completion import ReconstructionData
 from hhr_dolfinx.reduction.projection import project
 
 BODIES = ("E1", "nu1"), ("E2", 0.3)
@@ -48,7 +48,7 @@ def galerkin(training, basis, count=5):
     """All cells and all conditions, on a basis."""
     problem = training.full_order.problem
     snapshots, sets = training.snapshots.take(np.arange(count)), whole_domain(problem)
-    fields = Completion.of(problem, snapshots).reconstruction(problem, basis, sets)
+    fields = ReconstructionData.of(problem, snapshots).reconstruction(problem, basis, sets)
     known = snapshots.known_statuses()
     return hhr.ReducedModel(project(problem, basis, sets), problem.parameters, fields, known=known)
 

@@ -21,7 +21,7 @@ from hhr_dolfinx.errors import ReductionError, UnstableModelError
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.models.starts import KnownStatuses
-from hhr_dolfinx.reduction.completion import Completion
+from hhr_dolfinx.reduction.completion import ReconstructionData
 from hhr_dolfinx.reduction.enrichment import enrich
 from hhr_dolfinx.reduction.modes import pod
 from hhr_dolfinx.reduction.projection import load_nodes, open_conditions, project, reduced_domain
@@ -121,7 +121,7 @@ def test_the_reduced_model_finds_the_exact_solution_of_a_saddle_point_with_two_m
         problem, np.linalg.qr(np.column_stack([solution.unknown, modes]))[0], sets, 3.0
     ).basis
     known = KnownStatuses(point[None], solution.active[sets.A_lambda][None])
-    fields = Completion.of(problem, pellet.snapshots).reconstruction(problem, basis, sets)
+    fields = ReconstructionData.of(problem, pellet.snapshots).reconstruction(problem, basis, sets)
     model = ReducedModel(project(problem, basis, sets), problem.parameters, fields, known=known)
     exact = solution.forces()[sets.A_lambda]
     assert exact.any()

@@ -142,7 +142,7 @@ def test_a_bound_is_looked_at_in_hundreds_of_points():
 
 def test_a_bound_that_is_exceeded_by_what_was_seen_is_not_believed():
     (errors, *_), context = judged(3 * ERROR, lambda points: np.full(len(points), 0.5 * ERROR))
-    assert context.asked == [(search.SURE, None)] and errors == pytest.approx([3 * ERROR])
+    assert context.asked == [(search.BOUND_CHECKS, None)] and errors == pytest.approx([3 * ERROR])
 
 
 def test_an_interpolation_that_has_not_settled_counts_as_far_off(monkeypatch):
@@ -158,7 +158,7 @@ def test_what_was_seen_of_an_exact_model_counts_for_outputs_too():
     (errors, *_), context = judged(
         [0.0, 6.2], known=lambda point: {"turns": 0.0}, of=("forces", "turns")
     )
-    assert errors == pytest.approx([0.0, 6.2]) and context.asked == [(search.SURE, None)]
+    assert errors == pytest.approx([0.0, 6.2]) and context.asked == [(search.BOUND_CHECKS, None)]
 
 
 def test_an_exact_model_is_checked_where_it_does_not_vouch_for_an_output():
@@ -172,7 +172,7 @@ def test_an_exact_model_is_checked_where_it_does_not_vouch_for_an_output():
     assert errors == pytest.approx([6.2])
     ((count, suspects),) = context.asked
     assert (
-        count == search.SURE
+        count == search.BOUND_CHECKS
         and first(suspects).min() > 0.96
         and 10 < len(suspects) <= search.FRESH // 2
     )
@@ -252,7 +252,7 @@ def test_the_most_exact_of_the_quick_models_is_handed_out(rows, chosen):
 def real_context(monkeypatch):
     """Its workers solve for nothing."""
     monkeypatch.setattr(
-        contexts, "Errors", lambda target, full: SimpleNamespace(know=lambda found: None)
+        contexts, "TargetErrors", lambda target, full: SimpleNamespace(know=lambda found: None)
     )
     full, workers = SimpleNamespace(parameters=BOX), Mock(size=1)
     workers.solved = Mock(
@@ -270,8 +270,11 @@ def test_a_check_asks_for_what_no_model_was_made_from(real_context):
     another check.
     """
     seed = real_context.seed
-    others = [BOX.random(search.LOOKED_AT, seed + number) for number in range(4)]
-    others += [hhr.Sobol(512, seed, corners=True).points(BOX), BOX.random(search.TIMED, seed)]
+    others = [BOX.random(search.ERROR_POINTS, seed + number) for number in range(4)]
+    others += [
+        hhr.Sobol(512, seed, corners=True).points(BOX),
+        BOX.random(search.TIMED_QUERIES, seed),
+    ]
     asked = [item.parameter for _ in range(3) for item in real_context.fresh(search.FRESH)]
     different = {tuple(point) for point in asked}
     assert not different & {tuple(point) for part in others for point in part}

@@ -26,9 +26,9 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.plugins.one_call import search
-from hhr_dolfinx.plugins.one_call.proposals import POINTS
+from hhr_dolfinx.plugins.one_call.proposals import POINT_COUNTS
 from hhr_dolfinx.plugins.one_call.search import attempts
-from hhr_dolfinx.plugins.one_call.target import Errors, Target
+from hhr_dolfinx.plugins.one_call.target import Target, TargetErrors
 
 
 def worst(model, full, count, names):
@@ -69,7 +69,11 @@ def test_a_constant_stiffness_is_condensed_exactly():
     scene = contract.blocks()
     model = hhr.reduce(scene, 1e-6, of=("pressure", "displacement", "peak"))
     (only,) = model.reduction.tried
-    assert model.reduction.met and only.method == "condensed" and only.full_answers == search.SURE
+    assert (
+        model.reduction.met
+        and only.method == "condensed"
+        and only.full_answers == search.BOUND_CHECKS
+    )
     full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
     assert max(worst(model, full, 20, ("pressure", "displacement", "peak")).values()) < 1e-9
 
@@ -112,15 +116,15 @@ def test_where_condensation_is_refused_more_and_more_answers_are_trained_on(vary
     assert model.reduction.met and {item.method for item in tried} == {"hhr"}
     assert worst(model, varying, 50, ["forces"])["forces"] <= 0.01
     counts = [item.full_answers for item in tried]
-    assert counts == sorted(counts) and counts[0] >= POINTS[0]
+    assert counts == sorted(counts) and counts[0] >= POINT_COUNTS[0]
 
 
 def test_many_conditions_are_tried_both_ways(monkeypatch):
-    monkeypatch.setattr(search, "MANY", 1)
+    monkeypatch.setattr(search, "MANY_CONDITIONS", 1)
     model = hhr.reduce(contract.blocks(), 0.01, of="forces")
     assert [item.method for item in model.reduction.tried][:2] == ["condensed", "hhr"]
     times = [item.query for item in model.reduction.tried if item.met]
-    assert model.reduction.tried[model.reduction.chosen].query <= search.CLOSE * min(times)
+    assert model.reduction.tried[model.reduction.chosen].query <= search.SIMILAR_TIME * min(times)
 
 
 @needs("friction")
@@ -347,7 +351,7 @@ def test_pressures_of_bodies_whose_shape_varies_are_over_the_areas_of_their_poin
     )
     exact = full.solve({"push": 0.05, "load": 0.02, "wide": 1.0})
     shifted = exact.forces() + np.array([0.0, 0.0, 0.01, 0.0])
-    errors = Errors(Target(0.01, ("pressure",)), full)
+    errors = TargetErrors(Target(0.01, ("pressure",)), full)
     found = SimpleNamespace(converged=True, parameter=exact.parameter, forces=lambda: shifted)
     areas = full.problem.at(exact.parameter).contact_areas
     assert areas[2] > 1.2 * full.problem.contact_areas[2]

@@ -28,7 +28,7 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.plugins.moduli import bounding, condense
-from hhr_dolfinx.plugins.moduli.components import Solver
+from hhr_dolfinx.plugins.moduli.components import ComponentSolver
 from hhr_dolfinx.plugins.one_call import context, progress, search
 from hhr_dolfinx.plugins.one_call.progress import ShareLines
 from hhr_dolfinx.plugins.one_call.proposals import Proposal
@@ -48,7 +48,7 @@ def clocked(monkeypatch):
         clock = SimpleNamespace(
             now=0.0, answer=answer, compliance=compliance, answers=0, compliances=0
         )
-        plain, solved = hhr.FullOrderModel.solve, Solver._solved
+        plain, solved = hhr.FullOrderModel.solve, ComponentSolver._solved
 
         def solve(*given, **how):
             clock.answers += 1
@@ -61,7 +61,7 @@ def clocked(monkeypatch):
             return solved(*given)
 
         monkeypatch.setattr(hhr.FullOrderModel, "solve", solve)
-        monkeypatch.setattr(Solver, "_solved", compliance_of)
+        monkeypatch.setattr(ComponentSolver, "_solved", compliance_of)
         monkeypatch.setattr(
             progress.Stopwatch, "__init__", lambda self: setattr(self, "_start", clock.now)
         )
@@ -102,7 +102,7 @@ def test_what_is_not_affordable_is_not_done(clocked, tmp_path):
 def test_a_budget_holds_the_model_and_its_check(clocked):
     clock, model = clocked(), reduced(budget=hhr.Budget(seconds=100))
     assert model.reduction.met and clock.now <= 100
-    assert clock.answers == model.reduction.full_answers == context.SURE
+    assert clock.answers == model.reduction.full_answers == context.BOUND_CHECKS
 
 
 def test_a_check_that_the_budget_cuts_short_does_not_count_as_met(clocked, monkeypatch):
@@ -162,7 +162,7 @@ def test_an_interrupted_search_goes_on_where_it_was(clocked, monkeypatch, tmp_pa
     what was going on.
     """
     clock = clocked()
-    solved = Solver._solved
+    solved = ComponentSolver._solved
 
     def interrupted(*given):
         if clock.compliances == 2:
@@ -170,7 +170,7 @@ def test_an_interrupted_search_goes_on_where_it_was(clocked, monkeypatch, tmp_pa
         return solved(*given)
 
     with monkeypatch.context() as patch:
-        patch.setattr(Solver, "_solved", interrupted)
+        patch.setattr(ComponentSolver, "_solved", interrupted)
         with pytest.raises(KeyboardInterrupt):
             reduced(folder=tmp_path)
     table = kept(tmp_path)

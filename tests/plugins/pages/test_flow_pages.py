@@ -352,9 +352,9 @@ def test_each_triangle_has_the_stress_of_its_own_cell_where_a_mesh_is_thinned(mo
     nodes = model.fields.flow.strain.dofs[:, :: model.dimension] // model.dimension
     for cell, corners in zip(owners, scenery.nodes[scenery.triangles], strict=True):
         assert set(corners) <= set(nodes[cell])
-    monkeypatch.setattr(page, "DRAWN", len(scenery.points) // 2)
+    monkeypatch.setattr(page, "DRAWN_NODES", len(scenery.points) // 2)
     told = data_of(page.page_text(model, scenery))
-    thin = thinned(dataclasses.replace(scenery, owners=owners), page.DRAWN)
+    thin = thinned(dataclasses.replace(scenery, owners=owners), page.DRAWN_NODES)
     assert told["tree"]["strained"] == len(nodes) > len(np.unique(thin.owners))
     kept = np.frombuffer(base64.b64decode(told["arrays"]["stress_cells"]["data"]), dtype="<i4")
     np.testing.assert_array_equal(np.unique(thin.owners)[kept], thin.owners)

@@ -10,7 +10,13 @@ import pytest
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.errors import MissingPackageError
-from hhr_dolfinx.plugins.pages.kernel import MARK, compiled, digest_of, kernel_path, page_sources
+from hhr_dolfinx.plugins.pages.kernel import (
+    SOURCES_SECTION,
+    compiled,
+    digest_of,
+    kernel_path,
+    page_sources,
+)
 from hhr_dolfinx.plugins.pages.laws import Laws
 from hhr_dolfinx.plugins.pages.layout import layouts
 
@@ -32,7 +38,7 @@ def test_a_kernel_is_that_of_its_sources(law, part):
     scripts/kernels.py.
     """
     texts, path = sources(law, part)
-    assert path.read_bytes().endswith(MARK + digest_of(texts))
+    assert path.read_bytes().endswith(SOURCES_SECTION + digest_of(texts))
     changed = texts | {"kernel.h": texts["kernel.h"] + " "}
     assert digest_of(changed) != digest_of(texts)
 

@@ -522,11 +522,11 @@ def test_a_page_of_another_scene_or_too_large_is_refused(monkeypatch, tmp_path):
     ):
         with pytest.raises(NotOfferedError, match=said):
             hhr.write_model_page(tmp_path / "page.html", model, wrong)
-    monkeypatch.setattr(page, "MOST_BYTES", 20_000)  # its scripts alone have more
+    monkeypatch.setattr(page, "MOST_PAGE_BYTES", 20_000)  # its scripts alone have more
     with pytest.raises(NotOfferedError, match="go by mail"):
         hhr.write_model_page(tmp_path / "page.html", model, scenery)
     # where the contact problem alone is too large nothing is made before that is said
-    monkeypatch.setattr(page, "MOST_BYTES", 100)
+    monkeypatch.setattr(page, "MOST_PAGE_BYTES", 100)
     monkeypatch.setattr(page, "page_text", None)
     with pytest.raises(
         NotOfferedError, match=r"MB or more exceeds .* 4 contact conditions are too many"

@@ -69,8 +69,8 @@ def test_columns_and_schur_complements_are_reckoned_with(monkeypatch):
     contact = csr_matrix((np.ones(900), (np.arange(900), np.arange(900))), shape=(900, 300_000))
     dropped = expected.expected_in_space(contact)
     assert not dropped.keeps_columns
-    monkeypatch.setattr(full, "KEPT_BYTES", 1e10)
-    monkeypatch.setattr(expected, "KEPT_BYTES", 1e10)
+    monkeypatch.setattr(full, "RESPONSE_BYTES", 1e10)
+    monkeypatch.setattr(expected, "RESPONSE_BYTES", 1e10)
     kept = expected.expected_in_space(contact)
     assert (
         kept.keeps_columns

@@ -500,7 +500,7 @@ def test_gmsh_may_fail(tmp_path, monkeypatch):
     path = disc(tmp_path / "disc.inp", "triangle")
     expected = mended(hhr.MeshFile(path).read(), "disc").raw.points
     with monkeypatch.context() as patch:
-        patch.setattr(by_gmsh, "SECONDS", 0.0)
+        patch.setattr(by_gmsh, "OPTIMISER_SECONDS", 0.0)
         with pytest.warns(
             MeshWarning, match=r"\(gmsh; sides of 2 that gmsh left folded are straightened\)"
         ):

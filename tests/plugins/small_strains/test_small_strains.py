@@ -225,7 +225,7 @@ def test_one_parameter_is_narrowed_if_that_is_enough():
 
 def test_cells_that_are_looked_at_stand_for_all(monkeypatch):
     """Every third cell of a field that is the same in all."""
-    monkeypatch.setattr(cells, "CELLS", 6)
+    monkeypatch.setattr(cells, "SAMPLED_CELLS", 6)
     problem = hhr.FullOrderModel(squeezed(3.0)).problem
     strain = cells.strain_kinds(problem, axisymmetric=False)[0]
     assert 4 <= strain.cells <= 6

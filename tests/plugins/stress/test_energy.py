@@ -354,10 +354,10 @@ def test_friction_of_bodies_whose_shape_varies():
 
     condensed, off by its interpolation over shapes.
     """
-    from hhr_dolfinx.plugins.conformance.draft import Chosen, composed, switches
+    from hhr_dolfinx.plugins.conformance.draft import ChosenSwitch, composed, switches
 
     known = switches()
-    draft = composed(Chosen(name, known[name]) for name in ("friction", "energy", "shape"))
+    draft = composed(ChosenSwitch(name, known[name]) for name in ("friction", "energy", "shape"))
     path = draft.path()
     full = hhr.FullOrderModel(draft.scene())
     for answer, other in zip(

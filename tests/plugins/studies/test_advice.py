@@ -102,7 +102,7 @@ HUNDRED = np.arange(1.0, 101.0) / 100
 
 
 def test_a_row_of_a_report_names_its_figures_rightly():
-    errors = measure.Errors(
+    errors = measure.MeasuredErrors(
         {"primal_l2": HUNDRED, "dual_full_floored": 2 * HUNDRED}, np.ones(100, dtype=bool), {}
     )
     row = measure.Row("HHR", "this model", np.array([1.0, 2.0, 9.0]), errors).as_report()

@@ -71,11 +71,11 @@ def test_a_map_has_points_where_parameters_are_and_the_worst_on_top():
     low, high = drawn(svg, "circle")
     assert (low.get("class"), high.get("class")) == ("shade0", "shade5")
     assert (float(low.get("cx")), float(low.get("cy"))) == (
-        charts.LEFT,
+        charts.LEFT_MARGIN,
         charts.HEIGHT - charts.BOTTOM,
     )
     assert (float(high.get("cx")), float(high.get("cy"))) == (
-        charts.WIDTH - charts.RIGHT,
+        charts.CHART_WIDTH - charts.RIGHT_MARGIN,
         charts.TOP,
     )
 

@@ -96,7 +96,7 @@ def test_triangles_are_added_where_they_belong(monkeypatch):
     places = np.array([0, 1, 2, 5, 6, 9])
     left = np.random.default_rng(0).standard_normal((6, 6))
     assert len(border._blocks(6)) == 3
-    total = border.gathered(border.Part(slice(0, 10), 0, 0), places, left, MPI.COMM_SELF)
+    total = border.gathered(border.BorderPart(slice(0, 10), 0, 0), places, left, MPI.COMM_SELF)
     expected = np.zeros((10, 10))
     expected[np.ix_(places, places)] = np.triu(left)
     np.testing.assert_array_equal(np.triu(total), expected)

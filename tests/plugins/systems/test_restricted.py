@@ -24,7 +24,7 @@ from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.full_order.system import System
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side
-from hhr_dolfinx.models.estimates import NUMBERS, Estimate
+from hhr_dolfinx.models.estimates import ESTIMATE_NUMBERS, Estimate
 
 pytestmark = needs("constraints", "places")
 
@@ -88,9 +88,11 @@ def drafted(switch, system=None):
     """Scene of two blocks with a capability, whose stiffness is a parameter: by their moduli, or by
     a system.
     """
-    from hhr_dolfinx.plugins.conformance.draft import Chosen, composed, switches
+    from hhr_dolfinx.plugins.conformance.draft import ChosenSwitch, composed, switches
 
-    draft = composed([Chosen(switch, switches()[switch])]).with_parameter(STIFF, 0.5, 2.0, 1.5)
+    draft = composed([ChosenSwitch(switch, switches()[switch])]).with_parameter(
+        STIFF, 0.5, 2.0, 1.5
+    )
     if system is not None:
         return dataclasses.replace(draft, system=system)
     stiffer = [dataclasses.replace(body, young=f"{body.young} * {STIFF}") for body in draft.bodies]
@@ -486,7 +488,7 @@ def test_a_bound_is_compared_without_parts():
     full = hhr.FullOrderModel(joined(Foundation))
     sets = [hhr.compute_snapshots(full, full.parameters.random(8, seed)) for seed in (0, 1)]
     model = system.build(hhr.Recipe(hhr.Pod(1e-4), domain=hhr.Rid(20, 20)).as_it_is())
-    said = Estimate("bound", **(dict.fromkeys(NUMBERS, 1e3) | {"primal": 1e-9}))
+    said = Estimate("bound", **(dict.fromkeys(ESTIMATE_NUMBERS, 1e3) | {"primal": 1e-9}))
     fields = type(
         "Said", (type(model.fields),), {"exact": False, "estimate": lambda self, answer: said}
     )

@@ -18,7 +18,7 @@ ROWS = 23
 @pytest.fixture(autouse=True)
 def small_blocks(monkeypatch):
     """Blocks of five rows."""
-    monkeypatch.setattr(base, "ROWS", 5)
+    monkeypatch.setattr(base, "ROWS_AT_ONCE", 5)
 
 
 @pytest.fixture(scope="module")

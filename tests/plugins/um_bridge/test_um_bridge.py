@@ -229,7 +229,7 @@ def test_requests_have_a_limit_of_size(served):
     """One megabyte, whatever is in it; a size that is not given, or given in chunks, is not
     read.
     """
-    room = um_bridge.MOST_BYTES - len(json.dumps(GOOD | {"config": ""}))
+    room = um_bridge.MOST_REQUEST_BYTES - len(json.dumps(GOOD | {"config": ""}))
     for more, status in ((0, 200), (1, 413), (3_000_000, 413)):
         found, answer = requested(
             served, "/Evaluate", json.dumps(GOOD | {"config": "x" * (room + more)})
