@@ -179,7 +179,8 @@ def histogram(errors: Sequence[float], bounds: Sequence[float], error: str, boun
         for count in range(0, most + 1, max(1, math.ceil(most / 5)))
     ]
     for k, count in enumerate(counts):
-        left, top = LEFT_MARGIN + k * step + 1, FLOOR - count * size
+        left = LEFT_MARGIN + k * step + 1
+        top = FLOOR - count * size
         box = f'x="{left:.1f}" y="{top:.1f}" width="{step - 2:.1f}"'
         label = f"<title>{count} answers</title>"
         parts.append(
