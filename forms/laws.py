@@ -29,12 +29,12 @@ _NOTHING: Mapping[str, Expr] = MappingProxyType({})
 class At(NamedTuple):
     """Symbols of a step at a point, and numbers that are no symbols."""
 
-    strain: Expr  # at the end of the step: Kelvin's notation, or F, (3, 3), at large strains
-    unknown: SimpleNamespace  # unknowns of the law by name
-    # before the step: inelastic = ε - C^-1 σ, cumulated, and the memory of the law by name
+    strain: Expr  #: at the end of the step: Kelvin's notation, or F, (3, 3), at large strains
+    unknown: SimpleNamespace  #: unknowns of the law by name
+    #: before the step: inelastic = ε - C^-1 σ, cumulated, and the memory of the law by name
     old: SimpleNamespace
-    dt: Expr  # duration of the step in seconds
-    constants: SimpleNamespace  # constants by name; young and poisson are those of the body
+    dt: Expr  #: duration of the step in seconds
+    constants: SimpleNamespace  #: constants by name; young and poisson are those of the body
 
 
 class Stated(NamedTuple):
@@ -43,19 +43,19 @@ class Stated(NamedTuple):
     stress: (
         Expr  # at the end of the step; the first Piola-Kirchhoff stress, (3, 3), at large strains
     )
-    # after the step: cumulated, which stays without one, and the memory of the law; ε - C^-1 σ
-    # follows from the stress
+    #: after the step: cumulated, which stays without one, and the memory of the law; ε - C^-1 σ
+    #: follows from the stress
     memory: Mapping[str, Expr] = _NOTHING
-    residual: Sequence[Expr] = ()  # zero at the unknowns
+    residual: Sequence[Expr] = ()  #: zero at the unknowns
     trial: Expr | None = (
         None  # positive where unknowns must be solved for; None if that is everywhere
     )
-    start: Mapping[str, Expr] = _NOTHING  # first iterate of unknowns; 0 without one
-    rest: Mapping[str, Expr] = _NOTHING  # unknowns where ``trial`` is not positive; 0 without one
-    # negative where the law does not hold: the step is refused; it counts where unknowns were
-    # solved for
+    start: Mapping[str, Expr] = _NOTHING  #: first iterate of unknowns; 0 without one
+    rest: Mapping[str, Expr] = _NOTHING  #: unknowns where ``trial`` is not positive; 0 without one
+    #: negative where the law does not hold: the step is refused; it counts where unknowns were
+    #: solved for
     limit: Expr | None = None
-    reason: str = ""  # what is wrong there, for the message
+    reason: str = ""  #: what is wrong there, for the message
 
 
 def unit(vector: Expr) -> Expr:
@@ -108,10 +108,10 @@ def ramps(x: Expr, points: Sequence[tuple[float, float]]) -> Expr:
 class _Radial(NamedTuple):
     """Trial state of a law whose inelastic strain goes along the trial deviator."""
 
-    deviator: Expr  # s = 2 μ dev(ε - εp)
-    size: Expr  # its q
-    mean: Expr  # K tr(ε) 1
-    stiff: Expr  # 3 μ
+    deviator: Expr  #: s = 2 μ dev(ε - εp)
+    size: Expr  #: its q
+    mean: Expr  #: K tr(ε) 1
+    stiff: Expr  #: 3 μ
 
 
 def _radial(at: At, plastic: Expr | None = None) -> _Radial:

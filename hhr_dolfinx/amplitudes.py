@@ -419,15 +419,15 @@ class Amplitudes:
     several terms each.
     """
 
-    # constant, slopes: of the affine ones, (1 + T0,) and (1 + T0, P); the first is the 1 of the
-    # parameter-free part
+    #: constant, slopes: of the affine ones, (1 + T0,) and (1 + T0, P); the first is the 1 of the
+    #: parameter-free part
     constant: Annotated[Floats, "affine"]
     slopes: Annotated[Floats, "affine", "P"]
-    nonaffine: tuple[NonAffine, ...] = ()  # non-affine amplitudes in their order
+    nonaffine: tuple[NonAffine, ...] = ()  #: non-affine amplitudes in their order
     limits: tuple[
         Limits, ...
-    ] = ()  # elastic constants that are checked at each point at which theta is evaluated
-    # parameter box for differences of amplitudes without a derivative; None if all have one
+    ] = ()  #: elastic constants that are checked at each point at which theta is evaluated
+    #: parameter box for differences of amplitudes without a derivative; None if all have one
     space: ParameterSpace | None = None
 
     def faults_for(self, space: ParameterSpace, terms: int) -> Iterator[str]:

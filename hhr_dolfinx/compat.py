@@ -51,13 +51,13 @@ if "dolfinx_solver" not in sys.modules:
 class NamedMesh(tuple):
     """Result of a geometry: a mesh, the tags of its cells and of its facets, and their names."""
 
-    # name, dimension and number or numbers of each group; a body and a surface may have the same
-    # name. Meshes of DOLFINx have them from 0.10 on
+    #: name, dimension and number or numbers of each group; a body and a surface may have the same
+    #: name. Meshes of DOLFINx have them from 0.10 on
     physical_groups: Groups
-    summary: Any  # of the mesh file, a ``geometries.summary.Summary``; None without a file
+    summary: Any  #: of the mesh file, a ``geometries.summary.Summary``; None without a file
     nodes: Mapping[
         str, np.ndarray
-    ]  # sets of nodes by name, as numbers of the points that the mesh was made of
+    ]  #: sets of nodes by name, as numbers of the points that the mesh was made of
 
     def __new__(
         cls,

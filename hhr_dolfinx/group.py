@@ -54,8 +54,8 @@ def share(count: int, number: int, parts: int) -> range:
 class ProcessGroup:
     """One process, with the communicator that DOLFINx and PETSc get; all methods are collective."""
 
-    size: int = 1  # number of processes
-    number: int = 0  # number of this process, from 0
+    size: int = 1  #: number of processes
+    number: int = 0  #: number of this process, from 0
 
     def __init__(self, comm: Any = None):
         self.comm = comm  # the communicator

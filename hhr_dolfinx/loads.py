@@ -54,30 +54,30 @@ class Term:
 class Assembler:
     """Interface of the finite element model for loads; calls are collective."""
 
-    test: ufl.Argument  # UFL test function v, a vector
-    # ``plane_strain``, ``plane_stress``, ``axisymmetric`` or ``solid``: forms in axisymmetry need
-    # the weight :func:`hhr_dolfinx.forms.elasticity.volume_weight`
+    test: ufl.Argument  #: UFL test function v, a vector
+    #: ``plane_strain``, ``plane_stress``, ``axisymmetric`` or ``solid``: forms in axisymmetry need
+    #: the weight :func:`hhr_dolfinx.forms.elasticity.volume_weight`
     hypothesis: str
-    parameters: ParameterSpace  # box of the parameters
-    size: int  # N, number of dofs; those of node n are ``dim n`` to ``dim n + dim - 1``
-    # measure of the outer facets with a tag; refuses missing tags and facets inside the mesh
+    parameters: ParameterSpace  #: box of the parameters
+    size: int  #: N, number of dofs; those of node n are ``dim n`` to ``dim n + dim - 1``
+    #: measure of the outer facets with a tag; refuses missing tags and facets inside the mesh
     ds: Callable[[Tag], ufl.Measure]
-    dx: Callable[[Tag], ufl.Measure]  # measure of the cells with a tag
+    dx: Callable[[Tag], ufl.Measure]  #: measure of the cells with a tag
     vector: Callable[
         [ufl.Form], np.ndarray
-    ]  # assembles a UFL form that is linear in v, (N,); refuses other forms
+    ]  #: assembles a UFL form that is linear in v, (N,); refuses other forms
     surface: Callable[
         [Tag], Surface
-    ]  # nodes of the facets with a tag, their coordinates and measures
-    # numbers of the nodes of a surface, of a set or of a place, (k,); of a set of nodes those that
-    # it lists, with ``whole=True`` all of the facets that it holds
+    ]  #: nodes of the facets with a tag, their coordinates and measures
+    #: numbers of the nodes of a surface, of a set or of a place, (k,); of a set of nodes those that
+    #: it lists, with ``whole=True`` all of the facets that it holds
     nodes: Callable[..., np.ndarray]
-    points: Callable[[], np.ndarray]  # coordinates of all nodes, (nodes, dim)
+    points: Callable[[], np.ndarray]  #: coordinates of all nodes, (nodes, dim)
     cells: Callable[
         [], np.ndarray
-    ]  # numbers of the nodes of all cells, (cells, k), in the order of DOLFINx
-    # nodal forces of an eigenstrain, a UFL tensor 3x3, of the body with a tag: pairs of a modulus,
-    # which is a formula of the parameters, and the forces for the modulus 1, (N,)
+    ]  #: numbers of the nodes of all cells, (cells, k), in the order of DOLFINx
+    #: nodal forces of an eigenstrain, a UFL tensor 3x3, of the body with a tag: pairs of a modulus,
+    #: which is a formula of the parameters, and the forces for the modulus 1, (N,)
     eigenstress: Callable[[Tag, Any], Sequence[tuple[Formula, np.ndarray]]]
 
 

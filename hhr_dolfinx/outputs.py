@@ -33,19 +33,19 @@ if TYPE_CHECKING:
 class ModelProbe:
     """Interface of the finite element model to an output; calls are collective."""
 
-    scene: Any  # the :class:`~hhr_dolfinx.scene.Scene`
-    problem: ContactProblem  # the contact problem
-    # the problem on the mesh in which outputs find points and boxes: that of the middle of the box
-    # if a shape depends on parameters, so that an output keeps its nodes and cells; otherwise
-    # ``problem``
+    scene: Any  #: the :class:`~hhr_dolfinx.scene.Scene`
+    problem: ContactProblem  #: the contact problem
+    #: the problem on the mesh in which outputs find points and boxes: that of the middle of the box
+    #: if a shape depends on parameters, so that an output keeps its nodes and cells; otherwise
+    #: ``problem``
     base: ContactProblem
-    contact_rows: csr_matrix  # B with the columns of imposed dofs, (N_lambda, N)
-    assembler: Assembler  # interface of loads
+    contact_rows: csr_matrix  #: B with the columns of imposed dofs, (N_lambda, N)
+    assembler: Assembler  #: interface of loads
     nodes: Callable[
         [Tag], np.ndarray
-    ]  # numbers of the nodes of a body, by its cell tag; refuses unknown tags
-    discretisation: Any  # mesh and forms, for outputs that read cells
-    laws: Any  # bodies with laws, or their equilibrium; None for elastic bodies
+    ]  #: numbers of the nodes of a body, by its cell tag; refuses unknown tags
+    discretisation: Any  #: mesh and forms, for outputs that read cells
+    laws: Any  #: bodies with laws, or their equilibrium; None for elastic bodies
 
     @property
     def dimension(self) -> int:
@@ -180,7 +180,7 @@ class NamedOutput(KnownArguments):
 class OfContact(NamedOutput):
     """Base class of outputs of a contact."""
 
-    contact: int  # index of the pair in ``Scene.contacts``
+    contact: int  #: index of the pair in ``Scene.contacts``
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -91,61 +91,61 @@ class Stage(NamedTuple):
 class Plugin:
     """Manifest of a plug-in."""
 
-    name: str  # name of the plug-in, unique
-    needs: tuple[str, ...] = ()  # names of the plug-ins that it requires
+    name: str  #: name of the plug-in, unique
+    needs: tuple[str, ...] = ()  #: names of the plug-ins that it requires
     optional: tuple[
         str, ...
-    ] = ()  # names of plug-ins that it imports only where a scene names them
-    # names that it adds to ``hhr_dolfinx``: of each module its names, separated by blanks
+    ] = ()  #: names of plug-ins that it imports only where a scene names them
+    #: names that it adds to ``hhr_dolfinx``: of each module its names, separated by blanks
     public: Mapping[str, str] = field(default=NOTHING)
-    # what scenes may name: of each kind (``laws``, ``outputs``, ... of :mod:`hhr_dolfinx.by_name`)
-    # places by name, or of each module its names, as in ``public``
+    #: what scenes may name: of each kind (``laws``, ``outputs``, ... of :mod:`hhr_dolfinx.by_name`)
+    #: places by name, or of each module its names, as in ``public``
     parts: Mapping[str, Mapping[str, str]] = field(default=NOTHING)
-    # classes that model files may hold: of each module their names, separated by blanks
+    #: classes that model files may hold: of each module their names, separated by blanks
     classes: Mapping[str, str] = field(default=NOTHING)
     commands: Mapping[str, str] = field(
         default=NOTHING
-    )  # places of the commands of ``hhr``, by name
-    # kinds of models that a training can build: places of functions ``(training, **options) ->
-    # model`` by the name of the method of a :class:`~hhr_dolfinx.study.training.train.Training`,
-    # and of ``hhr train --model``
+    )  #: places of the commands of ``hhr``, by name
+    #: kinds of models that a training can build: places of functions ``(training, **options) ->
+    #: model`` by the name of the method of a :class:`~hhr_dolfinx.study.training.train.Training`,
+    #: and of ``hhr train --model``
     kinds: Mapping[str, str] = field(default=NOTHING)
-    # further methods of a training, which build no model that a file can keep
+    #: further methods of a training, which build no model that a file can keep
     methods: Mapping[str, str] = field(default=NOTHING)
-    # ways to choose training points of ``hhr train``: places of objects with ``options``,
-    # decorators of click, and ``training(given)``, by the option that selects them
+    #: ways to choose training points of ``hhr train``: places of objects with ``options``,
+    #: decorators of click, and ``training(given)``, by the option that selects them
     trainings: Mapping[str, str] = field(default=NOTHING)
     materials: tuple[
         str, ...
-    ] = ()  # methods by which a law of a body is one of this plug-in, see :func:`reader_of`
-    # places of functions ``(value, what) -> PairLaw`` by the field of a pairing whose value they
-    # read, see :mod:`hhr_dolfinx.contact.law`
+    ] = ()  #: methods by which a law of a body is one of this plug-in, see :func:`reader_of`
+    #: places of functions ``(value, what) -> PairLaw`` by the field of a pairing whose value they
+    #: read, see :mod:`hhr_dolfinx.contact.law`
     pair_laws: Mapping[str, str] = field(default=NOTHING)
-    # places of functions ``(**changes) -> Recipe`` by their names as attributes of ``Recipe``
+    #: places of functions ``(**changes) -> Recipe`` by their names as attributes of ``Recipe``
     recipes: Mapping[str, str] = field(default=NOTHING)
-    # ways to build a model by name, which ``hhr.reduce`` tries after those of the core
+    #: ways to build a model by name, which ``hhr.reduce`` tries after those of the core
     reductors: Mapping[str, Way] = field(default=NOTHING)
-    stages: tuple[Stage, ...] = ()  # further stages of the hyper-reduction
-    bounds: tuple[Bounds, ...] = ()  # errors of the answers of hyper-reduced models
-    # names of the parts of :class:`~hhr_dolfinx.memory.Memory` that its laws keep in answers
+    stages: tuple[Stage, ...] = ()  #: further stages of the hyper-reduction
+    bounds: tuple[Bounds, ...] = ()  #: errors of the answers of hyper-reduced models
+    #: names of the parts of :class:`~hhr_dolfinx.memory.Memory` that its laws keep in answers
     memory: tuple[str, ...] = ()
-    # what it adds to answers: places of functions of an answer, by the names of methods
+    #: what it adds to answers: places of functions of an answer, by the names of methods
     answers: Mapping[str, str] = field(default=NOTHING)
-    # places of objects that do for its laws what the core leaves to them, by words: each part of
-    # the core that needs one documents its word and protocol, and refuses a law without it, see
-    # :func:`facet`
+    #: places of objects that do for its laws what the core leaves to them, by words: each part of
+    #: the core that needs one documents its word and protocol, and refuses a law without it, see
+    #: :func:`facet`
     facets: Mapping[str, str] = field(default=NOTHING)
-    # places of functions that the core calls by a word, of all plug-ins one for each word, see
-    # :func:`tool`
+    #: places of functions that the core calls by a word, of all plug-ins one for each word, see
+    #: :func:`tool`
     tools: Mapping[str, str] = field(default=NOTHING)
-    # places of readers of mesh files, ``(path) -> RawMesh`` of
-    # :mod:`hhr_dolfinx.geometries.raw_mesh`, by the ending
+    #: places of readers of mesh files, ``(path) -> RawMesh`` of
+    #: :mod:`hhr_dolfinx.geometries.raw_mesh`, by the ending
     readers: Mapping[str, str] = field(default=NOTHING)
-    # functions ``(draft, neutral) -> draft`` that add one capability to a small scene, of each
-    # module their names, as in ``public``; the plug-in ``conformance`` has the drafts
+    #: functions ``(draft, neutral) -> draft`` that add one capability to a small scene, of each
+    #: module their names, as in ``public``; the plug-in ``conformance`` has the drafts
     switches: Mapping[str, str] = field(default=NOTHING)
-    # places of functions ``(full, folder) -> None`` that write further files next to a model;
-    # collective over the ranks of the full model
+    #: places of functions ``(full, folder) -> None`` that write further files next to a model;
+    #: collective over the ranks of the full model
     companions: tuple[str, ...] = ()
 
 

@@ -58,8 +58,8 @@ class Trained(Protocol):
 class TrainedRange:
     """Smallest and largest trained value of each parameter, with a margin."""
 
-    names: Annotated[tuple[str, ...], "P"]  # names of the parameters
-    lower: Annotated[Floats, "P"]  # bounds of the range, (P,)
+    names: Annotated[tuple[str, ...], "P"]  #: names of the parameters
+    lower: Annotated[Floats, "P"]  #: bounds of the range, (P,)
     upper: Annotated[Floats, "P"]
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:

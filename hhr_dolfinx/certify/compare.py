@@ -32,9 +32,9 @@ NOTHING_ELSE: Mapping[str, np.ndarray] = MappingProxyType({})
 class Comparison:
     """Errors against the full order, one entry per point or load path."""
 
-    labels: list[str]  # description of the point or path
-    primal: np.ndarray  # relative L2 errors of the displacement everywhere
-    dual: np.ndarray  # relative errors of the forces on the whole contact surface, with a floor
+    labels: list[str]  #: description of the point or path
+    primal: np.ndarray  #: relative L2 errors of the displacement everywhere
+    dual: np.ndarray  #: relative errors of the forces on the whole contact surface, with a floor
     further: Mapping[str, np.ndarray] = (
         NOTHING_ELSE  # errors of what else a kind of answers has, by its name
     )

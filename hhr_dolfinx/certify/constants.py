@@ -36,19 +36,19 @@ class Constants:
 class Stability:
     """Stability constants of a reduced model."""
 
-    kappa_B: float  # condition number of B~1, (3.4); infinite if its rows are dependent, (5.24)
-    kappa_B_2: float  # condition number of B~2, (5.25)
-    sigma_min: float  # smallest singular value of B~1, by which the thesis evaluates beta_HR
-    sigma_max: float  # largest singular value of B~1
-    # smallest eigenvalue of the symmetric part of S = B~2 K~^-1 B~1^T over the norm of S. If it is
-    # positive, S is a P-matrix: every parameter has one solution, and the active set finds it.
-    # Otherwise the model may still find a solution, which satisfies all contact conditions, but
-    # this is not guaranteed
+    kappa_B: float  #: condition number of B~1, (3.4); infinite if its rows are dependent, (5.24)
+    kappa_B_2: float  #: condition number of B~2, (5.25)
+    sigma_min: float  #: smallest singular value of B~1, by which the thesis evaluates beta_HR
+    sigma_max: float  #: largest singular value of B~1
+    #: smallest eigenvalue of the symmetric part of S = B~2 K~^-1 B~1^T over the norm of S. If it is
+    #: positive, S is a P-matrix: every parameter has one solution, and the active set finds it.
+    #: Otherwise the model may still find a solution, which satisfies all contact conditions, but
+    #: this is not guaranteed
     contact_definite: float
-    cond_K: float  # condition number of K~
-    cond_whole: float  # condition number of V^T K V, the Galerkin projection on the whole domain
-    norm_K: float  # largest singular value of K~
-    euclidean: Constants  # constants in the Euclidean norms of the thesis
+    cond_K: float  #: condition number of K~
+    cond_whole: float  #: condition number of V^T K V, the Galerkin projection on the whole domain
+    norm_K: float  #: largest singular value of K~
+    euclidean: Constants  #: constants in the Euclidean norms of the thesis
 
     @property
     def distortion(self) -> float:

@@ -25,12 +25,12 @@ class Kernel(Protocol):
     nothing).
     """
 
-    described: str  # the bodies that contact holds, and how they can move
-    contact_of_motions: np.ndarray  # B R, (m, r)
-    pins: np.ndarray  # dofs that fix them all, (r + l,)
-    motions: np.ndarray  # orthonormal motions that contact resists, (N, r)
-    idle: np.ndarray  # the same without loads and resistance, (N, l), which answers do not have
-    law: ContactLaw  # of the problem's conditions, in the form that solves for motions
+    described: str  #: the bodies that contact holds, and how they can move
+    contact_of_motions: np.ndarray  #: B R, (m, r)
+    pins: np.ndarray  #: dofs that fix them all, (r + l,)
+    motions: np.ndarray  #: orthonormal motions that contact resists, (N, r)
+    idle: np.ndarray  #: the same without loads and resistance, (N, l), which answers do not have
+    law: ContactLaw  #: of the problem's conditions, in the form that solves for motions
 
     def at(self, problem: Any) -> Kernel:
         """Kernel of the problem on another shape of bodies that it does not move.
@@ -68,9 +68,9 @@ class Kernel(Protocol):
 class CondensedKernel(Protocol):
     """Motions as unknowns of one condensed contact problem (n unknowns, m conditions)."""
 
-    equalities: Any  # equality problems on S with them
-    driving: np.ndarray  # loads along them, (r,)
-    modes: np.ndarray  # they as primal unknowns, (n, r)
+    equalities: Any  #: equality problems on S with them
+    driving: np.ndarray  #: loads along them, (r,)
+    modes: np.ndarray  #: they as primal unknowns, (n, r)
 
     def drift(self, forces: np.ndarray, unknown: np.ndarray, /) -> np.ndarray:
         """d(residual along the motions)/dμ at fixed forces and unknown, (r, P)."""

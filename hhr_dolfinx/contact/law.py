@@ -124,16 +124,16 @@ class ContactLaw:
     plugin: ClassVar[str] = (
         ""  # name of its plug-in, whose facets complete it; empty for unilateral contact
     )
-    name: ClassVar[str] = "unilateral contact"  # description in messages
-    remembers: ClassVar[bool] = True  # whether answers depend on the path that leads to them
-    # whether its increments solve for the motions of bodies that contact alone holds; scenes with
-    # such bodies are refused otherwise
+    name: ClassVar[str] = "unilateral contact"  #: description in messages
+    remembers: ClassVar[bool] = True  #: whether answers depend on the path that leads to them
+    #: whether its increments solve for the motions of bodies that contact alone holds; scenes with
+    #: such bodies are refused otherwise
     floats: ClassVar[bool] = False
-    # whether it holds where areas of its contacts depend on parameters, on bodies with such shapes;
-    # scenes with them are refused otherwise
+    #: whether it holds where areas of its contacts depend on parameters, on bodies with such
+    #: shapes; scenes with them are refused otherwise
     reshapes: ClassVar[bool] = False
 
-    fixed: np.ndarray  # indices of the parameters that are constant while loads grow in proportion
+    fixed: np.ndarray  #: indices of the parameters that are constant while loads grow in proportion
 
     @property
     def path_dependent(self) -> bool:

@@ -136,8 +136,8 @@ class Reshaping(Protocol):
     again.
     """
 
-    axes: tuple[int, ...]  # indices of the parameters of shapes
-    described: str  # all formulas, for fingerprints
+    axes: tuple[int, ...]  #: indices of the parameters of shapes
+    described: str  #: all formulas, for fingerprints
 
     def __call__(self, point: np.ndarray) -> ContactProblem:
         """The problem at a point, (P,): other gaps, rows, areas, loads and K, and as many
@@ -173,31 +173,31 @@ class ContactProblem:
     surface.
     """
 
-    # local rows of the parts of K, T^T K_q T, with those of imposed dofs, (own, N) each; empty if K
-    # is that of a user-defined system without parts
+    #: local rows of the parts of K, T^T K_q T, with those of imposed dofs, (own, N) each; empty if
+    #: K is that of a user-defined system without parts
     stiffness_terms: tuple[csr_matrix, ...]
-    # local rows of the Gram matrix of the L2 product of one component, (own nodes, nodes)
+    #: local rows of the Gram matrix of the L2 product of one component, (own nodes, nodes)
     node_mass: csr_matrix
-    prolongation: Prolongation  # U = U0 + L θ by the free dofs
-    forces: csc_matrix  # F on all dofs, sparse, (N, 1 + T)
-    # K_q L of each part of K on all dofs, before dependent ones are eliminated, sparse, (N, 1 + T)
-    # each; empty if K is that of a user-defined system without parts
+    prolongation: Prolongation  #: U = U0 + L θ by the free dofs
+    forces: csc_matrix  #: F on all dofs, sparse, (N, 1 + T)
+    #: K_q L of each part of K on all dofs, before dependent ones are eliminated, sparse, (N, 1 + T)
+    #: each; empty if K is that of a user-defined system without parts
     pulls: tuple[csc_matrix, ...]
-    contact: csr_matrix  # B T with zero columns at imposed dofs, (N_lambda, N)
-    gaps: np.ndarray  # D - B lift, (N_lambda, 1 + T)
-    contact_slaves: np.ndarray  # node that carries each condition and its multiplier, (N_lambda,)
-    # number of the contact pair of each condition, in the order of the scene, the first of several,
-    # (N_lambda,)
+    contact: csr_matrix  #: B T with zero columns at imposed dofs, (N_lambda, N)
+    gaps: np.ndarray  #: D - B lift, (N_lambda, 1 + T)
+    contact_slaves: np.ndarray  #: node that carries each condition and its multiplier, (N_lambda,)
+    #: number of the contact pair of each condition, in the order of the scene, the first of
+    #: several, (N_lambda,)
     contact_pairs: np.ndarray
-    contact_points: np.ndarray  # position of each condition, (N_lambda, dim)
-    contact_areas: np.ndarray  # tributary area of each condition, (N_lambda,)
-    cell_nodes: np.ndarray  # nodes of each cell, (cells, n)
-    points: np.ndarray  # coordinates of the nodes, (nodes, dim)
-    amplitudes: Amplitudes  # θ as a function of the parameters
-    parameters: ParameterSpace  # the box of the parameters
-    first: int = 0  # number of the first dof whose row is local
-    # amplitude of each part of K; empty if K is their sum and does not depend on parameters.
-    # Attributes that depend on K without a given parameter refer to the middle of the box
+    contact_points: np.ndarray  #: position of each condition, (N_lambda, dim)
+    contact_areas: np.ndarray  #: tributary area of each condition, (N_lambda,)
+    cell_nodes: np.ndarray  #: nodes of each cell, (cells, n)
+    points: np.ndarray  #: coordinates of the nodes, (nodes, dim)
+    amplitudes: Amplitudes  #: θ as a function of the parameters
+    parameters: ParameterSpace  #: the box of the parameters
+    first: int = 0  #: number of the first dof whose row is local
+    #: amplitude of each part of K; empty if K is their sum and does not depend on parameters.
+    #: Attributes that depend on K without a given parameter refer to the middle of the box
     moduli: tuple[Modulus, ...] = ()
     reshaped: Reshaping | None = (
         None  # makes the problem on the mesh of a point; None if the mesh does not move
@@ -205,10 +205,10 @@ class ContactProblem:
     kernel: Kernel | None = (
         None  # motions on which K is singular; None if imposed displacements hold all bodies
     )
-    # B with the columns of imposed dofs, (N_lambda, N), for forces on them; None if it is unknown
+    #: B with the columns of imposed dofs, (N_lambda, N), for forces on them; None if it is unknown
     whole_contact: csr_matrix | None = None
-    law: ContactLaw = UNILATERAL  # law of the contact conditions, those of pressures first
-    group: ProcessGroup = ALONE  # processes that have some rows each
+    law: ContactLaw = UNILATERAL  #: law of the contact conditions, those of pressures first
+    group: ProcessGroup = ALONE  #: processes that have some rows each
     shares: Shares | None = (
         None  # of contact pairs in conditions that several state; None without such conditions
     )
@@ -540,15 +540,15 @@ class ContactProblem:
 class IndexSets:
     """Index sets of a RID, named as in the thesis."""
 
-    cells: np.ndarray  # cells of Omega_A, (1.55)
-    # free dofs not connected to the rest of the domain, (1.35), except the nodes removed to close
-    # the RID
+    cells: np.ndarray  #: cells of Omega_A, (1.55)
+    #: free dofs not connected to the rest of the domain, (1.35), except the nodes removed to close
+    #: the RID
     A: np.ndarray
     A_lambda: (
         np.ndarray
-    )  # contact conditions whose slave node lies inside and which act on A, (1.36), (5.6)
+    )  #: contact conditions whose slave node lies inside and which act on A, (1.36), (5.6)
     A_c: (
         np.ndarray
-    )  # dofs of A connected to A_lambda through B, (1.58), (5.20): where contact forces act
-    A_c_tilde: np.ndarray  # all dofs connected to A_lambda through B, (5.20): where gaps are read
-    I: np.ndarray  # dofs of the interface, connected to A through K but not in A, (1.59)
+    )  #: dofs of A connected to A_lambda through B, (1.58), (5.20): where contact forces act
+    A_c_tilde: np.ndarray  #: all dofs connected to A_lambda through B, (5.20): where gaps are read
+    I: np.ndarray  #: dofs of the interface, connected to A through K but not in A, (1.59)

@@ -15,17 +15,17 @@ from hhr_dolfinx.errors import SceneError
 class ContactRows:
     """Contact conditions ``B U <= D`` of thesis (1.27), without imposed displacements."""
 
-    # B, (N_lambda, N), nodal and unweighted, so that kappa(B) = 1 node to node. A row is n·u at the
-    # slave, less n·u where it touches; n points out of the slave's body, and the force on it is -n
-    # λ
+    #: B, (N_lambda, N), nodal and unweighted, so that kappa(B) = 1 node to node. A row is n·u at
+    #: the slave, less n·u where it touches; n points out of the slave's body, and the force on it
+    #: is -n λ
     matrix: csr_matrix
-    gap: np.ndarray  # initial gap, (N_lambda,), in the unit of length
-    # node that carries each condition and its multiplier, (N_lambda,); DEIM and enrichment pick it
+    gap: np.ndarray  #: initial gap, (N_lambda,), in the unit of length
+    #: node that carries each condition and its multiplier, (N_lambda,); DEIM and enrichment pick it
     slaves: np.ndarray
-    points: np.ndarray  # position of each condition, (N_lambda, dim), for pictures and messages
+    points: np.ndarray  #: position of each condition, (N_lambda, dim), for pictures and messages
     areas: (
         np.ndarray
-    )  # tributary area of each condition, (N_lambda,), which turns forces into pressures
+    )  #: tributary area of each condition, (N_lambda,), which turns forces into pressures
 
     def __post_init__(self):
         m = np.size(self.gap)

@@ -16,10 +16,10 @@ class Shares:
     contact.
     """
 
-    conditions: np.ndarray  # number of the condition, (s,)
-    pairs: np.ndarray  # contact, by its index in the scene, (s,)
-    shares: np.ndarray  # share in the area and the force, (s,): those of one condition sum to 1
-    nodes: csr_matrix  # share in the entries of its row at each node, (s, nodes)
+    conditions: np.ndarray  #: number of the condition, (s,)
+    pairs: np.ndarray  #: contact, by its index in the scene, (s,)
+    shares: np.ndarray  #: share in the area and the force, (s,): those of one condition sum to 1
+    nodes: csr_matrix  #: share in the entries of its row at each node, (s, nodes)
 
     def of(self, pair: int, pairs: np.ndarray) -> np.ndarray:
         """Share of a contact in each condition, whose first contacts are ``pairs``, (m,)."""

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 class Stiffness(ABC):
     """K at a point with the contact rows B there (n own dofs, m conditions)."""
 
-    symmetric: bool = True  # equality problems on S use its symmetry
+    symmetric: bool = True  #: equality problems on S use its symmetry
 
     @abstractmethod
     def solve(self, rhs: np.ndarray) -> np.ndarray:

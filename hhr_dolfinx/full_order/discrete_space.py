@@ -45,8 +45,9 @@ class DiscreteSpace(ABC):
         SceneError: for a mesh that does not fit the scene, or missing tags.
     """
 
-    mean_dilatation: tuple[bool, ...]  # True for bodies that use the mean dilatation of their cells
-    terms: Terms  # of θ, set when a problem is assembled: their order is the same for all shapes
+    #: True for bodies that use the mean dilatation of their cells
+    mean_dilatation: tuple[bool, ...]
+    terms: Terms  #: of θ, set when a problem is assembled: their order is the same for all shapes
 
     def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
         compat.require_dolfinx()

@@ -24,10 +24,10 @@ ALMOST_NONE = 1e-9
 class FreeBody:
     """A connected component with rigid-body motions."""
 
-    name: str  # of its bodies, for messages
+    name: str  #: of its bodies, for messages
     nodes: np.ndarray
-    motions: np.ndarray  # all of its rigid motions, (k, nodes, dim), see :func:`rigid_motions`
-    # motions that supports and constraints leave: orthonormal combinations of all of them, (l, k)
+    motions: np.ndarray  #: all of its rigid motions, (k, nodes, dim), see :func:`rigid_motions`
+    #: motions that supports and constraints leave: orthonormal combinations of all of them, (l, k)
     left: np.ndarray
 
     def columns(self, count: int) -> np.ndarray:

@@ -26,7 +26,7 @@ class TagNames:
     facets: Sets = field(default_factory=dict)
     summary: Summary = field(
         default_factory=Summary
-    )  # contents of the file of the mesh; empty without a file
+    )  #: contents of the file of the mesh; empty without a file
 
     @classmethod
     def of(cls, groups: Any, dim: int, summary: Summary | None = None) -> TagNames:

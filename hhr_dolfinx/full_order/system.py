@@ -38,11 +38,11 @@ class SystemAt:
     """Equations at one point: K u + B^T lambda = loads, B u <= gaps (n own dofs, m conditions)."""
 
     system: System
-    point: np.ndarray  # the parameter, (P,)
-    problem: ContactProblem  # with the rows, gaps and amplitudes there
-    stiffness: Stiffness  # K
-    loads: np.ndarray  # F - K lift on own free dofs, (n,)
-    gaps: np.ndarray  # D - B lift, (m,)
+    point: np.ndarray  #: the parameter, (P,)
+    problem: ContactProblem  #: with the rows, gaps and amplitudes there
+    stiffness: Stiffness  #: K
+    loads: np.ndarray  #: F - K lift on own free dofs, (n,)
+    gaps: np.ndarray  #: D - B lift, (m,)
 
     def contact(self) -> CondensedContact:
         """The contact problem without the displacement, on all ranks."""
@@ -77,9 +77,9 @@ class SystemAt:
 class System(ABC):
     """Makes the equations of any point."""
 
-    anew: bool = True  # K of another point is factored
-    # moduli of whole bodies, if nothing else of K varies: factors of the middle of the box are used
-    # at all points
+    anew: bool = True  #: K of another point is factored
+    #: moduli of whole bodies, if nothing else of K varies: factors of the middle of the box are
+    #: used at all points
     bodies: ScaledBodies | None = None
 
     def __init__(

@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 class BodiesWithLaws(LawsAtPlaces, Protocol):
     """Bodies with laws on the mesh of a scene."""
 
-    discretisation: Discretisation  # mesh and forms; each process has the whole mesh
-    stiffness: tuple[csr_matrix, ...]  # parts of the elastic stiffness, (N, N) each
+    discretisation: Discretisation  #: mesh and forms; each process has the whole mesh
+    stiffness: tuple[csr_matrix, ...]  #: parts of the elastic stiffness, (N, N) each
     moduli: tuple[
         Modulus, ...
-    ]  # their amplitudes; empty if elasticity is constant, with a single part
+    ]  #: their amplitudes; empty if elasticity is constant, with a single part
 
     def equilibrium(self, full: FullModel) -> FullEquilibrium:
         """Equilibrium of a full model, which has factored the elastic stiffness."""

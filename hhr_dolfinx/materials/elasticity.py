@@ -36,11 +36,11 @@ def von_mises(stress: np.ndarray) -> np.ndarray:
 class Elastic:
     """Elastic constants at room temperature."""
 
-    young: float  # Young's modulus in Pa
-    poisson: float  # Poisson's ratio
-    expansion: float  # thermal expansion in 1/K
-    density: float  # density in kg/m^3
-    source: str  # source of the constants
+    young: float  #: Young's modulus in Pa
+    poisson: float  #: Poisson's ratio
+    expansion: float  #: thermal expansion in 1/K
+    density: float  #: density in kg/m^3
+    source: str  #: source of the constants
 
 
 MATERIALS = {

@@ -60,8 +60,8 @@ class Completion(Protocol):
     the whole mesh.
     """
 
-    kind: ClassVar[str]  # kind of its estimates, see Estimate
-    known_error: ClassVar[str]  # the same in one line
+    kind: ClassVar[str]  #: kind of its estimates, see Estimate
+    known_error: ClassVar[str]  #: the same in one line
 
     @property
     def places(self) -> int:
@@ -124,15 +124,15 @@ class ModelFields:
     Parts that a model lacks are None.
     """
 
-    bound: Any = None  # bounds the error of an answer
-    output_bound: Any = None  # estimates the errors of outputs
-    indicator: Any = None  # estimates the error of an answer; the recipe chooses it
-    flow: Completion | None = None  # completes the fields of bodies with laws
-    # completes forces and memory of a law of interfaces in hyper-reduced models
+    bound: Any = None  #: bounds the error of an answer
+    output_bound: Any = None  #: estimates the errors of outputs
+    indicator: Any = None  #: estimates the error of an answer; the recipe chooses it
+    flow: Completion | None = None  #: completes the fields of bodies with laws
+    #: completes forces and memory of a law of interfaces in hyper-reduced models
     interface: InterfaceCompletion | None = None
-    functionals: Any = None  # outputs of the scene
-    unbounded: str = ""  # reason why errors are not estimated, for models without an estimate
-    exact: ClassVar[bool] = False  # whether the model has no reduction error
+    functionals: Any = None  #: outputs of the scene
+    unbounded: str = ""  #: reason why errors are not estimated, for models without an estimate
+    exact: ClassVar[bool] = False  #: whether the model has no reduction error
 
     @property
     def full(self) -> Meshed | None:
@@ -467,9 +467,9 @@ class SeveralAnswers(Shown):
     ``answers[k]`` is one of them, like any :class:`Answer`.
     """
 
-    points: np.ndarray  # parameters, (n, P)
-    status: list[Status]  # why each search stopped
-    iterations: np.ndarray  # equality problems solved for each, or iterations of a step, (n,)
+    points: np.ndarray  #: parameters, (n, P)
+    status: list[Status]  #: why each search stopped
+    iterations: np.ndarray  #: equality problems solved for each, or iterations of a step, (n,)
 
     def facts(self) -> dict[str, str]:
         """See :class:`~hhr_dolfinx.models.shown.Shown`."""
@@ -524,7 +524,7 @@ class ListedAnswers(SeveralAnswers):
     model.
     """
 
-    answers: tuple[Answer, ...]  # one or more
+    answers: tuple[Answer, ...]  #: one or more
 
     def __getitem__(self, k: int) -> Answer:
         return self.answers[k]

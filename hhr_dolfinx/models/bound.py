@@ -27,10 +27,10 @@ BOUND_ROUND_OFF = 1e-10
 class ForceScale:
     """Scales of contact forces (m conditions)."""
 
-    # tributary area of each condition, which turns a nodal force into a pressure, (m,); a condition
-    # without an area has zero pressure; for answers on different shapes (n, m)
+    #: tributary area of each condition, which turns a nodal force into a pressure, (m,); a
+    #: condition without an area has zero pressure; for answers on different shapes (n, m)
     areas: np.ndarray
-    # S norm, Euclidean norm and peak pressure that relative errors use at least to divide by, (3,)
+    #: S norm, Euclidean norm and peak pressure that relative errors use at least to divide by, (3,)
     least: np.ndarray
 
     @cached_property
@@ -192,6 +192,6 @@ class Bounding(NamedTuple):
     """A bound of errors, and the displacement to which it applies."""
 
     bound: Bound | None
-    columns: np.ndarray  # columns of the displacement, (own, c)
-    response: Response | None = None  # maps forces to their coordinates; None if these are gamma
-    unbounded: str = ""  # reason for a missing bound; empty with a bound
+    columns: np.ndarray  #: columns of the displacement, (own, c)
+    response: Response | None = None  #: maps forces to their coordinates; None if these are gamma
+    unbounded: str = ""  #: reason for a missing bound; empty with a bound

@@ -21,9 +21,9 @@ from hhr_dolfinx.models.answer import Answer
 class LinearDisplacement(ABC):
     """Fields whose displacement is linear in coordinates."""
 
-    # stress of a displacement, (N,), at a parameter, (P,); None without a mesh
+    #: stress of a displacement, (N,), at a parameter, (P,); None without a mesh
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None
-    functionals: Any  # outputs of the scene; None if it has none
+    functionals: Any  #: outputs of the scene; None if it has none
 
     @abstractmethod
     def displacement(self, answer: Answer) -> np.ndarray:

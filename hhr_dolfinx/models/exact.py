@@ -68,20 +68,20 @@ class ExactFields(_Exact):
     :class:`hhr_dolfinx.models.answer.ModelFields`.
     """
 
-    amplitudes: Amplitudes  # θ as a function of the parameters
-    lifts: Annotated[csc_matrix, "N", "terms"]  # imposed displacements, sparse, (N, 1 + T)
-    per_force: Annotated[Floats, "N", "m"]  # K^-1 B^T, (N, N_lambda)
-    per_term: Annotated[Floats, "N", "terms"]  # K^-1 loads, (N, 1 + T)
-    dimension: int  # components of the displacement at a node
+    amplitudes: Amplitudes  #: θ as a function of the parameters
+    lifts: Annotated[csc_matrix, "N", "terms"]  #: imposed displacements, sparse, (N, 1 + T)
+    per_force: Annotated[Floats, "N", "m"]  #: K^-1 B^T, (N, N_lambda)
+    per_term: Annotated[Floats, "N", "terms"]  #: K^-1 loads, (N, 1 + T)
+    dimension: int  #: components of the displacement at a node
     floats: bool = (
         False  # whether bodies have rigid motions, which only the unknown of an answer has
     )
-    # stress of a displacement; None of a copy or from a file, since a mesh belongs to one process
+    #: stress of a displacement; None of a copy or from a file, since a mesh belongs to one process
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(
         default=None, metadata=OF_THE_MESH
     )
-    functionals: Functionals | None = None  # outputs of the scene; None if it has none
-    full: Meshed | None = field(default=None, metadata=OF_THE_MESH)  # see ModelFields
+    functionals: Functionals | None = None  #: outputs of the scene; None if it has none
+    full: Meshed | None = field(default=None, metadata=OF_THE_MESH)  #: see ModelFields
 
     @property
     def conditions(self) -> int:
@@ -123,10 +123,10 @@ class SolvedFields(_Exact):
     lifts: Annotated[csc_matrix, "N", "terms"]
     per_term: Annotated[Floats, "N", "terms"]
     dimension: int
-    # rows of the outputs times -K^-1 B^T, (K, N_lambda). It has no rows if outputs have too many,
-    # as a largest stress has; outputs then evaluate displacements, one more solve each
+    #: rows of the outputs times -K^-1 B^T, (K, N_lambda). It has no rows if outputs have too many,
+    #: as a largest stress has; outputs then evaluate displacements, one more solve each
     measured_per_force: Annotated[Floats, "rows of outputs", "m"]
-    # K^-1 B^T times forces; None of a copy or from a file, since factors belong to one process
+    #: K^-1 B^T times forces; None of a copy or from a file, since factors belong to one process
     pushed: Callable[[np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(
         default=None, metadata=OF_THE_MESH

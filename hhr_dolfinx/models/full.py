@@ -49,7 +49,7 @@ class Equations(Protocol):
 
     bodies: (
         ScaledBodies | None
-    )  # moduli of whole bodies, if nothing else of K varies; None otherwise
+    )  #: moduli of whole bodies, if nothing else of K varies; None otherwise
 
     def stiffness(self, point: np.ndarray) -> Stiffness:
         """K at a point, (P,)."""
@@ -88,22 +88,22 @@ class FullModel(AnsweringModel, ElasticFields):
     factors.
     """
 
-    scene: Any  # messages need its name
-    group: ProcessGroup  # processes that have the model together
-    # the algebraic contact problem; on several ranks each has the rows of its dofs
+    scene: Any  #: messages need its name
+    group: ProcessGroup  #: processes that have the model together
+    #: the algebraic contact problem; on several ranks each has the rows of its dofs
     problem: ContactProblem
-    system: Equations  # the equations at any point
-    stiffness: SparseStiffness  # K, if it is constant; otherwise K in the middle of the box
-    store: FactorStore  # factors of K, leased by K of this and other points
-    # whether K^-1 B^T has room in memory; else S is made at its first use, and a displacement takes
-    # one more solution
+    system: Equations  #: the equations at any point
+    stiffness: SparseStiffness  #: K, if it is constant; otherwise K in the middle of the box
+    store: FactorStore  #: factors of K, leased by K of this and other points
+    #: whether K^-1 B^T has room in memory; else S is made at its first use, and a displacement
+    #: takes one more solution
     keeps_columns: bool
-    functionals: AllOutputs | None  # outputs of the scene; None if it has none
+    functionals: AllOutputs | None  #: outputs of the scene; None if it has none
     equilibrium: FullEquilibrium | None = (
         None  # equilibrium of bodies with laws; None if all bodies are elastic
     )
-    strains: Guard  # check that strains in its answers are small
-    pairs: Pairs | None  # conditions by contact pair
+    strains: Guard  #: check that strains in its answers are small
+    pairs: Pairs | None  #: conditions by contact pair
 
     @property
     def comm(self) -> Comm:

@@ -33,15 +33,15 @@ STRIDE_OF_STARTS = 16
 class ManyAnswers(SeveralAnswers):
     """Answers of one elastic model to many parameters, as arrays."""
 
-    points: np.ndarray  # parameters, (n, P)
-    unknown: np.ndarray  # unknown of the model, (n, k); NaN without a solution
+    points: np.ndarray  #: parameters, (n, P)
+    unknown: np.ndarray  #: unknown of the model, (n, k); NaN without a solution
     multipliers: (
         np.ndarray
-    )  # forces on the contact conditions of the model, (n, m); NaN without a solution
-    active: np.ndarray  # their statuses, (n, m) bool
-    status: list[Status]  # why each search stopped
-    iterations: np.ndarray  # equality problems solved for each, (n,)
-    fields: ModelFields  # completes the answers
+    )  #: forces on the contact conditions of the model, (n, m); NaN without a solution
+    active: np.ndarray  #: their statuses, (n, m) bool
+    status: list[Status]  #: why each search stopped
+    iterations: np.ndarray  #: equality problems solved for each, (n,)
+    fields: ModelFields  #: completes the answers
 
     def __getitem__(self, k: int) -> Answer:
         own = self.points[k], self.unknown[k], self.multipliers[k], self.active[k]
@@ -74,13 +74,13 @@ class ManyAnswers(SeveralAnswers):
 class PartedAnswers(SeveralAnswers):
     """Answers of several models to many parameters, each from the model of its point."""
 
-    points: np.ndarray  # parameters, (n, P)
-    model: np.ndarray  # number of the model that answered each, (n,) int
-    status: list[Status]  # why each search stopped
-    iterations: np.ndarray  # equality problems solved for each, (n,)
+    points: np.ndarray  #: parameters, (n, P)
+    model: np.ndarray  #: number of the model that answered each, (n,) int
+    status: list[Status]  #: why each search stopped
+    iterations: np.ndarray  #: equality problems solved for each, (n,)
     parts: tuple[
         tuple[np.ndarray, SeveralAnswers], ...
-    ]  # rows and answers of each model that is used
+    ]  #: rows and answers of each model that is used
 
     @classmethod
     def of(cls, parts: list[tuple[np.ndarray, SeveralAnswers]], model: np.ndarray) -> PartedAnswers:

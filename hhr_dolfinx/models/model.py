@@ -114,7 +114,7 @@ class AnsweringModel(Shown):
     """
 
     parameters: ParameterSpace
-    fields: Any  # ModelFields of the kind of model
+    fields: Any  #: ModelFields of the kind of model
     equilibrium: Equilibrium | None = None
     law: ContactLaw = UNILATERAL
     advice: Mapping[Status, str] = MappingProxyType({})
@@ -378,15 +378,15 @@ class AnsweringModel(Shown):
 class KeptModel(AnsweringModel):
     """A model of plain data: it can be copied, pickled, changed, and kept in a file."""
 
-    # arguments that a file keeps, attributes of the same names, see :mod:`hhr_dolfinx.plain`
+    #: arguments that a file keeps, attributes of the same names, see :mod:`hhr_dolfinx.plain`
     kept: ClassVar[tuple[str, ...]]
     has_own_sizes: ClassVar[bool] = True
     handed_on: ClassVar[
         tuple[str, ...]
-    ] = ()  # further arguments that copies and changed models have
-    trained: Trained | None = None  # training range; None if it is unknown
-    # record of the construction; None of a copy or from a file, and for models without
-    # approximation
+    ] = ()  #: further arguments that copies and changed models have
+    trained: Trained | None = None  #: training range; None if it is unknown
+    #: record of the construction; None of a copy or from a file, and for models without
+    #: approximation
     offline: Any = None
 
     def check_range(self, point: np.ndarray, outside: str) -> None:

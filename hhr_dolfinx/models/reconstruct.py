@@ -52,22 +52,22 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
     Parts without a comment are those of :class:`~hhr_dolfinx.models.answer.ModelFields`.
     """
 
-    amplitudes: Amplitudes  # θ as a function of the parameters
-    # columns of the displacement, (N, c): V, whose coordinates are gamma, or C of a `response`
+    amplitudes: Amplitudes  #: θ as a function of the parameters
+    #: columns of the displacement, (N, c): V, whose coordinates are gamma, or C of a `response`
     basis: Annotated[Floats, "N", "columns"]
-    lifts: Annotated[csc_matrix, "N", "terms"]  # imposed displacements, sparse, (N, 1 + T)
-    contact_basis: Annotated[Floats, "N_lambda", "columns"]  # B times these columns, (N_lambda, c)
-    gaps: Annotated[Floats, "N_lambda", "terms"]  # D as terms of θ, (N_lambda, 1 + T)
-    A_lambda: Annotated[Integers, "m", "< N_lambda"]  # contact conditions of the RID
-    # columns of S_lambda whose cone contains all of them, (N_lambda, S'); None if S of the bound
-    # completes forces
+    lifts: Annotated[csc_matrix, "N", "terms"]  #: imposed displacements, sparse, (N, 1 + T)
+    contact_basis: Annotated[Floats, "N_lambda", "columns"]  #: B times these columns, (N_lambda, c)
+    gaps: Annotated[Floats, "N_lambda", "terms"]  #: D as terms of θ, (N_lambda, 1 + T)
+    A_lambda: Annotated[Integers, "m", "< N_lambda"]  #: contact conditions of the RID
+    #: columns of S_lambda whose cone contains all of them, (N_lambda, S'); None if S of the bound
+    #: completes forces
     force_snapshots: Annotated[Floats, "N_lambda", "snapshots"] | None
-    # length scale of the gap of each condition, so that (1.70) does not depend on units,
-    # (N_lambda,)
+    #: length scale of the gap of each condition, so that (1.70) does not depend on units,
+    #: (N_lambda,)
     gap_scale: Annotated[Floats, "N_lambda"]
-    dimension: int  # components of the displacement at a node
+    dimension: int  #: components of the displacement at a node
     flow: Completion | None = None
-    # stress of a displacement of elastic bodies; None for a model from a file, which has no mesh
+    #: stress of a displacement of elastic bodies; None for a model from a file, which has no mesh
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(
         default=None, metadata=OF_THE_MESH
     )
@@ -76,8 +76,8 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
     functionals: Functionals | None = None
     output_bound: OutputBound | None = None
     unbounded: str = ""
-    # coordinates of forces on the whole surface if S and the response to loads are known; None if
-    # they are gamma
+    #: coordinates of forces on the whole surface if S and the response to loads are known; None if
+    #: they are gamma
     response: Response | None = None
     interface: InterfaceCompletion | None = None
     full: Meshed | None = field(default=None, metadata=OF_THE_MESH)

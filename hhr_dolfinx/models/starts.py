@@ -23,8 +23,8 @@ SLOPES_AT_ONCE = 1024
 class KnownStatuses(Rebuilt):
     """Statuses at training parameters, from which the active set starts near its end."""
 
-    points: Annotated[Floats, "statuses", "P"]  # (S, P)
-    active: Annotated[Booleans, "statuses", "m"]  # (S, m) bool
+    points: Annotated[Floats, "statuses", "P"]  #: (S, P)
+    active: Annotated[Booleans, "statuses", "m"]  #: (S, m) bool
 
     def __post_init__(self) -> None:
         active = self.active.view()  # answers share it; the array of the caller stays as it is
@@ -88,10 +88,10 @@ class LinearStarts(KnownStatuses):
 
     margins: Annotated[
         Floats, "statuses", "m"
-    ]  # force of closed conditions, and minus the slack of open ones, (S, m)
+    ]  #: force of closed conditions, and minus the slack of open ones, (S, m)
     slopes: Annotated[
         Floats, "statuses", "m", "P"
-    ]  # their derivatives along the parameters, (S, m, P)
+    ]  #: their derivatives along the parameters, (S, m, P)
 
     @cached_property
     def distances(self) -> tuple[np.ndarray, np.ndarray]:

@@ -33,8 +33,8 @@ class QuadraticFacets(Protocol):
     a plug-in makes them.
     """
 
-    nodes: np.ndarray  # nodes of each facet, counted within the surface, (F, K)
-    corners: np.ndarray  # corners of each facet, (F, k)
+    nodes: np.ndarray  #: nodes of each facet, counted within the surface, (F, K)
+    corners: np.ndarray  #: corners of each facet, (F, k)
 
     def functions(self, flat: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Facets, (q,), and their shape functions, (q, K), at points of flat parts, (q,), by those
@@ -62,26 +62,26 @@ class QuadraticFacets(Protocol):
 class Surface:
     """A tagged surface of n nodes and f facets of k nodes each: 2 in the plane, 3 or 4 in space."""
 
-    tag: Tag  # facet tag, for messages
-    nodes: Annotated[Integers, "surface nodes"]  # node numbers in the mesh, (n,)
-    points: Annotated[Floats, "surface nodes", "dimension"]  # coordinates of the nodes, (n, dim)
-    # nodes of each facet, counted within the surface, (f, k); quadrilaterals in tensor order
+    tag: Tag  #: facet tag, for messages
+    nodes: Annotated[Integers, "surface nodes"]  #: node numbers in the mesh, (n,)
+    points: Annotated[Floats, "surface nodes", "dimension"]  #: coordinates of the nodes, (n, dim)
+    #: nodes of each facet, counted within the surface, (f, k); quadrilaterals in tensor order
     facets: Annotated[Integers, "facets", "corners", "< surface nodes"]
-    # outward, sizes: unit outer normal of each facet, (f, dim), and its length or area without
-    # weight, (f,)
+    #: outward, sizes: unit outer normal of each facet, (f, dim), and its length or area without
+    #: weight, (f,)
     outward: Annotated[Floats, "facets", "dimension"]
     sizes: Annotated[Floats, "facets"]
     weights: Annotated[
         Floats, "surface nodes"
-    ]  # weight of the surface measure at each node, 1 or 2 pi r, (n,)
-    areas: Annotated[Floats, "surface nodes"]  # tributary area of each node, (n,)
+    ]  #: weight of the surface measure at each node, 1 or 2 pi r, (n,)
+    areas: Annotated[Floats, "surface nodes"]  #: tributary area of each node, (n,)
     depths: Annotated[
         Floats, "facets"
-    ]  # depth of the cell behind each facet, (f,): no body is thinner
-    # facets of second order, of which ``facets`` are the flat parts; None for cells of first order
+    ]  #: depth of the cell behind each facet, (f,): no body is thinner
+    #: facets of second order, of which ``facets`` are the flat parts; None for cells of first order
     quadratic: QuadraticFacets | None = None
-    # components of the displacement of the nodes that are not imposed, (n, dim) bool; None if all
-    # are free
+    #: components of the displacement of the nodes that are not imposed, (n, dim) bool; None if all
+    #: are free
     free: Annotated[Booleans, "surface nodes", "dimension"] | None = None
 
     @property

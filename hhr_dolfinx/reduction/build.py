@@ -39,12 +39,12 @@ class HyperFacts:
     """Facts of a hyper-reduced model, in its :class:`~hhr_dolfinx.reduction.reductor.Record`."""
 
     recipe: Recipe
-    layers: int  # of cells of the RID, possibly more than in the recipe
-    basis: np.ndarray  # V, (own, ell)
-    sets: IndexSets  # of the RID
-    stability: Stability  # constants of the elastic projection
-    enrichment: Enrichment  # of the basis
-    further: Mapping[str, float]  # what stages of plug-ins found, by name
+    layers: int  #: of cells of the RID, possibly more than in the recipe
+    basis: np.ndarray  #: V, (own, ell)
+    sets: IndexSets  #: of the RID
+    stability: Stability  #: constants of the elastic projection
+    enrichment: Enrichment  #: of the basis
+    further: Mapping[str, float]  #: what stages of plug-ins found, by name
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,12 +54,12 @@ class Offline:
     task: Task
     snapshots: SnapshotSet
     recipe: Recipe
-    basis: np.ndarray  # before enrichment, (own, ell)
-    nodes: np.ndarray  # from which the RID is made
-    completion: ReconstructionData  # of answers
+    basis: np.ndarray  #: before enrichment, (own, ell)
+    nodes: np.ndarray  #: from which the RID is made
+    completion: ReconstructionData  #: of answers
     computed: dict[str, Any] = field(
         default_factory=dict
-    )  # what stages compute once for all attempts, by name
+    )  #: what stages compute once for all attempts, by name
 
     @property
     def full(self) -> FullModel:
@@ -86,12 +86,12 @@ class Draft:
     layers: int
     sets: IndexSets = field(init=False)
     enrichment: Enrichment = field(init=False)
-    reduced: ReducedProblem = field(init=False)  # the projected arrays
-    parts: dict[str, Any] = field(default_factory=dict)  # further arguments of the model, by name
+    reduced: ReducedProblem = field(init=False)  #: the projected arrays
+    parts: dict[str, Any] = field(default_factory=dict)  #: further arguments of the model, by name
     stability: Stability = field(init=False)
-    fields: Reconstruction = field(init=False)  # of answers
+    fields: Reconstruction = field(init=False)  #: of answers
     model: ReducedModel = field(init=False)
-    further: dict[str, float] = field(default_factory=dict)  # facts of the record, by name
+    further: dict[str, float] = field(default_factory=dict)  #: facts of the record, by name
 
     @property
     def basis(self) -> np.ndarray:
@@ -203,7 +203,7 @@ class HyperReduction(Reductor[Offline]):
     A model that is refused is built again with one more layer of cells.
     """
 
-    recipe: Any = None  # None takes the default of the scene, in a search
+    recipe: Any = None  #: None takes the default of the scene, in a search
     method: ClassVar[str] = "hhr"
     own_range: ClassVar[bool] = True
     level: ClassVar[str] = "layers"

@@ -32,8 +32,8 @@ the fraction of the largest force below which a relative force error is meaningl
 class ReconstructionData:
     """Reconstruction data that depend on training alone, computed once for all attempts."""
 
-    forces: np.ndarray  # of training, (N_lambda, S)
-    gap_scale: np.ndarray  # length scale of gaps, (N_lambda,)
+    forces: np.ndarray  #: of training, (N_lambda, S)
+    gap_scale: np.ndarray  #: length scale of gaps, (N_lambda,)
 
     @classmethod
     def of(cls, problem: ContactProblem, snapshots: SnapshotSet) -> ReconstructionData:

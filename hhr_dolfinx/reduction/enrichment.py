@@ -46,16 +46,16 @@ MODE_ROUND_OFF = 1e-8
 class Enrichment:
     """An enriched basis and the steps of its enrichment."""
 
-    basis: np.ndarray  # V bar of (3.2), orthonormal columns, (own, ell_bar)
-    added: np.ndarray  # conditions whose slave node was added, in order, L_c of Alg. 3.1
+    basis: np.ndarray  #: V bar of (3.2), orthonormal columns, (own, ell_bar)
+    added: np.ndarray  #: conditions whose slave node was added, in order, L_c of Alg. 3.1
     kappas: list[
         float
-    ]  # kappa(B~1) before the first and after each addition; infinite while rows are dependent
-    # candidates were left, but none lowered kappa any more, before ``kappa_max`` was reached
+    ]  #: kappa(B~1) before the first and after each addition; infinite while rows are dependent
+    #: candidates were left, but none lowered kappa any more, before ``kappa_max`` was reached
     stalled: bool
     left_out: (
         np.ndarray
-    )  # conditions whose function lies in the span of the basis already, as of a second stop
+    )  #: conditions whose function lies in the span of the basis already, as of a second stop
 
 
 def enrich(
@@ -245,12 +245,12 @@ class _Table:
     """B~1 or B~2 of a basis that grows (m conditions, ell columns, c candidates)."""
 
     problem: ContactProblem
-    rows: csr_matrix  # B on some dofs, (m, k)
-    part: np.ndarray  # these dofs, (k,)
-    values: np.ndarray  # B~, (m, ell)
+    rows: csr_matrix  #: B on some dofs, (m, k)
+    part: np.ndarray  #: these dofs, (k,)
+    values: np.ndarray  #: B~, (m, ell)
     outside: (
         np.ndarray
-    )  # images of candidates along directions that complete the range of B~, (missing, c)
+    )  #: images of candidates along directions that complete the range of B~, (missing, c)
 
     @classmethod
     def of(

@@ -58,7 +58,7 @@ class OfPoints:
     Base of all other kinds.
     """
 
-    cone: bool = True  # forces outside the RID may be combinations of those of training, (1.70)
+    cone: bool = True  #: forces outside the RID may be combinations of those of training, (1.70)
 
     def __init__(self, full: FullModel):
         self.full = full

@@ -61,13 +61,13 @@ class Task:
     """Input of a reduction."""
 
     full: FullModel
-    snapshots: SnapshotSet | None = None  # for training
-    held_out: SnapshotSet | None = None  # for validation
+    snapshots: SnapshotSet | None = None  #: for training
+    held_out: SnapshotSet | None = None  #: for validation
     log: StageLog = field(default_factory=StageLog)
-    # called with each stage and the share that is done; may raise to stop the build
+    #: called with each stage and the share that is done; may raise to stop the build
     announce: Announce = unannounced
-    # full answers solved for to compare a model that calls itself exact; 0 if the caller compares
-    # it
+    #: full answers solved for to compare a model that calls itself exact; 0 if the caller compares
+    #: it
     sure: int = EXACTNESS_SAMPLES
 
     @cached_property
@@ -89,13 +89,13 @@ class Record(Generic[Facts]):
     The facts of its kind are attributes too: ``record.basis``.
     """
 
-    reductor: Any  # what made the model
-    level: Any  # of the attempt that was chosen
+    reductor: Any  #: what made the model
+    level: Any  #: of the attempt that was chosen
     facts: (
         Facts  # results of the reductor, such as :class:`~hhr_dolfinx.reduction.build.HyperFacts`
     )
-    comparison: Comparison | None  # errors against known answers; None if nothing was compared
-    log: StageLog  # seconds of the stages, skipped stages, refused attempts
+    comparison: Comparison | None  #: errors against known answers; None if nothing was compared
+    log: StageLog  #: seconds of the stages, skipped stages, refused attempts
 
     def __getattr__(self, name: str) -> Any:
         """A fact, by its name."""
@@ -107,18 +107,18 @@ class Record(Generic[Facts]):
 class Reductor(ABC, Generic[Prepared]):
     """A way to make a model from the full one and its answers; only :meth:`attempt` is required."""
 
-    method: ClassVar[str]  # its name in tables
-    level: ClassVar[str] = "level"  # name of what levels count, for the log
-    remedy: ClassVar[str | Mapping[str, str]] = OF_A_RID  # advice for a model that is refused
-    # errors of an attempt after which the next level is tried
+    method: ClassVar[str]  #: its name in tables
+    level: ClassVar[str] = "level"  #: name of what levels count, for the log
+    remedy: ClassVar[str | Mapping[str, str]] = OF_A_RID  #: advice for a model that is refused
+    #: errors of an attempt after which the next level is tried
     refusals: ClassVar[tuple[type[HHRError], ...]] = (
         NotSolvableError,
         UnstableModelError,
         UnseenLoadError,
     )
-    # whether its models know where they hold: in the whole box, or in a range that it sets.
-    # Otherwise the driver limits them to the box around the training points, and warns of a
-    # training without validation
+    #: whether its models know where they hold: in the whole box, or in a range that it sets.
+    #: Otherwise the driver limits them to the box around the training points, and warns of a
+    #: training without validation
     own_range: ClassVar[bool] = False
 
     @classmethod

@@ -28,20 +28,20 @@ COUPLING_ROUND_OFF = 1e-12
 class ModeBlock(NamedTuple):
     """Modes that share entries of K~ with each other alone."""
 
-    modes: np.ndarray  # their indices, (k,)
-    parts: np.ndarray  # numbers of the parts that act on them, (q,)
-    entries: np.ndarray  # entries of these parts transposed, one row each, (q, k * k)
-    test: np.ndarray  # columns of B~1^T on them, (k, m), in Fortran order
-    trial: np.ndarray  # columns of B~2 on them, (m, k)
+    modes: np.ndarray  #: their indices, (k,)
+    parts: np.ndarray  #: numbers of the parts that act on them, (q,)
+    entries: np.ndarray  #: entries of these parts transposed, one row each, (q, k * k)
+    test: np.ndarray  #: columns of B~1^T on them, (k, m), in Fortran order
+    trial: np.ndarray  #: columns of B~2 on them, (m, k)
 
 
 class _Kept(NamedTuple):
     """Arrays shared by all points of one stiffness."""
 
-    weights: np.ndarray  # of the parts of K~, (Q,)
-    schur: np.ndarray  # S, (m, m)
-    factors: list  # of the blocks of K~
-    per_force: list[np.ndarray]  # K~^-1 B~1^T of each block
+    weights: np.ndarray  #: of the parts of K~, (Q,)
+    schur: np.ndarray  #: S, (m, m)
+    factors: list  #: of the blocks of K~
+    per_force: list[np.ndarray]  #: K~^-1 B~1^T of each block
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,8 @@ class BlockElimination(Rebuilt, Elimination):
     Plain data, for files.
     """
 
-    problem: ReducedProblem  # the reduced problem, with the terms of its stiffness
-    amplitudes: Amplitudes  # θ as a function of the parameters
+    problem: ReducedProblem  #: the reduced problem, with the terms of its stiffness
+    amplitudes: Amplitudes  #: θ as a function of the parameters
 
     @cached_property
     def blocks(self) -> list[ModeBlock]:

@@ -44,11 +44,11 @@ nothing.
 class ConstantElimination(Rebuilt, Elimination):
     """Elimination of constant stiffness, done once."""
 
-    responses: Responses  # of the eliminated unknown
-    amplitudes: Amplitudes  # θ as a function of the parameters
+    responses: Responses  #: of the eliminated unknown
+    amplitudes: Amplitudes  #: θ as a function of the parameters
     factorise: Factorise = field(
         default=dense_factors, metadata=CODE
-    )  # factors a dense block; files do not keep it
+    )  #: factors a dense block; files do not keep it
 
     shares_factors = True
 
@@ -66,7 +66,7 @@ class ConstantElimination(Rebuilt, Elimination):
             self, "responses", Responses(free_primal, per_force, free_slack, given.schur)
         )
 
-    # free slack followed by the free primal unknown, (m + n, 1 + T)
+    #: free slack followed by the free primal unknown, (m + n, 1 + T)
     response: np.ndarray = field(init=False, repr=False)
 
     @classmethod

@@ -44,21 +44,21 @@ class CondensedContact:
     conditions).
     """
 
-    schur: np.ndarray  # S, (m, m)
-    free_slack: np.ndarray  # slack without contact forces, (m,)
+    schur: np.ndarray  #: S, (m, m)
+    free_slack: np.ndarray  #: slack without contact forces, (m,)
     free: (
         np.ndarray
-    )  # the unknown without contact forces, (n,); empty if fields are computed on request
-    # response of the unknown to contact forces, K^-1 B^T forces: (m,) or (m, k) to (n,) or (n, k)
+    )  #: the unknown without contact forces, (n,); empty if fields are computed on request
+    #: response of the unknown to contact forces, K^-1 B^T forces: (m,) or (m, k) to (n,) or (n, k)
     pushed: Callable[[np.ndarray], np.ndarray]
-    # maps forces and unknown to derivatives along the parameters at fixed forces: of the slack, (m,
-    # P), and of the unknown, (n, P)
+    #: maps forces and unknown to derivatives along the parameters at fixed forces: of the slack,
+    #: (m, P), and of the unknown, (n, P)
     at_fixed_forces: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
     symmetric: bool = False
-    # motions of bodies that contact alone holds, which stay unknowns; None without any
+    #: motions of bodies that contact alone holds, which stay unknowns; None without any
     kernel: CondensedKernel | None = None
-    # stiffness that shares its equality problems on S with other points; None creates them on
-    # demand
+    #: stiffness that shares its equality problems on S with other points; None creates them on
+    #: demand
     factored: HasEqualities | None = None
 
     def unknown(self, forces: np.ndarray) -> np.ndarray:
@@ -161,10 +161,10 @@ class Responses:
 
     free_primal: Annotated[
         Floats, "unknowns", "terms"
-    ]  # primal unknown without contact forces, (n, 1 + T)
-    primal_per_force: Annotated[Floats, "unknowns", "m"]  # K^-1 B^T, (n, m)
-    free_slack: Annotated[Floats, "m", "terms"]  # slack without contact forces, (m, 1 + T)
-    schur: Annotated[Floats, "m", "m"]  # S = B K^-1 B^T, (m, m)
+    ]  #: primal unknown without contact forces, (n, 1 + T)
+    primal_per_force: Annotated[Floats, "unknowns", "m"]  #: K^-1 B^T, (n, m)
+    free_slack: Annotated[Floats, "m", "terms"]  #: slack without contact forces, (m, 1 + T)
+    schur: Annotated[Floats, "m", "m"]  #: S = B K^-1 B^T, (m, m)
 
     @classmethod
     def eliminate(

@@ -20,11 +20,11 @@ if TYPE_CHECKING:
 class ReducedTerms:
     """Parts of a reduced stiffness that depends on parameters, K~ = sum of moduli times parts."""
 
-    stiffness: Annotated[Floats, "parts", "modes", "modes"]  # parts of K~, (Q, ell, ell)
-    # V[A]^T K_q[A] lifts, by which the loads change with the stiffness, (Q, ell, 1 + T)
+    stiffness: Annotated[Floats, "parts", "modes", "modes"]  #: parts of K~, (Q, ell, ell)
+    #: V[A]^T K_q[A] lifts, by which the loads change with the stiffness, (Q, ell, 1 + T)
     lifts: Annotated[Floats, "parts", "modes", "terms"]
-    forces: Annotated[Floats, "modes", "terms"]  # V[A]^T F[A], loads without these, (ell, 1 + T)
-    moduli: Annotated[tuple[Modulus, ...], "parts"]  # amplitudes of the parts
+    forces: Annotated[Floats, "modes", "terms"]  #: V[A]^T F[A], loads without these, (ell, 1 + T)
+    moduli: Annotated[tuple[Modulus, ...], "parts"]  #: amplitudes of the parts
 
     def __post_init__(self) -> None:
         lay_out(self)
@@ -48,19 +48,19 @@ class ReducedProblem:
     interface; otherwise they are equal and it is (1.61).
     """
 
-    # K~ = V[A]^T K[A, A u I] V[A u I], (1.63), (ell, ell), not symmetric
+    #: K~ = V[A]^T K[A, A u I] V[A u I], (1.63), (ell, ell), not symmetric
     stiffness: Annotated[Floats, "modes", "modes"]
-    # B~1 = B[A_lambda, A_c] V[A_c], (5.26), (N_lambda_C, ell): maps forces to loads
+    #: B~1 = B[A_lambda, A_c] V[A_c], (5.26), (N_lambda_C, ell): maps forces to loads
     contact_test: Annotated[Floats, "conditions", "modes"]
-    # B~2 = B[A_lambda, A_c~] V[A_c~], (5.26), (N_lambda_C, ell): maps displacements to gaps
+    #: B~2 = B[A_lambda, A_c~] V[A_c~], (5.26), (N_lambda_C, ell): maps displacements to gaps
     contact_trial: Annotated[Floats, "conditions", "modes"]
-    loads: Annotated[Floats, "modes", "terms"]  # V[A]^T loads[A], (ell, 1 + T)
-    gaps: Annotated[Floats, "conditions", "terms"]  # gaps[A_lambda], (N_lambda_C, 1 + T)
+    loads: Annotated[Floats, "modes", "terms"]  #: V[A]^T loads[A], (ell, 1 + T)
+    gaps: Annotated[Floats, "conditions", "terms"]  #: gaps[A_lambda], (N_lambda_C, 1 + T)
     pairs: Annotated[
         Integers, "conditions"
-    ]  # number of the contact pair of each condition, (N_lambda_C,)
-    # parts of the stiffness if it depends on parameters; `stiffness` and `loads` are then those in
-    # the middle of the box. None for a constant stiffness
+    ]  #: number of the contact pair of each condition, (N_lambda_C,)
+    #: parts of the stiffness if it depends on parameters; `stiffness` and `loads` are then those in
+    #: the middle of the box. None for a constant stiffness
     terms: ReducedTerms | None = None
     motions: int = (
         0  # number of modes, the first ones, that are rigid motions of bodies held by contact alone

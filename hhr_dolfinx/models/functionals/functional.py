@@ -34,13 +34,14 @@ class Outputs:
     numbers.
     """
 
-    values: dict[str, float]  # by name; NaN without an answer
-    units: dict[str, str]  # as the scene gives them
-    # derivatives along the parameters by name, (P,) each, of outputs that have any; None unless
-    # they were requested
+    values: dict[str, float]  #: by name; NaN without an answer
+    units: dict[str, str]  #: as the scene gives them
+    #: derivatives along the parameters by name, (P,) each, of outputs that have any; None unless
+    #: they were requested
     gradient: dict[str, np.ndarray] | None = None
-    one_sided: bool = False  # whether some of the derivatives hold on one side only
-    # path that values and derivatives belong to, and how far they have converged; empty without one
+    one_sided: bool = False  #: whether some of the derivatives hold on one side only
+    #: path that values and derivatives belong to, and how far they have converged; empty without
+    #: one
     note: str = ""
 
     def __getitem__(self, name: str) -> float:
@@ -76,9 +77,9 @@ class _Gradient(dict[str, np.ndarray]):
 class AllOutputs(ABC):
     """All outputs of a scene; here as they are read where no parameter changes the shape."""
 
-    axes: Any = _NOWHERE  # indices of the shape parameters
-    items: tuple[Functional, ...]  # one for each output, in the middle of the box
-    amplitudes: Amplitudes  # θ as a function of the parameters
+    axes: Any = _NOWHERE  #: indices of the shape parameters
+    items: tuple[Functional, ...]  #: one for each output, in the middle of the box
+    amplitudes: Amplitudes  #: θ as a function of the parameters
 
     @abstractmethod
     def at(self, point: np.ndarray) -> Functionals:
@@ -102,38 +103,38 @@ class AllOutputs(ABC):
 class State(NamedTuple):
     """Arguments of an output."""
 
-    forces: np.ndarray  # on all contact conditions, (m,); empty if no output needs them
-    measured: np.ndarray  # rows of the output times the displacement, (k,)
-    point: np.ndarray  # the parameter, (P,)
-    theta: np.ndarray  # amplitudes of all terms, (1 + T,)
-    stress: Callable[[], np.ndarray]  # computes the stress where laws of bodies are evaluated
-    memory: Memory = NO_MEMORY  # of the answer
+    forces: np.ndarray  #: on all contact conditions, (m,); empty if no output needs them
+    measured: np.ndarray  #: rows of the output times the displacement, (k,)
+    point: np.ndarray  #: the parameter, (P,)
+    theta: np.ndarray  #: amplitudes of all terms, (1 + T,)
+    stress: Callable[[], np.ndarray]  #: computes the stress where laws of bodies are evaluated
+    memory: Memory = NO_MEMORY  #: of the answer
 
 
 class Slopes(NamedTuple):
     """Partial derivatives of an output."""
 
-    conditions: np.ndarray = _NOWHERE  # contact conditions whose forces the output depends on
-    forces: np.ndarray = _NOTHING  # along these forces
-    measured: np.ndarray = _NOTHING  # along its rows, (k,)
-    theta: np.ndarray = _NOTHING  # along the amplitudes, (1 + T,), or empty
-    point: np.ndarray = _NOTHING  # along the parameters directly, (P,), or empty
-    kink: bool = False  # whether they hold on one side only
+    conditions: np.ndarray = _NOWHERE  #: contact conditions whose forces the output depends on
+    forces: np.ndarray = _NOTHING  #: along these forces
+    measured: np.ndarray = _NOTHING  #: along its rows, (k,)
+    theta: np.ndarray = _NOTHING  #: along the amplitudes, (1 + T,), or empty
+    point: np.ndarray = _NOTHING  #: along the parameters directly, (P,), or empty
+    kink: bool = False  #: whether they hold on one side only
 
 
 @dataclass(frozen=True, eq=False)
 class Functional:
     """An output as numbers."""
 
-    uses_forces: ClassVar[bool] = False  # whether it depends on contact forces
-    differentiable: ClassVar[bool] = True  # whether it has derivatives along the parameters
+    uses_forces: ClassVar[bool] = False  #: whether it depends on contact forces
+    differentiable: ClassVar[bool] = True  #: whether it has derivatives along the parameters
 
-    name: str  # of the output
+    name: str  #: of the output
     unit: str
-    count: int  # k, number of its rows
+    count: int  #: k, number of its rows
     rows: Annotated[
         Integers, "entries"
-    ]  # these and the next two: the sparse matrix of its rows, (k, N)
+    ]  #: these and the next two: the sparse matrix of its rows, (k, N)
     columns: Annotated[Integers, "entries"]
     entries: Annotated[Floats, "entries"]
 

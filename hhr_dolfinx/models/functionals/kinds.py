@@ -30,11 +30,11 @@ _NOWHERE = np.zeros(0, dtype=np.int64)
 class Linear(Functional):
     """Forces, displacement and amplitudes times weights."""
 
-    conditions: Annotated[Integers, "conditions"]  # of the forces, (c,)
-    weights: Annotated[Floats, "conditions"]  # of these
-    along: Annotated[Floats, "rows"]  # weights of its rows, (k,)
-    terms: Annotated[Integers, "terms of it"]  # of the amplitudes, (t,)
-    coefficients: Annotated[Floats, "terms of it"]  # of these
+    conditions: Annotated[Integers, "conditions"]  #: of the forces, (c,)
+    weights: Annotated[Floats, "conditions"]  #: of these
+    along: Annotated[Floats, "rows"]  #: weights of its rows, (k,)
+    terms: Annotated[Integers, "terms of it"]  #: of the amplitudes, (t,)
+    coefficients: Annotated[Floats, "terms of it"]  #: of these
 
     @classmethod
     def of(
@@ -102,8 +102,8 @@ class OfPressures(Functional):
 
     uses_forces: ClassVar[bool] = True
 
-    conditions: Annotated[Integers, "conditions"]  # (c,)
-    areas: Annotated[Floats, "conditions"]  # of these
+    conditions: Annotated[Integers, "conditions"]  #: (c,)
+    areas: Annotated[Floats, "conditions"]  #: of these
 
     def pressures(self, state: State) -> np.ndarray:
         """Pressure of each condition, (c,)."""
@@ -144,7 +144,7 @@ class Loaded(OfPressures):
     Its derivatives are zero: it jumps when a condition is loaded.
     """
 
-    offset: float  # added to the area times the factor
+    offset: float  #: added to the area times the factor
     factor: float
 
     @property
@@ -176,7 +176,7 @@ class Loaded(OfPressures):
 class LoadedShare(Loaded):
     """Area under load of a contact that has a share in some conditions."""
 
-    own: Annotated[Floats, "conditions"]  # its part of each area, (c,)
+    own: Annotated[Floats, "conditions"]  #: its part of each area, (c,)
 
     @property
     def counted(self) -> np.ndarray:

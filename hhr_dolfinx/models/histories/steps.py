@@ -26,8 +26,8 @@ class Steps:
     not there.
     """
 
-    # whether it completes the memory of hyper-reduced models on the whole surface; else facet
-    # ``range`` solves these
+    #: whether it completes the memory of hyper-reduced models on the whole surface; else facet
+    #: ``range`` solves these
     completes: ClassVar[bool] = False
 
     def march(self, model: Any, path: Path, settings: MarchSettings, **how: Any) -> History:

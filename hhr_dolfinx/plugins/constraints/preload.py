@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 class _Section:
     """Pairs of nodes on both sides of a section, and its normal."""
 
-    below: np.ndarray  # nodes of the first side, (n,)
-    above: np.ndarray  # their partners, (n,)
-    normal: np.ndarray  # from the first side to the other, (dim,)
-    first: int  # number of the pair in the middle
+    below: np.ndarray  #: nodes of the first side, (n,)
+    above: np.ndarray  #: their partners, (n,)
+    normal: np.ndarray  #: from the first side to the other, (dim,)
+    first: int  #: number of the pair in the middle
 
     @classmethod
     def of(cls, assembler: Assembler, name: str) -> _Section:

@@ -38,9 +38,9 @@ CUTS = 12
 class HistoryState(Protocol):
     """State of a history at the end of an increment; a law adds what it remembers."""
 
-    time: float  # in seconds
-    point: np.ndarray  # parameter, (P,)
-    weights: np.ndarray  # derivative of each parameter here along that of the whole history, (P,)
+    time: float  #: in seconds
+    point: np.ndarray  #: parameter, (P,)
+    weights: np.ndarray  #: derivative of each parameter here along that of the whole history, (P,)
 
 
 class IncrementEnd(NamedTuple):
@@ -62,10 +62,10 @@ class IncrementEnd(NamedTuple):
 class SolvedIncrement(Protocol):
     """A solved increment."""
 
-    status: Status  # why its search stopped
-    iterations: int  # equality problems solved
-    cycled: bool  # see :class:`Answer`
-    reached: Any  # place at its end
+    status: Status  #: why its search stopped
+    iterations: int  #: equality problems solved
+    cycled: bool  #: see :class:`Answer`
+    reached: Any  #: place at its end
 
 
 P = TypeVar("P", bound=HistoryState)

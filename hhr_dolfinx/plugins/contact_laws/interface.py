@@ -27,7 +27,7 @@ class Range(Rebuilt):
     has_own_sizes: ClassVar[bool] = True
 
     law: ContactLaw
-    rows: Annotated[Integers, "m"]  # their numbers among all conditions, (k,)
+    rows: Annotated[Integers, "m"]  #: their numbers among all conditions, (k,)
 
     def solver(self) -> RangeSolver:
         """Facet ``range`` of the law; NotOfferedError without one."""

@@ -37,10 +37,10 @@ class RangeState(NamedTuple):
     weights: np.ndarray
     forces: np.ndarray
     memory: Memory
-    slack: np.ndarray  # without the shifts of memories, 0 of active rows, (M,)
-    energy: float  # largest elastic energy of contact so far
-    changes: np.ndarray  # derivatives of the shifts of all rows, (M, P)
-    whole: Memory  # of the whole contact surface, of which a hyper-reduced model solves for a part
+    slack: np.ndarray  #: without the shifts of memories, 0 of active rows, (M,)
+    energy: float  #: largest elastic energy of contact so far
+    changes: np.ndarray  #: derivatives of the shifts of all rows, (M, P)
+    whole: Memory  #: of the whole contact surface, of which a hyper-reduced model solves for a part
 
 
 class SolvedRange(NamedTuple):

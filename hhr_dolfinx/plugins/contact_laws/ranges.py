@@ -55,14 +55,14 @@ class OffDiagonal(NamedTuple):
 class Linearised(NamedTuple):
     """A law of k rows at an iterate; P and Q are diagonal but for some entries."""
 
-    off: np.ndarray  # forces less their projection, (k,)
-    on_forces: np.ndarray  # diagonal of P, (k,)
-    on_slack: np.ndarray  # diagonal of Q, (k,)
-    right: np.ndarray  # r, (k,)
-    key: bytes  # statuses; if the same ones come back, the iteration cycles
+    off: np.ndarray  #: forces less their projection, (k,)
+    on_forces: np.ndarray  #: diagonal of P, (k,)
+    on_slack: np.ndarray  #: diagonal of Q, (k,)
+    right: np.ndarray  #: r, (k,)
+    key: bytes  #: statuses; if the same ones come back, the iteration cycles
     active: (
         np.ndarray
-    )  # rows that touch: rows with a force, and tangential rows that stick, (k,) bool
+    )  #: rows that touch: rows with a force, and tangential rows that stick, (k,) bool
     coupling: OffDiagonal | None = None
 
     def of_slack(self, values: np.ndarray) -> np.ndarray:
@@ -80,7 +80,7 @@ class RangeStep:
     Defaults are those without memory.
     """
 
-    shift: np.ndarray  # part that the memory adds to the free slack, (k,)
+    shift: np.ndarray  #: part that the memory adds to the free slack, (k,)
 
     def linearised(
         self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int
@@ -286,12 +286,12 @@ class Together(NamedTuple):
 
     forces: np.ndarray
     slack: np.ndarray
-    active: np.ndarray  # see :class:`Linearised`
-    motions: np.ndarray  # amplitudes of motions of bodies that contact alone holds, (r,)
-    iterations: int  # linear systems solved
+    active: np.ndarray  #: see :class:`Linearised`
+    motions: np.ndarray  #: amplitudes of motions of bodies that contact alone holds, (r,)
+    iterations: int  #: linear systems solved
     projections: int
     status: Status
-    unsettled: np.ndarray  # rows that still change
+    unsettled: np.ndarray  #: rows that still change
 
     def followed(self, last: Together, projections: int) -> Together:
         """The outcome of a further attempt, and the systems and projections of both."""

@@ -22,9 +22,9 @@ class DeckMaterial:
     source: str
     young: float
     poisson: float
-    law: str = ""  # law in addition to elasticity as text of Python, empty for an elastic material
-    expansion: float | None = None  # coefficient of linear expansion
-    density: float | None = None  # mass per volume
+    law: str = ""  #: law in addition to elasticity as text of Python, empty for an elastic material
+    expansion: float | None = None  #: coefficient of linear expansion
+    density: float | None = None  #: mass per volume
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class DeckLoad:
     amplitude.
     """
 
-    kind: str  # proposed name of a parameter, such as ``pressure``
+    kind: str  #: proposed name of a parameter, such as ``pressure``
     text: str
     value: float
     source: str
@@ -72,9 +72,9 @@ class Pair:
     source: str
     gap: float = 0.0
     motion: tuple[float, ...] = ()
-    origin: tuple[float, ...] = ()  # place without the motion, empty for zeros
-    direction: tuple[float, ...] = ()  # of the force that is an output, empty for none
-    limit: float = math.inf  # largest shear stress of friction
+    origin: tuple[float, ...] = ()  #: place without the motion, empty for zeros
+    direction: tuple[float, ...] = ()  #: of the force that is an output, empty for none
+    limit: float = math.inf  #: largest shear stress of friction
     overwrites: bool = False
 
 
@@ -100,8 +100,8 @@ class DeckHistory:
     linear in between.
     """
 
-    times: tuple[float, ...]  # in s from rest, which is 0
-    courses: Mapping[Item, tuple[float, ...]]  # one fraction for each time
+    times: tuple[float, ...]  #: in s from rest, which is 0
+    courses: Mapping[Item, tuple[float, ...]]  #: one fraction for each time
 
 
 @dataclass(frozen=True)
@@ -110,19 +110,19 @@ class Deck:
     history.
     """
 
-    path: Path  # file of the mesh
+    path: Path  #: file of the mesh
     hypothesis: str
     sections: tuple[Section, ...]
     supports: tuple[Support, ...] = ()
     loads: tuple[DeckLoad, ...] = ()
     pairs: tuple[Pair, ...] = ()
     left: tuple[Left, ...] = ()
-    seconds: float = 1.0  # duration of all steps, for laws with rates
+    seconds: float = 1.0  #: duration of all steps, for laws with rates
     constraints: tuple[DeckLoad, ...] = ()
-    cuts: tuple[str, ...] = ()  # sections along which the mesh is cut
-    history: DeckHistory | None = None  # None where the end of the last step is all that counts
-    folded: bool = False  # True for a mesh with folded cells of second order
-    # True if the file is a mesh without physics, for which supports and loads are proposed
+    cuts: tuple[str, ...] = ()  #: sections along which the mesh is cut
+    history: DeckHistory | None = None  #: None where the end of the last step is all that counts
+    folded: bool = False  #: True for a mesh with folded cells of second order
+    #: True if the file is a mesh without physics, for which supports and loads are proposed
     proposal: bool = False
-    contact_lost: bool = False  # True if the file states contact, and no pair of it is read
-    sides: bool = False  # names of sides of bodies that the file does not have are used
+    contact_lost: bool = False  #: True if the file states contact, and no pair of it is read
+    sides: bool = False  #: names of sides of bodies that the file does not have are used

@@ -93,12 +93,12 @@ class _DeckParts:
 
     path: Path
     found: Sequence[KeywordBlock]
-    whole: NamedParts  # before it is cut
+    whole: NamedParts  #: before it is cut
     parts: NamedParts
     nodes: DeckNodes
     hypothesis: str
     sections: tuple[Section, ...]
-    thickness: float  # of a plane body, a length
+    thickness: float  #: of a plane body, a length
     cuts: Sequence[BoltSection]
     left: tuple[Left, ...]
 

@@ -24,14 +24,14 @@ class Coupling:
     block: KeywordBlock
     place: Tag
     rigid: bool
-    components: tuple[int, ...] | None  # those of the nodes that are coupled, None for all of them
+    components: tuple[int, ...] | None  #: those of the nodes that are coupled, None for all of them
     point: (
         tuple[float, ...] | None
-    )  # coordinates of the reference node, None for the centre of the nodes
+    )  #: coordinates of the reference node, None for the centre of the nodes
     ways: Mapping[
         tuple[int, int], int
-    ]  # component of the motion by the node and its degree of freedom, 0 to 5
-    by_area: bool | str = True  # how nodes count, as in CoupledForce
+    ]  #: component of the motion by the node and its degree of freedom, 0 to 5
+    by_area: bool | str = True  #: how nodes count, as in CoupledForce
 
     def text(self, kind: str, component: int, amplitude: str) -> str:
         """A motion or a force as text of Python."""

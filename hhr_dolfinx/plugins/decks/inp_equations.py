@@ -23,10 +23,10 @@ Dof = tuple[Tag, int]
 class Combination:
     """Sum of coefficients times displacements, and a constant with the line that gives it."""
 
-    own: dict[Dof, float] = field(default_factory=dict)  # of nodes of cells
+    own: dict[Dof, float] = field(default_factory=dict)  #: of nodes of cells
     others: dict[tuple[int, int], float] = field(
         default_factory=dict
-    )  # of other nodes, by number and component
+    )  #: of other nodes, by number and component
     constant: float = 0.0
     source: str = ""
 

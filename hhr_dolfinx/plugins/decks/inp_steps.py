@@ -87,12 +87,12 @@ class Imposed:
 
     block: KeywordBlock
     row: Sequence[str]
-    place: str  # name of the nodes, faces or cells
-    component: int  # of a support or of a force, -1 for other loads
-    # amplitude, by default at the end of its step; times the value of a support or of a force
+    place: str  #: name of the nodes, faces or cells
+    component: int  #: of a support or of a force, -1 for other loads
+    #: amplitude, by default at the end of its step; times the value of a support or of a force
     factor: float
-    value: float = 1.0  # the factor without the amplitude
-    since: float = 0.0  # time at which its step begins
+    value: float = 1.0  #: the factor without the amplitude
+    since: float = 0.0  #: time at which its step begins
 
     @property
     def unit(self) -> float:

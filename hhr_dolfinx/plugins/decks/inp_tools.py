@@ -33,7 +33,7 @@ class Tool:
     """
 
     text: str
-    origin: tuple[float, ...] = ()  # its place where it does not move, empty for zeros
+    origin: tuple[float, ...] = ()  #: its place where it does not move, empty for zeros
     sphere: bool = False
 
     def written(self, surface: Tag, points: np.ndarray, normals: np.ndarray) -> str:

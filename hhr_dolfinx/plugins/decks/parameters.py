@@ -27,9 +27,10 @@ class Proposed:
     value: float
     items: Mapping[
         Item, float
-    ]  # parts of the deck with their values, which are proportional to the parameter
-    course: tuple[float, ...] = ()  # fractions of the value at the times of the history of the deck
-    free: bool = True  # False for one that follows its course with the values of the deck
+    ]  #: parts of the deck with their values, which are proportional to the parameter
+    #: fractions of the value at the times of the history of the deck
+    course: tuple[float, ...] = ()
+    free: bool = True  #: False for one that follows its course with the values of the deck
 
     @property
     def box(self) -> tuple[float, float]:

@@ -27,10 +27,10 @@ class Outside(NamedTuple):
     conditions).
     """
 
-    inside: np.ndarray  # indices of the given conditions, (k,)
-    outside: np.ndarray  # indices of the free ones, (m - k,)
-    equalities: SchurEqualities  # equality problems on S of the free ones
-    columns: np.ndarray  # response of the free conditions to the given forces, (k, m - k)
+    inside: np.ndarray  #: indices of the given conditions, (k,)
+    outside: np.ndarray  #: indices of the free ones, (m - k,)
+    equalities: SchurEqualities  #: equality problems on S of the free ones
+    columns: np.ndarray  #: response of the free conditions to the given forces, (k, m - k)
 
     def completed(self, own: np.ndarray, free: np.ndarray) -> np.ndarray:
         """All forces, (n, m), from given ones, (n, k), and the slack without forces, (n, m): the
@@ -67,7 +67,7 @@ class Outside(NamedTuple):
 class ContactResponse(Rebuilt):
     """S of m conditions."""
 
-    schur: np.ndarray  # symmetric and positive definite, (m, m)
+    schur: np.ndarray  #: symmetric and positive definite, (m, m)
 
     def outside(self, inside: np.ndarray, outside: np.ndarray | None = None) -> Outside:
         """Partition with given forces of the conditions ``inside``.

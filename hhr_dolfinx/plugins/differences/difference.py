@@ -73,24 +73,25 @@ def definite(schur: np.ndarray, contact_of_motions: np.ndarray) -> np.ndarray:
 class ExactDifference(Rebuilt):
     """Arrays of the exact answer (m conditions, 1 + T terms, r motions, ell modes)."""
 
-    free_slack: Annotated[Floats, "N_lambda", "terms"]  # gaps - B K^-1 loads, (m, 1 + T)
-    schur: Annotated[Floats, "N_lambda", "N_lambda"]  # S, (m, m)
-    taken: Annotated[Floats, "N_lambda", "motions"]  # G = B R, (m, r); r = 0 if all bodies are held
-    driving: Annotated[Floats, "motions", "terms"]  # loads along the motions, (r, 1 + T)
-    given: Annotated[Floats, "terms", "terms"]  # u0 in directions of unit energy, (1 + T, 1 + T)
-    cross: Annotated[Floats, "N_lambda", "terms"]  # (K^-1 B^T)^T K u0, (m, 1 + T)
+    free_slack: Annotated[Floats, "N_lambda", "terms"]  #: gaps - B K^-1 loads, (m, 1 + T)
+    schur: Annotated[Floats, "N_lambda", "N_lambda"]  #: S, (m, m)
+    #: G = B R, (m, r); r = 0 if all bodies are held
+    taken: Annotated[Floats, "N_lambda", "motions"]
+    driving: Annotated[Floats, "motions", "terms"]  #: loads along the motions, (r, 1 + T)
+    given: Annotated[Floats, "terms", "terms"]  #: u0 in directions of unit energy, (1 + T, 1 + T)
+    cross: Annotated[Floats, "N_lambda", "terms"]  #: (K^-1 B^T)^T K u0, (m, 1 + T)
     lifting: Annotated[
         Floats, "terms"
-    ]  # energy norms of imposed displacements, whose round-off u0 has, (1 + T,)
-    # areas, least: see :class:`~hhr_dolfinx.models.bound.ForceScale`
+    ]  #: energy norms of imposed displacements, whose round-off u0 has, (1 + T,)
+    #: areas, least: see :class:`~hhr_dolfinx.models.bound.ForceScale`
     areas: Annotated[Floats, "N_lambda"]
     least: Annotated[Floats, "3"]
-    # projection of K^-1 B^T on the columns of a displacement as a function of forces, orthonormal
-    # after L, the factor of :func:`definite`, (m, c); no columns if they span all of it; None if
-    # the columns are V
+    #: projection of K^-1 B^T on the columns of a displacement as a function of forces, orthonormal
+    #: after L, the factor of :func:`definite`, (m, c); no columns if they span all of it; None if
+    #: the columns are V
     kept: Annotated[Floats, "N_lambda", "kept columns"] | None = None
-    # V in directions of unit energy, of which the first m are those of K^-1 B^T, (k', ell), and
-    # K^-1 loads in the same directions and more, (k'', 1 + T); None if the columns are not V
+    #: V in directions of unit energy, of which the first m are those of K^-1 B^T, (k', ell), and
+    #: K^-1 loads in the same directions and more, (k'', 1 + T); None if the columns are not V
     modes: Annotated[Floats, "field rows", "ell"] | None = None
     loads: Annotated[Floats, "load rows", "terms"] | None = None
 
@@ -194,9 +195,9 @@ class DifferenceThere(NamedTuple):
     One answer for bodies that only contact holds.
     """
 
-    owner: ExactDifference  # the arrays
-    theta: Thetas  # θ of each answer
-    free: np.ndarray  # slack without forces, (n, m)
+    owner: ExactDifference  #: the arrays
+    theta: Thetas  #: θ of each answer
+    free: np.ndarray  #: slack without forces, (n, m)
 
     def slack(self, forces: np.ndarray) -> np.ndarray:
         """See :class:`~hhr_dolfinx.models.bound.BoundThere`; for pinned bodies."""

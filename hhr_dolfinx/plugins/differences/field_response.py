@@ -28,9 +28,9 @@ class FieldResponse:
     are the amplitudes of these.
     """
 
-    loaded: Annotated[Floats, "N", "loads"]  # K^-1 of some loads, (N, k), which span all loads
-    # coefficients of each term in these loads, so that X_F is the product of both, sparse, (k, 1 +
-    # T)
+    loaded: Annotated[Floats, "N", "loads"]  #: K^-1 of some loads, (N, k), which span all loads
+    #: coefficients of each term in these loads, so that X_F is the product of both, sparse, (k, 1 +
+    #: T)
     loading: Annotated[csc_matrix, "loads", "terms"]
     onto: Annotated[Floats, "kept columns", "N_lambda"] | None = (
         None  # G, (c, m); None for the columns of K^-1 B^T
@@ -50,7 +50,7 @@ class FieldResponseWithin:
     """See :class:`~hhr_dolfinx.models.bound.ResponseWithin`."""
 
     response: FieldResponse
-    fields: Reconstruction  # has the columns
+    fields: Reconstruction  #: has the columns
 
     def coordinates(self, answer: Answer, there: DifferenceThere, forces: np.ndarray) -> np.ndarray:
         """Coordinates of the exact forces, with the motion of the answer along undetermined

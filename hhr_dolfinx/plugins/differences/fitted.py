@@ -67,16 +67,17 @@ class FittedForces:
     See :class:`~hhr_dolfinx.models.answer.InterfaceCompletion`.
     """
 
-    whole: ContactLaw  # of the whole contact surface
-    within: Annotated[Integers, "m", "< N_lambda"]  # conditions of the RID, (m,)
-    modes: Annotated[Floats, "N_lambda", "force modes"]  # POD modes of the forces of training
-    fit: Annotated[Floats, "force modes", "m"]  # amplitudes of the modes per force in the RID
-    mark: Annotated[Floats, "8"]  # of the full model, see :func:`mark_of`
+    whole: ContactLaw  #: of the whole contact surface
+    within: Annotated[Integers, "m", "< N_lambda"]  #: conditions of the RID, (m,)
+    modes: Annotated[Floats, "N_lambda", "force modes"]  #: POD modes of the forces of training
+    fit: Annotated[Floats, "force modes", "m"]  #: amplitudes of the modes per force in the RID
+    mark: Annotated[Floats, "8"]  #: of the full model, see :func:`mark_of`
     share: float = 1.0
     """Relative error of forces per part of them that no mode explains; 95 % of the training
     increments stay below. At least 1, and 1 without training increments.
     """
-    depth: float = 0.0  # deepest overlap outside the RID in training increments, over the gap scale
+    #: deepest overlap outside the RID in training increments, over the gap scale
+    depth: float = 0.0
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Faults of an indicator that would report too small errors."""

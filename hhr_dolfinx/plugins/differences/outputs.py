@@ -32,12 +32,12 @@ def is_read(item: Functional, conditions: int) -> bool:
 class OutputDifference:
     """Arrays of the exact outputs (n outputs, m conditions, 1 + T terms)."""
 
-    # rows of these outputs times the displacement without contact forces, (K', 1 + T), and times
-    # K^-1 B^T, (K', m)
+    #: rows of these outputs times the displacement without contact forces, (K', 1 + T), and times
+    #: K^-1 B^T, (K', m)
     free: Annotated[Floats, "output rows", "terms"]
     pressed: Annotated[Floats, "output rows", "N_lambda"]
-    # a thousandth of the largest absolute value in training of each output, the least denominator
-    # of an error, (n,)
+    #: a thousandth of the largest absolute value in training of each output, the least denominator
+    #: of an error, (n,)
     least: Annotated[Floats, "outputs"]
 
     def knows(self, item: Functional) -> bool:

@@ -21,9 +21,9 @@ from hhr_dolfinx.plugins.elasticity.locking import gauss_degree
 class CellStrains(NamedTuple):
     """Strain ε = G u at the Gauss points of some cells, Kelvin's notation."""
 
-    gradients: np.ndarray  # matrix G of each cell, (cells, per_cell, components, dofs of a cell)
-    weights: np.ndarray  # quadrature weight times volume of each Gauss point, (cells, per_cell)
-    dofs: np.ndarray  # local number of each dof of a cell, (cells, dofs of a cell)
+    gradients: np.ndarray  #: matrix G of each cell, (cells, per_cell, components, dofs of a cell)
+    weights: np.ndarray  #: quadrature weight times volume of each Gauss point, (cells, per_cell)
+    dofs: np.ndarray  #: local number of each dof of a cell, (cells, dofs of a cell)
 
     @property
     def per_cell(self) -> int:

@@ -147,9 +147,9 @@ def _form(discretisation: DiscreteSpace, place: int, moduli: tuple[float, float]
 class StiffnessPart(NamedTuple):
     """A part of the stiffness of one body."""
 
-    factor: str  # see :class:`Modulus`
+    factor: str  #: see :class:`Modulus`
     rest: str
-    moduli: tuple[float, float]  # weights of the change of volume and of the change of shape
+    moduli: tuple[float, float]  #: weights of the change of volume and of the change of shape
 
 
 def parts_of(body: Body, hypothesis: str) -> Iterator[StiffnessPart]:

@@ -87,11 +87,11 @@ class FloatingElimination(Rebuilt, Elimination):
 
     keeps_kernel: ClassVar[bool] = True
 
-    responses: Responses  # of the pinned unknown
-    taken: Annotated[Floats, "m", "motions"]  # change of the slack by the motions, B R, (m, r)
-    driving: Annotated[Floats, "motions", "terms"]  # loads along the motions, (r, 1 + T)
-    modes: Annotated[Floats, "unknowns", "motions"]  # the motions as unknowns, (n, r)
-    amplitudes: Amplitudes  # θ as a function of the parameters
+    responses: Responses  #: of the pinned unknown
+    taken: Annotated[Floats, "m", "motions"]  #: change of the slack by the motions, B R, (m, r)
+    driving: Annotated[Floats, "motions", "terms"]  #: loads along the motions, (r, 1 + T)
+    modes: Annotated[Floats, "unknowns", "motions"]  #: the motions as unknowns, (n, r)
+    amplitudes: Amplitudes  #: θ as a function of the parameters
 
     @cached_property
     def equalities(self) -> FloatingEqualities:
@@ -137,8 +137,8 @@ class FloatingElimination(Rebuilt, Elimination):
 class ReducedFloatingElimination(Elimination):
     """Eliminates gamma of a reduced problem at any parameter; once if its stiffness is constant."""
 
-    problem: ReducedProblem  # the projected problem, with its motions
-    amplitudes: Amplitudes  # θ as a function of the parameters
+    problem: ReducedProblem  #: the projected problem, with its motions
+    amplitudes: Amplitudes  #: θ as a function of the parameters
 
     def __call__(self, point: np.ndarray) -> CondensedContact:
         """Eliminate at a point, (P,)."""

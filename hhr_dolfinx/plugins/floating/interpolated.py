@@ -30,9 +30,9 @@ class MotionsBeside(Rebuilt, Elimination):
 
     keeps_kernel: ClassVar[bool] = True
 
-    held: Elimination  # of displacements without the motions; it has no unknowns
-    taken: Annotated[Floats, "m", "motions"]  # change of the slack by the motions, B R, (m, r)
-    driving: Annotated[Floats, "motions", "terms"]  # loads along the motions, (r, 1 + T)
+    held: Elimination  #: of displacements without the motions; it has no unknowns
+    taken: Annotated[Floats, "m", "motions"]  #: change of the slack by the motions, B R, (m, r)
+    driving: Annotated[Floats, "motions", "terms"]  #: loads along the motions, (r, 1 + T)
 
     def __call__(self, point: np.ndarray) -> CondensedContact:
         """Contact problem at a point, (P,)."""

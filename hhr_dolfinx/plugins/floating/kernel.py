@@ -131,9 +131,9 @@ class RigidKernel:
     pins: np.ndarray
     described: str
     law: ContactLaw
-    contact_of_motions: np.ndarray  # G = B R, (m, r)
-    loads: np.ndarray  # along the motions, (r, 1 + T), the same for every stiffness
-    reshaped: bool = False  # whether B, and with it G, depends on parameters
+    contact_of_motions: np.ndarray  #: G = B R, (m, r)
+    loads: np.ndarray  #: along the motions, (r, 1 + T), the same for every stiffness
+    reshaped: bool = False  #: whether B, and with it G, depends on parameters
     _known: tuple[Stiffness, FloatingEqualities] | None = field(default=None, init=False)
 
     @classmethod

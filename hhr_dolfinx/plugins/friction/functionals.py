@@ -16,8 +16,8 @@ class Remembered(Functional):
 
     differentiable: ClassVar[bool] = False
 
-    contacts: Annotated[Integers, "contacts"]  # numbers of contacts with friction, (c,)
-    quantity: str  # `path`, `work` or `wear`, see SlipState
+    contacts: Annotated[Integers, "contacts"]  #: numbers of contacts with friction, (c,)
+    quantity: str  #: `path`, `work` or `wear`, see SlipState
     factor: float
     largest: bool
 
@@ -33,7 +33,7 @@ class Remembered(Functional):
 class RememberedShare(Remembered):
     """Sum of such a quantity, of which the pair of the output has a share in some contacts."""
 
-    shares: Annotated[Floats, "contacts"]  # (c,)
+    shares: Annotated[Floats, "contacts"]  #: (c,)
 
     def value(self, state: State) -> float:
         """Value up to the time of the answer."""

@@ -124,25 +124,25 @@ class Friction(ContactLaw, Rebuilt):
     name: ClassVar[str] = "friction"
     floats: ClassVar[bool] = True
 
-    normal: Annotated[Integers, "frictional"]  # row of the pressure of each contact, (C,)
-    area: Annotated[Floats, "frictional"]  # its tributary area, (C,)
+    normal: Annotated[Integers, "frictional"]  #: row of the pressure of each contact, (C,)
+    area: Annotated[Floats, "frictional"]  #: its tributary area, (C,)
     spacing: Annotated[Floats, "frictional"]
     """Largest slip at which the contact is still next to the nodes it was paired with, (C,); 0 for
     an obstacle, which is the same everywhere, and if rows are updated.
     """
-    law: Annotated[Integers, "frictional"]  # index of its law in ``laws``, (C,)
+    law: Annotated[Integers, "frictional"]  #: index of its law in ``laws``, (C,)
     tangential: Annotated[Integers, "tangential"]
     """Tangential rows, contact by contact, (T,): none if all dofs along the surface are imposed."""
-    owner: Annotated[Integers, "tangential"]  # contact of each of them, (T,)
-    tangents: Annotated[Floats, "tangential", "dimension"]  # its unit vector, (T, dim)
-    laws: tuple[FrictionLaw, ...]  # of the pairs
+    owner: Annotated[Integers, "tangential"]  #: contact of each of them, (T,)
+    tangents: Annotated[Floats, "tangential", "dimension"]  #: its unit vector, (T, dim)
+    laws: tuple[FrictionLaw, ...]  #: of the pairs
     fixed: Annotated[Integers, "fixed parameters"]
     """Indices of the parameters of laws, moduli or shapes: they are constant while loads grow in
     proportion.
     """
     shaped: Annotated[
         Integers, "shaping parameters"
-    ]  # indices of those of shapes, which are constant along a path
+    ]  #: indices of those of shapes, which are constant along a path
     twice: Annotated[Integers, "said twice"]
     """Tangential rows with undetermined forces, (k,): rows that other conditions on the same nodes
     repeat, as in corners, and rows along which all nodes are imposed, whose slip is given.
@@ -394,15 +394,15 @@ def places_of(some: np.ndarray, conditions: np.ndarray) -> np.ndarray:
 class SlipState(NamedTuple):
     """State of friction (T tangential rows, C contacts)."""
 
-    position: np.ndarray  # slack of the tangential rows, from which the next increment slips, (T,)
-    path: np.ndarray  # length that each contact has slipped while closed, (C,)
-    work: np.ndarray  # energy dissipated by friction there, (C,)
+    position: np.ndarray  #: slack of the tangential rows, from which the next increment slips, (T,)
+    path: np.ndarray  #: length that each contact has slipped while closed, (C,)
+    work: np.ndarray  #: energy dissipated by friction there, (C,)
     wear: (
         np.ndarray
-    )  # pressure integrated along the slip, (C,): Archard's wear in depth per unit of his constant
-    pressure: np.ndarray  # current force of its pressure, (C,)
-    bound: np.ndarray  # current largest tangential force, (C,)
-    statuses: np.ndarray  # 0 open, 1 sticks, 2 slips, (C,)
+    )  #: pressure integrated along the slip, (C,): Archard's wear in depth per unit of his constant
+    pressure: np.ndarray  #: current force of its pressure, (C,)
+    bound: np.ndarray  #: current largest tangential force, (C,)
+    statuses: np.ndarray  #: 0 open, 1 sticks, 2 slips, (C,)
 
     def counted(self) -> dict[str, int]:
         """See :meth:`Memory.counted`."""

@@ -82,14 +82,14 @@ class FrictionRange(RangeSolver):
 class _At(NamedTuple):
     """Statuses of the contacts, (C,), and vectors of tangential rows, (T,), at an iterate."""
 
-    stiffness: np.ndarray  # c of all rows, the same for both directions of a contact
-    normal: Linearised  # law of the pressures
+    stiffness: np.ndarray  #: c of all rows, the same for both directions of a contact
+    normal: Linearised  #: law of the pressures
     bound: np.ndarray
-    limited: np.ndarray  # bool
-    bears: np.ndarray  # bool
-    slips: np.ndarray  # bool
-    direction: np.ndarray  # (T,)
-    size: np.ndarray  # length of the vector by which statuses are chosen
+    limited: np.ndarray  #: bool
+    bears: np.ndarray  #: bool
+    slips: np.ndarray  #: bool
+    direction: np.ndarray  #: (T,)
+    size: np.ndarray  #: length of the vector by which statuses are chosen
 
 
 class FrictionStep(RangeStep):

@@ -73,18 +73,18 @@ CHANGING_SLIP = 1e-7
 class Sliding(NamedTuple):
     """Outcome of an increment (M rows, r rigid motions)."""
 
-    forces: np.ndarray  # of all rows, (M,)
+    forces: np.ndarray  #: of all rows, (M,)
     active: (
         np.ndarray
-    )  # rows whose slack is zero: closed contacts, and tangential rows that stick, (M,) bool
-    slack: np.ndarray  # of all rows, (M,); of tangential rows the slip of the increment
-    motions: np.ndarray  # amplitudes of rigid motions of bodies that only contact holds, (r,)
-    iterations: int  # linear systems solved
-    sweeps: int  # over single contacts, 0 if Newton's method converged alone
+    )  #: rows whose slack is zero: closed contacts, and tangential rows that stick, (M,) bool
+    slack: np.ndarray  #: of all rows, (M,); of tangential rows the slip of the increment
+    motions: np.ndarray  #: amplitudes of rigid motions of bodies that only contact holds, (r,)
+    iterations: int  #: linear systems solved
+    sweeps: int  #: over single contacts, 0 if Newton's method converged alone
     status: Status
     unsettled: np.ndarray = np.zeros(
         0, dtype=np.int64
-    )  # rows of pressure of contacts that still change
+    )  #: rows of pressure of contacts that still change
 
 
 class SlidingIncrement(NamedTuple):
@@ -92,12 +92,12 @@ class SlidingIncrement(NamedTuple):
 
     slack: (
         np.ndarray
-    )  # without contact forces; of tangential rows less their position before the increment, (M,)
+    )  #: without contact forces; of tangential rows less their position before the increment, (M,)
     coefficient: (
         np.ndarray
-    )  # of friction of each contact with friction, (C,); infinite of Tresca's law
-    limit: np.ndarray  # upper bound of its tangential force at any pressure, (C,)
-    driving: np.ndarray  # loads along rigid motions that only contact holds, (r,)
+    )  #: of friction of each contact with friction, (C,); infinite of Tresca's law
+    limit: np.ndarray  #: upper bound of its tangential force at any pressure, (C,)
+    driving: np.ndarray  #: loads along rigid motions that only contact holds, (r,)
 
     def bounds(self, friction: Friction, forces: np.ndarray) -> np.ndarray:
         """Largest tangential force that each contact may bear under some forces, (M,): (C,)."""
@@ -109,12 +109,12 @@ class _Given(NamedTuple):
 
     slack: np.ndarray
     driving: np.ndarray
-    coefficient: np.ndarray  # of each tangential row, (T,)
-    limit: np.ndarray  # the same
-    plain: bool  # only finite coefficients bound tangential forces
-    unforced: np.ndarray  # forces that would compensate the slack, row by row, (M,)
-    round_off: float  # of the slack, as a force
-    label: bytes  # key of the coefficients
+    coefficient: np.ndarray  #: of each tangential row, (T,)
+    limit: np.ndarray  #: the same
+    plain: bool  #: only finite coefficients bound tangential forces
+    unforced: np.ndarray  #: forces that would compensate the slack, row by row, (M,)
+    round_off: float  #: of the slack, as a force
+    label: bytes  #: key of the coefficients
 
 
 class _Iterate(NamedTuple):
@@ -123,9 +123,9 @@ class _Iterate(NamedTuple):
     """
 
     statuses: SlidingStatuses
-    limited: np.ndarray  # tangential rows whose bound is the limit, (T,) bool
-    bound: np.ndarray  # b of each tangential row, (T,)
-    off: np.ndarray  # forces less their projection, (M,)
+    limited: np.ndarray  #: tangential rows whose bound is the limit, (T,) bool
+    bound: np.ndarray  #: b of each tangential row, (T,)
+    off: np.ndarray  #: forces less their projection, (M,)
 
     def key(self) -> bytes:
         at = self.statuses

@@ -55,24 +55,24 @@ class SlidingRows(NamedTuple):
     Its rows are multiplied by the factor that gives them the unit of forces: otherwise products
     with given forces cancel.
     """
-    balance: np.ndarray  # resultants of forces along rigid motions, (r, M)
-    tangential: np.ndarray  # tangential rows, contact by contact, (T,)
-    normal: np.ndarray  # row of the pressure of each, (T,)
-    curved: np.ndarray  # True for rows of contacts that slip in two directions, (T,) bool
+    balance: np.ndarray  #: resultants of forces along rigid motions, (r, M)
+    tangential: np.ndarray  #: tangential rows, contact by contact, (T,)
+    normal: np.ndarray  #: row of the pressure of each, (T,)
+    curved: np.ndarray  #: True for rows of contacts that slip in two directions, (T,) bool
 
 
 class SlidingStatuses(NamedTuple):
     """Statuses and directions on which a Newton step is based."""
 
-    # rows that bear a force: closed contacts, and tangential rows that friction resists, (M,) bool
+    #: rows that bear a force: closed contacts, and tangential rows that friction resists, (M,) bool
     acting: np.ndarray
-    slips: np.ndarray  # acting tangential rows that slip, (T,) bool
+    slips: np.ndarray  #: acting tangential rows that slip, (T,) bool
     followed: (
         np.ndarray
-    )  # coefficient of rows whose bound follows their pressure, 0 of others, (T,)
-    direction: np.ndarray  # d = y_t / |y_t|, (T,)
-    shrunk: np.ndarray  # b / |y_t|, (T,)
-    measure: float  # factor of the stiffness by which slip enters y
+    )  #: coefficient of rows whose bound follows their pressure, 0 of others, (T,)
+    direction: np.ndarray  #: d = y_t / |y_t|, (T,)
+    shrunk: np.ndarray  #: b / |y_t|, (T,)
+    measure: float  #: factor of the stiffness by which slip enters y
 
     def codes(self, rows: SlidingRows) -> np.ndarray:
         """Kind of each row, (M,) int8."""

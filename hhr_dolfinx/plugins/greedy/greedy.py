@@ -77,9 +77,9 @@ DIRECTION_ROUND_OFF = 1e-12
 class Round(NamedTuple):
     """Quality of one model of a greedy training."""
 
-    answers: int  # points, or paths, that it was trained on
-    worst: float  # largest indicator among the candidates
-    middle: float  # their median
+    answers: int  #: points, or paths, that it was trained on
+    worst: float  #: largest indicator among the candidates
+    middle: float  #: their median
 
 
 class GreedyChoice(NamedTuple):

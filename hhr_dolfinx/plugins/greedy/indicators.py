@@ -174,10 +174,10 @@ class Restriction:
     Dofs of its other nodes are imposed, including the interface I.
     """
 
-    # with U0 = 0 on imposed dofs; loads are those of A, conditions those of A_lambda, (1.21)
+    #: with U0 = 0 on imposed dofs; loads are those of A, conditions those of A_lambda, (1.21)
     problem: ContactProblem
-    dofs: np.ndarray  # number in the whole problem of each of its dofs, (n,)
-    # closure of each gap by unit values on imposed dofs, -B, sparse, (N_lambda_C, n)
+    dofs: np.ndarray  #: number in the whole problem of each of its dofs, (n,)
+    #: closure of each gap by unit values on imposed dofs, -B, sparse, (N_lambda_C, n)
     gap_of: csr_matrix
 
 
@@ -222,9 +222,9 @@ class CellStiffness:
     to an interface.
     """
 
-    part: Discretisation  # the discretisation with the bodies of these cells
-    terms: tuple[csr_matrix, ...]  # parts of K on the mesh of the scene
-    moduli: tuple[Modulus, ...]  # of the parts; empty if K is constant
+    part: Discretisation  #: the discretisation with the bodies of these cells
+    terms: tuple[csr_matrix, ...]  #: parts of K on the mesh of the scene
+    moduli: tuple[Modulus, ...]  #: of the parts; empty if K is constant
 
     @classmethod
     def of(cls, full: FullOrderModel, cells: np.ndarray) -> CellStiffness:

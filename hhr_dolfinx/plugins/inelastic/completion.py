@@ -37,8 +37,8 @@ class GappyField:
 
     modes: Annotated[
         Floats, "values", "modes"
-    ]  # POD modes of training states, (values everywhere, modes)
-    fit: Annotated[Floats, "modes", "known values"]  # amplitudes of the modes per value in the RID
+    ]  #: POD modes of training states, (values everywhere, modes)
+    fit: Annotated[Floats, "modes", "known values"]  #: amplitudes of the modes per value in the RID
 
     def __post_init__(self) -> None:
         """Copy arrays to the order of files."""
@@ -66,12 +66,12 @@ class FlowFields:
 
     points: Annotated[
         Integers, "points", "< gauss points"
-    ]  # numbers of the Gauss points of the RID in the full model
-    stress: GappyField  # reconstruction of the stress, with adjacent components of each point
+    ]  #: numbers of the Gauss points of the RID in the full model
+    stress: GappyField  #: reconstruction of the stress, with adjacent components of each point
     cumulated: (
         GappyField | None
-    )  # reconstruction of the cumulated plastic strain; None if it was zero in training
-    gauss_points: Annotated[Size, "gauss points"]  # number of Gauss points of the full model
+    )  #: reconstruction of the cumulated plastic strain; None if it was zero in training
+    gauss_points: Annotated[Size, "gauss points"]  #: number of Gauss points of the full model
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Modes of other points."""

@@ -98,10 +98,10 @@ def correction_strain(
 class FlowingDomain:
     """Gauss points with plastic strain in training: the candidates of a cubature."""
 
-    points: np.ndarray  # their numbers, (p,)
-    weights: np.ndarray  # quadrature weight times 2 μ in the middle of the box, (p,)
-    deviators: np.ndarray  # of the strain of the modes, (p, c, ell)
-    stresses: np.ndarray  # of these strains over 2 μ, (p, c, ell)
+    points: np.ndarray  #: their numbers, (p,)
+    weights: np.ndarray  #: quadrature weight times 2 μ in the middle of the box, (p,)
+    deviators: np.ndarray  #: of the strain of the modes, (p, c, ell)
+    stresses: np.ndarray  #: of these strains over 2 μ, (p, c, ell)
 
     @classmethod
     def of(
@@ -457,12 +457,12 @@ class CorrectionFacts:
     :class:`~hhr_dolfinx.reduction.reductor.Record`.
     """
 
-    settings: CorrectionSettings  # of the chosen attempt
-    modes: int  # number of them
-    points: int  # number of them
-    candidates: int  # Gauss points with plastic strain in training
-    misfit: float  # of the cubature
-    energy: float  # largest energy of a mode by the cubature; the exact one is at most 1
+    settings: CorrectionSettings  #: of the chosen attempt
+    modes: int  #: number of them
+    points: int  #: number of them
+    candidates: int  #: Gauss points with plastic strain in training
+    misfit: float  #: of the cubature
+    energy: float  #: largest energy of a mode by the cubature; the exact one is at most 1
 
 
 @dataclass(frozen=True)
@@ -484,10 +484,10 @@ class _Shared:
 class _Chosen(NamedTuple):
     """Modes, and where laws are evaluated."""
 
-    basis: np.ndarray  # (N, ell)
+    basis: np.ndarray  #: (N, ell)
     domain: FlowingDomain
     cubature: Cubature
-    answers: list[Answer]  # training states with corrections
+    answers: list[Answer]  #: training states with corrections
 
 
 def _at_rest(prepared: _Shared) -> _Chosen:
@@ -642,13 +642,13 @@ class _FieldModes:
     training.
     """
 
-    flowed: np.ndarray  # numbers of these points
-    plastic: np.ndarray  # modes, as the next
+    flowed: np.ndarray  #: numbers of these points
+    plastic: np.ndarray  #: modes, as the next
     cumulated: np.ndarray
-    displacements: np.ndarray  # displacement of each mode of the plastic strain, K^-1 ∫ G^T C Φ
-    elastic: np.ndarray  # C of each body, in the middle of the box
-    kinds: np.ndarray  # body of each Gauss point
-    grading: np.ndarray  # factor of its C, (Gauss points,); empty for 1
+    displacements: np.ndarray  #: displacement of each mode of the plastic strain, K^-1 ∫ G^T C Φ
+    elastic: np.ndarray  #: C of each body, in the middle of the box
+    kinds: np.ndarray  #: body of each Gauss point
+    grading: np.ndarray  #: factor of its C, (Gauss points,); empty for 1
 
     @classmethod
     def of(cls, full: FullModel, snapshots: SnapshotSet) -> _FieldModes:

@@ -53,26 +53,27 @@ class PlasticFields:
 
     points: Annotated[
         Integers, "points", "< gauss points"
-    ]  # numbers of the points Z where laws are evaluated
-    flowed: Annotated[Integers, "flowed", "< gauss points"]  # those with plastic strain in training
+    ]  #: numbers of the points Z where laws are evaluated
+    #: those with plastic strain in training
+    flowed: Annotated[Integers, "flowed", "< gauss points"]
     plastic: (
         GappyField  # completion of the plastic strain on these; components of a point are adjacent
     )
-    cumulated: GappyField  # completion of the cumulated plastic strain
+    cumulated: GappyField  #: completion of the cumulated plastic strain
     moved: Annotated[
         Floats, "N", "plastic modes"
-    ]  # K^-1 ∫ G^T C Φ of each mode of the plastic strain
-    strain: StrainOperator  # ε(u) at all Gauss points
+    ]  #: K^-1 ∫ G^T C Φ of each mode of the plastic strain
+    strain: StrainOperator  #: ε(u) at all Gauss points
     unstressed: Annotated[
         csc_matrix, "components * gauss points", "terms"
-    ]  # strains without stress
+    ]  #: strains without stress
     elastic: Annotated[
         Floats, "kinds", "components", "components"
-    ]  # different C in the middle of the box
-    kinds: Annotated[Integers, "gauss points", "< kinds"]  # that of each Gauss point
+    ]  #: different C in the middle of the box
+    kinds: Annotated[Integers, "gauss points", "< kinds"]  #: that of each Gauss point
     grading: Annotated[Floats, "graded"] = field(
         default_factory=lambda: UNGRADED
-    )  # factor of that, or empty for 1
+    )  #: factor of that, or empty for 1
 
     def __post_init__(self) -> None:
         """Convert the arrays to the layout of files."""
@@ -207,20 +208,20 @@ class PlasticFields:
 class CondensedFlowFields(Rebuilt, ModelFields):
     """Fields of condensed inelastic models, see :class:`hhr_dolfinx.models.answer.ModelFields`."""
 
-    amplitudes: Amplitudes  # θ as a function of the parameters
-    factors: PartFactors  # moduli of the parts of the stiffness
-    parts: Annotated[Integers, "N"]  # part that holds each dof, (N,)
-    basis: Annotated[Floats, "N", "ell"]  # V, (N, ell)
-    per_force: Annotated[Floats, "N", "m"]  # K^-1 B^T in the middle of the box, (N, m)
-    forced: Annotated[Floats, "N", "terms"]  # K^-1 F there, (N, 1 + T)
+    amplitudes: Amplitudes  #: θ as a function of the parameters
+    factors: PartFactors  #: moduli of the parts of the stiffness
+    parts: Annotated[Integers, "N"]  #: part that holds each dof, (N,)
+    basis: Annotated[Floats, "N", "ell"]  #: V, (N, ell)
+    per_force: Annotated[Floats, "N", "m"]  #: K^-1 B^T in the middle of the box, (N, m)
+    forced: Annotated[Floats, "N", "terms"]  #: K^-1 F there, (N, 1 + T)
     given: Annotated[
         Floats, "N", "terms"
-    ]  # imposed displacements and the response to them, (N, 1 + T)
-    dimension: int  # components of the displacement at a node
-    flow: PlasticFields  # completes stress and plastic strain
-    functionals: Functionals | None = None  # outputs of the scene; None if it has none
-    law: ContactLaw = UNILATERAL  # law of the contact conditions
-    # see :class:`~hhr_dolfinx.models.answer.ModelFields`
+    ]  #: imposed displacements and the response to them, (N, 1 + T)
+    dimension: int  #: components of the displacement at a node
+    flow: PlasticFields  #: completes stress and plastic strain
+    functionals: Functionals | None = None  #: outputs of the scene; None if it has none
+    law: ContactLaw = UNILATERAL  #: law of the contact conditions
+    #: see :class:`~hhr_dolfinx.models.answer.ModelFields`
     full: Meshed | None = field(default=None, metadata=OF_THE_MESH)
 
     @property
@@ -326,10 +327,10 @@ class PartFactors:
     elasticity).
     """
 
-    moduli: tuple[Modulus, ...]  # of each part; empty for constant elasticity
+    moduli: tuple[Modulus, ...]  #: of each part; empty for constant elasticity
     middle: Annotated[
         Floats, "parts"
-    ]  # their values in the middle of the box, for which a model is made
+    ]  #: their values in the middle of the box, for which a model is made
 
     def faults_for(self, space: ParameterSpace) -> Iterator[str]:
         """Faults: moduli that are no formulas of these parameters, or other in the middle.

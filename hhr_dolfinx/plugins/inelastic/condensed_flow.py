@@ -71,36 +71,37 @@ class CondensedFlow:
     parts).
     """
 
-    # numbers of the points Z in the full model, body by body; those without weight detect plastic
-    # strain elsewhere
+    #: numbers of the points Z in the full model, body by body; those without weight detect plastic
+    #: strain elsewhere
     points: Annotated[Integers, "points", "< gauss points"]
     groups: tuple[
         Group, ...
-    ]  # elasticity and laws of these points by body, with consecutive indices
-    per_cell: Annotated[Size, "per cell"]  # Gauss points of a cell of the full model
-    parts: Annotated[Integers, "points", "< Q"]  # part of the stiffness that holds each point, (n,)
-    factors: PartFactors  # moduli of the parts
+    ]  #: elasticity and laws of these points by body, with consecutive indices
+    per_cell: Annotated[Size, "per cell"]  #: Gauss points of a cell of the full model
+    #: part of the stiffness that holds each point, (n,)
+    parts: Annotated[Integers, "points", "< Q"]
+    factors: PartFactors  #: moduli of the parts
     per_mode: Annotated[
         Floats, "ell", "components * points"
-    ]  # strain of V, component by component, (ell, c n)
+    ]  #: strain of V, component by component, (ell, c n)
     tested: Annotated[
         Floats, "ell", "components * points"
-    ]  # weight of each point times its stress C
-    per_force: Annotated[Floats, "m", "components * points"]  # strain of K^-1 B^T, (m, c n)
-    forced: Annotated[Floats, "components * points", "terms"]  # strain of K^-1 F, (c n, 1 + T)
-    # strain of imposed displacements and of the response to them, minus strains without stress
+    ]  #: weight of each point times its stress C
+    per_force: Annotated[Floats, "m", "components * points"]  #: strain of K^-1 B^T, (m, c n)
+    forced: Annotated[Floats, "components * points", "terms"]  #: strain of K^-1 F, (c n, 1 + T)
+    #: strain of imposed displacements and of the response to them, minus strains without stress
     given: Annotated[Floats, "components * points", "terms"]
-    moved: Annotated[Floats, "m", "ell"]  # B V, (m, ell)
+    moved: Annotated[Floats, "m", "ell"]  #: B V, (m, ell)
     modal: Annotated[
         Floats, "ell", "ell"
-    ]  # Q of :mod:`plugins.inelastic.condensed_step`, (ell, ell)
-    coupled: Annotated[Floats, "ell", "m"]  # P there, (ell, m)
+    ]  #: Q of :mod:`plugins.inelastic.condensed_step`, (ell, ell)
+    coupled: Annotated[Floats, "ell", "m"]  #: P there, (ell, m)
     mode_parts: Annotated[
         Integers, "ell", "< Q"
-    ]  # part of the stiffness of each mode, if moduli vary
-    schur: Annotated[Floats, "Q", "m", "m"]  # B K^-1 B^T of each part, (Q, m, m)
-    pressed: Annotated[Floats, "Q", "m", "terms"]  # B K^-1 F of each part, (Q, m, 1 + T)
-    gaps: Annotated[Floats, "m", "terms"]  # gaps minus imposed displacements, (m, 1 + T)
+    ]  #: part of the stiffness of each mode, if moduli vary
+    schur: Annotated[Floats, "Q", "m", "m"]  #: B K^-1 B^T of each part, (Q, m, m)
+    pressed: Annotated[Floats, "Q", "m", "terms"]  #: B K^-1 F of each part, (Q, m, 1 + T)
+    gaps: Annotated[Floats, "m", "terms"]  #: gaps minus imposed displacements, (m, 1 + T)
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Faults: repeated points, groups that are not consecutive (compiled loops rely on it), and
@@ -142,11 +143,11 @@ class CondensedFlow:
 class CondensedEquilibrium(MarchingEquilibrium):
     """Equilibrium of g and λ, of which the unknown holds g first."""
 
-    schur: np.ndarray  # S for the present moduli, (m, m)
-    equalities: SchurEqualities  # on it
-    coupled: np.ndarray  # P for the present moduli, (ell, m)
-    scale: np.ndarray  # factor of the strain of contact forces, (c n,)
-    free_strain: np.ndarray  # without correction and contact forces as terms of θ, (c n, 1 + T)
+    schur: np.ndarray  #: S for the present moduli, (m, m)
+    equalities: SchurEqualities  #: on it
+    coupled: np.ndarray  #: P for the present moduli, (ell, m)
+    scale: np.ndarray  #: factor of the strain of contact forces, (c n,)
+    free_strain: np.ndarray  #: without correction and contact forces as terms of θ, (c n, 1 + T)
 
     def __init__(
         self, flow: CondensedFlow, parameters: ParameterSpace, fields: CondensedFlowFields

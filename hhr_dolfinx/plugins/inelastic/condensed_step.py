@@ -57,40 +57,40 @@ class StepModel(NamedTuple):
 
     per_mode: (
         np.ndarray
-    )  # strain of each mode, (ell, c n), by component, so that loops over points vectorise
-    tested: np.ndarray  # weight times the stress C of each, in the moduli of unit energy
-    per_force: np.ndarray  # strain of K^-1 B^T in these moduli, (m, c n)
-    scale: np.ndarray  # factor of the strain of contact forces, (c n,); empty if it is 1
-    schur: np.ndarray  # S, (m, m)
-    moved: np.ndarray  # B V, (m, ell)
-    modal: np.ndarray  # Q, (ell, ell)
-    coupled: np.ndarray  # P, (ell, m)
-    ends: np.ndarray  # last point of each group and one, (G,)
-    weight: float  # norm of ``tested``
+    )  #: strain of each mode, (ell, c n), by component, so that loops over points vectorise
+    tested: np.ndarray  #: weight times the stress C of each, in the moduli of unit energy
+    per_force: np.ndarray  #: strain of K^-1 B^T in these moduli, (m, c n)
+    scale: np.ndarray  #: factor of the strain of contact forces, (c n,); empty if it is 1
+    schur: np.ndarray  #: S, (m, m)
+    moved: np.ndarray  #: B V, (m, ell)
+    modal: np.ndarray  #: Q, (ell, ell)
+    coupled: np.ndarray  #: P, (ell, m)
+    ends: np.ndarray  #: last point of each group and one, (G,)
+    weight: float  #: norm of ``tested``
     single: (
         np.ndarray
-    )  # ``per_mode`` and ``tested`` in single precision, for Newton's matrix, (2, ell, c n)
+    )  #: ``per_mode`` and ``tested`` in single precision, for Newton's matrix, (2, ell, c n)
 
 
 class StepLoad(NamedTuple):
     """Input of a step."""
 
-    strain: np.ndarray  # strain without correction and contact forces, (c n,)
-    forces: np.ndarray  # λ_e, (m,)
-    slack: np.ndarray  # slack without correction and contact forces, (m,)
-    # before the step: inelastic strain, its cumulated amount and further variables, (c + 1 + k, n)
+    strain: np.ndarray  #: strain without correction and contact forces, (c n,)
+    forces: np.ndarray  #: λ_e, (m,)
+    slack: np.ndarray  #: slack without correction and contact forces, (m,)
+    #: before the step: inelastic strain, its cumulated amount and further variables, (c + 1 + k, n)
     memory: np.ndarray
-    dt: float  # its duration in seconds
+    dt: float  #: its duration in seconds
 
 
 class StepLaws(NamedTuple):
     """Laws of the groups, with numbers as constants."""
 
-    code: Code  # of all laws
-    numbers: np.ndarray  # of the law of each group in ``code``; -1 of an elastic one, (G,)
-    constants: np.ndarray  # E, ν and those of the law of each point, (most, n)
-    compliance: np.ndarray  # C^-1 of each group for the grading 1, (G, c, c)
-    grading: np.ndarray  # factor of C at each point, (n,); empty for 1
+    code: Code  #: of all laws
+    numbers: np.ndarray  #: of the law of each group in ``code``; -1 of an elastic one, (G,)
+    constants: np.ndarray  #: E, ν and those of the law of each point, (most, n)
+    compliance: np.ndarray  #: C^-1 of each group for the grading 1, (G, c, c)
+    grading: np.ndarray  #: factor of C at each point, (n,); empty for 1
 
 
 class WorkArrays(NamedTuple):
@@ -98,24 +98,24 @@ class WorkArrays(NamedTuple):
     tried.
     """
 
-    here: np.ndarray  # (ell,), as the next four
+    here: np.ndarray  #: (ell,), as the next four
     there: np.ndarray
     direction: np.ndarray
-    residual: np.ndarray  # R at ``there``
-    left: np.ndarray  # R at ``here``
-    forces: np.ndarray  # at ``there``, (m,)
-    slack: np.ndarray  # at ``there``, (m,)
-    active: np.ndarray  # its statuses, (m,) bool
-    order: np.ndarray  # active conditions in the order of ``inverse``, (m,)
-    inverse: np.ndarray  # of S_AA in its upper left corner, (m, m)
-    rows: np.ndarray  # E_X,A, (m, c n), with the active conditions first, in this order
-    newton: np.ndarray  # inverse of -J, (ell, ell)
-    strain: np.ndarray  # at ``there``, (c n,)
-    stress: np.ndarray  # at ``there``, (c, n)
-    memory: np.ndarray  # at ``there``, as before the step, (c + 1 + k, n)
-    slopes: np.ndarray  # dε_p/dε at ``here``, (c, c, n), in single precision
-    result: np.ndarray  # of the laws at each point, (n,)
-    numbers: np.ndarray  # iterations and the like, see ``ITERATION``
+    residual: np.ndarray  #: R at ``there``
+    left: np.ndarray  #: R at ``here``
+    forces: np.ndarray  #: at ``there``, (m,)
+    slack: np.ndarray  #: at ``there``, (m,)
+    active: np.ndarray  #: its statuses, (m,) bool
+    order: np.ndarray  #: active conditions in the order of ``inverse``, (m,)
+    inverse: np.ndarray  #: of S_AA in its upper left corner, (m, m)
+    rows: np.ndarray  #: E_X,A, (m, c n), with the active conditions first, in this order
+    newton: np.ndarray  #: inverse of -J, (ell, ell)
+    strain: np.ndarray  #: at ``there``, (c n,)
+    stress: np.ndarray  #: at ``there``, (c, n)
+    memory: np.ndarray  #: at ``there``, as before the step, (c + 1 + k, n)
+    slopes: np.ndarray  #: dε_p/dε at ``here``, (c, c, n), in single precision
+    result: np.ndarray  #: of the laws at each point, (n,)
+    numbers: np.ndarray  #: iterations and the like, see ``ITERATION``
 
     @classmethod
     def of(

@@ -21,10 +21,10 @@ from hhr_dolfinx.models.gradient import grazing
 class ContactChange(NamedTuple):
     """Derivatives of a step along K directions."""
 
-    unknown: np.ndarray  # (n, K)
-    forces: np.ndarray  # (m, K)
-    slack: np.ndarray  # (m, K); of tangential rows that of the slip of the step
-    grazing: np.ndarray  # conditions about to change their status, (m,) bool
+    unknown: np.ndarray  #: (n, K)
+    forces: np.ndarray  #: (m, K)
+    slack: np.ndarray  #: (m, K); of tangential rows that of the slip of the step
+    grazing: np.ndarray  #: conditions about to change their status, (m,) bool
 
 
 class LinearisedStep(Protocol):

@@ -88,9 +88,9 @@ class Trial(NamedTuple):
 class StepInput(NamedTuple):
     """Input of a step."""
 
-    slack: np.ndarray  # without correction and contact forces, (m,)
-    strain: np.ndarray  # the same by component, (c n,)
-    forces: np.ndarray  # λ_e, (m,)
+    slack: np.ndarray  #: without correction and contact forces, (m,)
+    strain: np.ndarray  #: the same by component, (c n,)
+    forces: np.ndarray  #: λ_e, (m,)
     contact: StepContact
     material: Material
     before: InternalVariables

@@ -56,9 +56,9 @@ REFRESHED = 200
 class Cubature:
     """Points of integration with their weights."""
 
-    points: np.ndarray  # numbers of the points among the candidates, increasing, (n,)
-    weights: np.ndarray  # factors of their contributions, > 0, (n,)
-    misfit: float  # |A w - A 1| / |A 1| for the rows of the fit
+    points: np.ndarray  #: numbers of the points among the candidates, increasing, (n,)
+    weights: np.ndarray  #: factors of their contributions, > 0, (n,)
+    misfit: float  #: |A w - A 1| / |A 1| for the rows of the fit
 
 
 def fitted(

@@ -38,14 +38,14 @@ class Linearisation:
     Exact for elastic bodies.
     """
 
-    rows: Any  # B
-    gaps: np.ndarray  # as terms of θ
-    pairs: Pairs | None  # conditions by contact pair
-    moduli: np.ndarray  # tangents H at the Gauss points, (points, components, components)
-    solve: Callable[[np.ndarray], np.ndarray]  # K^-1 times a residual
-    push: Callable[[np.ndarray], np.ndarray]  # K^-1 B^T times forces
-    equalities: SchurEqualities  # on S = B K^-1 B^T
-    held: Callable[[], AbstractContextManager] = nullcontext  # keeps the factors of K meanwhile
+    rows: Any  #: B
+    gaps: np.ndarray  #: as terms of θ
+    pairs: Pairs | None  #: conditions by contact pair
+    moduli: np.ndarray  #: tangents H at the Gauss points, (points, components, components)
+    solve: Callable[[np.ndarray], np.ndarray]  #: K^-1 times a residual
+    push: Callable[[np.ndarray], np.ndarray]  #: K^-1 B^T times forces
+    equalities: SchurEqualities  #: on S = B K^-1 B^T
+    held: Callable[[], AbstractContextManager] = nullcontext  #: keeps the factors of K meanwhile
     motions: LinearisedKernel | None = (
         None  # of bodies that contact alone holds, which K pins; None without any
     )
@@ -130,10 +130,10 @@ class ParameterDirection(NamedTuple):
     derivatives.
     """
 
-    point: np.ndarray  # (P,)
-    direction: np.ndarray  # (P,)
+    point: np.ndarray  #: (P,)
+    direction: np.ndarray  #: (P,)
     theta: Theta
-    change: Theta  # derivative of θ along the direction
+    change: Theta  #: derivative of θ along the direction
 
 
 class Stepper(ABC):
@@ -189,23 +189,23 @@ class MaterialEquilibrium(ABC):
     middle of the box.
     """
 
-    trained: TrainedPaths | None = None  # training range of a reduced model
-    together: GaussPoints = ALL_HERE  # reductions over the Gauss points of all ranks
-    lock: AbstractContextManager = nullcontext()  # held during a history
+    trained: TrainedPaths | None = None  #: training range of a reduced model
+    together: GaussPoints = ALL_HERE  #: reductions over the Gauss points of all ranks
+    lock: AbstractContextManager = nullcontext()  #: held during a history
     symmetric = False  # whether linearisations have the symmetric part of tangents alone
     parameters: ParameterSpace
-    fields: Any  # completes its answers
-    material: Material  # at its Gauss points
+    fields: Any  #: completes its answers
+    material: Material  #: at its Gauss points
     moduli: tuple[
         str, ...
-    ]  # formulas of the elasticity of all bodies, also of those without Gauss points in the model
-    points: np.ndarray  # numbers of its Gauss points in the full model
-    per_cell: int  # Gauss points of a cell of the full model
-    size: int  # number of unknowns
+    ]  #: formulas of the elasticity of all bodies, also of those without Gauss points in the model
+    points: np.ndarray  #: numbers of its Gauss points in the full model
+    per_cell: int  #: Gauss points of a cell of the full model
+    size: int  #: number of unknowns
     conditions: int
     law: ContactLaw
     amplitudes: Amplitudes
-    problem: Any  # with gaps as terms of θ
+    problem: Any  #: with gaps as terms of θ
 
     def __init__(self) -> None:
         self._middle = self

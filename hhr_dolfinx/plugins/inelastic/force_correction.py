@@ -37,10 +37,10 @@ from hhr_dolfinx.plugins.inelastic.update import Material
 class CorrectedForces(NamedTuple):
     """Contact forces of one step, corrected once."""
 
-    forces: np.ndarray  # on all conditions, (m,)
-    # their distance from those of the model, an indicator of its error, in the unit of force
+    forces: np.ndarray  #: on all conditions, (m,)
+    #: their distance from those of the model, an indicator of its error, in the unit of force
     error: float
-    # the same over the norm of these forces; infinite if bodies part that touch in the model
+    #: the same over the norm of these forces; infinite if bodies part that touch in the model
     relative: float
 
 
@@ -48,18 +48,18 @@ class CorrectedForces(NamedTuple):
 class ForceCorrection(Rebuilt):
     """Arrays of the correction (N dofs, m conditions, T terms of θ, Q parts of the stiffness)."""
 
-    operator: StrainOperator  # strain at all Gauss points
-    material: Material  # elasticity and laws there
-    # strains without stress for each term of θ, sparse, (Gauss points * components, 1 + T)
+    operator: StrainOperator  #: strain at all Gauss points
+    material: Material  #: elasticity and laws there
+    #: strains without stress for each term of θ, sparse, (Gauss points * components, 1 + T)
     eigenstrains: csc_matrix
-    amplitudes: Amplitudes  # θ as a function of the parameters
-    factors: PartFactors  # moduli of the parts
-    parts: np.ndarray  # part that holds each dof, (N,)
-    per_force: np.ndarray  # K^-1 B^T in the middle of the box, (N, m)
-    schur: np.ndarray  # B K^-1 B^T of each part there, (Q, m, m)
-    pressed: np.ndarray  # B K^-1 F of each part, (Q, m, 1 + T)
-    gaps: np.ndarray  # gaps minus imposed displacements, (m, 1 + T)
-    pairs: np.ndarray  # number of the contact pair of each condition, (m,)
+    amplitudes: Amplitudes  #: θ as a function of the parameters
+    factors: PartFactors  #: moduli of the parts
+    parts: np.ndarray  #: part that holds each dof, (N,)
+    per_force: np.ndarray  #: K^-1 B^T in the middle of the box, (N, m)
+    schur: np.ndarray  #: B K^-1 B^T of each part there, (Q, m, m)
+    pressed: np.ndarray  #: B K^-1 F of each part, (Q, m, 1 + T)
+    gaps: np.ndarray  #: gaps minus imposed displacements, (m, 1 + T)
+    pairs: np.ndarray  #: number of the contact pair of each condition, (m,)
 
     @property
     def nbytes(self) -> int:

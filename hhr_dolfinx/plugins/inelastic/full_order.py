@@ -65,17 +65,17 @@ if TYPE_CHECKING:
 class GaussModel:
     """Gauss points and laws of a whole mesh."""
 
-    discretisation: LawsOnMesh  # mesh and forms
-    operator: StrainOperator  # strain at all Gauss points
-    material: Material  # laws at all Gauss points
-    bodies: np.ndarray  # body of each cell as its index in the scene, (cells,)
-    pattern: SparsePattern  # sparsity of the stiffness
+    discretisation: LawsOnMesh  #: mesh and forms
+    operator: StrainOperator  #: strain at all Gauss points
+    material: Material  #: laws at all Gauss points
+    bodies: np.ndarray  #: body of each cell as its index in the scene, (cells,)
+    pattern: SparsePattern  #: sparsity of the stiffness
     stiffness: tuple[
         csr_matrix, ...
-    ]  # parts of the elastic stiffness by the same Gauss points, (N, N) each
+    ]  #: parts of the elastic stiffness by the same Gauss points, (N, N) each
     moduli: tuple[
         Modulus, ...
-    ]  # their amplitudes; empty if elasticity is constant, with a single part
+    ]  #: their amplitudes; empty if elasticity is constant, with a single part
 
     @property
     def places(self) -> int:

@@ -53,11 +53,11 @@ class StepGradient(NamedTuple):
     its forces.
     """
 
-    unknown: np.ndarray  # (n, K)
-    multipliers: np.ndarray  # (m, K)
-    slack: np.ndarray  # (m, K)
-    grazing: np.ndarray  # conditions about to change their status, (m,) bool
-    kinks: int  # see :class:`~hhr_dolfinx.models.gradient.Gradient`
+    unknown: np.ndarray  #: (n, K)
+    multipliers: np.ndarray  #: (m, K)
+    slack: np.ndarray  #: (m, K)
+    grazing: np.ndarray  #: conditions about to change their status, (m,) bool
+    kinks: int  #: see :class:`~hhr_dolfinx.models.gradient.Gradient`
 
 
 def history_gradient(

@@ -214,31 +214,32 @@ class InternalVariables(NamedTuple):
 
     inelastic: (
         np.ndarray
-    )  # inelastic strain ε - C^-1 σ, Kelvin's notation, (gauss_points, components)
-    cumulated: np.ndarray  # cumulated inelastic strain p, (gauss_points,)
+    )  #: inelastic strain ε - C^-1 σ, Kelvin's notation, (gauss_points, components)
+    cumulated: np.ndarray  #: cumulated inelastic strain p, (gauss_points,)
     memory: (
         np.ndarray
-    )  # further variables of the laws, each with its own, (gauss_points, most of any law)
+    )  #: further variables of the laws, each with its own, (gauss_points, most of any law)
 
 
 class Update(NamedTuple):
     """Result of a step at all Gauss points."""
 
-    stress: np.ndarray  # stress at the end of the step, (gauss_points, components)
-    state: InternalVariables  # state at the end of the step
+    stress: np.ndarray  #: stress at the end of the step, (gauss_points, components)
+    state: InternalVariables  #: state at the end of the step
     tangents: (
         np.ndarray | None
-    )  # consistent tangents, (gauss_points, components, components), or None
+    )  #: consistent tangents, (gauss_points, components, components), or None
 
 
 class LawNumbers(NamedTuple):
     """Numbers of a law at a point of the parameters."""
 
-    # E, ν and those of the law, (2 + constants, n), or (2 + constants, 1) if all points share them
+    #: E, ν and those of the law, (2 + constants, n), or (2 + constants, 1) if all points share them
     constants: np.ndarray
-    elastic: np.ndarray  # C for the grading 1, (c, c): tangent at rest
-    compliance: np.ndarray  # C^-1 of that, (c, c)
-    grading: np.ndarray = UNGRADED  # factor of C at each point, (n,), which E contains; empty for 1
+    elastic: np.ndarray  #: C for the grading 1, (c, c): tangent at rest
+    compliance: np.ndarray  #: C^-1 of that, (c, c)
+    #: factor of C at each point, (n,), which E contains; empty for 1
+    grading: np.ndarray = UNGRADED
 
     @property
     def numbers(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -292,22 +293,22 @@ def compliance_slope(components: int, *, plane_stress: bool = False) -> np.ndarr
 class LawProgram(Rebuilt):
     """A law as data: what a file keeps of it, and all that a step needs."""
 
-    name: str  # name of its class
-    program: Program  # with the parts of :mod:`~hhr_dolfinx.plugins.inelastic.local_solver`
-    strains: int  # components of the strain
+    name: str  #: name of its class
+    program: Program  #: with the parts of :mod:`~hhr_dolfinx.plugins.inelastic.local_solver`
+    strains: int  #: components of the strain
     memory: tuple[
         str, ...
-    ]  # names of its internal variables, of which the first are inelastic and cumulated
-    sizes: Annotated[Integers, "variables"]  # their numbers of components
-    kinds: Annotated[Integers, "unknowns"]  # kind of each unknown
-    constants: tuple[str, ...]  # names of the constants after E and ν
-    values: tuple[float | str, ...]  # their numbers or formulas
-    low: Annotated[Floats, "constants"]  # start of their open intervals
-    high: Annotated[Floats, "constants"]  # end of these
-    rated: bool  # whether the answer depends on the duration of a step
-    elastic: bool = False  # whether its constants, and not E and ν, state the elasticity
-    reason: str = ""  # what is wrong beyond its limit; empty without one
-    plane_stress: bool = False  # whether it is stated for it
+    ]  #: names of its internal variables, of which the first are inelastic and cumulated
+    sizes: Annotated[Integers, "variables"]  #: their numbers of components
+    kinds: Annotated[Integers, "unknowns"]  #: kind of each unknown
+    constants: tuple[str, ...]  #: names of the constants after E and ν
+    values: tuple[float | str, ...]  #: their numbers or formulas
+    low: Annotated[Floats, "constants"]  #: start of their open intervals
+    high: Annotated[Floats, "constants"]  #: end of these
+    rated: bool  #: whether the answer depends on the duration of a step
+    elastic: bool = False  #: whether its constants, and not E and ν, state the elasticity
+    reason: str = ""  #: what is wrong beyond its limit; empty without one
+    plane_stress: bool = False  #: whether it is stated for it
 
     def __post_init__(self) -> None:
         count = len(self.constants)

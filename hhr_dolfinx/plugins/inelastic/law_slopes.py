@@ -57,26 +57,26 @@ SECOND_DIFFERENCE_ROUND_OFF = 1e-8
 class Inputs(NamedTuple):
     """What a step depends on at n points."""
 
-    strain: np.ndarray  # at its end, (n, c)
-    old: InternalVariables  # before it
-    dt: float  # its duration
+    strain: np.ndarray  #: at its end, (n, c)
+    old: InternalVariables  #: before it
+    dt: float  #: its duration
 
 
 class Along(NamedTuple):
     """Derivatives of the inputs of a step along K directions, which are last in each array."""
 
-    strain: np.ndarray  # (n, c, K)
+    strain: np.ndarray  #: (n, c, K)
     old: InternalVariables
-    constants: Sequence[np.ndarray]  # of each group, see :meth:`Material.constants_along`
-    lengths: np.ndarray  # of differences of code, (K,)
+    constants: Sequence[np.ndarray]  #: of each group, see :meth:`Material.constants_along`
+    lengths: np.ndarray  #: of differences of code, (K,)
 
 
 class StepSlopes(NamedTuple):
     """Derivatives of the results of a step along K directions."""
 
-    stress: np.ndarray  # (n, c, K)
-    state: InternalVariables  # K is last in each array
-    reach: np.ndarray  # least distance along each direction to a kink of the law, (n, K)
+    stress: np.ndarray  #: (n, c, K)
+    state: InternalVariables  #: K is last in each array
+    reach: np.ndarray  #: least distance along each direction to a kink of the law, (n, K)
 
 
 def slopes_of(material: Material, given: Inputs, along: Along) -> StepSlopes:

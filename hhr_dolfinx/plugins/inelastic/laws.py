@@ -46,7 +46,7 @@ class _Stated(Law):
     """A law of :mod:`hhr_dolfinx.forms.laws`, by the name of its function."""
 
     stated: ClassVar[str]
-    passed: ClassVar[tuple[str, ...]] = ()  # fields that are further arguments of the function
+    passed: ClassVar[tuple[str, ...]] = ()  #: fields that are further arguments of the function
 
     def statement(self, at: At) -> Stated:
         """See :class:`Law`."""
@@ -480,7 +480,7 @@ class LinearStress(Law):
     the strain.
     """
 
-    stress_of: Callable[[Expr], Expr]  # both (3, 3), in UFL
+    stress_of: Callable[[Expr], Expr]  #: both (3, 3), in UFL
     elastic: ClassVar[bool] = True
 
     def statement(self, at: At) -> Stated:
@@ -507,8 +507,8 @@ class _Around(Law):
     """
 
     law: Law | None
-    remembers: ClassVar[tuple[str, int]]  # name and size of its memory
-    bounded: ClassVar[Mapping[str, tuple[float, float]]] = {}  # limits of its constants
+    remembers: ClassVar[tuple[str, int]]  #: name and size of its memory
+    bounded: ClassVar[Mapping[str, tuple[float, float]]] = {}  #: limits of its constants
     stated: ClassVar[str]
 
     def __post_init__(self) -> None:

@@ -96,14 +96,14 @@ class Anderson:
 class MeshEquilibrium(MarchingEquilibrium):
     """Equilibrium of U0 or gamma: displacements of a mesh or a RID, in steps by linearisation."""
 
-    operator: StrainOperator  # strain at its Gauss points
+    operator: StrainOperator  #: strain at its Gauss points
     eigenstrains: (
         csc_matrix  # strains without stress for each term of θ, (Gauss points * components, 1 + T)
     )
-    lifts: csc_matrix  # imposed displacements as terms of θ
+    lifts: csc_matrix  #: imposed displacements as terms of θ
     elastic: Linearisation
     patience = TANGENT_ITERATIONS
-    _sizes: csc_matrix  # absolute entries of the elastic stiffness
+    _sizes: csc_matrix  #: absolute entries of the elastic stiffness
 
     @abstractmethod
     def field(self, x: np.ndarray) -> np.ndarray:

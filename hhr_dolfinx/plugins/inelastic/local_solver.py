@@ -69,13 +69,13 @@ class Code(NamedTuple):
     rows: np.ndarray
     numbers: np.ndarray
     outputs: np.ndarray
-    starts: np.ndarray  # of each part in ``rows``, (G, 7), as the next
+    starts: np.ndarray  #: of each part in ``rows``, (G, 7), as the next
     ends: np.ndarray
-    output_starts: np.ndarray  # of each part in ``outputs``, (G, 7)
+    output_starts: np.ndarray  #: of each part in ``outputs``, (G, 7)
     output_ends: np.ndarray
-    number_ends: np.ndarray  # in ``numbers``, (G + 1,)
-    sizes: np.ndarray  # see below, (G, 6)
-    kinds: np.ndarray  # of each unknown, (G, most unknowns)
+    number_ends: np.ndarray  #: in ``numbers``, (G + 1,)
+    sizes: np.ndarray  #: see below, (G, 6)
+    kinds: np.ndarray  #: of each unknown, (G, most unknowns)
 
 
 STRAINS, UNKNOWNS, MEMORY, CONSTANTS, REGISTERS, LIMITED = range(6)

@@ -33,8 +33,8 @@ class FlowMises(Functional):
 
     differentiable = False
 
-    points: Annotated[Integers, "points"]  # numbers of the Gauss points, (g,)
-    shares: Annotated[Floats, "shares"]  # of each in the mean, (g,); empty for the largest value
+    points: Annotated[Integers, "points"]  #: numbers of the Gauss points, (g,)
+    shares: Annotated[Floats, "shares"]  #: of each in the mean, (g,); empty for the largest value
 
     def value(self, state: State) -> float:
         """The largest one, or their mean over the volume."""
@@ -75,16 +75,16 @@ class FlowEnergy(Functional):
 
     differentiable = False
 
-    names: tuple[str, ...]  # of the parameters
-    factors: tuple[str, ...]  # of the parts of C^-1 of all bodies as formulas, (k,)
-    owners: Annotated[Integers, "parts"]  # body of each part, (k,)
+    names: tuple[str, ...]  #: of the parameters
+    factors: tuple[str, ...]  #: of the parts of C^-1 of all bodies as formulas, (k,)
+    owners: Annotated[Integers, "parts"]  #: body of each part, (k,)
     compliances: Annotated[
         Floats, "parts", "components", "components"
-    ]  # each part for its factor 1
-    bodies: Annotated[Integers, "points"]  # body of each Gauss point
+    ]  #: each part for its factor 1
+    bodies: Annotated[Integers, "points"]  #: body of each Gauss point
     weights: Annotated[
         Floats, "points"
-    ]  # quadrature weight times volume of each, over the grading of C
+    ]  #: quadrature weight times volume of each, over the grading of C
 
     def __post_init__(self) -> None:
         _ = self._factors

@@ -32,15 +32,15 @@ STANDARD_MEMORY = {"inelastic": 0, "cumulated": 1, "strain": 0}
 class LawStep(NamedTuple):
     """A step at n points."""
 
-    strain: np.ndarray  # at its end in Kelvin's notation, (n, c)
+    strain: np.ndarray  #: at its end in Kelvin's notation, (n, c)
     old: Mapping[
         str, np.ndarray
-    ]  # before: strain, stress, inelastic ε - C^-1 σ, and memory; numbers are (n,)
-    dt: float  # its duration in seconds
+    ]  #: before: strain, stress, inelastic ε - C^-1 σ, and memory; numbers are (n,)
+    dt: float  #: its duration in seconds
     constants: Mapping[
         str, float | np.ndarray
-    ]  # with young and poisson; (n,) if they vary in space
-    tangent: bool  # whether tangents are needed
+    ]  #: with young and poisson; (n,) if they vary in space
+    tangent: bool  #: whether tangents are needed
 
 
 class OutsideLaw(Law):

@@ -43,20 +43,21 @@ STIFFNESS_ROUND_OFF = 1e-9
 class ReducedFlow:
     """Arrays of the inelastic bodies on a RID (n dofs of its cells, a of them in A)."""
 
-    # strain at the Gauss points of the cells that act on A, in local numbers of dofs
+    #: strain at the Gauss points of the cells that act on A, in local numbers of dofs
     operator: StrainOperator
-    material: Material  # laws at these points
-    cells: Annotated[Integers, "cells"]  # numbers of these cells in the full model
-    modes: Annotated[Floats, "dofs", "ell"]  # V on these dofs, (n, ell)
-    lifts: Annotated[csc_matrix, "dofs", "terms"]  # imposed displacements there, sparse, (n, 1 + T)
+    material: Material  #: laws at these points
+    cells: Annotated[Integers, "cells"]  #: numbers of these cells in the full model
+    modes: Annotated[Floats, "dofs", "ell"]  #: V on these dofs, (n, ell)
+    #: imposed displacements there, sparse, (n, 1 + T)
+    lifts: Annotated[csc_matrix, "dofs", "terms"]
     inner: Annotated[
         Integers, "inner", "< dofs"
-    ]  # indices of the dofs of A, and of those that follow them, (a,)
-    loads: Annotated[csc_matrix, "inner", "terms"]  # external loads on A, sparse, (a, 1 + T)
+    ]  #: indices of the dofs of A, and of those that follow them, (a,)
+    loads: Annotated[csc_matrix, "inner", "terms"]  #: external loads on A, sparse, (a, 1 + T)
     contact: Annotated[
         csr_matrix, "inner", "m"
-    ]  # maps the forces of the RID to loads on A, sparse, (a, N_lambda_C)
-    eigenstrains: Annotated[csc_matrix, "strains", "terms"]  # strains without stress as terms of θ
+    ]  #: maps the forces of the RID to loads on A, sparse, (a, N_lambda_C)
+    eigenstrains: Annotated[csc_matrix, "strains", "terms"]  #: strains without stress as terms of θ
     follow: Annotated[csr_matrix, "inner", "inner"] | None = (
         None  # T on the inner dofs, (a, a); None for the identity
     )

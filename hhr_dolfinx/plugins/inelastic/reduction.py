@@ -113,7 +113,7 @@ def _onset(model: Model, path: Path) -> list[Signs]:
 class FittedFlow:
     """POD modes of the fields of Gauss points in training; None if they are zero."""
 
-    stress: np.ndarray | None = None  # of the stress, (Gauss points * components, modes)
+    stress: np.ndarray | None = None  #: of the stress, (Gauss points * components, modes)
     plastic_strain: np.ndarray | None = (
         None  # of the cumulated plastic strain, (Gauss points, modes)
     )

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 class GaussState(NamedTuple):
     """Stress and memory of the material at the Gauss points where a model evaluates its laws."""
 
-    stress: np.ndarray  # Kelvin's notation, (Gauss points, components)
+    stress: np.ndarray  #: Kelvin's notation, (Gauss points, components)
     state: (
         InternalVariables  # inelastic strain, its cumulated amount, and further variables of laws
     )

@@ -23,12 +23,12 @@ class StrainOperator:
 
     gradients: Annotated[
         Floats, "cells", "per cell", "components", "dofs of a cell"
-    ]  # matrix G of each cell
+    ]  #: matrix G of each cell
     weights: Annotated[
         Floats, "cells", "per cell"
-    ]  # quadrature weight times volume of each Gauss point
-    dofs: Annotated[Integers, "cells", "dofs of a cell", "< dofs"]  # number of each dof of a cell
-    size: Annotated[Size, "dofs"]  # number of all dofs
+    ]  #: quadrature weight times volume of each Gauss point
+    dofs: Annotated[Integers, "cells", "dofs of a cell", "< dofs"]  #: number of each dof of a cell
+    size: Annotated[Size, "dofs"]  #: number of all dofs
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Faults of the weights."""

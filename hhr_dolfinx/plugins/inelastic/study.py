@@ -256,12 +256,12 @@ def seconds_of_parts(
 class _Method(NamedTuple):
     """Names of a method in the parts of a report."""
 
-    key: str  # in ``models``
-    setting: str  # in rows of the work-precision table, if it was refused
-    times: str  # in ``times`` and ``ratios``
-    offline: str  # stages in ``times``
-    even: str  # in ``break_even``
-    text: str  # in the advice
+    key: str  #: in ``models``
+    setting: str  #: in rows of the work-precision table, if it was refused
+    times: str  #: in ``times`` and ``ratios``
+    offline: str  #: stages in ``times``
+    even: str  #: in ``break_even``
+    text: str  #: in the advice
 
 
 STUDY_METHODS = {

@@ -74,9 +74,9 @@ Trail = tuple[Answer, ...]
 class TimeErrors(NamedTuple):
     """Estimated errors of the time steps, each relative to the largest norm of its field so far."""
 
-    stress: float  # where the model evaluates its laws
-    displacement: float  # on the whole mesh
-    forces: float  # on the contact conditions of the model
+    stress: float  #: where the model evaluates its laws
+    displacement: float  #: on the whole mesh
+    forces: float  #: on the contact conditions of the model
 
 
 def tightened(settings: MarchSettings) -> MarchSettings:

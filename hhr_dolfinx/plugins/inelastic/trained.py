@@ -65,17 +65,17 @@ def share_of_stress(misfit: float, stress: float) -> float:
 class Signs(NamedTuple):
     """Error indicators of a reduced model at a solved step."""
 
-    # norm of the residual forces on the reduced domain before projection, in the unit of force
+    #: norm of the residual forces on the reduced domain before projection, in the unit of force
     imbalance: float
-    size: float  # norm of the contributions to these forces
-    # largest violation of a gap on the whole contact surface, in the unit of length, 0 if none
+    size: float  #: norm of the contributions to these forces
+    #: largest violation of a gap on the whole contact surface, in the unit of length, 0 if none
     depth: float
-    # description of the imbalance, for messages
+    #: description of the imbalance, for messages
     what: str = "the forces on the reduced domain are out of balance"
     misfit: float = (
         0.0  # norm of the stress that no mode of the training explains, where laws are evaluated
     )
-    stress: float = 0.0  # norm of this stress
+    stress: float = 0.0  #: norm of this stress
 
     @property
     def estimate(self) -> float:
@@ -92,30 +92,31 @@ class Known(NamedTuple):
     signs: Sequence[Sequence[Signs]]
     onsets: Sequence[
         Sequence[Signs]
-    ]  # along small parts of their first steps, which a path with finer steps passes
-    length: float  # largest gap or relative motion of contact surfaces in training
+    ]  #: along small parts of their first steps, which a path with finer steps passes
+    length: float  #: largest gap or relative motion of contact surfaces in training
 
 
 @dataclass(frozen=True)
 class TrainedPaths:
     """Training range of a reduced model of histories."""
 
-    parameters: TrainedRange  # range of values along all training paths
-    # smallest and largest rate of each parameter in any step, per second; of laws without rates
-    # only directions matter: the change while the parameter that changes most, relative to its
-    # trained range, goes through its whole range
+    parameters: TrainedRange  #: range of values along all training paths
+    #: smallest and largest rate of each parameter in any step, per second; of laws without rates
+    #: only directions matter: the change while the parameter that changes most, relative to its
+    #: trained range, goes through its whole range
     slowest: Annotated[Floats, "P"]
     fastest: Annotated[Floats, "P"]
-    steps: tuple[float, float]  # shortest and longest training step, in seconds, for information
-    rated: bool  # True if any law depends on rates
-    # largest imbalance of the training histories, solved by the reduced model, in the unit of force
+    steps: tuple[float, float]  #: shortest and longest training step, in seconds, for information
+    rated: bool  #: True if any law depends on rates
+    #: largest imbalance of the training histories, solved by the reduced model, in the unit of
+    #: force
     imbalance: float
-    depth: float  # largest depth of the training histories, or the value that counts as zero
-    stress: float  # largest norm of the stress in the training histories
-    estimate: float  # largest estimate at any of their steps, or the value that counts as zero
-    # smallest norm of the stress after a first step; below it a history is in its first step
+    depth: float  #: largest depth of the training histories, or the value that counts as zero
+    stress: float  #: largest norm of the stress in the training histories
+    estimate: float  #: largest estimate at any of their steps, or the value that counts as zero
+    #: smallest norm of the stress after a first step; below it a history is in its first step
     begun: float
-    onset: float  # largest estimate of small parts of these first steps, at least ``estimate``
+    onset: float  #: largest estimate of small parts of these first steps, at least ``estimate``
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -37,18 +37,18 @@ from hhr_dolfinx.plugins.inelastic.local_solver import Code, code_of
 class Group:
     """Gauss points of one body."""
 
-    indices: Annotated[Integers, "points"]  # numbers among the model's Gauss points, (n,)
-    young: float | str  # Young's modulus E, or a formula of the parameters
-    poisson: float | str  # Poisson's ratio, or a formula
-    law: LawProgram | None  # its constants may be formulas of the parameters; None for elasticity
+    indices: Annotated[Integers, "points"]  #: numbers among the model's Gauss points, (n,)
+    young: float | str  #: Young's modulus E, or a formula of the parameters
+    poisson: float | str  #: Poisson's ratio, or a formula
+    law: LawProgram | None  #: its constants may be formulas of the parameters; None for elasticity
     coordinates: tuple[
         str, ...
-    ] = ()  # names that formulas of its law may have for places; empty if none has
-    # places of these points, (n, d), if formulas of its law name coordinates
+    ] = ()  #: names that formulas of its law may have for places; empty if none has
+    #: places of these points, (n, d), if formulas of its law name coordinates
     places: Annotated[Floats, "placed", "coordinates"] = field(
         default_factory=lambda: np.zeros((0, 0))
     )
-    # factor of the elasticity at each of these points, (n,); empty for 1
+    #: factor of the elasticity at each of these points, (n,); empty for 1
     grading: Annotated[Floats, "graded"] = field(default_factory=lambda: UNGRADED)
 
     @cached_property

@@ -50,27 +50,27 @@ STILL = 1e-12
 class Member(NamedTuple):
     """One local model, for a record."""
 
-    snapshots: np.ndarray  # numbers of its training answers
-    own: int  # number of them in its part
-    ell_bar: int  # modes
-    N_lambda_C: int  # contact conditions
-    # 95th percentile of the estimated relative errors at random points of its part; NaN without
-    # estimates
+    snapshots: np.ndarray  #: numbers of its training answers
+    own: int  #: number of them in its part
+    ell_bar: int  #: modes
+    N_lambda_C: int  #: contact conditions
+    #: 95th percentile of the estimated relative errors at random points of its part; NaN without
+    #: estimates
     estimate: float
-    added: int  # answers of the full model that were added to its training
+    added: int  #: answers of the full model that were added to its training
 
 
 @dataclass(frozen=True, eq=False)
 class LocalFacts:
     """Facts of local models, in their :class:`~hhr_dolfinx.reduction.reductor.Record`."""
 
-    # all training points, (S, P), including those added later; empty during the construction
+    #: all training points, (S, P), including those added later; empty during the construction
     points: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     members: list[Member] = field(default_factory=list)
-    splits: list[str] = field(default_factory=list)  # splits with their reasons, in words
+    splits: list[str] = field(default_factory=list)  #: splits with their reasons, in words
     missed: list[str] = field(
         default_factory=list
-    )  # models that miss their targets, with the reasons, in words
+    )  #: models that miss their targets, with the reasons, in words
 
     def add(
         self,

@@ -48,10 +48,10 @@ class GridCells(NamedTuple):
 
     cells: (
         np.ndarray
-    )  # lower and upper corner, (C, 2, P); flat along a parameter of which the grid has one value
+    )  #: lower and upper corner, (C, 2, P); flat along a parameter of which the grid has one value
     corners: (
         np.ndarray
-    )  # numbers of the points at the corners of each, (C, 2^Q) with Q parameters that vary
+    )  #: numbers of the points at the corners of each, (C, 2^Q) with Q parameters that vary
 
 
 def grid_cells(points: np.ndarray) -> GridCells:

@@ -44,15 +44,15 @@ class Choice:
     ReductionError if invalid.
     """
 
-    axis: Annotated[Integers, "nodes"]  # index of the parameter that is cut; -1 for a region
-    cut: Annotated[Floats, "nodes"]  # value of the cut; a point at the cut or below goes low
+    axis: Annotated[Integers, "nodes"]  #: index of the parameter that is cut; -1 for a region
+    cut: Annotated[Floats, "nodes"]  #: value of the cut; a point at the cut or below goes low
     low: Annotated[Integers, "nodes"]
     high: Annotated[
         Integers, "nodes"
-    ]  # the nodes below and above the cut, each with a higher number than its parent
-    label: Annotated[Integers, "nodes"]  # number of the model of a region
-    # half the width, along each parameter, of the strip along a cut in which both sides are
-    # candidates, (P,)
+    ]  #: the nodes below and above the cut, each with a higher number than its parent
+    label: Annotated[Integers, "nodes"]  #: number of the model of a region
+    #: half the width, along each parameter, of the strip along a cut in which both sides are
+    #: candidates, (P,)
     reach: Annotated[Floats, "P"]
 
     def __post_init__(self) -> None:

@@ -106,11 +106,11 @@ class Splitting:
 class _Part(NamedTuple):
     """A box for one model."""
 
-    node: int  # its index in the tree
+    node: int  #: its index in the tree
     lower: np.ndarray
     upper: np.ndarray
-    modes: float = np.inf  # of the model of its parent
-    stuck: int = 0  # cuts in a row that hardly reduced models, or gave unreliable ones
+    modes: float = np.inf  #: of the model of its parent
+    stuck: int = 0  #: cuts in a row that hardly reduced models, or gave unreliable ones
 
 
 class _Run:

@@ -29,8 +29,8 @@ PAIR_BLOCK_NUMBERS = 4_000_000
 class ChordalBounds(NamedTuple):
     """Right sides of theorem 9."""
 
-    angles: float  # (2.129), by all principal angles and the coordinates of the exact answer
-    distance: float  # (2.130), by the chordal distance and the length of these coordinates
+    angles: float  #: (2.129), by all principal angles and the coordinates of the exact answer
+    distance: float  #: (2.130), by the chordal distance and the length of these coordinates
 
 
 def coordinates(columns: np.ndarray) -> np.ndarray:

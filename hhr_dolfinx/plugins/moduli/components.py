@@ -44,10 +44,10 @@ KNOWN_BYTES = 2e9
 class Component:
     """A connected component of a scene."""
 
-    number: int  # its index among the components of the problem
-    dofs: np.ndarray  # its dofs that are free, as a mask, (N,)
-    body: np.ndarray  # numbers of all of its dofs
-    part: ProblemComponent  # conditions, loads and imposed displacements that act on it
+    number: int  #: its index among the components of the problem
+    dofs: np.ndarray  #: its dofs that are free, as a mask, (N,)
+    body: np.ndarray  #: numbers of all of its dofs
+    part: ProblemComponent  #: conditions, loads and imposed displacements that act on it
 
 
 def components_of(problem: ContactProblem) -> list[Component]:

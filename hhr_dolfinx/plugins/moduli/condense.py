@@ -129,12 +129,12 @@ class CondensedFacts:
     :class:`~hhr_dolfinx.reduction.reductor.Record`.
     """
 
-    settings: GridSettings  # targets of its grids
-    evaluations: list[int]  # solutions of the parts of the scene, one number for each grid
-    surpluses: list[float]  # surplus of the terms tried last, relative
-    # error of the formulas of moduli between the nodes of the grids, as far as tested, relative
+    settings: GridSettings  #: targets of its grids
+    evaluations: list[int]  #: solutions of the parts of the scene, one number for each grid
+    surpluses: list[float]  #: surplus of the terms tried last, relative
+    #: error of the formulas of moduli between the nodes of the grids, as far as tested, relative
     unresolved: float
-    finer: bool  # answers use the interpolation of the bound instead of these grids
+    finer: bool  #: answers use the interpolation of the bound instead of these grids
 
     @property
     def doubt(self) -> float:
@@ -250,9 +250,9 @@ class Condensation(Reductor[_Prepared]):
     snapshots, fields of typical forces and loads at some nodes of the grids do.
     """
 
-    settings: GridSettings | None = None  # targets of the sparse grids; None for the defaults
-    bound: bool = True  # answers have a bound of their error, or an estimate if none is proved
-    fields: bool = True  # answers have displacements; without them there is no bound either
+    settings: GridSettings | None = None  #: targets of the sparse grids; None for the defaults
+    bound: bool = True  #: answers have a bound of their error, or an estimate if none is proved
+    fields: bool = True  #: answers have displacements; without them there is no bound either
     along: bool = (
         False  # displacements under forces and loads span the fields in addition to snapshots
     )
@@ -260,7 +260,7 @@ class Condensation(Reductor[_Prepared]):
         # answers use the interpolation of the bound if it is small; None: without ``settings``
         None
     )
-    spare: bool = False  # leave out fields if there can be no bound; nothing is compared then
+    spare: bool = False  #: leave out fields if there can be no bound; nothing is compared then
     method: ClassVar[str] = "condensed"
     own_range: ClassVar[bool] = True
     remedy: ClassVar[Mapping[str, str]] = OF_CONDENSATION

@@ -43,12 +43,12 @@ tolerances reach 1e-7.
 class GridSettings:
     """Targets of the growth of a sparse grid."""
 
-    tolerance: float = 1e-5  # target error of S and of the free slack, relative to their size
-    budget: int = 200  # most solutions for each connected component of a scene
+    tolerance: float = 1e-5  #: target error of S and of the free slack, relative to their size
+    budget: int = 200  #: most solutions for each connected component of a scene
     compressed: bool = (
         True  # directions are left out that the tolerance does not need, but proofs do
     )
-    least: int = 0  # number of terms in any case
+    least: int = 0  #: number of terms in any case
 
     def __post_init__(self) -> None:
         if (
@@ -74,12 +74,13 @@ DEFAULT_GRID = GridSettings()
 class ProblemComponent:
     """A connected component of a problem."""
 
-    conditions: np.ndarray  # contact conditions that act on it, increasing
-    forced: np.ndarray  # terms of θ whose loads act on it; next those of imposed displacements
+    conditions: np.ndarray  #: contact conditions that act on it, increasing
+    forced: np.ndarray  #: terms of θ whose loads act on it; next those of imposed displacements
     lifted: np.ndarray
-    factor: Scalar | None  # the modulus common to all of it; None without one
-    axes: np.ndarray  # parameters on which the remaining dependence is
-    moduli: tuple[Modulus, ...] = ()  # of the parts of its stiffness, if these depend on parameters
+    factor: Scalar | None  #: the modulus common to all of it; None without one
+    axes: np.ndarray  #: parameters on which the remaining dependence is
+    #: of the parts of its stiffness, if these depend on parameters
+    moduli: tuple[Modulus, ...] = ()
 
     def factor_at(self, point: np.ndarray) -> float:
         """The modulus at a point; 1 without one."""
@@ -235,8 +236,8 @@ MIXED = (0.1, 0.5)
 class FormulaGrid:
     """Compares polynomials of a grid over the axes of a connected component with its formulas."""
 
-    part: ProblemComponent  # the component
-    space: ParameterSpace  # the box
+    part: ProblemComponent  #: the component
+    space: ParameterSpace  #: the box
 
     def error(self, levels: np.ndarray) -> float:
         """Largest error of polynomials, (n, d), relative to the largest f_κ.

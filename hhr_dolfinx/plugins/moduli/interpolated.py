@@ -47,9 +47,11 @@ NEW_STIFFNESS_SHARE = 0.5
 class PrimalModes:
     """Modes of the displacement of one part, along the modes of its compliance."""
 
-    unknowns: Annotated[Integers, "unknowns"]  # indices of its unknowns, (n_c,)
-    pushed: Annotated[Floats, "modes", "unknowns", "conditions"]  # modes of K^-1 B^T, (r, n_c, m_c)
-    columns: Annotated[Floats, "terms of it", "unknowns", "modes"]  # of K^-1 F, then of K^-1 K lift
+    unknowns: Annotated[Integers, "unknowns"]  #: indices of its unknowns, (n_c,)
+    #: modes of K^-1 B^T, (r, n_c, m_c)
+    pushed: Annotated[Floats, "modes", "unknowns", "conditions"]
+    #: of K^-1 F, then of K^-1 K lift
+    columns: Annotated[Floats, "terms of it", "unknowns", "modes"]
 
 
 class Factored(NamedTuple):
@@ -65,16 +67,16 @@ class Compliance:
 
     conditions: Annotated[
         Integers, "conditions"
-    ]  # contact conditions that act on it, (m_c,), increasing
-    forced: Annotated[Integers, "forced", "< terms"]  # terms of θ whose loads act on it, (T_F,)
+    ]  #: contact conditions that act on it, (m_c,), increasing
+    forced: Annotated[Integers, "forced", "< terms"]  #: terms of θ whose loads act on it, (T_F,)
     lifted: Annotated[
         Integers, "lifted", "< terms"
-    ]  # terms whose imposed displacements act on it, (T_L,)
-    factor: Scalar | None  # modulus common to all of it; None without one, or for a constant one
-    interpolant: Interpolant  # of S_c for the factor 1, (m_c^2, r) modes
+    ]  #: terms whose imposed displacements act on it, (T_L,)
+    factor: Scalar | None  #: modulus common to all of it; None without one, or for a constant one
+    interpolant: Interpolant  #: of S_c for the factor 1, (m_c^2, r) modes
     columns: Annotated[
         Floats, "terms of it", "conditions", "modes"
-    ]  # of B K^-1 F, then of B K^-1 K lift
+    ]  #: of B K^-1 F, then of B K^-1 K lift
     primal: PrimalModes | None = (
         None  # modes of its unknown; None if fields are computed in another way
     )
@@ -231,13 +233,13 @@ class InterpolatedStiffness:
 class ManyContacts:
     """Condensed contact problems at many points (n points, m conditions)."""
 
-    owner: Compliances  # all parts
-    points: np.ndarray  # parameters, (n, P)
-    theta: np.ndarray  # θ, (n, 1 + T)
-    along: list[np.ndarray]  # components along the modes of each part, (n, r) each
-    compliances: list[np.ndarray]  # 1 / E of each part, (n,) each
-    schur: np.ndarray  # S, (n, m, m)
-    free_slack: np.ndarray  # slack without contact forces, (n, m)
+    owner: Compliances  #: all parts
+    points: np.ndarray  #: parameters, (n, P)
+    theta: np.ndarray  #: θ, (n, 1 + T)
+    along: list[np.ndarray]  #: components along the modes of each part, (n, r) each
+    compliances: list[np.ndarray]  #: 1 / E of each part, (n,) each
+    schur: np.ndarray  #: S, (n, m, m)
+    free_slack: np.ndarray  #: slack without contact forces, (n, m)
 
     def __getitem__(self, k: int) -> CondensedContact:
         """Contact problem at one of the points, for parts without modes of the unknown."""
@@ -255,14 +257,14 @@ class ManyContacts:
 class Compliances(Elimination):
     """Interpolated elimination: all parts of a scene."""
 
-    parts: tuple[Compliance, ...]  # of the scene
-    amplitudes: Amplitudes  # θ as a function of the parameters
-    gaps: Annotated[Floats, "conditions", "terms"]  # D as terms of θ, (m, 1 + T)
+    parts: tuple[Compliance, ...]  #: of the scene
+    amplitudes: Amplitudes  #: θ as a function of the parameters
+    gaps: Annotated[Floats, "conditions", "terms"]  #: D as terms of θ, (m, 1 + T)
     reshaped: Interpolant | None = (
         None  # D if it changes with the shape of the bodies, (m (1 + T), r) modes; else None
     )
-    unknowns: int = 0  # number of unknowns if the parts have modes of them; otherwise 0
-    symmetric: bool = True  # whether S is symmetric
+    unknowns: int = 0  #: number of unknowns if the parts have modes of them; otherwise 0
+    symmetric: bool = True  #: whether S is symmetric
 
     def __post_init__(self) -> None:
         """Refuse parts that do not fit these gaps, amplitudes and parameters; files may be
@@ -483,24 +485,24 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
     under given forces.
     """
 
-    amplitudes: Amplitudes  # θ as a function of the parameters
-    basis: Annotated[Floats, "N", "columns"]  # V, (N, ell)
-    lifts: Annotated[csc_matrix, "N", "terms"]  # imposed displacements, sparse, (N, 1 + T)
+    amplitudes: Amplitudes  #: θ as a function of the parameters
+    basis: Annotated[Floats, "N", "columns"]  #: V, (N, ell)
+    lifts: Annotated[csc_matrix, "N", "terms"]  #: imposed displacements, sparse, (N, 1 + T)
     galerkin: (
         BlockElimination | ReshapedElimination | None
-    )  # eliminates the unknown of the basis; None without fields
-    dimension: int  # components of the displacement at a node
-    # stress of a displacement at a parameter; None without a mesh
+    )  #: eliminates the unknown of the basis; None without fields
+    dimension: int  #: components of the displacement at a node
+    #: stress of a displacement at a parameter; None without a mesh
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(
         default=None, metadata=OF_THE_MESH
     )
-    functionals: AllOutputs | None = None  # outputs of the scene; None if it has none
-    bound: FieldBound | None = None  # bounds the error of an answer; None if its hypotheses fail
-    unbounded: str = ""  # reason why there is no bound
-    # of bodies that contact alone holds, (N, r), orthogonal to the basis; their amplitudes are the
-    # unknown of answers
+    functionals: AllOutputs | None = None  #: outputs of the scene; None if it has none
+    bound: FieldBound | None = None  #: bounds the error of an answer; None if its hypotheses fail
+    unbounded: str = ""  #: reason why there is no bound
+    #: of bodies that contact alone holds, (N, r), orthogonal to the basis; their amplitudes are the
+    #: unknown of answers
     motions: Annotated[Floats, "N", "motions"] | None = None
-    # see :class:`~hhr_dolfinx.models.answer.ModelFields`
+    #: see :class:`~hhr_dolfinx.models.answer.ModelFields`
     full: Meshed | None = field(default=None, metadata=OF_THE_MESH)
 
     def estimate(self, answer: Answer) -> Estimate | None:

@@ -57,12 +57,14 @@ def leja_points() -> tuple[float, ...]:
 class Interpolant:
     """A vector-valued polynomial, sum of ``modes @ weights[:, k] h_k``."""
 
-    axes: Annotated[Integers, "axes", "< P"]  # indices of its d parameters in a point, (d,)
-    lower: Annotated[Floats, "axes"]  # their box, (d,), as the next
+    axes: Annotated[Integers, "axes", "< P"]  #: indices of its d parameters in a point, (d,)
+    lower: Annotated[Floats, "axes"]  #: their box, (d,), as the next
     upper: Annotated[Floats, "axes"]
-    levels: Annotated[Integers, "polynomials", "axes"]  # of each polynomial along each axis, (n, d)
-    modes: Annotated[Floats, "values", "rank"]  # directions of the values; fastest in Fortran order
-    weights: Annotated[Floats, "rank", "polynomials"]  # of the polynomials along them, (r, n)
+    #: of each polynomial along each axis, (n, d)
+    levels: Annotated[Integers, "polynomials", "axes"]
+    #: directions of the values; fastest in Fortran order
+    modes: Annotated[Floats, "values", "rank"]
+    weights: Annotated[Floats, "rank", "polynomials"]  #: of the polynomials along them, (r, n)
 
     def __post_init__(self) -> None:
         d = self.axes.size
@@ -196,11 +198,11 @@ def probes_of(dimension: int) -> np.ndarray:
 class GrownGrid:
     """Result of the growth of a sparse grid."""
 
-    interpolant: Interpolant  # the interpolation
+    interpolant: Interpolant  #: the interpolation
     surplus: (
         float  # largest surplus of the terms tried last, or error elsewhere, relative to the values
     )
-    evaluations: int  # number of evaluations of the function
+    evaluations: int  #: number of evaluations of the function
     unresolved: float = (
         0.0  # largest error of a cheap function that depends on the parameters as this one does
     )
@@ -273,17 +275,17 @@ class _Growing:
     scale: Callable[[np.ndarray], float]
     lower: np.ndarray
     upper: np.ndarray
-    order: list[tuple[int, ...]] = field(default_factory=list)  # levels of the terms
-    surpluses: list[np.ndarray] = field(default_factory=list)  # of each term
+    order: list[tuple[int, ...]] = field(default_factory=list)  #: levels of the terms
+    surpluses: list[np.ndarray] = field(default_factory=list)  #: of each term
     waiting: dict[tuple[int, ...], float] = field(
         default_factory=dict
-    )  # their sizes, if no successor was tried
+    )  #: their sizes, if no successor was tried
     ended: list[float] = field(
         default_factory=lambda: [0.0]
-    )  # the same of terms that no longer axis could follow
+    )  #: the same of terms that no longer axis could follow
     probes: list[tuple[np.ndarray, np.ndarray]] = field(
         default_factory=list
-    )  # random places, and the function there
+    )  #: random places, and the function there
 
     def __post_init__(self) -> None:
         self._try((0,) * self.lower.size)

@@ -82,8 +82,8 @@ class DiagonalBlock:
     diag(d_q), K~^-1 = W diag(1 / sum_q w_q d_q) W^T.
     """
 
-    modes: np.ndarray  # W, (k, k)
-    entries: np.ndarray  # d_q, (q, k)
+    modes: np.ndarray  #: W, (k, k)
+    entries: np.ndarray  #: d_q, (q, k)
 
     @classmethod
     def of(cls, block: ModeBlock) -> DiagonalBlock | None:

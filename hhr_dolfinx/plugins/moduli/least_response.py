@@ -62,11 +62,11 @@ factor.
 class ComponentExtremes(NamedTuple):
     """S_c in the middle of the box, and the extremes of its modes."""
 
-    compliance: float  # 1 / E_c there
-    along: np.ndarray  # components along the modes there, (r,)
+    compliance: float  #: 1 / E_c there
+    along: np.ndarray  #: components along the modes there, (r,)
     extremes: (
         np.ndarray
-    )  # least and largest eigenvalue of S_c(middle)^-1 M_ck, (r, 2); infinite where S_c is zero
+    )  #: least and largest eigenvalue of S_c(middle)^-1 M_ck, (r, 2); infinite where S_c is zero
 
     @classmethod
     def of(cls, part: Compliance, middle: np.ndarray) -> ComponentExtremes:
@@ -105,9 +105,9 @@ class ComponentExtremes(NamedTuple):
 class FactoredResponse(ContactResponse):
     """S and a factor of a lower bound of S (m conditions)."""
 
-    lower: np.ndarray  # Cholesky factor of S, (m, m); or L with ``least`` L L^T <= S
-    least: float = 1.0  # see above; 1 for the factor of S itself
-    known: tuple[float, np.ndarray] | None = None  # :func:`amplified_by` L; None until it is known
+    lower: np.ndarray  #: Cholesky factor of S, (m, m); or L with ``least`` L L^T <= S
+    least: float = 1.0  #: see above; 1 for the factor of S itself
+    known: tuple[float, np.ndarray] | None = None  #: :func:`amplified_by` L; None until it is known
 
     @cached_property
     def amplified(self) -> tuple[float, np.ndarray]:
@@ -147,8 +147,8 @@ def amplified_by(lower: np.ndarray) -> tuple[float, np.ndarray]:
 class ManyResponses:
     """S of several answers at different parameters (n answers, m conditions)."""
 
-    each: list[FactoredResponse]  # S of each answer
-    schur: np.ndarray  # S, (n, m, m)
+    each: list[FactoredResponse]  #: S of each answer
+    schur: np.ndarray  #: S, (n, m, m)
 
     def __getitem__(self, k: int) -> FactoredResponse:
         return self.each[k]

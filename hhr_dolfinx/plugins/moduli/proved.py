@@ -40,8 +40,8 @@ class PartStiffness:
     """Dependence of the stiffness of a part of a scene, of one or two moduli, on its only axis."""
 
     part: ProblemComponent
-    space: ParameterSpace  # the box; its other parameters have no effect
-    of_volume: bool  # the two moduli are those of the changes of volume and of shape of one body
+    space: ParameterSpace  #: the box; its other parameters have no effect
+    of_volume: bool  #: the two moduli are those of the changes of volume and of shape of one body
 
     def error(self, levels: int) -> float:
         """ε of the interpolation on so many of the Leja points.

@@ -32,15 +32,15 @@ class InterpolatedProblem:
     Maps a point to the problem there.
     """
 
-    pairs: Annotated[Integers, "conditions"]  # number of the contact pair of each condition, (m,)
-    moduli: tuple[Modulus, ...]  # of the parts of its stiffness
+    pairs: Annotated[Integers, "conditions"]  #: number of the contact pair of each condition, (m,)
+    moduli: tuple[Modulus, ...]  #: of the parts of its stiffness
     sizes: Annotated[
         Floats, "parts"
-    ]  # of these moduli in the box, by which the parts are multiplied, (Q,)
-    interpolant: Interpolant  # of the concatenated arrays, in the order of ``shapes``
+    ]  #: of these moduli in the box, by which the parts are multiplied, (Q,)
+    interpolant: Interpolant  #: of the concatenated arrays, in the order of ``shapes``
     shapes: tuple[
         tuple[int, ...], ...
-    ]  # of the arrays: parts of K~, their lifts, forces, B~1, B~2, gaps
+    ]  #: of the arrays: parts of K~, their lifts, forces, B~1, B~2, gaps
 
     def __call__(self, point: np.ndarray) -> ReducedProblem:
         """The problem at a point, (P,), of constant stiffness."""
@@ -60,9 +60,9 @@ class ReshapedElimination(Elimination):
 
     problem_at: Callable[
         [np.ndarray], ReducedProblem
-    ]  # makes the reduced problem of a point, of constant stiffness
-    amplitudes: Amplitudes  # θ as a function of the parameters
-    parameters: ParameterSpace  # the box of the parameters
+    ]  #: makes the reduced problem of a point, of constant stiffness
+    amplitudes: Amplitudes  #: θ as a function of the parameters
+    parameters: ParameterSpace  #: the box of the parameters
 
     def under(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
         """gamma, (ell,), at a point under given contact forces, (m,).

@@ -57,24 +57,24 @@ UNIMPROVED_FORCES = 0.01
 class PartEnergy:
     """Energies of one part of a scene for the factor 1, as modes of its compliance."""
 
-    # modes of P^T K^-1 P, where P are the terms with forces, followed by K lift of those with
-    # lifts, (r, T, T)
+    #: modes of P^T K^-1 P, where P are the terms with forces, followed by K lift of those with
+    #: lifts, (r, T, T)
     work: Annotated[Floats, "modes", "terms of it", "terms of it"]
-    lifted: Annotated[Floats, "modes", "lifted", "lifted"]  # modes of lift^T K lift, (r, T_L, T_L)
+    lifted: Annotated[Floats, "modes", "lifted", "lifted"]  #: modes of lift^T K lift, (r, T_L, T_L)
 
 
 @dataclass(frozen=True)
 class VaryingBound(Rebuilt):
     """See :class:`hhr_dolfinx.models.bound.Bound` (m conditions, ell modes)."""
 
-    compliances: Compliances  # S and the free slack of all conditions
-    energies: tuple[PartEnergy, ...]  # energies of its parts
-    # V^T K V, V^T loads and the other arrays of the reduced basis on the whole mesh
+    compliances: Compliances  #: S and the free slack of all conditions
+    energies: tuple[PartEnergy, ...]  #: energies of its parts
+    #: V^T K V, V^T loads and the other arrays of the reduced basis on the whole mesh
     whole: ReducedProblem | InterpolatedProblem
-    inexact: float  # relative error of the interpolation, in the order of energies
-    proved: bool  # that error is proved, not only observed
-    middle: Annotated[Floats, "P"]  # of the box, (P,)
-    # areas, least: see :class:`~hhr_dolfinx.models.bound.ForceScale`; S is that of the middle
+    inexact: float  #: relative error of the interpolation, in the order of energies
+    proved: bool  #: that error is proved, not only observed
+    middle: Annotated[Floats, "P"]  #: of the box, (P,)
+    #: areas, least: see :class:`~hhr_dolfinx.models.bound.ForceScale`; S is that of the middle
     areas: Annotated[Floats, "N_lambda"]
     least: Annotated[Floats, "3"]
     reshaped_areas: Interpolant | None = (
@@ -193,17 +193,17 @@ class VaryingBound(Rebuilt):
 class _Energies(NamedTuple):
     """Energies of fields in equilibrium, (n,) each."""
 
-    homogeneous: np.ndarray  # of the part that vanishes on imposed dofs, f^T K^-1 f
-    size: np.ndarray  # of the whole field, including the lift
-    scale: np.ndarray  # of the sums of their terms, which determines round-off
+    homogeneous: np.ndarray  #: of the part that vanishes on imposed dofs, f^T K^-1 f
+    size: np.ndarray  #: of the whole field, including the lift
+    scale: np.ndarray  #: of the sums of their terms, which determines round-off
 
 
 class VaryingThere(NamedTuple):
     """See :class:`hhr_dolfinx.models.bound.BoundThere`."""
 
-    owner: VaryingBound  # the interpolated arrays
-    found: ManyContacts  # S and the free slack at each point
-    response: ManyResponses  # S with its lower bounds
+    owner: VaryingBound  #: the interpolated arrays
+    found: ManyContacts  #: S and the free slack at each point
+    response: ManyResponses  #: S with its lower bounds
 
     def slack(self, forces: np.ndarray) -> np.ndarray:
         """See :class:`BoundThere`."""

@@ -64,11 +64,11 @@ Methods Eng. 21, 1985).
 class Segments(NamedTuple):
     """Quadrature over the common parts of slave and master facets."""
 
-    slave: np.ndarray  # slave facet of each quadrature point, (q,)
-    master: np.ndarray  # master facet of each, (q,)
-    slave_values: np.ndarray  # shape functions of the slave facet, (q, k)
-    master_values: np.ndarray  # shape functions of the master facet, (q, l)
-    measures: np.ndarray  # quadrature weight times the weight of the surface measure, (q,)
+    slave: np.ndarray  #: slave facet of each quadrature point, (q,)
+    master: np.ndarray  #: master facet of each, (q,)
+    slave_values: np.ndarray  #: shape functions of the slave facet, (q, k)
+    master_values: np.ndarray  #: shape functions of the master facet, (q, l)
+    measures: np.ndarray  #: quadrature weight times the weight of the surface measure, (q,)
 
 
 def common_parts(

@@ -34,18 +34,18 @@ meshers.
 class Opposed(NamedTuple):
     """Partners of the n nodes of one surface on another; masks are (n,) bool."""
 
-    # closest points on the facets that look against a side of the node; on any facet if none does
+    #: closest points on the facets that look against a side of the node; on any facet if none does
     closest: ClosestPoints
-    # unit normals from the node to its partner, smoothed over the facets of the other surface, (n,
-    # dim)
+    #: unit normals from the node to its partner, smoothed over the facets of the other surface, (n,
+    #: dim)
     normals: np.ndarray
-    facing: np.ndarray  # nodes with a side that looks along the normal
-    behind: np.ndarray  # nodes that lie behind their partner, deeper than a cell, as back sides do
+    facing: np.ndarray  #: nodes with a side that looks along the normal
+    behind: np.ndarray  #: nodes that lie behind their partner, deeper than a cell, as back sides do
     beyond: (
         np.ndarray
-    )  # nodes that lie beyond the edge on which their partner lies, and not below or above it
-    overhanging: np.ndarray  # nodes beyond the edge that look at the other body, past its edge
-    depth: np.ndarray  # overlap of each node with its partner, negative of a gap, (n,)
+    )  #: nodes that lie beyond the edge on which their partner lies, and not below or above it
+    overhanging: np.ndarray  #: nodes beyond the edge that look at the other body, past its edge
+    depth: np.ndarray  #: overlap of each node with its partner, negative of a gap, (n,)
 
     @property
     def meets(self) -> np.ndarray:

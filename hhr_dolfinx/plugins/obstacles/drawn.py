@@ -50,17 +50,17 @@ class Facets:
 
     corners: Annotated[
         Floats, "rigid facets", "rigid dimension", "rigid dimension"
-    ]  # of each facet, (f, dim, dim)
-    flat: Annotated[Floats, "rigid facets", "rigid dimension"]  # unit normals
+    ]  #: of each facet, (f, dim, dim)
+    flat: Annotated[Floats, "rigid facets", "rigid dimension"]  #: unit normals
     smooth: Annotated[
         Floats, "rigid facets", "rigid dimension", "rigid dimension"
-    ]  # those at corners, up to creases
+    ]  #: those at corners, up to creases
     ends: Annotated[
         Integers, "rigid facets", "rigid dimension"
-    ]  # 1 for a corner on the end of the obstacle
-    # cubic polynomials of the pieces of a curve, (4, pieces, 2); none of a polyline or a surface
+    ]  #: 1 for a corner on the end of the obstacle
+    #: cubic polynomials of the pieces of a curve, (4, pieces, 2); none of a polyline or a surface
     curve: Annotated[Floats, "powers", "pieces", "plane"]
-    turned: float = 1.0  # -1 if unit normals point to the body
+    turned: float = 1.0  #: -1 if unit normals point to the body
 
     def sides(self) -> Sequence[Facets]:
         """Both orientations."""

@@ -92,12 +92,12 @@ class Distances(Rebuilt):
     columns.
     """
 
-    shape: Any  # a RigidShape
-    sizes: tuple[str, ...]  # formulas of the parameters
-    names: tuple[str, ...]  # names of the parameters
+    shape: Any  #: a RigidShape
+    sizes: tuple[str, ...]  #: formulas of the parameters
+    names: tuple[str, ...]  #: names of the parameters
     points: Annotated[Floats, "rigid conditions", "rigid dimension"]
     normals: Annotated[Floats, "rigid conditions", "rigid dimension"]
-    still: Annotated[Floats, "rigid conditions"]  # gaps in the middle of the box
+    still: Annotated[Floats, "rigid conditions"]  #: gaps in the middle of the box
 
     @property
     def count(self) -> int:
@@ -157,7 +157,7 @@ class Rigid(KnownArguments):
     box: ParameterSpace | None = field(default=None, kw_only=True, repr=False)
 
     dimension: ClassVar[int] = 3
-    limits: ClassVar[tuple[float, float]] = (0.0, np.inf)  # open interval of the last of the sizes
+    limits: ClassVar[tuple[float, float]] = (0.0, np.inf)  #: open interval of the last of the sizes
 
     def __post_init__(self) -> None:
         check_tag(f"surface of {type(self).__name__}", self.surface)

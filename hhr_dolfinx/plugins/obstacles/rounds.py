@@ -95,7 +95,8 @@ def _axis(sizes: np.ndarray, dim: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class _Round(Rigid):
-    inside: bool = field(default=False, kw_only=True)  # True if the body is in the obstacle, a hole
+    #: True if the body is in the obstacle, a hole
+    inside: bool = field(default=False, kw_only=True)
 
     kind: ClassVar[str] = "sphere"
 

@@ -80,35 +80,36 @@ class FewAnswersError(ConvergenceError):
 class SearchContext:
     """Context of the attempts."""
 
-    full: FullOrderModel  # on one rank
-    workers: Workers  # the ranks that solve for exact answers
-    target: Target  # accuracy of the model
-    budget: Budget  # limits of the cost
-    family: PathFamily | None  # paths, if answers depend on them; None if queries are points
-    seed: int  # of random draws
-    progress: Announce  # receives each stage, and the share of it that is done
+    full: FullOrderModel  #: on one rank
+    workers: Workers  #: the ranks that solve for exact answers
+    target: Target  #: accuracy of the model
+    budget: Budget  #: limits of the cost
+    family: PathFamily | None  #: paths, if answers depend on them; None if queries are points
+    seed: int  #: of random draws
+    progress: Announce  #: receives each stage, and the share of it that is done
     store: ArrayStore | None = (
         None  # keeps solutions of connected components; None keeps them in memory alone
     )
-    errors: TargetErrors = field(init=False)  # of models, in the norms of the target
-    clock: Stopwatch = field(default_factory=Stopwatch)  # since the search began
-    solved: int = 0  # number of answers of the full model, those found in the store among them
-    checks: int = 0  # number of them
+    errors: TargetErrors = field(init=False)  #: of models, in the norms of the target
+    clock: Stopwatch = field(default_factory=Stopwatch)  #: since the search began
+    solved: int = 0  #: number of answers of the full model, those found in the store among them
+    checks: int = 0  #: number of them
     held_out: list[Exact] = field(
         default_factory=list
-    )  # answers of checks, with which later models are compared
-    # whether contact forces of the last checked model were less accurate than the target; True if
-    # nothing is known of them
+    )  #: answers of checks, with which later models are compared
+    #: whether contact forces of the last checked model were less accurate than the target; True if
+    #: nothing is known of them
     forces_off: bool = True
-    # whether answers of the full model were checked for large strains and missing contact
+    #: whether answers of the full model were checked for large strains and missing contact
     looked: bool = False
-    # whether a model is being checked: before that, time is reserved for the answers of a check
+    #: whether a model is being checked: before that, time is reserved for the answers of a check
     checking: bool = False
-    short: str = ""  # reason why the last check has fewer answers than planned; empty if it has all
+    #: reason why the last check has fewer answers than planned; empty if it has all
+    short: str = ""
     batches: list[float] = field(
         default_factory=list
-    )  # seconds of full answers, as many at once as there are ranks
-    _first_failure: str = ""  # the first query without an answer, and the reason
+    )  #: seconds of full answers, as many at once as there are ranks
+    _first_failure: str = ""  #: the first query without an answer, and the reason
     _began: dict[str, float] = field(default_factory=dict)
     _last: dict[str, float] = field(default_factory=dict)
     _known: dict[bytes, Answer | History | None] = field(default_factory=dict)

@@ -24,20 +24,20 @@ that share it.
 class Tried:
     """One model of the search."""
 
-    method: str  # ``condensed``, ``hhr`` or ``local``
-    setting: str  # its settings
-    full_answers: int  # of the full model from the start of the search to the check of this model
-    seconds: float  # to build it, including its full answers
-    # median seconds of a query of the target, for a point or a history; NaN if it was not timed
+    method: str  #: ``condensed``, ``hhr`` or ``local``
+    setting: str  #: its settings
+    full_answers: int  #: of the full model from the start of the search to the check of this model
+    seconds: float  #: to build it, including its full answers
+    #: median seconds of a query of the target, for a point or a history; NaN if it was not timed
     query: float = math.nan
-    # the largest known error, by the names of the target; empty if the model was not built
+    #: the largest known error, by the names of the target; empty if the model was not built
     errors: Mapping[str, float] = field(default_factory=dict)
-    known: str = ""  # source of the errors
-    bytes: int = 0  # size in a file; 0 without a limit in the budget
-    outcome: str = ""  # ``met``, or the reason why not
-    # largest share of the box that may exceed the target, with a confidence of 90 %, if none of the
-    # random fresh answers does; NaN if each answer has a bound or is exact, and if the target is
-    # not met
+    known: str = ""  #: source of the errors
+    bytes: int = 0  #: size in a file; 0 without a limit in the budget
+    outcome: str = ""  #: ``met``, or the reason why not
+    #: largest share of the box that may exceed the target, with a confidence of 90 %, if none of
+    #: the random fresh answers does; NaN if each answer has a bound or is exact, and if the target
+    #: is not met
     beyond: float = math.nan
 
     @property

@@ -30,7 +30,7 @@ class MeshBeside:
     """
 
     model: Path
-    loaded: Callable[[], KeptModel]  # the model of this file, to compare
+    loaded: Callable[[], KeptModel]  #: the model of this file, to compare
 
     @cached_property
     def _scenery(self) -> Scenery:

@@ -25,9 +25,9 @@ class LawOnPage(Protocol):
     other laws.
     """
 
-    key: str  # name of its data in the tree of a page, and of its part of the kernel
-    header: Path  # file in C that solves by the law, beside the kernels that are compiled of it
-    range_header: Path  # the same next to other laws
+    key: str  #: name of its data in the tree of a page, and of its part of the kernel
+    header: Path  #: file in C that solves by the law, beside the kernels that are compiled of it
+    range_header: Path  #: the same next to other laws
 
     def tree(self, law: object, arrays: Packed) -> dict[str, Any]:
         """Rows and constants of the law."""
@@ -36,11 +36,11 @@ class LawOnPage(Protocol):
 class LawInC(Protocol):
     """Facet ``kernel`` of a law of independent rows, see ``docs/plug_ins.md``."""
 
-    # its functions are model_NAME_projection, and with a memory model_NAME_shift and
-    # model_NAME_after
+    #: its functions are model_NAME_projection, and with a memory model_NAME_shift and
+    #: model_NAME_after
     name: str
-    text: str  # C of these functions
-    memory: int  # numbers that it remembers of each row
+    text: str  #: C of these functions
+    memory: int  #: numbers that it remembers of each row
 
     def numbers(self, law: Any) -> np.ndarray:
         """Numbers of each row, (k, n)."""

@@ -42,13 +42,13 @@ _ARRAYS = (
 class Strains:
     """Data to compute von Mises' stress of cells from a displacement."""
 
-    cells: np.ndarray  # index of the cell of each drawn triangle, (t,)
-    bodies: np.ndarray  # body of each cell, (c,)
-    # strain at the middles of the cells times the grading of their moduli, Kelvin's notation, cell
-    # by cell, (4 c, N), in space (6 c, N); the out-of-plane strain is zero in plane stress
+    cells: np.ndarray  #: index of the cell of each drawn triangle, (t,)
+    bodies: np.ndarray  #: body of each cell, (c,)
+    #: strain at the middles of the cells times the grading of their moduli, Kelvin's notation, cell
+    #: by cell, (4 c, N), in space (6 c, N); the out-of-plane strain is zero in plane stress
     rows: csr_matrix
-    moduli: tuple[tuple[str, str], ...]  # λ' and μ' of each body as formulas of the parameters
-    plane_stress: bool  # True if the out-of-plane stress is zero
+    moduli: tuple[tuple[str, str], ...]  #: λ' and μ' of each body as formulas of the parameters
+    plane_stress: bool  #: True if the out-of-plane stress is zero
 
     @property
     def components(self) -> int:
@@ -94,12 +94,12 @@ class WholeMesh:
     Its other names and points are the scenery's.
     """
 
-    all_points: np.ndarray  # coordinates of all nodes, (n, dim)
-    all_cells: np.ndarray  # their nodes in the order of VTK, (c, k)
-    cell_bodies: np.ndarray  # body of each cell, (c,)
-    slaves: np.ndarray  # node that carries each condition, (m,)
-    pressing: np.ndarray  # conditions of pressures, (m,) bool
-    kind: int  # VTK's number of the kind of cell
+    all_points: np.ndarray  #: coordinates of all nodes, (n, dim)
+    all_cells: np.ndarray  #: their nodes in the order of VTK, (c, k)
+    cell_bodies: np.ndarray  #: body of each cell, (c,)
+    slaves: np.ndarray  #: node that carries each condition, (m,)
+    pressing: np.ndarray  #: conditions of pressures, (m,) bool
+    kind: int  #: VTK's number of the kind of cell
     parameters: tuple[str, ...]
 
     def fault(self, conditions: int, dim: int) -> str:

@@ -35,15 +35,15 @@ class Program(Rebuilt):
             before.
     """
 
-    # operation, register of its result, and registers of its operands, of which those not needed
-    # are 0
+    #: operation, register of its result, and registers of its operands, of which those not needed
+    #: are 0
     rows: Annotated[Integers, "rows", 5]
-    numbers: Annotated[Floats, "numbers"]  # constants, in the registers after the inputs
-    ends: Annotated[Integers, "parts"]  # end of each part in ``rows``
-    outputs: Annotated[Integers, "outputs"]  # registers of the results of all parts
-    output_ends: Annotated[Integers, "parts"]  # end of each part in ``outputs``
-    inputs: int  # number of inputs
-    registers: int  # number of registers
+    numbers: Annotated[Floats, "numbers"]  #: constants, in the registers after the inputs
+    ends: Annotated[Integers, "parts"]  #: end of each part in ``rows``
+    outputs: Annotated[Integers, "outputs"]  #: registers of the results of all parts
+    output_ends: Annotated[Integers, "parts"]  #: end of each part in ``outputs``
+    inputs: int  #: number of inputs
+    registers: int  #: number of registers
 
     def __post_init__(self) -> None:
         fault = next(self._faults(), None)
@@ -154,10 +154,10 @@ class Order:
     after it.
     """
 
-    parents: tuple[int | None, ...]  # part before each, as a tree; None for the first
-    moving: str = ""  # name of an input that changes between parts; empty without one
-    settled: frozenset[int] = frozenset()  # parts before it is set
-    repeated: int = -1  # part that is executed again and again, as it changes; -1 without one
+    parents: tuple[int | None, ...]  #: part before each, as a tree; None for the first
+    moving: str = ""  #: name of an input that changes between parts; empty without one
+    settled: frozenset[int] = frozenset()  #: parts before it is set
+    repeated: int = -1  #: part that is executed again and again, as it changes; -1 without one
 
     def line(self, part: int | None) -> list[int]:
         """Numbers of a part and of those before it, the last one first; none for None."""

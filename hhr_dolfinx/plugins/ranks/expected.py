@@ -28,8 +28,8 @@ class Expected(NamedTuple):
     """Memory and time of a full model in space on one core."""
 
     gigabytes: float
-    seconds: float  # until the first answer
-    keeps_columns: bool  # K^-1 B^T is kept; without it a displacement takes one more solution
+    seconds: float  #: until the first answer
+    keeps_columns: bool  #: K^-1 B^T is kept; without it a displacement takes one more solution
 
 
 def expected_in_space(contact: csr_matrix) -> Expected:

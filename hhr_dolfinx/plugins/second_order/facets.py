@@ -73,7 +73,7 @@ class QuadraticFacets:
 
     nodes: Annotated[
         Integers, "whole facets", "facet nodes"
-    ]  # nodes of each facet, counted within the surface, (F, K)
+    ]  #: nodes of each facet, counted within the surface, (F, K)
 
     @property
     def corners(self) -> np.ndarray:

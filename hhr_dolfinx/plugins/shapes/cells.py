@@ -21,8 +21,8 @@ from hhr_dolfinx.plugins.shapes.shape import Shape
 class Middles:
     """Nodes at the mean of others, wherever these lie."""
 
-    nodes: Annotated[Integers, "middles"]  # their numbers, (h,)
-    # nodes whose mean each is, (h, k); a node may repeat, and each entry weighs 1 / k
+    nodes: Annotated[Integers, "middles"]  #: their numbers, (h,)
+    #: nodes whose mean each is, (h, k); a node may repeat, and each entry weighs 1 / k
     between: Annotated[Integers, "middles", "weights"]
 
     def placed(self, points: np.ndarray) -> np.ndarray:
@@ -46,12 +46,12 @@ class CellStrain(NamedTuple):
     matrix.
     """
 
-    cells: np.ndarray  # nodes of each, (c, k)
-    gradients: np.ndarray  # of the shape functions at the midpoints, (c, dim, k)
-    hoop: np.ndarray | None  # shape functions over the radius, (c, k); None outside axisymmetry
+    cells: np.ndarray  #: nodes of each, (c, k)
+    gradients: np.ndarray  #: of the shape functions at the midpoints, (c, dim, k)
+    hoop: np.ndarray | None  #: shape functions over the radius, (c, k); None outside axisymmetry
     dilatation: (
         np.ndarray | None
-    )  # mean contribution of each dof to the trace, (c, k, dim); None for the midpoint's
+    )  #: mean contribution of each dof to the trace, (c, k, dim); None for the midpoint's
 
     def __matmul__(self, field: np.ndarray) -> np.ndarray:
         """Kelvin's notation, cell by cell, (c components, ...), of values node by node, (n dim,
@@ -85,32 +85,32 @@ class MovingCells:
     there.
     """
 
-    shapes: tuple[Shape, ...]  # of the scene that move any of its nodes
-    moved: tuple[Annotated[Booleans, "nodes"], ...]  # nodes that each shape moves, (n,)
-    coordinates: tuple[str, ...]  # names of the coordinates in their formulas
-    parameters: tuple[str, ...]  # names of the parameters
-    middles: Middles  # nodes that stay at the midpoint of others, by their indices among these
+    shapes: tuple[Shape, ...]  #: of the scene that move any of its nodes
+    moved: tuple[Annotated[Booleans, "nodes"], ...]  #: nodes that each shape moves, (n,)
+    coordinates: tuple[str, ...]  #: names of the coordinates in their formulas
+    parameters: tuple[str, ...]  #: names of the parameters
+    middles: Middles  #: nodes that stay at the midpoint of others, by their indices among these
     points: Annotated[
         Floats, "nodes", "dim"
-    ]  # the nodes as the mesh of the scene has them, (n, dim)
-    nodes: Annotated[Integers, "nodes"]  # their numbers in the mesh, (n,)
+    ]  #: the nodes as the mesh of the scene has them, (n, dim)
+    nodes: Annotated[Integers, "nodes"]  #: their numbers in the mesh, (n,)
     cells: Annotated[
         Integers, "cells", "nodes of a cell", "< nodes"
-    ]  # indices of their nodes among these, (c, k)
+    ]  #: indices of their nodes among these, (c, k)
     values: Annotated[
         Floats, "nodes of a cell"
-    ]  # of the shape functions at the midpoint of the reference cell, (k,)
-    slopes: Annotated[Floats, "nodes of a cell", "dim"]  # their derivatives there, (k, dim)
+    ]  #: of the shape functions at the midpoint of the reference cell, (k,)
+    slopes: Annotated[Floats, "nodes of a cell", "dim"]  #: their derivatives there, (k, dim)
     weights: Annotated[
         Floats, "points"
-    ]  # of the points where the dilatation is evaluated, (q,); empty: the midpoint
+    ]  #: of the points where the dilatation is evaluated, (q,); empty: the midpoint
     gauss_values: Annotated[
         Floats, "points", "nodes of a cell"
-    ]  # of the shape functions there, (q, k), and the next
+    ]  #: of the shape functions there, (q, k), and the next
     gauss_slopes: Annotated[
         Floats, "points", "nodes of a cell", "dim"
-    ]  # their derivatives there, (q, k, dim)
-    axisymmetric: bool  # the first coordinate is a radius
+    ]  #: their derivatives there, (q, k, dim)
+    axisymmetric: bool  #: the first coordinate is a radius
 
     @property
     def dofs(self) -> np.ndarray:

@@ -33,7 +33,7 @@ OUTPUT_STEP = 1e-4
 class MovingMises(Mises):
     """Von Mises' stress of cells whose shape depends on parameters."""
 
-    cells: MovingCells  # from which a model computes its rows
+    cells: MovingCells  #: from which a model computes its rows
 
 
 class OverShapes(AllOutputs):
@@ -44,7 +44,7 @@ class OverShapes(AllOutputs):
     contact forces and of these.
     """
 
-    parameters: ParameterSpace  # the box of the parameters
+    parameters: ParameterSpace  #: the box of the parameters
 
     def read(self, here: Functionals, answer: Any, theta: np.ndarray) -> np.ndarray:
         """Rows of the outputs ``here`` times the displacement of an answer, (K,)."""
@@ -86,18 +86,18 @@ class OverShapes(AllOutputs):
 class Zone:
     """Strain of moving cells as a function of the coordinates of a reduced displacement."""
 
-    cells: MovingCells  # the cells
+    cells: MovingCells  #: the cells
     columns: Annotated[
         Floats, "rows", "columns"
-    ]  # displacement of their nodes for each coordinate, (n dim, s)
+    ]  #: displacement of their nodes for each coordinate, (n dim, s)
 
 
 @dataclass(frozen=True, eq=False)
 class ShapedFunctionals(Functionals):
     """All outputs at one shape."""
 
-    # factors of the rows of each output that has any: the rows (k, s), or the strain of cells and
-    # (n dim, s), which acts on the coordinates first
+    #: factors of the rows of each output that has any: the rows (k, s), or the strain of cells and
+    #: (n dim, s), which acts on the coordinates first
     blocks: tuple[np.ndarray | tuple[CellStrain, np.ndarray], ...]
 
     def measured(self, coordinates: np.ndarray) -> np.ndarray:
@@ -118,15 +118,15 @@ class ReshapedFunctionals(OverShapes):
     The coordinates are the modes of a basis, followed by the amplitudes of imposed displacements.
     """
 
-    items: tuple[Functional, ...]  # one for each output, in the middle of the box; without rows
+    items: tuple[Functional, ...]  #: one for each output, in the middle of the box; without rows
     arrays: tuple[
         tuple[int, str, tuple[int, ...]], ...
-    ]  # output, name and shape of each; that of a number is ()
-    interpolant: Interpolant  # of these arrays, concatenated
-    zones: tuple[Zone | None, ...]  # of the outputs whose rows are strain; None for the others
-    lifted: Annotated[Integers, "lifted", "< terms"]  # terms of θ that impose displacements, (l,)
-    amplitudes: Amplitudes  # θ as a function of the parameters
-    parameters: ParameterSpace  # the box of the parameters
+    ]  #: output, name and shape of each; that of a number is ()
+    interpolant: Interpolant  #: of these arrays, concatenated
+    zones: tuple[Zone | None, ...]  #: of the outputs whose rows are strain; None for the others
+    lifted: Annotated[Integers, "lifted", "< terms"]  #: terms of θ that impose displacements, (l,)
+    amplitudes: Amplitudes  #: θ as a function of the parameters
+    parameters: ParameterSpace  #: the box of the parameters
 
     @property
     def axes(self) -> np.ndarray:

@@ -87,7 +87,7 @@ class MovingProbe(ModelProbe):
 
     moving: Callable[
         [np.ndarray, bool], MovingCells
-    ]  # makes cells, by their numbers and whether they have the mean dilatation
+    ]  #: makes cells, by their numbers and whether they have the mean dilatation
 
     def on_cells(self, found: Functional, cells: np.ndarray) -> MovingMises:
         """Von Mises' stress of cells that move."""

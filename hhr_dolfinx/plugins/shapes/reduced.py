@@ -22,8 +22,8 @@ class ReshapedReconstruction(Reconstruction):
     Its own are those in the middle of the box.
     """
 
-    surface: Interpolant  # of ``gaps`` and ``contact_basis``, concatenated
-    # files name the kind on other shapes
+    surface: Interpolant  #: of ``gaps`` and ``contact_basis``, concatenated
+    #: files name the kind on other shapes
     functionals: ReshapedFunctionals | None = None  # type: ignore[assignment]
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:

@@ -53,8 +53,8 @@ class Conditions:
 
     scene: Scene
     rows: ContactRows
-    pairs: np.ndarray  # contact of each condition, (m,)
-    opened: np.ndarray  # gaps that openings and moving obstacles add, by term, (m, 1 + T)
+    pairs: np.ndarray  #: contact of each condition, (m,)
+    opened: np.ndarray  #: gaps that openings and moving obstacles add, by term, (m, 1 + T)
 
 
 def joined(
@@ -86,8 +86,8 @@ class CommonConditions:
 
     given: Conditions
     prolongation: Prolongation
-    nodes: np.ndarray  # nodes on which conditions of several contacts act
-    cells: np.ndarray  # nodes of each cell
+    nodes: np.ndarray  #: nodes on which conditions of several contacts act
+    cells: np.ndarray  #: nodes of each cell
     amplitudes: Amplitudes
     surface: Callable[[Tag], Surface]
 

@@ -22,8 +22,8 @@ LOADED_CONDITION = 1e-9
 class BesideTools:
     """Conditions of curved tools; those of planes hold wherever a body has moved along them."""
 
-    conditions: Annotated[Integers, "beside tools"]  # their numbers in the base, (c,)
-    widths: Annotated[Floats, "beside tools"]  # largest facet at the slave node of each, (c,)
+    conditions: Annotated[Integers, "beside tools"]  #: their numbers in the base, (c,)
+    widths: Annotated[Floats, "beside tools"]  #: largest facet at the slave node of each, (c,)
 
     @classmethod
     def none(cls) -> BesideTools:

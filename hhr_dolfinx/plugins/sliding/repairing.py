@@ -93,17 +93,17 @@ class SlidingPair:
     opening[1:]·mu``.
     """
 
-    pairing: NodeToSurface | Mortar  # gives each node of the slave at most one row
+    pairing: NodeToSurface | Mortar  #: gives each node of the slave at most one row
     slave: Surface
-    master: Surface  # as they are meshed, with common node numbers
-    first: int  # index of the first dof of the pair among all rows of its model
-    nodes: int  # number of nodes of both
+    master: Surface  #: as they are meshed, with common node numbers
+    first: int  #: index of the first dof of the pair among all rows of its model
+    nodes: int  #: number of nodes of both
     clearance: Annotated[
         Floats, "slave nodes"
-    ]  # gap as meshed if an opening overwrites it, else zeros
+    ]  #: gap as meshed if an opening overwrites it, else zeros
     opening: Annotated[
         Floats, "opening"
-    ]  # sum of the openings, a constant and a slope for each parameter, (1 + P,)
+    ]  #: sum of the openings, a constant and a slope for each parameter, (1 + P,)
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Faults: surfaces whose nodes are not among those of both."""
@@ -151,11 +151,11 @@ class Paired(NamedTuple):
     surfaces).
     """
 
-    # R: the identity of the m rows, rows of pressures followed by tangential ones, (m + C + T, m +
-    # n)
+    #: R: the identity of the m rows, rows of pressures followed by tangential ones, (m + C + T, m +
+    #: n)
     matrix: csr_matrix
-    gap: np.ndarray  # of the slave nodes, (C,)
-    at: np.ndarray  # displacement at which they were paired, behind m other numbers, (m + n,)
+    gap: np.ndarray  #: of the slave nodes, (C,)
+    at: np.ndarray  #: displacement at which they were paired, behind m other numbers, (m + n,)
 
 
 class RepairingSlider(Slider):

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 class WorkOfForces(NamedTuple):
     """Arrays of the work of forces, named as in :class:`Energy`."""
 
-    rows: csr_matrix  # (k, N)
+    rows: csr_matrix  #: (k, N)
     moduli: tuple[str, ...]
     terms: np.ndarray
     parts: np.ndarray

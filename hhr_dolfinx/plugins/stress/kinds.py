@@ -21,14 +21,14 @@ class Mises(Functional):
     notation, cell by cell.
     """
 
-    names: tuple[str, ...]  # of the parameters
-    volume: str  # λ' as a formula, see forms.elasticity.isotropic_parts
-    shape: str  # μ' as a formula
-    plane_stress: bool  # whether the stress across the plane vanishes
-    grading: Annotated[Floats, "cells"]  # factor of the moduli of each cell, (cells,)
+    names: tuple[str, ...]  #: of the parameters
+    volume: str  #: λ' as a formula, see forms.elasticity.isotropic_parts
+    shape: str  #: μ' as a formula
+    plane_stress: bool  #: whether the stress across the plane vanishes
+    grading: Annotated[Floats, "cells"]  #: factor of the moduli of each cell, (cells,)
     shares: Annotated[
         Floats, "shares"
-    ]  # of each cell in the mean, (cells,); empty for the largest value
+    ]  #: of each cell in the mean, (cells,); empty for the largest value
 
     def __post_init__(self) -> None:
         _ = self._moduli  # refuse unreadable formulas here
@@ -99,10 +99,10 @@ class StrainedMises(Mises):
     the strain.
     """
 
-    amplitudes: tuple[str, ...]  # of the strains ε0 as formulas, (e,)
+    amplitudes: tuple[str, ...]  #: of the strains ε0 as formulas, (e,)
     rest: Annotated[
         Floats, "rows", "amplitudes"
-    ]  # what the rows would measure of ε0 for an amplitude 1, (k, e)
+    ]  #: what the rows would measure of ε0 for an amplitude 1, (k, e)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -135,18 +135,18 @@ class Energy(Functional):
 
     uses_forces: ClassVar[bool] = True
 
-    names: tuple[str, ...]  # of the parameters
-    moduli: tuple[str, ...]  # of the parts of K, as formulas
-    terms: Annotated[Integers, "rows"]  # of θ by which each row is multiplied, (k,)
+    names: tuple[str, ...]  #: of the parameters
+    moduli: tuple[str, ...]  #: of the parts of K, as formulas
+    terms: Annotated[Integers, "rows"]  #: of θ by which each row is multiplied, (k,)
     parts: Annotated[
         Integers, "rows"
-    ]  # number of the modulus of each row, (k,); -1 for a load, which has none
-    lifted: Annotated[Integers, "lifted"]  # terms that impose displacements, (l,)
-    lifts: Annotated[Floats, "parts", "lifted", "lifted"]  # lift·K_q lift of each part, (Q, l, l)
-    gap_terms: Annotated[Integers, "gap terms"]  # terms on which gaps depend, (g,)
-    gaps: Annotated[Floats, "conditions", "gap terms"]  # D, (m, g)
-    # rows times the lifts, (k, l): the part of the displacement that U0 lacks; zero if lifts are
-    # non-zero on the imposed dofs alone
+    ]  #: number of the modulus of each row, (k,); -1 for a load, which has none
+    lifted: Annotated[Integers, "lifted"]  #: terms that impose displacements, (l,)
+    lifts: Annotated[Floats, "parts", "lifted", "lifted"]  #: lift·K_q lift of each part, (Q, l, l)
+    gap_terms: Annotated[Integers, "gap terms"]  #: terms on which gaps depend, (g,)
+    gaps: Annotated[Floats, "conditions", "gap terms"]  #: D, (m, g)
+    #: rows times the lifts, (k, l): the part of the displacement that U0 lacks; zero if lifts are
+    #: non-zero on the imposed dofs alone
     own: Annotated[Floats, "rows", "lifted"]
 
     def __post_init__(self) -> None:
@@ -213,12 +213,13 @@ class StoredEnergy(Energy):
     displacement with its lift.
     """
 
-    touching: Annotated[Integers, "touching"]  # conditions of the rows of B, (b,); empty for -λ·D θ
-    own_touching: Annotated[Floats, "touching", "lifted"]  # rows of B times the lifts
-    springs: Annotated[Floats, "springs"]  # stiffness k of each spring, (s,)
-    strained: Annotated[Integers, "strained"]  # terms of θ of the rows F0, (e,)
-    factors: tuple[str, ...]  # factors of the energies of strains ε0 as formulas, (f,)
-    strains: Annotated[Floats, "factors"]  # energies ∫ ε0 : C ε0 / 2 for these factors 1, (f,)
+    #: conditions of the rows of B, (b,); empty for -λ·D θ
+    touching: Annotated[Integers, "touching"]
+    own_touching: Annotated[Floats, "touching", "lifted"]  #: rows of B times the lifts
+    springs: Annotated[Floats, "springs"]  #: stiffness k of each spring, (s,)
+    strained: Annotated[Integers, "strained"]  #: terms of θ of the rows F0, (e,)
+    factors: tuple[str, ...]  #: factors of the energies of strains ε0 as formulas, (f,)
+    strains: Annotated[Floats, "factors"]  #: energies ∫ ε0 : C ε0 / 2 for these factors 1, (f,)
 
     def __post_init__(self) -> None:
         super().__post_init__()

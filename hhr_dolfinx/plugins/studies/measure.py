@@ -91,20 +91,21 @@ class Measurement:
     way.
     """
 
-    own: Row  # errors and seconds of the model under study
-    others: Sequence[Row]  # those of other methods on the same queries in turns
+    own: Row  #: errors and seconds of the model under study
+    others: Sequence[Row]  #: those of other methods on the same queries in turns
     beside: Callable[
         [str, str, Model], Row
-    ]  # measures another model, given its method, its setting and the model
+    ]  #: measures another model, given its method, its setting and the model
     report: (
         Report  # parts that only this kind of measurement has, ``times`` and ``ratios`` among them
     )
-    skipped: Sequence[dict[str, str]] = ()  # items left out, with reasons
-    # further data for pictures: the full and the reduced history at the last test; empty for points
+    skipped: Sequence[dict[str, str]] = ()  #: items left out, with reasons
+    #: further data for pictures: the full and the reduced history at the last test; empty for
+    #: points
     drawn: tuple = ()
-    # rows of the work-precision table of methods that were refused, each with the reason
+    #: rows of the work-precision table of methods that were refused, each with the reason
     refused: Sequence[Report] = ()
-    # small models under their names in the advice, ``hhr`` and ``condensed``
+    #: small models under their names in the advice, ``hhr`` and ``condensed``
     models: Mapping[str, Any] = field(default_factory=dict)
 
 

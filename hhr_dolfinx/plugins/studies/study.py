@@ -52,13 +52,13 @@ class Rival:
 class Study:
     """Measurements of a scene."""
 
-    training: Training  # full model and training answers
-    # the reduced model under study; the condensed one if hyper-reduction is refused
+    training: Training  #: full model and training answers
+    #: the reduced model under study; the condensed one if hyper-reduction is refused
     model: KeptModel
-    tests: np.ndarray | dict[Any, HistoryPath]  # test points, (n, P), or paths by label
-    measured: Measurement  # errors and times of the model and of those compared with it
-    settings: StudySettings  # of the study
-    report: Report  # all figures under the keys that scenes share; a demo may add others
+    tests: np.ndarray | dict[Any, HistoryPath]  #: test points, (n, P), or paths by label
+    measured: Measurement  #: errors and times of the model and of those compared with it
+    settings: StudySettings  #: of the study
+    report: Report  #: all figures under the keys that scenes share; a demo may add others
 
     def write(
         self, folder: str | Path, console: Console | None = None, view: View | None = None

@@ -43,17 +43,17 @@ class BorderPart:
 class Border:
     """Rows that no rank eliminates by itself; all but ``part_of`` is the same on all ranks."""
 
-    numbers: np.ndarray  # row numbers in the matrix, in the order of the border, (b,)
+    numbers: np.ndarray  #: row numbers in the matrix, in the order of the border, (b,)
     place: (
         np.ndarray
-    )  # index in this order of each row of the matrix; -1 outside of the border, (n,)
-    parts: tuple[BorderPart, ...]  # connected components of the border
+    )  #: index in this order of each row of the matrix; -1 outside of the border, (n,)
+    parts: tuple[BorderPart, ...]  #: connected components of the border
     inverted: (
         np.ndarray
-    )  # indices in the border of the rows between which K^-1 is needed, by increasing row number
+    )  #: indices in the border of the rows between which K^-1 is needed, by increasing row number
     part_of: (
         np.ndarray
-    )  # part to which each local row outside of the border is connected; -1 for none
+    )  #: part to which each local row outside of the border is connected; -1 for none
 
 
 def border_of(rows: csr_matrix, first: int, last: np.ndarray, comm: Comm) -> Border:

@@ -37,9 +37,10 @@ OVER_ALL = (
 class Spaces:
     """Spaces of the proofs."""
 
-    test: Directions  # V^0_HR, modes cut off outside A, (2.29)
-    test_kernel: Directions  # those that contact forces do not feel, K^0_HR, (2.35)
-    trial_kernel: Directions  # whole modes that leave all gaps of the RID as they are, K_HR, (2.45)
+    test: Directions  #: V^0_HR, modes cut off outside A, (2.29)
+    test_kernel: Directions  #: those that contact forces do not feel, K^0_HR, (2.35)
+    #: whole modes that leave all gaps of the RID as they are, K_HR, (2.45)
+    trial_kernel: Directions
 
     @classmethod
     def of(cls, norms: Norms, reduced: ReducedProblem, basis: np.ndarray) -> Spaces:

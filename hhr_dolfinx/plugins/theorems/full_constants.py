@@ -73,8 +73,8 @@ class WholeStability(Stability):
 class FullConstants:
     """Inf-sup constants beta_h of the full model, computed once for all reduced models of it."""
 
-    euclidean: float  # smallest singular value of B; NaN if it is unknown
-    energy: float  # in the energy norm of displacements and the L2 norm of pressures
+    euclidean: float  #: smallest singular value of B; NaN if it is unknown
+    energy: float  #: in the energy norm of displacements and the L2 norm of pressures
 
     @classmethod
     def of(cls, full: FullModel) -> FullConstants:

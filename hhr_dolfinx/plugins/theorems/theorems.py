@@ -128,9 +128,9 @@ class ThesisBounds:
     imposed: ImposedInterface
     constants: dict[
         str, Ellipticity
-    ]  # of each theorem that can be evaluated: M_a, and alpha or what replaces it
-    near: tuple[Directions, Directions]  # spaces of the infima on Omega_A and on the whole domain
-    refused: dict[str, str]  # the hypothesis that fails, by theorem
+    ]  #: of each theorem that can be evaluated: M_a, and alpha or what replaces it
+    near: tuple[Directions, Directions]  #: spaces of the infima on Omega_A and on the whole domain
+    refused: dict[str, str]  #: the hypothesis that fails, by theorem
 
     @classmethod
     def of(
