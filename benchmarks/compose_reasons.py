@@ -42,10 +42,6 @@ _NO_MODULI = (
     "Not built in: where surfaces slide, a model condenses one compliance of the surfaces, and "
     "moduli of parameters would need one for each point."
 )
-_FLOATING = (
-    "Not built in: forces of a condensed step with laws of bodies follow from its slack alone. "
-    "Where contact alone holds a body, they must balance it too, and its motions are unknowns."
-)
 _ELASTIC = (
     "Corrections of elastic steps are round-off: no modes follow from them, and exact "
     "condensation is there."
@@ -65,7 +61,7 @@ _SUPPORTS = (
     "interpolates it up to that corner of the box."
 )
 _EXPORT = _SMALL | {
-    "plugins/inelastic/condense_flow.py:check": f"{_FLOATING} {_ELASTIC}",
+    "plugins/inelastic/condense_flow.py:check": _ELASTIC,
     "plugins/pages/arrays.py:check_model": (
         "Not built in: a page solves a problem with one B, and where surfaces slide past their "
         "mesh rows are made again in each increment, by searches on both surfaces."
@@ -138,7 +134,7 @@ REASONS: dict[str, dict[str, str]] = {
     },
     "condense": {
         **_SMALL,
-        "plugins/inelastic/condense_flow.py:check": f"{_FLOATING} {_ELASTIC}",
+        "plugins/inelastic/condense_flow.py:check": _ELASTIC,
         "plugins/moduli/condense.py:_check_supports": _SUPPORTS,
     },
     "HHR": {

@@ -19,7 +19,9 @@ def main() -> None:
     facets = [
         registry.facet(name, "page", "a kernel") for name in LAWS if name in registry.installed()
     ]
-    for law, part in itertools.product([None, *facets], ([], ["floating"], ["flow"])):
+    for law, part in itertools.product(
+        [None, *facets], ([], ["floating"], ["flow"], ["floating", "flow"])
+    ):
         parts = [*part, *([] if law is None else [law.key])]
         path = kernel_path(parts, Laws(law, ()))
         path.write_bytes(found := compiled(page_sources(parts, Laws(law, ()))))

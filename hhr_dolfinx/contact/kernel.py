@@ -15,8 +15,8 @@ from hhr_dolfinx import registry
 
 if TYPE_CHECKING:
     from hhr_dolfinx.amplitudes import Amplitudes
-    from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Statuses
-    from hhr_dolfinx.contact.law import ContactLaw, StepContact
+    from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities
+    from hhr_dolfinx.contact.law import ContactLaw
     from hhr_dolfinx.linear.rows import Rows
 
 
@@ -87,45 +87,14 @@ class CondensedKernel(Protocol):
         """Answer at a point, see :func:`~hhr_dolfinx.models.eliminations.elimination.answer_of`."""
 
 
-class LinearisedKernel(Protocol):
-    """Motions as unknowns of the linearised contact problems of one S (n unknowns, m
-    conditions).
-    """
-
-    def solved(
-        self,
-        contact: StepContact,
-        free_slack: np.ndarray,
-        residual: np.ndarray,
-        unknown: np.ndarray,
-        active: np.ndarray,
-        pairs: Pairs | None,
-    ) -> tuple[Statuses, np.ndarray]:
-        """Forces with their statuses, and the motion, (n,), under a free slack, (m,), and a
-        residual, (n,).
-        """
-
-    def changed(
-        self, residual: np.ndarray, free_slack: np.ndarray, active: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Forces, (m,), and motion, (n,), of a small change at constant statuses."""
-
-    def undetermined(
-        self, forces: np.ndarray, slack: np.ndarray, holding: np.ndarray | None
-    ) -> np.ndarray | None:
-        """Motions, (n, d), that forces on conditions, beside those that hold anyway, leave
-        undetermined, or None.
-        """
-
-
 class Kernels(Protocol):
     """The tool ``kernel``."""
 
     def linearised(
         self, equalities: SchurEqualities, contact_of_motions: np.ndarray, modes: np.ndarray
-    ) -> LinearisedKernel:
-        """Motions, (n, r), with their effect on the conditions, (m, r), beside equality problems on
-        S.
+    ) -> Any:
+        """``LinearisedKernel``: motions, (n, r), with their effect on the conditions, (m, r),
+        beside those on S.
         """
 
     def of(self, scene: Any, problem: Any, bodies: Sequence[Any]) -> Kernel:

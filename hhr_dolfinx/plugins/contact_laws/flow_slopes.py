@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.gradient import CHANGING_STATUS
 from hhr_dolfinx.plugins.contact_laws.range_increments import SolversOfRanges
@@ -26,11 +25,6 @@ class RangeSlopes:
     """
 
     def __init__(self, model: Any, count: int):
-        if model.problem.kernel is not None:
-            raise NotOfferedError(
-                f"derivatives of histories in which contact with {model.law.name} alone holds "
-                "bodies with laws are not built in: motions of bodies are unknowns of each step"
-            )
         self._laws = SolversOfRanges(model.law)
         self._memory = self._laws.at_rest()
         self._changes = np.zeros(
@@ -54,7 +48,8 @@ class RangeSlopes:
         """See :class:`~hhr_dolfinx.plugins.inelastic.contact_slopes.ContactSlopes`."""
         with linear.held():
             laws, forces = self._laws, answer.multipliers
-            ranges = laws.on(linear.schur())
+            loose = linear.motions
+            ranges = laws.on(linear.schur(), None if loose is None else loose.contact_of_motions)
             steps = laws.steps(self._memory, answer.parameter, seconds)
             slack = slack + (ranges.schur - ranges.given) @ forces  # of elastic tangential rows
             for rows, step in zip(laws.rows, steps, strict=True):
@@ -63,7 +58,7 @@ class RangeSlopes:
             free = columnwise(linear.solve, residual)
             of_slack = linear.slack_of(gaps, free) + self._changes
             parts = ranges.linearised(slack, steps, forces, ranges.stiffness, 1)
-            off = np.zeros_like(of_slack)
+            off = np.zeros((forces.size + ranges.motions.shape[1], of_slack.shape[1]))
             kinks = np.zeros(forces.size, dtype=bool)
             for rows, step, part in zip(laws.rows, steps, parts, strict=True):
                 at = forces[rows], slack[rows], ranges.stiffness[rows]
@@ -71,12 +66,17 @@ class RangeSlopes:
                 if np.ndim(slopes := step.slopes(*at)):
                     off[rows] -= slopes @ way
                 kinks[rows] = step.grazing(*at, CHANGING_STATUS * np.abs(at[0]).max(initial=0.0))
-            pushed = ranges.solved(parts, off)
-            opened = of_slack + ranges.schur @ pushed
+            if loose is not None:
+                off[forces.size :] = loose.modes.T @ residual
+            pushed, moved = np.split(ranges.solved(parts, off), [forces.size])
+            opened = of_slack + ranges.schur @ pushed - ranges.motions @ moved
             changes = self._changes.copy()
             for rows, step in zip(laws.rows, steps, strict=True):
                 changes[rows] = step.carried(
                     self._changes[rows], pushed[rows], opened[rows], answer.active[rows]
                 )
             self._changes, self._memory = changes, answer.memory
-            return ContactChange(free - columnwise(linear.push, pushed), pushed, opened, kinks)
+            unknown = free - columnwise(linear.push, pushed)
+            return ContactChange(
+                unknown if loose is None else unknown + loose.modes @ moved, pushed, opened, kinks
+            )

@@ -9,6 +9,7 @@ therefore definite where tangents are, and the contact problem has the form of
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import cached_property
 
 import numpy as np
@@ -41,43 +42,42 @@ class LinearisedMotions:
         self, equalities: SchurEqualities, contact_of_motions: np.ndarray, modes: np.ndarray
     ):
         self._pinned = equalities
-        self._effect = contact_of_motions
-        self._modes = modes
+        self.contact_of_motions = contact_of_motions
+        self.modes = modes
 
     @cached_property
     def equalities(self) -> FloatingEqualities:
         """Equality problems on S with the motions."""
-        return FloatingEqualities(self._pinned.whole(), self._effect)
+        return FloatingEqualities(self._pinned.whole(), self.contact_of_motions)
 
     def solved(
-        self,
-        contact: StepContact,
-        free_slack: np.ndarray,
-        residual: np.ndarray,
-        unknown: np.ndarray,
-        active: np.ndarray,
-        pairs: Pairs | None,
-    ) -> tuple[Statuses, np.ndarray]:
+        self, contact: StepContact, free_slack: np.ndarray, residual: np.ndarray,
+        unknown: Callable[[np.ndarray], np.ndarray], active: np.ndarray, pairs: Pairs | None,
+    ) -> tuple[Statuses, np.ndarray]:  # fmt: skip
         """Forces with their statuses, and the motion, (n,), under the slack of an unknown without
         contact forces.
 
-        Unilateral contact that leaves motions undetermined gets the least ones of the unknown.
+        Unilateral contact that leaves motions undetermined gets the least ones of the unknown under
+        its forces.
         """
-        driving = self._modes.T @ residual
+        driving = self.modes.T @ residual
         if contact is not UNILATERAL_STEP:
             found, motions = self._by_springs(contact, free_slack, driving, active, pairs)
-            return found, self._modes @ motions
+            return found, self.modes @ motions
         equalities = self.equalities
         found, motions = floating_set(equalities, free_slack, driving, active, pairs)
-        if found.status is Status.CONVERGED:
-            slack = free_slack + equalities.schur @ found.forces - self._effect @ motions
-            left = open_motions(
-                equalities, found.forces, free_slack, slack, self._modes.T @ unknown + motions
-            )
+        if found.status is Status.CONVERGED and self._open(found.forces, free_slack).shape[1]:
+            slack = free_slack + equalities.schur @ found.forces - self.contact_of_motions @ motions
+            own = self.modes.T @ unknown(found.forces) + motions
+            left = open_motions(equalities, found.forces, free_slack, slack, own)
             if left is not None:
                 motions = motions + left.shift
                 found = found._replace(active=found.active & ~left.opened)
-        return found, self._modes @ motions
+        return found, self.modes @ motions
+
+    def _open(self, forces: np.ndarray, slack: np.ndarray) -> np.ndarray:
+        """Amplitudes of the motions that unilateral forces leave undetermined, (r, d)."""
+        return self.equalities.left_open(self.equalities.bearing(forces, slack))
 
     def _by_springs(
         self,
@@ -96,15 +96,18 @@ class LinearisedMotions:
             before = np.inf
             for _ in range(PROXIMAL_STEPS):
                 found = contact.solved(
-                    held, free_slack - self._effect @ (ends + compliance * driving), active, pairs
+                    held,
+                    free_slack - self.contact_of_motions @ (ends + compliance * driving),
+                    active,
+                    pairs,
                 )
                 spent += found.iterations
                 if found.status is not Status.CONVERGED:
                     return found._replace(iterations=spent), ends
-                left = driving - found.forces @ self._effect
+                left = driving - found.forces @ self.contact_of_motions
                 ends = ends + compliance * left
                 active = found.active
-                sizes = np.abs(driving) + np.abs(found.forces) @ np.abs(self._effect)
+                sizes = np.abs(driving) + np.abs(found.forces) @ np.abs(self.contact_of_motions)
                 off = float((np.abs(left) / (sizes.max() or 1.0)).max())
                 if off <= BALANCED_MOTIONS or (off <= BALANCE_ROUND_OFF and not off < 0.5 * before):
                     return found._replace(iterations=spent), ends
@@ -114,12 +117,11 @@ class LinearisedMotions:
     def changed(
         self, residual: np.ndarray, free_slack: np.ndarray, active: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Forces, (m,), and motion, (n,), of a small change by its residual and slack, at constant
+        """Forces, (m, K), and motions, (n, K), of changes by their residual and slack, at constant
         statuses.
         """
-        driving = self._modes.T @ residual
-        forces, _, motions = self.equalities.several(active, free_slack[:, None], driving[:, None])
-        return forces[:, 0], self._modes @ motions[:, 0]
+        forces, _, motions = self.equalities.several(active, free_slack, self.modes.T @ residual)
+        return forces, self.modes @ motions
 
     def undetermined(
         self, forces: np.ndarray, slack: np.ndarray, holding: np.ndarray | None
@@ -131,4 +133,4 @@ class LinearisedMotions:
         """
         bearing = self.equalities.bearing(forces, slack)
         ways = self.equalities.left_open(bearing if holding is None else bearing | holding)
-        return self._modes @ ways if ways.shape[1] else None
+        return self.modes @ ways if ways.shape[1] else None

@@ -57,7 +57,11 @@ class SlidingSlopes:
             friction = self._friction
             rows = friction.tangential
             residual, gaps = right
-            contact = SlidingContact(linear.schur(), friction)
+            loose = linear.motions
+            contact = SlidingContact(
+                linear.schur(), friction, None if loose is None else loose.contact_of_motions
+            )
+            driving = np.zeros((0, way.shape[1])) if loose is None else loose.modes.T @ residual
             slack = slack.copy()
             slack[rows] -= self._surface.position(self._slip)
             slack[answer.active] = 0.0
@@ -71,16 +75,11 @@ class SlidingSlopes:
             opened = linear.slack_of(gaps, free)
             opened[rows] -= self._position
             coefficient, limit = (part @ way for part in friction.bound_slopes(answer.parameter))
-            pushed, _ = contact.changes(
-                given, found, opened, (coefficient, limit), np.zeros((0, way.shape[1]))
-            )
-            opened = opened + contact.schur @ pushed
+            pushed, moved = contact.changes(given, found, opened, (coefficient, limit), driving)
+            opened = opened + contact.schur @ pushed - contact.contact_of_motions @ moved
             opened[answer.active] = 0.0
             self._position = self._position + opened[rows]  # none where contacts stick
             self._slip = answer.memory[SLIP]
-            return ContactChange(
-                free - columnwise(linear.push, pushed),
-                pushed,
-                opened,
-                contact.grazing(given, found),
-            )
+            unknown = free - columnwise(linear.push, pushed)
+            unknown = unknown if loose is None else unknown + loose.modes @ moved
+            return ContactChange(unknown, pushed, opened, contact.grazing(given, found))

@@ -35,7 +35,7 @@ PLUGIN = Plugin(
     },
     classes={
         f"{_HERE}.completion": "FlowFields GappyField",
-        f"{_HERE}.condensed_fields": "CondensedFlowFields PartFactors PlasticFields",
+        f"{_HERE}.condensed_fields": "CondensedFlowFields LooseBodies PartFactors PlasticFields",
         f"{_HERE}.condensed_flow": "CondensedFlow CondensedFlowModel",
         f"{_HERE}.law": "LawProgram",
         f"{_HERE}.outputs": "FlowEnergy FlowMises",

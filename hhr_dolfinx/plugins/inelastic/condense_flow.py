@@ -25,7 +25,6 @@ from hhr_dolfinx.contact.active_set import active_set
 from hhr_dolfinx.errors import (
     ConvergenceError,
     HHRError,
-    NotOfferedError,
     NotSolvableError,
     ReductionError,
     UnstableModelError,
@@ -89,8 +88,11 @@ def correction_strain(
     theta = problem.amplitudes(answer.parameter)
     scale = elastic.factors.compliances(answer.parameter)[elastic.parts]
     free = scale * (elastic.forced @ theta) + elastic.given @ theta - problem.lifts @ theta
-    slack = problem.gaps @ theta - problem.contact @ free
-    found = active_set(equilibrium.elastic.equalities, slack, slack < 0, pairs=full.pairs)
+    if problem.held_by_contact:
+        found = equilibrium.elastic_statuses(theta)
+    else:
+        slack = problem.gaps @ theta - problem.contact @ free
+        found = active_set(equilibrium.elastic.equalities, slack, slack < 0, pairs=full.pairs)
     return strain.of(correction - scale * (elastic.per_force @ (answer.multipliers - found.forces)))
 
 
@@ -335,13 +337,6 @@ class CorrectionSettings(Reductor["_Shared"]):
                 "condensation"
             )
         full.problem.require_whole()
-        if full.problem.kernel is not None:
-            raise NotOfferedError(
-                f"contact alone holds bodies of scene '{full.scene.name}', and bodies have laws: "
-                "forces of a condensed step follow from its slack alone, and these must balance "
-                "bodies too, whose motions are unknowns. Take the hyper-reduced model, "
-                "training.build()"
-            )
         check_of_problem("snapshots", snapshots, full.problem)
         if snapshots is None or not snapshots.histories:
             raise ReductionError(
@@ -531,6 +526,7 @@ def _model(prepared: _Shared, chosen: _Chosen) -> CondensedFlowModel:
             prepared.fields.on(flow.points, equilibrium_of(full)),
             plain_outputs(full),
             problem.law,
+            elastic.loose(problem),
             full,
         )
         model = CondensedFlowModel(flow, full.parameters, fields)

@@ -204,6 +204,24 @@ class PlasticFields:
         return ways @ ways.swapaxes(1, 2)
 
 
+@dataclass(frozen=True, eq=False)
+class LooseBodies(Rebuilt):
+    """Bodies that contact alone holds: their rigid motions are the last unknowns (r motions, m
+    conditions, N dofs).
+    """
+
+    taken: Annotated[Floats, "m", "motions"]  #: change of the slack by the motions, B R, (m, r)
+    driving: Annotated[Floats, "motions", "terms"]  #: loads along them, (r, 1 + T)
+    modes: Annotated[
+        Floats, "N", "motions"
+    ]  #: R, orthonormal, which no other term of a displacement has, (N, r)
+
+    @property
+    def count(self) -> int:
+        """Number of motions."""
+        return self.taken.shape[1]
+
+
 @dataclass(frozen=True)
 class CondensedFlowFields(Rebuilt, ModelFields):
     """Fields of condensed inelastic models, see :class:`hhr_dolfinx.models.answer.ModelFields`."""
@@ -221,6 +239,7 @@ class CondensedFlowFields(Rebuilt, ModelFields):
     flow: PlasticFields  #: completes stress and plastic strain
     functionals: Functionals | None = None  #: outputs of the scene; None if it has none
     law: ContactLaw = UNILATERAL  #: law of the contact conditions
+    loose: LooseBodies | None = None  #: bodies that contact alone holds
     #: see :class:`~hhr_dolfinx.models.answer.ModelFields`
     full: Meshed | None = field(default=None, metadata=OF_THE_MESH)
 
@@ -231,7 +250,16 @@ class CondensedFlowFields(Rebuilt, ModelFields):
 
     def displacement(self, answer: Answer) -> np.ndarray:
         """Displacement on the whole mesh, lift included, (N,)."""
-        return self._elastic(answer) + self.basis @ answer.unknown[: self.basis.shape[1]]
+        found = self._elastic(answer) + self.basis @ answer.unknown[: self.basis.shape[1]]
+        return (
+            found
+            if self.loose is None
+            else found + self.loose.modes @ self._motions_of(answer.unknown)
+        )
+
+    def _motions_of(self, unknown: np.ndarray) -> np.ndarray:
+        """Amplitudes of the motions of an unknown, or their derivatives, (r, ...)."""
+        return unknown[self.basis.shape[1] + self.conditions :]
 
     def _elastic(self, answer: Answer) -> np.ndarray:
         """Part of the displacement from loads, contact forces and imposed displacements, (N,)."""
@@ -283,7 +311,10 @@ class CondensedFlowFields(Rebuilt, ModelFields):
 
     @cached_property
     def _measures(self) -> tuple[np.ndarray, ...]:
-        """Rows of the outputs times the terms of the displacement; elastic terms for each part."""
+        """Rows of the outputs times the terms of the displacement.
+
+        Elastic terms for each part, and motions last.
+        """
         functionals: Any = self.functionals
         rows = csr_matrix(functionals.rows)
         count = max(len(self.factors.moduli), 1)
@@ -291,13 +322,16 @@ class CondensedFlowFields(Rebuilt, ModelFields):
         per_force, forced = (
             np.array([part @ item for part in masked]) for item in (self.per_force, self.forced)
         )
-        return rows @ self.basis, rows @ self.given, per_force, forced
+        motions = np.zeros((len(self.basis), 0)) if self.loose is None else self.loose.modes
+        return rows @ self.basis, rows @ self.given, per_force, forced, rows @ motions
 
     def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
         """Rows of the outputs times the displacement, (K,)."""
-        per_mode, given, per_force, forced = self._measures
+        per_mode, given, per_force, forced, motions = self._measures
         elastic = forced @ theta - per_force @ answer.multipliers
         found = given @ theta + per_mode @ answer.unknown[: per_mode.shape[1]]
+        if self.loose is not None:
+            found = found + motions @ self._motions_of(answer.unknown)
         return found + self.factors.compliances(answer.parameter) @ elastic
 
     def measured_changes(
@@ -307,12 +341,14 @@ class CondensedFlowFields(Rebuilt, ModelFields):
         :class:`~models.displacement.LinearDisplacement`.
         """
         assert answer.gradient is not None
-        per_mode, given, per_force, forced = self._measures
+        per_mode, given, per_force, forced, motions = self._measures
         theta = self.amplitudes.dense(answer.parameter)
         compliances = self.factors.compliances(answer.parameter)
         forces = answer.gradient.multipliers
         elastic = forced @ theta - per_force @ answer.multipliers
         found = given @ changes + per_mode @ answer.gradient.unknown[: per_mode.shape[1]]
+        if self.loose is not None:
+            found = found + motions @ self._motions_of(answer.gradient.unknown)
         found = found + np.tensordot(compliances, forced @ changes - per_force @ forces, 1)
         return forces, found + elastic.T @ self.factors.slopes(answer.parameter)
 

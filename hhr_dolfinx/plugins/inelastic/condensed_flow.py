@@ -27,9 +27,12 @@ import numpy as np
 from scipy.linalg import LinAlgError
 
 from hhr_dolfinx.amplitudes import Theta
-from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set
+from hhr_dolfinx.contact.active_set import SchurEqualities, Status, Statuses
+from hhr_dolfinx.contact.kernel import kernels
+from hhr_dolfinx.contact.law import UNILATERAL_STEP, StepContact
 from hhr_dolfinx.declared import Floats, Integers, Size
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
+from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
@@ -55,8 +58,10 @@ from hhr_dolfinx.plugins.inelastic.equilibrium import (
     ParameterDirection,
     Stepper,
     texts_of,
+    undetermined,
 )
 from hhr_dolfinx.plugins.inelastic.law import InternalVariables, Update
+from hhr_dolfinx.plugins.inelastic.loose import LinearisedKernel
 from hhr_dolfinx.plugins.inelastic.march import MarchingEquilibrium
 from hhr_dolfinx.plugins.inelastic.outside import LawCode
 from hhr_dolfinx.plugins.inelastic.state import GaussState
@@ -141,10 +146,13 @@ class CondensedFlow:
 
 
 class CondensedEquilibrium(MarchingEquilibrium):
-    """Equilibrium of g and λ, of which the unknown holds g first."""
+    """Equilibrium of g and λ, of which the unknown holds g first, and r motions of bodies that
+    contact holds last.
+    """
 
     schur: np.ndarray  #: S for the present moduli, (m, m)
     equalities: SchurEqualities  #: on it
+    motions: LinearisedKernel | None  #: of bodies that contact alone holds, beside these
     coupled: np.ndarray  #: P for the present moduli, (ell, m)
     scale: np.ndarray  #: factor of the strain of contact forces, (c n,)
     free_strain: np.ndarray  #: without correction and contact forces as terms of θ, (c n, 1 + T)
@@ -164,7 +172,8 @@ class CondensedEquilibrium(MarchingEquilibrium):
         self.modes = len(flow.per_mode)
         self.conditions = len(flow.gaps)
         self.law = fields.law
-        self.size = self.modes + self.conditions
+        self.loose = fields.loose
+        self.size = self.modes + self.conditions + (0 if self.loose is None else self.loose.count)
         self._set_elasticity(self._weights(parameters.middle), parameters.middle)
 
     def _weights(self, point: np.ndarray) -> np.ndarray:
@@ -179,6 +188,10 @@ class CondensedEquilibrium(MarchingEquilibrium):
         self.coupled = weights[flow.mode_parts][:, None] * flow.coupled
         self.schur = np.tensordot(weights, flow.schur, 1)
         self.equalities = SchurEqualities.symmetric(self.schur)
+        self.motions = None
+        if self.loose is not None:
+            modes = np.eye(self.size, self.loose.count, self.loose.count - self.size)
+            self.motions = kernels().linearised(self.equalities, self.loose.taken, modes)
         self._free_slack = np.asfortranarray(flow.gaps - np.tensordot(weights, flow.pressed, 1))
         self.free_strain = np.asfortranarray(self.scale[:, None] * flow.forced + flow.given)
 
@@ -195,8 +208,51 @@ class CondensedEquilibrium(MarchingEquilibrium):
         return np.ascontiguousarray(values.reshape(-1, self.points.size).T)
 
     def _strain_of(self, x: np.ndarray) -> np.ndarray:
-        correction, forces = np.split(x, [self.modes])
+        correction, forces, _ = self.parts_of(x)
         return correction @ self.flow.per_mode - self.scale * (forces @ self.flow.per_force)
+
+    def parts_of(self, x: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Corrections, (ell, ...), forces, (m, ...), and motions, (r, ...), of an unknown."""
+        correction, forces, motions = np.split(x, [self.modes, self.modes + self.conditions])
+        return correction, forces, motions
+
+    def driving(self, theta: Theta) -> np.ndarray:
+        """Loads along the motions of bodies that contact alone holds, (r,)."""
+        return np.zeros(0) if self.loose is None else self.loose.driving @ theta
+
+    def touched(
+        self, contact: StepContact, slack: np.ndarray, driving: np.ndarray, active: np.ndarray
+    ) -> tuple[Statuses, np.ndarray]:
+        """Forces with their statuses by a law of contacts, under a slack without any, and motions,
+        (r,).
+        """
+        if self.motions is None:
+            return contact.solved(self.equalities, slack, active, None), np.zeros(0)
+        residual = self.motions.modes @ driving
+        # corrections and responses to forces have none of the motions
+        found, moved = self.motions.solved(
+            contact, slack, residual, lambda _: np.zeros(self.size), active, None
+        )
+        return found, self.parts_of(moved)[2]
+
+    def pushed(self, contact: StepContact, found: Statuses, slack: np.ndarray) -> np.ndarray:
+        """Derivatives of the last forces by those of the slack, (m, K), at constant loads."""
+        if self.motions is None or contact is not UNILATERAL_STEP:
+            # a law holds loose bodies on springs, whose S it has
+            return contact.changes(self.equalities, found, slack)
+        return self.motions.changed(np.zeros((self.size, slack.shape[1])), slack, found.active)[0]
+
+    def undetermined(self, found: Statuses, x: np.ndarray, theta: Theta) -> np.ndarray | None:
+        """Motions of an unknown that forces leave undetermined, (n, d); None without any."""
+        return undetermined(
+            self.motions, found, lambda: self.slack_of(self.gaps(theta), x), self.law
+        )
+
+    def slack_of(self, gaps: np.ndarray, x: np.ndarray) -> np.ndarray:
+        """Slack of an unknown, gaps + S λ - B V g - B R q, or the change of it by changes."""
+        correction, forces, motions = self.parts_of(x)
+        found = gaps + self.schur @ forces - self.flow.moved @ correction
+        return found if self.loose is None else found - self.loose.taken @ motions
 
     def strain_under(
         self, free: np.ndarray, correction: np.ndarray, forces: np.ndarray
@@ -229,11 +285,22 @@ class CondensedEquilibrium(MarchingEquilibrium):
 
         Size of g, (1,).
         """
-        correction = x[: self.modes]
+        correction, forces, _ = self.parts_of(x)
         flow = self.flow
         found = flow.tested @ gauss.state.inelastic.T.ravel() - flow.modal @ correction
-        found -= self.coupled @ (x[self.modes :] - self.elastic_forces(theta))
-        return found, np.array([np.linalg.norm(correction)])
+        found -= self.coupled @ (forces - self.elastic_forces(theta))
+        left = None if self.loose is None else self.driving(theta) - forces @ self.loose.taken
+        return self._tested(found, left), np.array([np.linalg.norm(correction)])
+
+    def _tested(self, residual: np.ndarray, balance: np.ndarray | None) -> np.ndarray:
+        """A residual, (ell,), with that of the balance of loose bodies, (r,), in the places of
+        their motions.
+        """
+        if self.motions is None:
+            return residual
+        whole: np.ndarray = self.motions.modes @ balance
+        whole[: self.modes] = residual
+        return whole
 
     def elastic_forces(self, theta: Theta) -> np.ndarray:
         """Contact forces λ_e of the elastic bodies, without plastic strain, (m,).
@@ -241,7 +308,7 @@ class CondensedEquilibrium(MarchingEquilibrium):
         NotSolvableError without any.
         """
         slack = self.gaps(theta)
-        found = active_set(self.equalities, slack, slack < 0)
+        found, _ = self.touched(UNILATERAL_STEP, slack, self.driving(theta), slack < 0)
         if found.status is not Status.CONVERGED:
             raise NotSolvableError(
                 f"the elastic contact problem has no solution: {found.status.value}"
@@ -252,7 +319,7 @@ class CondensedEquilibrium(MarchingEquilibrium):
         """See :class:`Equilibrium`; compliances change too."""
         change = self.free_strain @ way.change
         if self.moduli:
-            elastic = self.flow.forced @ way.theta - x[self.modes :] @ self.flow.per_force
+            elastic = self.flow.forced @ way.theta - self.parts_of(x)[1] @ self.flow.per_force
             change = (
                 change + np.tile(self._softer(way)[self.flow.parts], self.flow.components) * elastic
             )
@@ -263,7 +330,7 @@ class CondensedEquilibrium(MarchingEquilibrium):
         if not self.moduli:
             return self.gaps(way.change)
         softer = self._softer(way)
-        by_forces = np.tensordot(softer, self.flow.schur, 1) @ x[self.modes :]
+        by_forces = np.tensordot(softer, self.flow.schur, 1) @ self.parts_of(x)[1]
         return (
             self.gaps(way.change)
             + by_forces
@@ -273,17 +340,30 @@ class CondensedEquilibrium(MarchingEquilibrium):
     def residual_along(self, x: np.ndarray, change: Update, way: ParameterDirection) -> np.ndarray:
         """See :class:`Equilibrium`; elastic forces change on their active conditions."""
         flow = self.flow
-        plastic: np.ndarray = flow.tested @ change.state.inelastic.T.ravel()
-        if self.law.remembers:  # P is 0: forces of elastic bodies depend on the path
-            return plastic
-        elastic = self.elastic_forces(way.theta)
-        unknown = np.concatenate([np.zeros(self.modes), elastic])
-        changes, _ = self.equalities(elastic > 0, self.gaps_along(unknown, way))
-        found = plastic + self.coupled @ changes
-        if self.moduli:
-            softer = self._softer(way)[flow.mode_parts][:, None] * flow.coupled
-            found -= softer @ (x[self.modes :] - elastic)
-        return found
+        found: np.ndarray = flow.tested @ change.state.inelastic.T.ravel()
+        driving = self.driving(way.change)
+        if not self.law.remembers:  # else P is 0: forces of elastic bodies depend on the path
+            elastic = self.elastic_forces(way.theta)
+            unknown = np.zeros(self.size)
+            unknown[self.modes : self.modes + self.conditions] = elastic
+            found = found + self.coupled @ self._elastic_changes(
+                elastic, self.gaps_along(unknown, way), driving
+            )
+            if self.moduli:
+                softer = self._softer(way)[flow.mode_parts][:, None] * flow.coupled
+                found -= softer @ (self.parts_of(x)[1] - elastic)
+        return self._tested(found, driving)
+
+    def _elastic_changes(
+        self, forces: np.ndarray, slack: np.ndarray, driving: np.ndarray
+    ) -> np.ndarray:
+        """Derivatives of forces of elastic bodies by those of slack and loads, (m,)."""
+        if self.motions is None:
+            return self.equalities(forces > 0, slack)[0]
+        changes, _ = self.motions.changed(
+            (self.motions.modes @ driving)[:, None], slack[:, None], forces > 0
+        )
+        return changes[:, 0]
 
     def _softer(self, way: ParameterDirection) -> np.ndarray:
         """Derivative of the compliance of each part along a way, (Q,)."""
@@ -306,7 +386,8 @@ class CondensedEquilibrium(MarchingEquilibrium):
         or Python.
         """
         code = any(isinstance(group.law, LawCode) for group in self.flow.groups)
-        return (NewtonStepper if code or self.law.remembers else CondensedStepper)(self, settings)
+        python = code or self.law.remembers or self.loose is not None
+        return (NewtonStepper if python else CondensedStepper)(self, settings)
 
     @cached_property
     def step_model(self) -> StepModel:
@@ -357,22 +438,38 @@ class _CondensedLinearisation:
         except np.linalg.LinAlgError as error:
             raise NotSolvableError(f"the derivative of a step has no solution: {error}") from error
 
+    @cached_property
+    def motions(self) -> LinearisedKernel | None:
+        """Those of loose bodies, beside S with the corrections that forces cause; None without
+        any.
+        """
+        model = self._model
+        if model.motions is None:
+            return None
+        equalities = SchurEqualities.of(self.schur(), LapackLU)
+        return kernels().linearised(
+            equalities, model.motions.contact_of_motions, model.motions.modes
+        )
+
     def schur(self) -> np.ndarray:
         """S with the corrections that forces cause, (m, m)."""
         return self._model.schur + self._model.flow.moved @ self._per_force
 
     def solve(self, residual: np.ndarray) -> np.ndarray:
-        """Correction under a residual, and no forces, (ell + m,)."""
-        return np.concatenate([self._corrected(residual), np.zeros(self._model.conditions)])
+        """Correction under a residual, and neither forces nor motions, (ell + m + r,)."""
+        model = self._model
+        found = np.zeros(model.size)
+        found[: model.modes] = self._corrected(residual[: model.modes])
+        return found
 
     def push(self, forces: np.ndarray) -> np.ndarray:
         """The same less those under forces, (m,)."""
-        return np.concatenate([self._per_force @ forces, -forces])
+        nothing = np.zeros(self._model.size - self._model.modes - forces.size)
+        return np.concatenate([self._per_force @ forces, -forces, nothing])
 
     def slack_of(self, gaps: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Slack of an unknown, gaps + S λ - B V g, or the change of it by changes."""
-        model = self._model
-        return gaps + model.schur @ x[model.modes :] - model.flow.moved @ x[: model.modes]
+        """See :meth:`CondensedEquilibrium.slack_of`."""
+        return self._model.slack_of(gaps, x)
 
     def changed(
         self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray
@@ -383,6 +480,12 @@ class _CondensedLinearisation:
         Elsewhere dλ = 0. Returns (dg, dλ) and dλ.
         """
         model = self._model
+        if self.motions is not None:
+            free = self.solve(residual)
+            found, moved = self.motions.changed(
+                residual[:, None], self.slack_of(gaps, free)[:, None], active
+            )
+            return free - self.push(found[:, 0]) + moved[:, 0], found[:, 0]
         on = np.flatnonzero(active)
         per_force = (self._tested * model.scale) @ model.flow.per_force[on].T + model.coupled[:, on]
         size = model.modes

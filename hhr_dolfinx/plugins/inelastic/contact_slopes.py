@@ -16,6 +16,7 @@ import numpy as np
 from hhr_dolfinx import registry
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.gradient import grazing
+from hhr_dolfinx.plugins.inelastic.loose import LinearisedKernel
 
 
 class ContactChange(NamedTuple):
@@ -28,7 +29,11 @@ class ContactChange(NamedTuple):
 
 
 class LinearisedStep(Protocol):
-    """Linearisation of a step, from which its unknown is eliminated."""
+    """Linearisation of a step, from which its unknown is eliminated, but motions of bodies that
+    contact alone holds.
+    """
+
+    motions: LinearisedKernel | None  #: these; None without any
 
     def held(self) -> AbstractContextManager:
         """Keeps its factors meanwhile."""

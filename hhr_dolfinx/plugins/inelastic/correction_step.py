@@ -75,6 +75,7 @@ class Trial(NamedTuple):
 
     correction: np.ndarray
     found: Statuses
+    motions: np.ndarray  #: of bodies that contact alone holds, (r,)
     update: Update
     strain: np.ndarray
     residual: np.ndarray
@@ -91,6 +92,7 @@ class StepInput(NamedTuple):
     slack: np.ndarray  #: without correction and contact forces, (m,)
     strain: np.ndarray  #: the same by component, (c n,)
     forces: np.ndarray  #: λ_e, (m,)
+    driving: np.ndarray  #: loads along motions of bodies that contact alone holds, (r,)
     contact: StepContact
     material: Material
     before: InternalVariables
@@ -139,6 +141,7 @@ class NewtonStepper(CorrectionStepper):
             except NotSolvableError as error:
                 raise Diverged(str(error)) from error
         rest = (
+            model.driving(theta),
             contact,
             model.material.at(goal.parameter),
             gauss_of(here).state,
@@ -183,9 +186,8 @@ class NewtonStepper(CorrectionStepper):
     def tried(self, load: StepInput, correction: np.ndarray, active: np.ndarray) -> Trial:
         """Contact from some statuses, laws and R at a correction; Diverged without one of them."""
         model = self.model
-        found = load.contact.solved(
-            model.equalities, load.slack - model.flow.moved @ correction, active, None
-        )
+        slack = load.slack - model.flow.moved @ correction
+        found, motions = model.touched(load.contact, slack, load.driving, active)
         if found.status is not Status.CONVERGED:
             raise Diverged(f"of the contact problem, {found.status.value}")
         strain = model.strain_under(load.strain, correction, found.forces)
@@ -199,12 +201,12 @@ class NewtonStepper(CorrectionStepper):
         residual -= model.coupled @ (found.forces - load.forces)
         if not np.isfinite(residual).all():
             raise Diverged("a law found no flow, or one that is impossible")
-        return Trial(correction, found, update, strain, residual)
+        return Trial(correction, found, motions, update, strain, residual)
 
     def slope(self, load: StepInput, at: Trial) -> np.ndarray:
         """-dR/dg, (ell, ell), at the trial that was solved last."""
         model = self.model
-        forces = load.contact.changes(model.equalities, at.found, -model.flow.moved)
+        forces = model.pushed(load.contact, at.found, -model.flow.moved)
         flowing = model.flowing(at.update.tangents)
         pressed = ((flowing * model.scale) @ model.flow.per_force.T + model.coupled) @ forces
         found: np.ndarray = model.flow.modal - flowing @ model.flow.per_mode.T + pressed
@@ -213,11 +215,13 @@ class NewtonStepper(CorrectionStepper):
     def _answer(self, at: Trial, load: StepInput, goal: Goal, iterations: int) -> Answer:
         self._strains.check(at.strain)
         found = at.found
-        unknown = np.concatenate([at.correction, found.forces])
+        unknown = np.concatenate([at.correction, found.forces, at.motions])
         memory = Memory(gauss=GaussState(at.update.stress, at.update.state)) | load.contact.memory(
             unknown
         )
         how = found.active, iterations, Status.CONVERGED, found.cycled, self.model.fields
         answer = Answer(goal.parameter, unknown, found.forces, *how, goal.time, memory=memory)
+        open_ = self.model.undetermined(found, unknown, self.model.amplitudes(goal.parameter))
+        answer = answer._replace(undetermined=open_)
         self.learn(answer)
         return answer

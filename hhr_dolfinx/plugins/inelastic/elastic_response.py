@@ -10,11 +10,12 @@ import numpy as np
 from scipy import linalg
 from scipy.sparse import csc_matrix
 
+from hhr_dolfinx.contact.kernel import Kernel
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.full import FullModel
-from hhr_dolfinx.plugins.inelastic.condensed_fields import PartFactors
+from hhr_dolfinx.plugins.inelastic.condensed_fields import LooseBodies, PartFactors
 from hhr_dolfinx.plugins.inelastic.full_order import equilibrium_of
 
 SMALL_CORRECTION = 1e-3
@@ -25,6 +26,8 @@ SMALL_CORRECTION = 1e-3
 class ElasticResponse:
     """Elastic response in the middle of the box: columns of K^-1 F and of imposed displacements,
     parts of the dofs.
+
+    Where contact alone holds bodies, it has none of their motions, and S is B K^+ B^T.
     """
 
     forced: np.ndarray
@@ -51,7 +54,17 @@ class ElasticResponse:
         theta = problem.amplitudes(answer.parameter)
         scale = self.factors.compliances(answer.parameter)[self.parts]
         elastic = scale * (self.forced @ theta - self.per_force @ answer.multipliers)
-        return answer.unknown - elastic - (self.given @ theta - problem.lifts @ theta)
+        found = answer.unknown - elastic - (self.given @ theta - problem.lifts @ theta)
+        return found if problem.kernel is None else problem.kernel.without(problem.spread, found)
+
+    def loose(self, problem: ContactProblem) -> LooseBodies | None:
+        """Bodies that contact alone holds; None without any."""
+        if problem.kernel is None or not problem.held_by_contact:
+            return None
+        motions = problem.kernel.motions
+        return LooseBodies(
+            problem.kernel.contact_of_motions, (problem.external.T @ motions).T, motions
+        )
 
 
 def elastic_response(full: FullModel) -> ElasticResponse:
@@ -62,9 +75,30 @@ def elastic_response(full: FullModel) -> ElasticResponse:
     strained = csc_matrix(problem.loads - problem.external + _eigenforces(full))
     forced = full.stiffness.columns(problem.external)
     imposed = full.stiffness.columns(strained)
-    return ElasticResponse(
-        forced, imposed + problem.lifts.toarray(), full.per_force, parts, factors
+    per_force = full.per_force
+    if problem.kernel is not None and problem.held_by_contact:
+        forced, per_force, imposed = _without_motions(
+            full, problem.kernel, forced, per_force, imposed
+        )
+    return ElasticResponse(forced, imposed + problem.lifts.toarray(), per_force, parts, factors)
+
+
+def _without_motions(
+    full: FullModel, kernel: Kernel, forced: np.ndarray, per_force: np.ndarray, imposed: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Responses of pinned bodies, (N, k) each, made those by K^+, which does not depend on pins.
+
+    Forces are taken less the part that would accelerate the bodies, displacements less their
+    motions. Imposed displacements and strains without stress do no work along motions.
+    """
+    problem: ContactProblem = full.problem
+    motions = kernel.motions
+    drawn = full.stiffness.columns(
+        csc_matrix(problem.prolongation.restrict(motions) * problem.free[:, None])
     )
+    forced = forced - drawn @ (problem.external.T @ motions).T
+    per_force = per_force - drawn @ kernel.contact_of_motions.T
+    return tuple(kernel.without(problem.spread, part) for part in (forced, per_force, imposed))
 
 
 def _eigenforces(full: FullModel) -> csc_matrix:

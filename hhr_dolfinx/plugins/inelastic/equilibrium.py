@@ -16,12 +16,12 @@ import numpy as np
 
 from hhr_dolfinx.amplitudes import Amplitudes, Theta
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Statuses
-from hhr_dolfinx.contact.kernel import LinearisedKernel
 from hhr_dolfinx.contact.law import UNILATERAL_STEP, ContactLaw, StepContact
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.inelastic.law import Update
+from hhr_dolfinx.plugins.inelastic.loose import LinearisedKernel
 from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, GaussPoints
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.trained import Signs, TrainedPaths
@@ -67,8 +67,12 @@ class Linearisation:
             free = self.solve(residual)
             slack = self.gaps @ theta - self.rows @ (x + free)
             if self.motions is not None:
+
+                def still(forces: np.ndarray) -> np.ndarray:
+                    return x + free - self.push(forces)
+
                 found, moved = self.motions.solved(
-                    contact, slack, residual, x + free, active, self.pairs
+                    contact, slack, residual, still, active, self.pairs
                 )
                 return free - self.push(found.forces) + moved, found
             found = contact.solved(self.equalities, slack, active, self.pairs)
@@ -82,12 +86,7 @@ class Linearisation:
         self, found: Statuses, x: np.ndarray, theta: Theta, law: ContactLaw
     ) -> np.ndarray | None:
         """Rigid motions of an unknown that forces leave undetermined, (n, d); None without any."""
-        if self.motions is None:
-            return None
-        pressing = law.pressing(found.forces.size)
-        holding = None if pressing.all() else found.active & ~pressing
-        forces = np.where(pressing, found.forces, 0.0)
-        return self.motions.undetermined(forces, self.slack_of(self.gaps @ theta, x), holding)
+        return undetermined(self.motions, found, lambda: self.slack_of(self.gaps @ theta, x), law)
 
     def slack_of(self, gaps: np.ndarray, x: np.ndarray) -> np.ndarray:
         """Slack of an unknown, gaps - B x, or the change of it by changes."""
@@ -102,10 +101,30 @@ class Linearisation:
         with self.held():
             free = self.solve(residual)
             if self.motions is not None:
-                forces, moved = self.motions.changed(residual, gaps - self.rows @ free, active)
+                slack = gaps - self.rows @ free
+                forces, moved = (
+                    part[:, 0]
+                    for part in self.motions.changed(residual[:, None], slack[:, None], active)
+                )
                 return free - self.push(forces) + moved, forces
             forces, _ = self.equalities(active, gaps - self.rows @ free)
             return free - self.push(forces), forces
+
+
+def undetermined(
+    motions: LinearisedKernel | None,
+    found: Statuses,
+    slack: Callable[[], np.ndarray],
+    law: ContactLaw,
+) -> np.ndarray | None:
+    """Rigid motions that forces under a slack, (m,), leave undetermined, (n, d); None without
+    any.
+    """
+    if motions is None:
+        return None
+    pressing = law.pressing(found.forces.size)
+    holding = None if pressing.all() else found.active & ~pressing
+    return motions.undetermined(np.where(pressing, found.forces, 0.0), slack(), holding)
 
 
 class Diverged(Exception):

@@ -15,7 +15,7 @@ from scipy.linalg.blas import daxpy
 from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.amplitudes import Theta
-from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Statuses
 from hhr_dolfinx.contact.kernel import kernels
 from hhr_dolfinx.contact.problem import ContactProblem, Reshaping
 from hhr_dolfinx.contact.stiffness import FactorStore, ScaledStiffness, SparseStiffness, Stiffness
@@ -386,6 +386,17 @@ class FullOrderEquilibrium(MeshEquilibrium):
         grounded = 0.0 if self.springs is None else self.springs * (x + self.lifts @ theta)
         internal, size = self.internal(gauss.stress, grounded)
         return loads - internal, self.norms(np.abs(loads) + size)
+
+    def elastic_statuses(self, theta: Theta) -> Statuses:
+        """Contact forces of the elastic bodies, without inelastic strain, and their statuses."""
+        nothing = np.zeros(self.size)
+        strain = self.strain(nothing, theta)
+        rest = self.material.at_rest()
+        stress = np.einsum("nij,nj->ni", self.material.elastic, strain)
+        residual, _ = self.residual(nothing, GaussState(stress, rest), theta)
+        return self.elastic.correct(
+            residual, nothing, theta, np.zeros(self.conditions, dtype=bool)
+        )[1]
 
     def internal(
         self, stress: np.ndarray, grounded: np.ndarray | float = 0.0

@@ -160,6 +160,9 @@ def contact_tree(model: Any, arrays: Packed) -> dict[str, Any]:
         from hhr_dolfinx.plugins.pages.flowing import flow_tree
 
         tree |= {"schur": None, "parts": [], "flow": flow_tree(model, arrays)}
+        tree["floating"] = (
+            None if model.fields.loose is None else _floating(model.fields.loose, arrays)
+        )
         tree["path"] = {"fixed": tree["flow"].pop("fixed")}
     else:
         tree |= _eliminated(model.eliminated, arrays)
@@ -218,14 +221,8 @@ def _eliminated(eliminated: Any, arrays: Packed) -> dict[str, Any]:
     """S and the free slack; also the rigid motions of bodies without supports."""
     if isinstance(eliminated, ConstantElimination) or eliminated.keeps_kernel:
         responses = eliminated.responses
-        floating = None
-        if eliminated.keeps_kernel:  # contact rows of the motions, B R, and loads along them
-            floating = {
-                name: arrays.put(f"floating_{name}", getattr(eliminated, name))
-                for name in ("taken", "driving")
-            }
         return {
-            "floating": floating,
+            "floating": _floating(eliminated, arrays) if eliminated.keeps_kernel else None,
             "schur": arrays.put("schur", half(responses.schur)),
             "free_slack": arrays.put("free_slack", responses.free_slack),
             "parts": [],
@@ -233,6 +230,14 @@ def _eliminated(eliminated: Any, arrays: Packed) -> dict[str, Any]:
     from hhr_dolfinx.plugins.pages.interpolated import compliances_tree
 
     return compliances_tree(eliminated, arrays)
+
+
+def _floating(motions: Any, arrays: Packed) -> dict[str, Any]:
+    """Contact rows of the motions, B R, and loads along them."""
+    return {
+        name: arrays.put(f"floating_{name}", getattr(motions, name))
+        for name in ("taken", "driving")
+    }
 
 
 def _outputs(model: Any, arrays: Packed) -> tuple[list[dict[str, Any]], list[str]]:
@@ -313,6 +318,9 @@ def _linear(model: Any, item: Linear, number: int, arrays: Packed) -> dict[str, 
         from hhr_dolfinx.plugins.pages.flowing import linear_of_flow
 
         own = {"moved": linear_of_flow(fields, item, number, arrays)}
+        if fields.loose is not None:
+            of_motions = item.along @ (item.matrix(len(fields.basis)) @ fields.loose.modes)
+            own |= {"motions": arrays.put(f"output{number}_motions", of_motions)}
     elif item.count:
         rows = item.matrix(fields.functionals.size)
         if model.eliminated.keeps_kernel:

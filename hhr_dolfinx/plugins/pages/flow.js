@@ -12,11 +12,13 @@
       model.flow = this;
     }
 
-    /* Rows of a displacement: of corrections, of forces and loads by part, and of imposed displacements. */
-    along(rows, { correction, forces, theta, gives }) {
+    /* Rows of a displacement: of corrections, of forces and loads by part, of imposed displacements, and of loose bodies. */
+    along(rows, { correction, forces, theta, gives, motions }) {
       const [modes, given, pushed, forced] = ["modes", "given", "pushed", "forced"].map((name) => this.model.arrays[rows[name]]);
       const { ell, m, terms } = this, count = modes.length / ell, found = new Float64Array(count);
+      const rigid = rows.motions ? this.model.arrays[rows.motions] : [], loose = rows.motions ? motions.length : 0;
       for (let r = 0; r < count; r++) {
+        for (let j = 0; j < loose; j++) found[r] += rigid[r * loose + j] * motions[j];
         for (let j = 0; j < ell; j++) found[r] += modes[r * ell + j] * correction[j];
         for (let t = 0; t < terms; t++) found[r] += given[r * terms + t] * theta[t];
         gives.forEach((c, q) => {

@@ -225,6 +225,8 @@ def flow_field(
     inside = [(ways * (parts == part)[:, None]).T for part in range(fields.factors.middle.size)]
     own["pushed"] = np.array([part @ fields.per_force[rows] for part in inside])
     own["forced"] = np.array([part @ fields.forced[rows] for part in inside])
+    if fields.loose is not None:
+        own["motions"] = ways.T @ fields.loose.modes[rows]
     found = {name: arrays.put(f"field_{name}", values, "<f4") for name, values in own.items()}
     return {"kind": "flow"} | tree | found | _plastic(fields, scenery, arrays)
 

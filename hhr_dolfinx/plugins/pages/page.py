@@ -19,7 +19,7 @@ from hhr_dolfinx.files import replacing
 from hhr_dolfinx.models.estimates import relative_errors
 from hhr_dolfinx.plugins.pages.arrays import check_model, contact_tree, drawn, flows, packed
 from hhr_dolfinx.plugins.pages.packing import Packed
-from hhr_dolfinx.plugins.pages.scenery import Scenery, thinned
+from hhr_dolfinx.plugins.pages.scenery import Scenery, compliance_of, thinned
 from hhr_dolfinx.timing import today
 from hhr_dolfinx.version import __version__
 
@@ -82,8 +82,14 @@ def check_alike(model: Any, scenery: Scenery) -> None:
         )
     middle = model.parameters.middle
     there = model.equilibrium.at(middle) if flows(model) else model.contacts()(middle)
-    own = there.schur.sum(axis=1)
-    if not np.linalg.norm(own - scenery.compliance) <= SAME_COMPLIANCE * np.linalg.norm(own):
+    loose = model.fields.loose if flows(model) else None
+    own = (
+        there.schur.sum(axis=1)
+        if loose is None
+        else compliance_of(there.schur.__matmul__, loose.taken)
+    )
+    size = np.linalg.norm(own if loose is None else there.schur)
+    if not np.linalg.norm(own - scenery.compliance) <= SAME_COMPLIANCE * size:
         raise NotOfferedError(
             "the scenery is not of the scene of this model: its contact is stiffer or softer"
         )

@@ -193,9 +193,13 @@ class _RecordReader:
     def _softness(self) -> float:
         """Mean of the diagonal of S, which is stored by halves."""
         places = np.arange(self.tree["m"])
-        return float(
-            np.abs(self.arrays[self.tree["schur"]][places * (places + 3) // 2]).mean() or 1.0
+        flow = self.tree["flow"]
+        half = (
+            self.arrays[self.tree["schur"]]
+            if flow is None
+            else self.arrays[flow["schur"]].sum(axis=0)
         )
+        return float(np.abs(half[places * (places + 3) // 2]).mean() or 1.0)
 
     def _sizes(self, places: np.ndarray) -> dict[str, int | float]:
         tree = self.tree

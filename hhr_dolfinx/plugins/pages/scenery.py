@@ -6,6 +6,7 @@ data like the model.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -136,7 +137,7 @@ class Scenery:
         pairs: contact of each condition, the first of several, (m,).
         shares: condition, contact and its share, of conditions that several contacts state, (k, 3).
         compliance: S times ones at the middle of the box, (m,), to check that model and scenery are
-            of one scene.
+            of one scene; where contact alone holds bodies with laws, :func:`compliance_of`.
         moves: True if shapes are parameters: areas are then those at the middle of the box.
         strains: of the drawn cells; None if their stress does not follow from displacements alone.
         owners: cell of each triangle in an inelastic model, (t,), set by the model; else None.
@@ -317,3 +318,16 @@ def _whole(pieces: np.ndarray) -> np.ndarray:
     ordered = np.sort(pieces, axis=1)
     different = np.flatnonzero((np.diff(ordered, axis=1) > 0).all(axis=1))
     return different[np.unique(ordered[different], axis=0, return_index=True)[1]]
+
+
+def compliance_of(pushed: Callable[[np.ndarray], np.ndarray], taken: np.ndarray) -> np.ndarray:
+    """S times some forces that do no work along motions, less the nearest slack of motions, (m,).
+
+    It does not depend on how bodies are pinned in S. ``pushed`` is S times forces, ``taken`` is B
+    R, (m, r). Even and linear forces would often be those of motions.
+    """
+
+    def without(values: np.ndarray) -> np.ndarray:
+        return values - taken @ np.linalg.lstsq(taken, values, rcond=None)[0]
+
+    return without(pushed(without(np.cos(np.arange(len(taken))))))

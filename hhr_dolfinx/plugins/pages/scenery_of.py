@@ -12,7 +12,13 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.geometries.cells import CORNERS, TENSOR_ORDER, outer_faces_of_cells
 from hhr_dolfinx.materials.elasticity import von_mises
-from hhr_dolfinx.plugins.pages.scenery import SCENERY_FILE, Scenery, Strains, WholeMesh
+from hhr_dolfinx.plugins.pages.scenery import (
+    SCENERY_FILE,
+    Scenery,
+    Strains,
+    WholeMesh,
+    compliance_of,
+)
 from hhr_dolfinx.plugins.stress.mesh import moduli_of, strains_of_cells
 from hhr_dolfinx.scene import Scene
 
@@ -56,6 +62,12 @@ def scenery_of(full: FullOrderModel) -> Scenery:
     number = np.full(len(discretisation._points()), -1)
     number[nodes] = np.arange(len(nodes))
     drawn = number[outer] if flat else np.zeros((0, 2))
+    compliance = problem.contact @ full.pushed_everywhere(np.ones(full.conditions))
+    if problem.kernel is not None and full.equilibrium is not None:
+        taken = problem.kernel.contact_of_motions
+        compliance = compliance_of(
+            lambda forces: problem.contact @ full.pushed_everywhere(forces), taken
+        )
     return Scenery(
         np.ascontiguousarray(discretisation._points()[nodes]),
         nodes.astype(np.int64),
@@ -65,7 +77,7 @@ def scenery_of(full: FullOrderModel) -> Scenery:
         problem.contact_areas.copy(),
         problem.contact_pairs.astype(np.int64),
         _shares(problem),
-        problem.contact @ full.pushed_everywhere(np.ones(full.conditions)),
+        compliance,
         bool(full.scene.shapes),
         _words(full.scene),
         strains_of(full, np.tile(owners, len(parts))),

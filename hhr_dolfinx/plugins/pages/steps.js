@@ -21,7 +21,7 @@
         return [["point", parameters], ["forces", conditions], ["motions", motions], ["energy", 1], ["time", 1], ["memory", remembered], ...slip, ...statuses];
       }
       if (!flow) return [["point", parameters], ["forces", conditions], ["energy", 1], ["motions", motions], ...slip, ...statuses];
-      return [["point", parameters], ["correction", modes], ["forces", conditions], ["memory", memory * points], ["largest", 1], ...slip,
+      return [["point", parameters], ["correction", modes], ["forces", conditions], ["memory", memory * points], ["largest", 1], ["motions", motions], ...slip,
         ["active", conditions, true], ["elastic", conditions, true], ["loaded", 1, true], ...statuses];
     }
 

@@ -598,6 +598,29 @@ def test_bodies_that_flow_and_rub_are_in_c_those_of_python(name, tmp_path):
         assert made.ask(3, *at(points, *room)) == CHANGED
 
 
+@needs("floating", "inelastic")
+@compiled
+@pytest.mark.parametrize(
+    "rubs", [False, pytest.param(True, marks=needs("friction"))], ids=["smooth", "rough"]
+)
+@pytest.mark.filterwarnings("ignore:body 2 .* moves along axis 0")
+def test_loose_bodies_that_flow_are_in_c_those_of_python(rubs, tmp_path):
+    """Motions are unknowns beside corrections and forces; outputs read them."""
+    from test_flow_pages import FAR, loose, pressing
+
+    model = loose(rubs=rubs)[1]
+    path = pressing(6.7)
+    made, room = increments(tmp_path, model)
+    assert made.ask(len(path), *at(np.array([point for _, point in path]), *room)) == DONE
+    forces, told, _, _ = room
+    answers = model.march(path, FAR).answers
+    largest = max(np.abs(answer.multipliers).max() for answer in answers)
+    for k, answer in enumerate(answers):
+        np.testing.assert_allclose(forces[k], answer.multipliers, rtol=0, atol=1e-8 * largest)
+        known = np.array([answer.outputs()[output] for output in outputs_of(model)])
+        np.testing.assert_allclose(told[k], known, rtol=1e-7, atol=1e-8 * np.abs(known[1:]).max())
+
+
 LAST_LAWS = "infinite slope", "plane stress"
 FLOW = pytest.param("flow", marks=needs("inelastic", "moduli"))
 

@@ -14,7 +14,7 @@ from toy_system import Parted
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import registry
-from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, SceneError, UndeterminedWarning
+from hhr_dolfinx.errors import NotSolvableError, SceneError, UndeterminedWarning
 from hhr_dolfinx.geometries import stacked_blocks as blocks
 
 pytestmark = [
@@ -223,10 +223,6 @@ def test_hyper_reduced_histories(law, tmp_path):
         assert one.forces().sum() == pytest.approx(point[0] + 0.2 * 0.95, rel=1e-9)
         assert np.array_equal(one.multipliers, again.multipliers)
         assert np.linalg.norm(one.forces() - exact.forces()) < 0.02 * np.linalg.norm(exact.forces())
-    with pytest.raises(
-        NotOfferedError, match="forces of a condensed step follow from its slack alone"
-    ):
-        training.condense()
 
 
 def test_motions_that_nothing_determines_are_least_and_warned_of():

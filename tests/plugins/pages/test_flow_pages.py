@@ -14,7 +14,8 @@ import pytest
 import ufl
 from condensing import TIGHT, condensed
 from mpi4py import MPI
-from scenes import pressed_pair, slope, space
+from needs import needs
+from scenes import lying, pressed_pair, slope, space
 from test_pages import (
     CHROMIUM,
     ENDED,
@@ -35,6 +36,7 @@ from hhr_dolfinx.contact.law import UNILATERAL
 from hhr_dolfinx.errors import NotOfferedError, ParameterError
 from hhr_dolfinx.forms.laws import equivalent, standard, trace
 from hhr_dolfinx.formulas import Modulus
+from hhr_dolfinx.geometries import stacked_blocks as blocks
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.plugins.inelastic.condensed_fields import PartFactors
@@ -51,7 +53,7 @@ for (const point of path.slice(1)) {
   state = steps.reached(state, point);
   found.push({ forces: [...state.forces], cumulated: [...state.cumulated], outputs: model.outputs(state),
     estimate: flow.estimate(state), field: [...model.displacement(state)], strained: [...flow.strained(state)],
-    stress: [...model.stress(state)] });
+    stress: [...(model.stress(state) ?? [])] });
 }
 const begun = points.map((point) => steps.begun(point).map(({ point, forces }) => ({ point, forces: [...forces] })));
 console.log(JSON.stringify({ found, begun, fixed: steps.fixed }));
@@ -59,6 +61,7 @@ console.log(JSON.stringify({ found, begun, fixed: steps.fixed }));
     + ENDED
 )
 EXACT = hhr.MarchSettings(relative_force=1e-11, iterations=200)
+FAR = dataclasses.replace(EXACT, outside="ignore")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -149,6 +152,42 @@ def yielding():
     """Two blocks of which one yields, with constants that are no parameters, and outputs."""
     training = contract.flowing()
     return training.full_order, training.condense()
+
+
+@cache
+def loose(*, rubs=False):
+    """A block that flows and lies on another one, held by contact alone, or by friction.
+
+    Full model, condensed flow.
+    """
+    made = lying(
+        tilt=0.2, cells=(6, 3), sideways=0.15 if rubs else 0.0, parameters=space(p=(0.0, 12.0))
+    )
+    (pair,) = made.contacts
+    outputs = (
+        hhr.ContactForce("force", 0, (0.0, 1.0)),
+        hhr.DisplacementAt("sunk", (0.5, 2.0), 1, blocks.UPPER_BLOCK),
+        hhr.DisplacementAt("moved", (0.0, 2.0), 0, blocks.UPPER_BLOCK),
+    )
+    made = dataclasses.replace(
+        made,
+        bodies=tuple(
+            dataclasses.replace(body, law=hhr.Plasticity(6.0, 100.0)) for body in made.bodies
+        ),
+        contacts=(dataclasses.replace(pair, friction=0.4),) if rubs else made.contacts,
+        outputs=outputs,
+    )
+    full = hhr.FullOrderModel(made, MPI.COMM_SELF)
+    tight = dataclasses.replace(TIGHT, search="tangent")
+    return full, condensed(full, [full.march(pressing(top), tight) for top in (6.0, 7.0, 8.0)])
+
+
+def pressing(top):
+    """Loaded, unloaded, loaded by more, and unloaded again: nodes of the curved side close and
+    open.
+    """
+    shares = (0.0, 0.1, 0.4, 0.8, 0.5, 0.1, 1.0, 0.3)
+    return [(float(k), np.array([top * share])) for k, share in enumerate(shares)]
 
 
 def cycle(young, top=0.05):
@@ -264,6 +303,51 @@ def test_outputs_of_flow_are_on_its_page():
         assert found["outputs"] == pytest.approx(
             [known[name] for name in names], rel=1e-8, abs=1e-10
         )
+
+
+@needs("floating")
+@in_node
+@pytest.mark.parametrize(
+    "rubs", [False, pytest.param(True, marks=needs("friction"))], ids=["smooth", "rough"]
+)
+@pytest.mark.filterwarnings("ignore:body 2 .* moves along axis 0")
+def test_a_loose_block_is_on_a_page_that_of_python(rubs):
+    """Its motions are unknowns of each correction, which outputs of displacements and the picture
+    read.
+    """
+    full, model = loose(rubs=rubs)
+    assert model.fields.loose.count == (3 if rubs else 2)
+    path = pressing(6.7)
+    given = marched(model, hhr.scenery_of(full), path)
+    answers = model.march(path, FAR).answers
+    statuses = np.array([answer.active for answer in answers])
+    assert (statuses[:-1] & ~statuses[1:]).any() and (~statuses[:-1] & statuses[1:]).any()
+    largest = max(np.abs(answer.forces()).max() for answer in answers)
+    moved = max(np.linalg.norm(answer.displacement()) for answer in answers)
+    for found, answer in zip(given["found"], answers, strict=True):
+        np.testing.assert_allclose(found["forces"], answer.multipliers, rtol=0, atol=1e-8 * largest)
+        known = answer.outputs()
+        expected = [known[name] for name in ("force", "sunk", "moved")]
+        assert found["outputs"] == pytest.approx(
+            expected, rel=1e-7, abs=1e-8 * max(map(abs, expected[1:]))
+        )
+        check_field(found, answer, hhr.scenery_of(full), moved, 0.02)
+
+
+@needs("floating")
+@pytest.mark.filterwarnings("ignore:body 2 .* moves along axis 0")
+def test_a_scenery_of_a_softer_loose_block_is_refused():
+    """Where nothing but pins of the solver hold a body, S of both is compared without its
+    motions.
+    """
+    full, model = loose()
+    page.check_alike(model, hhr.scenery_of(full))
+    lower, upper = full.scene.bodies
+    softer = dataclasses.replace(
+        full.scene, bodies=(lower, dataclasses.replace(upper, young=0.99 * upper.young))
+    )
+    with pytest.raises(NotOfferedError, match="stiffer or softer"):
+        page.check_alike(model, hhr.scenery_of(hhr.FullOrderModel(softer, MPI.COMM_SELF)))
 
 
 def test_what_does_not_change_within_a_history():

@@ -22,7 +22,7 @@ from hhr_dolfinx.plugins.pages.layout import layouts
 
 ZIG = importlib.util.find_spec("ziglang") is not None
 LAWS = [None, *(name for name in ("friction",) if name in registry.installed())]
-KERNELS = list(itertools.product(LAWS, ([], ["floating"], ["flow"])))
+KERNELS = list(itertools.product(LAWS, ([], ["floating"], ["flow"], ["floating", "flow"])))
 
 
 def sources(name, part):

@@ -23,6 +23,7 @@ typedef struct {
     double *block, *point, *correction, *forces;
     double *memory;  /* inelastic strain, its cumulated amount, and further variables of laws */
     double *largest; /* denominator of errors of corrections */
+    double *motions; /* of bodies that contact alone holds */
     unsigned char *active, *elastic, *loaded; /* the last: 1 if statuses are known */
 #if MODEL_RUBS
     model_slip slip;
@@ -34,7 +35,7 @@ typedef struct {
 static inline int model_state_new(model_state *s) {
     const size_t m = MODEL_CONDITIONS;
     const model_row rows[] = {{&s->point, MODEL_PARAMETERS}, {&s->correction, MODEL_MODES}, {&s->forces, m},
-                              {&s->memory, (size_t)MODEL_MEMORY * MODEL_POINTS}, {&s->largest, 1},
+                              {&s->memory, (size_t)MODEL_MEMORY * MODEL_POINTS}, {&s->largest, 1}, {&s->motions, MODEL_MOTIONS},
 #if MODEL_RUBS
                               MODEL_SLIP_ROWS(s->slip)
 #endif
@@ -51,7 +52,7 @@ static inline int model_state_new(model_state *s) {
 
 /* Results of an increment at a correction. */
 typedef struct {
-    double *block, *correction, *residual, *forces, *strain, *memory, merit;
+    double *block, *correction, *residual, *forces, *motions, *strain, *memory, merit;
     unsigned char *active;
 } model_trial;
 
@@ -59,7 +60,7 @@ static inline model_trial *model_trial_new(void) {
     model_trial *t = calloc(1, sizeof *t);
     if (!t) return NULL;
     const model_row rows[] = {{&t->correction, MODEL_MODES}, {&t->residual, MODEL_MODES}, {&t->forces, MODEL_CONDITIONS},
-                              {&t->strain, MODEL_SIZE}, {&t->memory, (size_t)MODEL_MEMORY * MODEL_POINTS}};
+                              {&t->motions, MODEL_MOTIONS}, {&t->strain, MODEL_SIZE}, {&t->memory, (size_t)MODEL_MEMORY * MODEL_POINTS}};
     size_t size;
     t->block = model_block(MODEL_ROWS(rows), MODEL_CONDITIONS, &size);
     t->active = (unsigned char *)t->block + size - MODEL_CONDITIONS;
@@ -207,6 +208,12 @@ static inline void model_set_loads(model_path *p) {
             p->slack[i] += share * theta[t];
         }
     }
+#if MODEL_FLOATS
+    for (int j = 0; j < MODEL_MOTIONS; j++) {
+        p->room->driving[j] = 0;
+        for (int t = 0; t < terms; t++) p->room->driving[j] += model_driving[j * terms + t] * theta[t];
+    }
+#endif
     for (int k = 0; k < MODEL_SIZE; k++) {
         p->strain[k] = 0;
         for (int t = 0; t < terms; t++) {
@@ -231,7 +238,12 @@ static inline int model_touched(model_path *p, const double *slack, const double
         if (!isfinite(slack[i])) return 0;
     memcpy(p->slider->slack, slack, MODEL_CONDITIONS * sizeof(double));
     memcpy(p->slider->start, forces, MODEL_CONDITIONS * sizeof(double));
+#if MODEL_FLOATS
+    model_set_softened(p->slider, p->room->schur), model_set_stiffness(p->slider); /* springs may have held it last */
+    return model_settles_free(p->slider);
+#else
     return model_settles(p->slider);
+#endif
 }
 #else
 /* The contact problem of a slack, from initial statuses or, without any, from those of the slack. */
@@ -241,7 +253,11 @@ static inline int model_touched(model_path *p, const double *slack, const unsign
         if (!isfinite(slack[i])) return 0;
         w->slack[i] = slack[i], w->active[i] = start ? start[i] : slack[i] < 0;
     }
+#if MODEL_FLOATS
+    return model_held(w);
+#else
     return model_settled(w);
+#endif
 }
 
 /* Forces of the elastic bodies, by which the cubature is corrected, and their statuses; 0 without any. */
@@ -264,11 +280,17 @@ static inline int model_pressed_by(model_path *p, const double *forces, const un
     if (!model_touched(p, slack, forces)) return 0;
     memcpy(out->forces, p->slider->forces, MODEL_CONDITIONS * sizeof(double));
     memcpy(out->active, p->slider->at, MODEL_CONDITIONS);
+#if MODEL_FLOATS
+    memcpy(out->motions, p->slider->motions, MODEL_MOTIONS * sizeof(double));
+#endif
 #else
     (void)forces;
     if (!model_touched(p, slack, start)) return 0;
     memcpy(out->forces, p->room->forces, MODEL_CONDITIONS * sizeof(double));
     memcpy(out->active, p->room->active, MODEL_CONDITIONS);
+#if MODEL_FLOATS
+    memcpy(out->motions, p->room->motions, MODEL_MOTIONS * sizeof(double));
+#endif
 #endif
     return 1;
 }
@@ -361,16 +383,32 @@ static inline int model_set_pushes(model_path *p, model_trial *here) {
     for (int i = 0; i < m; i++)
         if (here->active[i]) p->on[n++] = i;
     memset(q->known, 0, m * sizeof(double));
-    for (int j = 0; j < ell; j++) {
+#if MODEL_FLOATS
+    double driving[MODEL_MOTIONS]; /* a correction changes no load */
+    memcpy(driving, p->room->driving, sizeof driving), memset(p->room->driving, 0, sizeof driving);
+#endif
+    int answered = 1;
+    for (int j = 0; answered && j < ell; j++) {
         for (int i = 0; i < m; i++) q->slack[i] = -model_moved[i * ell + j];
-        if (!model_answered(q, size)) return -1;
+        answered = model_answered(q, size);
         for (int a = 0; a < n; a++) p->columns[j * m + a] = q->forces[p->on[a]];
     }
+#if MODEL_FLOATS
+    memcpy(p->room->driving, driving, sizeof driving);
+#endif
+    if (!answered) return -1;
 #else
     for (int i = 0; i < m; i++)
         if (here->active[i]) p->on[n++] = i;
     for (int a = 0; a < n; a++)
-        for (int b = 0; b < n; b++) p->inner[a * n + b] = p->room->schur[p->on[a] * m + p->on[b]];
+        for (int b = 0; b < n; b++) {
+            p->inner[a * n + b] = p->room->schur[p->on[a] * m + p->on[b]];
+#if MODEL_FLOATS /* loose bodies on weak springs: a tangent needs few digits, and motions may be undetermined */
+            for (int k = 0; k < MODEL_MOTIONS; k++)
+                p->inner[a * n + b] += model_taken[p->on[a] * MODEL_MOTIONS + k] * model_pushes[k] * MODEL_WEAK *
+                                       model_taken[p->on[b] * MODEL_MOTIONS + k];
+#endif
+        }
     if (!model_lu(p->inner, n, p->room->pivots)) return -1;
     for (int j = 0; j < ell; j++) {
         double *column = p->columns + j * m;
@@ -456,6 +494,7 @@ static inline int model_increment(model_path *p, const model_state *before, cons
     memcpy(after->forces, p->here->forces, MODEL_CONDITIONS * sizeof(double));
     memcpy(after->memory, p->here->memory, sizeof(double) * MODEL_MEMORY * MODEL_POINTS);
     memcpy(after->active, p->here->active, MODEL_CONDITIONS);
+    memcpy(after->motions, p->here->motions, MODEL_MOTIONS * sizeof(double));
 #if MODEL_RUBS
     if (!model_pressed_by(p, p->here->forces, NULL, p->here)) return 0; /* other trials were solved since: its slip again */
     model_remember(p->slider, &before->slip, &after->slip);
@@ -482,6 +521,9 @@ static inline int model_told(model_path *p, double *forces, double *outputs) {
     model_set_theta(w, p->state->point);
     memcpy(w->forces, p->state->forces, MODEL_CONDITIONS * sizeof(double));
     w->correction = p->state->correction, w->gives = p->gives;
+#if MODEL_FLOATS
+    memcpy(w->motions, p->state->motions, MODEL_MOTIONS * sizeof(double));
+#endif
     if (forces) memcpy(forces, w->forces, MODEL_CONDITIONS * sizeof(double));
     if (outputs) model_read(w, outputs);
     return MODEL_DONE;

@@ -510,6 +510,9 @@ static inline int model_settled(model_work *w) {
 #endif
 
 #if MODEL_FLOWS
+#if !MODEL_RUBS
+/*SPRINGS*/
+#endif
 /*FLOW*/
 #elif !MODEL_PATHS
 #if !MODEL_RANGED

@@ -65,7 +65,8 @@ EXPORT(tell) void tell(void) {
     memcpy(WORK->forces, path->state->forces, MODEL_CONDITIONS * sizeof(double));
 #if MODEL_FLOWS
     WORK->correction = path->state->correction, WORK->gives = path->gives;
-#elif MODEL_FLOATS
+#endif
+#if MODEL_FLOATS
     memcpy(WORK->motions, path->state->motions, MODEL_MOTIONS * sizeof(double));
 #endif
     model_read(WORK, outputs);
