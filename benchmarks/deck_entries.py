@@ -57,7 +57,7 @@ Read = Callable[[Answer], float]
 class Entry:
     """A deck: ``write`` makes its text.
 
-    a text as ``reference`` is part of a sentence that refuses it.
+    A text as ``reference`` is part of a sentence that refuses it.
     """
 
     source: str
@@ -74,7 +74,7 @@ class Entry:
 class Case:
     """A scene: ``run`` gives its number.
 
-    a text as ``reference`` is part of a sentence that refuses it.
+    A text as ``reference`` is part of a sentence that refuses it.
     """
 
     source: str
@@ -384,7 +384,7 @@ def disc(turns: float = 30.0) -> tuple[Callable[[np.ndarray], np.ndarray], float
 def sectors(second: str) -> str:
     """Sectors of 30 degrees of two discs on one another, cyclic symmetry by ties.
 
-    a pressure, or another step.
+    A pressure, or another step.
     """
     deck = Writer()
     bend, turn = disc()

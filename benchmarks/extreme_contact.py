@@ -72,7 +72,7 @@ def carried(length: float) -> hhr.Scene:
 def unlike() -> hhr.Scene:
     """Two blocks of E = 1e11 and 1, each on a floor of its own.
 
-    a side pull lifts a part of the soft one.
+    A side pull lifts a part of the soft one.
 
     The stiff one is squeezed between its top and its floor, free at its sides: its pressure is
     known.

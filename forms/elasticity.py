@@ -125,6 +125,14 @@ def law_in(stress_of: Callable[[Expr], Expr], hypothesis: str) -> Callable[[Expr
     )
 
 
+def graded(
+    stress_of: Callable[[Expr], Expr], grading: Callable[[Expr], Expr], mesh: ufl.Mesh
+) -> Callable[[Expr], Expr]:
+    """A stress, a function of the strain, times a function of the coordinates of a mesh."""
+    factor = grading(ufl.SpatialCoordinate(mesh))
+    return lambda strain: factor * stress_of(strain)
+
+
 def without_stress(
     stress_of: Callable[[Expr], Expr], free: Sequence[tuple[int, int]]
 ) -> Callable[[Expr], Expr]:

@@ -1,6 +1,6 @@
 """Mesh of an Abaqus or CalculiX deck (``.inp``): cells of one kind, with its sets and surfaces.
 
-meshio reads such decks too, but without surfaces, parts and plane-strain and axisymmetric elements;
+Meshio reads such decks too, but without surfaces, parts and plane-strain and axisymmetric elements;
 of several blocks of elements with the same set it keeps the last one.
 """
 

@@ -1,6 +1,6 @@
 """Two elastic half-discs that face each other across a gap, thesis section 1.5.1.
 
-gmsh meshes the lower body, which is mirrored at y = 0, so that every node of one arc faces a node
+Gmsh meshes the lower body, which is mirrored at y = 0, so that every node of one arc faces a node
 of the other along e_y. With 56 arc and 14 flat segments per body the two meshes have 2 x 339 nodes
 and 55 facing pairs away from the flat edges.
 """

@@ -1,6 +1,6 @@
 """gmsh's optimisers of curved cells, as a script: ``python high_order.py mesh.npz HighOrder``.
 
-gmsh ends the whole process if its optimiser misses its target (``std::runtime_error``, 4.15), so
+Gmsh ends the whole process if its optimiser misses its target (``std::runtime_error``, 4.15), so
 that it must not run in the process of a user. The file has ``points``, (n, 3), nodes of ``cells``,
 (c, K), and of ``held`` facets, (f, k), whose nodes do not move, and gmsh's numbers of both kinds of
 elements, ``kinds``, (2,). New points are written to it.

@@ -86,7 +86,7 @@ def summary_of(raw: RawMesh, path: Path, scale: float = 1.0) -> Summary:
 def _lines(sets: Mapping[str | int, tuple[int, np.ndarray]], dim: int, points: np.ndarray) -> Lines:
     """Names, counts and positions of sets, given by counts and nodes.
 
-    a number of a set with a name stands after it.
+    A number of a set with a name stands after it.
     """
     content = {name: (count, np.asarray(nodes).tobytes()) for name, (count, nodes) in sets.items()}
     named = {content[name] for name in sets if isinstance(name, str)}

@@ -152,7 +152,7 @@ class Theta:
 class NonAffine(Protocol):
     """Amplitudes of several columns of a load that are not affine in the parameters.
 
-    a frozen dataclass of numbers.
+    A frozen dataclass of numbers.
 
     Files and fingerprints of problems identify it by its class and its fields.
     """

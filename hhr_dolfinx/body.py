@@ -132,7 +132,7 @@ class Body(KnownArguments):
 
         None for others.
         """
-        if self.law is None or self.grading is not None:
+        if self.law is None:
             return self.stress
         return laws_of_scenes(self.plugin).linear_stress(self.law)
 

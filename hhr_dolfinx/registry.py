@@ -258,7 +258,7 @@ def wants(item: Way | Bounds | Stage, *given: Any) -> bool:
 def loadable(what: str) -> dict[str, Any]:
     """Objects by name in one mapping of all manifests.
 
-    a PluginWarning names each one that cannot be loaded.
+    A PluginWarning names each one that cannot be loaded.
     """
     objects = {}
     for name, place in named(what).items():

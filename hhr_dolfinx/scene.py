@@ -36,6 +36,8 @@ from hhr_dolfinx.units import Units
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
+    from ufl import Mesh
+
     from hhr_dolfinx.contact.law import PairLaw
     from hhr_dolfinx.formulas import Formula
     from hhr_dolfinx.outputs import Output
@@ -353,19 +355,32 @@ class Scene(KnownArguments):
         """True if answers depend on the path that leads to them."""
         return bool(self.remembers or self.reader)
 
-    def own_stress(self, body: Body) -> Callable[[Any], Any] | None:
-        """Linear elasticity of a body that is not Hooke's, under the hypothesis.
+    def states_stress(self, body: Body) -> bool:
+        """True for a body with linear elasticity that is not Hooke's.
 
-        None for Hooke's, and for laws.
-
-        A function of the strain, both 3x3, in UFL. Beside bodies that flow, a linear law is solved
-        for as theirs are.
+        Beside inelastic bodies, a linear law is solved at Gauss points, as theirs are.
         """
-        if body.stress is None and (body.law is None or self.reader):
+        return body.stress is not None or (body.law is not None and not self.reader)
+
+    def own_stress(self, body: Body, mesh: Mesh) -> Callable[[Any], Any] | None:
+        """Linear elasticity of a body that is not Hooke's, under the hypothesis, with its grading.
+
+        Args:
+            body: one of the scene.
+            mesh: mesh with the coordinates of the grading.
+
+        Returns:
+            The stress as a function of the strain, both 3x3, in UFL; None for Hooke's law, and for
+            laws that are solved at Gauss points.
+        """
+        if not self.states_stress(body):
             return None
         stated = body.own_stress
         assert stated is not None  # a law that is not linear has a reader
-        return elasticity.law_in(stated, self.hypothesis)
+        stress_of = elasticity.law_in(stated, self.hypothesis)
+        return (
+            stress_of if body.grading is None else elasticity.graded(stress_of, body.grading, mesh)
+        )
 
     @cached_property
     def reader(self) -> str:

@@ -28,7 +28,7 @@ def slice_of(text):
 def unit(nodeid):
     """Tests that a slice has or has not: a file, whose tests share fixtures.
 
-    scripts, which share none, one by one.
+    Scripts, which share none, one by one.
     """
     return nodeid if "test_scripts.py" in nodeid else nodeid.partition("::")[0]
 

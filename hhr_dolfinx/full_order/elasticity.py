@@ -104,7 +104,7 @@ class ConstantElasticity:
         """
         hypothesis = space.scene.hypothesis
         body = space.scene.bodies[place]
-        if (stress_of := space.scene.own_stress(body)) is not None:
+        if (stress_of := space.scene.own_stress(body, space.mesh)) is not None:
             return stress_of(elasticity.strain(field, hypothesis))
         return elasticity.stress(
             field, space.constant(body.young), space.constant(body.poisson), hypothesis
@@ -150,7 +150,7 @@ class ConstantElasticity:
 def _form(space: DiscreteSpace, body: Body) -> ufl.Form:
     dx = space.cells(body.tag)
     hypothesis = space.scene.hypothesis
-    if (stress_of := space.scene.own_stress(body)) is not None:
+    if (stress_of := space.scene.own_stress(body, space.mesh)) is not None:
         return elasticity.stiffness_of_law(*space.arguments, stress_of, hypothesis, dx)
     moduli = space.constant(body.young), space.constant(body.poisson)
     return elasticity.stiffness(*space.arguments, *moduli, hypothesis, dx)
@@ -193,7 +193,7 @@ def elasticity_of(space: DiscreteSpace) -> ConstantElasticity:
 
 def _is_constant(body: Body, scene: Scene) -> bool:
     """True unless a body flows, has a grading, formulas, or is nearly incompressible."""
-    if scene.own_stress(body) is not None:
+    if scene.states_stress(body):
         return True
     if body.law is not None or body.grading is not None or body.varies:
         return False

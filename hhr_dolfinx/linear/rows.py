@@ -1,6 +1,6 @@
 """Operations on tables with a row for each dof, (N, k).
 
-a plug-in has them for rows that several processes share.
+A plug-in has them for rows that several processes share.
 """
 
 from __future__ import annotations

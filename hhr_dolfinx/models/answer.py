@@ -456,7 +456,7 @@ class History(Shown):
     def iterations(self) -> list[int]:
         """Iterations of each step, summed over its parts.
 
-        a failed attempt counts as the most allowed.
+        A failed attempt counts as the most allowed.
         """
         return [answer.iterations for answer in self.answers]
 

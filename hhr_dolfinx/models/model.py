@@ -154,7 +154,7 @@ class AnsweringModel(Shown):
     def estimating(self) -> AnsweringModel:
         """Model whose error estimates its answers carry.
 
-        itself, but for models that combine others.
+        Itself, but for models that combine others.
         """
         return self
 

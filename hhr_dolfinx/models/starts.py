@@ -72,7 +72,7 @@ class KnownStatuses(Rebuilt):
     def starts(self, points: np.ndarray) -> np.ndarray:
         """Statuses to start from at many points, (n, P): (n, m) bool.
 
-        a copy, which the caller may change.
+        A copy, which the caller may change.
         """
         offsets, directions = self.distances
         return self.active[(offsets - points @ directions.T).argmin(axis=1)]
@@ -113,7 +113,7 @@ class LinearStarts(KnownStatuses):
     def starts(self, points: np.ndarray) -> np.ndarray:
         """Statuses to start from at many points, (n, P): (n, m) bool.
 
-        a copy, which the caller may change.
+        A copy, which the caller may change.
         """
         offsets, directions = self.distances
         active = np.empty((len(points), self.margins.shape[1]), dtype=bool)

@@ -30,7 +30,7 @@ be tagged up to where the normal is tangential.
 class QuadraticFacets(Protocol):
     """Facets of second order of a surface whose facets are the flat parts of these.
 
-    a plug-in makes them.
+    A plug-in makes them.
     """
 
     nodes: np.ndarray  #: nodes of each facet, counted within the surface, (F, K)

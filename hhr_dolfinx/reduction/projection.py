@@ -240,7 +240,7 @@ def load_nodes(problem: ContactProblem) -> np.ndarray:
 def checked_nodes(nodes: np.ndarray, count: int, what: str = "the zone") -> np.ndarray:
     """Node numbers, (n,), that ``what`` has chosen of ``count``.
 
-    a mask of all nodes is accepted too.
+    A mask of all nodes is accepted too.
     """
     if nodes.dtype == bool:
         if nodes.shape != (count,):

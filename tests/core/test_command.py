@@ -532,7 +532,7 @@ def test_messages_name_options_that_are_there():
 def test_models_with_a_law_of_a_users_own(tmp_path, monkeypatch):
     """A file holds it as a program, without its class, and so does a header of C.
 
-    a page needs the geometry.
+    A page needs the geometry.
     """
     from toy_law import Bingham
 

@@ -42,7 +42,7 @@ def test_a_part_that_is_placed_twice(tmp_path):
 def test_loads_by_numbers_of_an_instance_have_names(tmp_path):
     """Nodes and faces of the flat deck.
 
-    a load of something else, which no scene names, refuses nothing.
+    A load of something else, which no scene names, refuses nothing.
     """
     loads = "*BOUNDARY\nUp-1.3, 1, 3\nLow-1.Bottom, 2\nweld.7, 1\n*CLOAD\nUp-1.8, 3, 2.\n*DLOAD\nUp-1.1, P2, 5.\n"
     text = f"{CUBE}{PLACED}*END ASSEMBLY\n*STEP\n{loads}*END STEP\n"

@@ -194,7 +194,7 @@ def test_an_answer_is_completed_after_another_point_was_factored():
 def test_compressed_factors_beside_others_leave_the_schur_complement():
     """2, -1 on 30 rows with the last one kept: what is left is 2 - 29/30.
 
-    a PETSc before 3.23 keeps more memory.
+    A PETSc before 3.23 keeps more memory.
     """
     upper = triu(diags([-1.0, 2.0, -1.0], [-1, 0, 1], shape=(30, 30)), format="csr")
     pattern = Pattern(upper.indptr, upper.indices, np.arange(upper.nnz))

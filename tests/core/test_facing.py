@@ -158,7 +158,7 @@ def circle(count):
 def test_a_whole_round_has_conditions_where_it_looks_at_the_other_body(name):
     """Its lower half, all but 6 degrees.
 
-    a mortar along its own normals meets the line within 57 degrees of upright.
+    A mortar along its own normals meets the line within 57 degrees of upright.
     """
     pairing = kinds(2)[name]
     if name == "obstacle":

@@ -1,6 +1,6 @@
 """Models on free meshes in space, whose rows have close eigenvalues.
 
-gmsh, which is one for the whole process.
+Gmsh, which is one for the whole process.
 """
 
 from pathlib import Path

@@ -126,7 +126,7 @@ def test_lame_tube_converges_with_and_without_the_wall():
 def test_hertz_line_contact():
     """a^2 = 4 P R* / (pi E*), p0 = 2 P / (pi a) (Hertz, 1882).
 
-    a by the second moment, sum(x^2 f) / P = a^2 / 4.
+    A by the second moment, sum(x^2 f) / P = a^2 / 4.
     """
     # contact begins at mu = 0.1, below the box of the demo's training
     scene = dataclasses.replace(

@@ -47,7 +47,7 @@ def test_statuses_of_something_else(hertz, hertz_snapshots):
 def test_greedy_cone():
     """Picked by hand: the largest snapshot, then the one farthest from its cone.
 
-    a multiple is never picked.
+    A multiple is never picked.
     """
     forces = np.array([[3.0, 6.0, 0.0, 1.0], [0.0, 0.0, 2.0, 1.0], [0.0, 0.0, 0.0, 0.5]])
     basis = cone_projected_greedy(forces, 10)

@@ -124,7 +124,7 @@ def test_places_of_the_thesis_exist():
 def test_what_the_code_quotes_of_the_thesis_is_in_the_table():
     """Numbers of equations and algorithms in words of the code.
 
-    a call such as ``Enrich(2.0)`` is none.
+    A call such as ``Enrich(2.0)`` is none.
     """
     listed = "\n".join(row[0] + row[2] for row in rows_of_fidelity())
     quoted = set()

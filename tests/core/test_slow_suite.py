@@ -82,7 +82,7 @@ def test_a_text_that_is_no_slice_is_refused(text):
 def test_slices_take_about_as_long():
     """What the dearest first leaves uneven is less than the dearest of all.
 
-    a plan does not change with the order.
+    A plan does not change with the order.
     """
     seconds = {f"tests/core/test_{number}.py": float(number % 40) ** 1.5 for number in range(120)}
     slices = slow_suite.planned(seconds, 6)

@@ -127,7 +127,7 @@ def _draw_cells(
 def _draw_facets(axes: Axes, facets: list[np.ndarray], colour: str, label: str) -> None:
     """Facets of a surface, with their corners in circular order.
 
-    a surface within glued bodies has none.
+    A surface within glued bodies has none.
     """
     if not facets:
         return

@@ -122,7 +122,7 @@ def look_at_mesh_error(found: SceneCheck, point: PointLike | None = None) -> Non
     from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.plugins.checks.mesh_error import mesh_error
 
-    if found.scene.reader or any(map(found.scene.own_stress, found.scene.bodies)):
+    if found.scene.reader or any(map(found.scene.states_stress, found.scene.bodies)):
         found.note(
             "the error of the mesh is estimated for elastic bodies alone, and some have laws of "
             "their own"

@@ -75,7 +75,7 @@ def mesh_error(full: FullOrderModel, answer: Answer) -> MeshError:
     if (
         full.comm.size > 1
         or full.equilibrium is not None
-        or any(map(scene.own_stress, scene.bodies))
+        or any(map(scene.states_stress, scene.bodies))
     ):
         raise NotOfferedError(
             "the error of the mesh is estimated for elastic bodies, on one rank: give a model on "

@@ -75,7 +75,7 @@ S = TypeVar("S", bound=SolvedIncrement)
 class Increments(Protocol[P, S]):
     """Solves the increments of one history of a model by its law.
 
-    a facet of the law's plug-in makes it.
+    A facet of the law's plug-in makes it.
     """
 
     def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> P:

@@ -103,7 +103,7 @@ def _global_names(tree: ast.Module) -> frozenset[str]:
 class _Names:
     """Values of the names of a file, statement by statement.
 
-    a name that may have any value has none.
+    A name that may have any value has none.
 
     Attributes:
         file: name of the file.

@@ -154,7 +154,7 @@ class FittedForces:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Forces, derivatives and statuses of all conditions.
 
-        a pressure within the error of the fit is none.
+        A pressure within the error of the fit is none.
         """
         forces = self._fitted(inside)
         slopes = self._fitted(changes)

@@ -49,7 +49,7 @@ def eigenstress(
         return [(Formula("1"), np.zeros(discretisation.size))]
     hypothesis = scene.hypothesis
     dx = discretisation.cells(tag)
-    if (stress_of := scene.own_stress(body)) is not None:
+    if (stress_of := scene.own_stress(body, discretisation.mesh)) is not None:
         work = ufl.inner(
             stress_of(strain), elasticity.strain(discretisation.arguments[1], hypothesis)
         )

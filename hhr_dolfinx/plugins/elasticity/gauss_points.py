@@ -102,7 +102,7 @@ def gradings(discretisation: DiscreteSpace, places: Iterable[int], cells: np.nda
 def tabulated(discretisation: DiscreteSpace, cells: np.ndarray) -> CellStrains:
     """Strain at the Gauss points of some cells of this rank, with local numbers of the dofs.
 
-    collective.
+    Collective.
     """
     compat.require_numba()
     mesh = discretisation.mesh

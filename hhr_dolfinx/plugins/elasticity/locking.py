@@ -29,7 +29,7 @@ def keeps_volume(body: Body, scene: Scene) -> bool:
     A body whose Poisson's ratio depends on parameters does if it would anywhere in the parameter
     range.
     """
-    if scene.hypothesis == "plane_stress" or scene.own_stress(body) is not None:
+    if scene.hypothesis == "plane_stress" or scene.states_stress(body):
         return False
     if body.law is not None:
         return True

@@ -128,7 +128,7 @@ def _form(discretisation: DiscreteSpace, place: int, moduli: tuple[float, float]
     hypothesis = discretisation.scene.hypothesis
     dx = discretisation.cells(body.tag)
     trial, test = discretisation.arguments
-    if (stress_of := discretisation.scene.own_stress(body)) is not None:
+    if (stress_of := discretisation.scene.own_stress(body, discretisation.mesh)) is not None:
         return elasticity.stiffness_of_law(trial, test, stress_of, hypothesis, dx)
     volume, shape = elasticity.isotropic_parts(elasticity.strain(trial, hypothesis), hypothesis)
     weights = [discretisation.constant(value) for value in moduli]
@@ -169,4 +169,6 @@ def parts_of(body: Body, hypothesis: str) -> Iterator[StiffnessPart]:
 
 def grading_of(discretisation: DiscreteSpace, body: Body) -> object:
     """Grading of a body's modulus as a field; 1 without a grading."""
-    return 1.0 if body.grading is None else body.grading(ufl.SpatialCoordinate(discretisation.mesh))
+    if body.grading is None or discretisation.scene.states_stress(body):
+        return 1.0
+    return body.grading(ufl.SpatialCoordinate(discretisation.mesh))

@@ -121,7 +121,7 @@ class VaryingElasticity(ConstantElasticity):
         hypothesis = scene.hypothesis
         body = scene.bodies[place]
         eigenstrain = eigenstrain_at(space, place, point)
-        if (stress_of := scene.own_stress(body)) is not None:
+        if (stress_of := scene.own_stress(body, space.mesh)) is not None:
             strain = elasticity.strain(field, hypothesis)
             return stress_of(strain if eigenstrain is None else strain - eigenstrain)
         moduli: list[Any] = [body.young, body.poisson]

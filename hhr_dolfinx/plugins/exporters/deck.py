@@ -63,7 +63,7 @@ def _check(discretisation: Discretisation, point: np.ndarray) -> None:
         "K is that of a user's system": scene.system is not None,
         "shapes depend on parameters": bool(scene.shapes),
         "bodies are graded": any(body.grading is not None for body in scene.bodies),
-        "bodies have a stress of their own": any(map(scene.own_stress, scene.bodies)),
+        "bodies have a stress of their own": any(map(scene.states_stress, scene.bodies)),
         "a surface meets a rigid obstacle": any(len(item.tags) == 1 for item in scene.contacts),
         "a contact has a law with a limit": any(
             _in_deck(law).limited(law) for law in scene.laws if law is not None

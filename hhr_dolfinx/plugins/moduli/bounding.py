@@ -220,7 +220,7 @@ def _areas(problem: ContactProblem) -> Interpolant | None:
 def _check_resolved(error: float) -> None:
     """Raise BoundError if the interpolation is too inaccurate for a bound.
 
-    relative, in the order of energies.
+    Relative, in the order of energies.
     """
     if error <= LARGEST_BOUND_ERROR:
         return

@@ -156,7 +156,7 @@ class SearchContext:
     def deadline(self) -> float:
         """Seconds on the clock by which the present work must end.
 
-        a check may use the time reserved for it.
+        A check may use the time reserved for it.
         """
         seconds = self.budget.seconds
         if seconds is None:

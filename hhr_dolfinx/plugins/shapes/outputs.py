@@ -94,7 +94,7 @@ class MovingProbe(ModelProbe):
         discretisation = self.discretisation
         place = int(discretisation.cell_bodies()[cells[0]])
         body = discretisation.scene.bodies[place]
-        if type(found) is not Mises or discretisation.scene.own_stress(body) is not None:
+        if type(found) is not Mises or discretisation.scene.states_stress(body):
             raise SceneError(
                 f"output '{found.name}': body {body.tag} has an elasticity of its own, or a "
                 "strain that causes no stress, for whose von Mises' stress shapes are not built "

@@ -21,7 +21,7 @@ Box = np.ndarray
 class StrainRange(TrainedRange):
     """Range beyond which strains are larger than :data:`STRAIN_LIMIT`.
 
-    a model refuses there as outside its training range.
+    A model refuses there as outside its training range.
     """
 
     def check(self, point: np.ndarray, outside: str) -> None:

@@ -188,7 +188,7 @@ def _energies(
         form = compat.jitted(fem.form, weight * ufl.inner(stress, strain) / 2 * dx)
         return float(sum(discretisation.group.gathered(float(fem.assemble_scalar(form)))))
 
-    if (stress_of := scene.own_stress(body)) is not None:
+    if (stress_of := scene.own_stress(body, discretisation.mesh)) is not None:
         yield "1", energy(stress_of(own), other)
         return
     if discretisation.mean_dilatation[place]:

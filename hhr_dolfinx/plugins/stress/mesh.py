@@ -80,7 +80,7 @@ def mises_of(probe: ModelProbe, output: Any) -> Functional:
     names = scene.parameters.names
     given = output.name, output.unit, *matrix, names, *moduli, flat, factors, shares
     amplitudes, rest = _at_rest(discretisation, cells, place, output)
-    if flat or scene.own_stress(body) is not None or _deviates(rest):
+    if flat or scene.states_stress(body) or _deviates(rest):
         found = (
             StrainedMises(*given, amplitudes, rest.reshape(count * components, -1))
             if amplitudes
@@ -97,7 +97,7 @@ def moduli_of(body: Body, scene: Scene) -> tuple[str, str]:
     Where elasticity is not Hooke's, those that leave the stress of :func:`strains_of_cells` as it
     is.
     """
-    if scene.own_stress(body) is not None:
+    if scene.states_stress(body):
         return "0", "0.5"
     young = _text(body.young)
     volume, shape = elasticity.unit_moduli(_text(body.poisson), scene.hypothesis)
@@ -144,7 +144,7 @@ def _at_rest(
     body = scene.bodies[place]
     loads = [load for load in scene.loads if hasattr(load, "eigenstrain_of")]
     given = [found for load in loads if (found := load.eigenstrain_of(body.tag, mesh)) is not None]
-    stress_of = scene.own_stress(body) or (lambda strain: strain)
+    stress_of = scene.own_stress(body, mesh) or (lambda strain: strain)
     own = _of_rank(discretisation, cells).astype(np.int32)
     middle = compat.interpolation_points(
         fem.functionspace(mesh, ("Discontinuous Lagrange", 0)).element
@@ -186,7 +186,7 @@ def _tabulated(
     blocks = space.dofmap.list[cells]
     body = discretisation.scene.bodies[place]
     measured = elasticity.strain(ufl.TrialFunction(space), hypothesis)
-    if (stress_of := discretisation.scene.own_stress(body)) is not None:
+    if (stress_of := discretisation.scene.own_stress(body, mesh)) is not None:
         measured = stress_of(measured)
     table = compat.jitted(fem.Expression, elasticity.kelvin(measured, hypothesis), middle).eval(
         mesh, cells

@@ -205,7 +205,7 @@ def test_a_preloaded_bolt_relaxes(tmp_path):
 def test_a_bolt_that_yields_and_a_force_in_it(tmp_path):
     """The shortening is that of bar and spring with hardening.
 
-    a force F alone moves the head by F / k.
+    A force F alone moves the head by F / k.
     """
     limit, slope = 3.0, 100.0
     path = column(tmp_path / "bolt.inp")

@@ -329,7 +329,7 @@ def sector(step="*DSLOAD\nSIDES, P, 10.", count=4):
 def test_a_cyclic_structure(tmp_path):
     """Under pressure all around strains are alike, and the axis stays.
 
-    a sector of another angle is left.
+    A sector of another angle is left.
     """
     scene, output = started(tmp_path, sector())
     assert "TODO" not in output

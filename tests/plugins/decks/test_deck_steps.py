@@ -158,7 +158,7 @@ def test_motions_with_friction(tmp_path):
 def test_what_changes_beside_three_parameters(tmp_path):
     """A fourth load in a step of its own is driven with its value of the deck.
 
-    a constant one is a number.
+    A constant one is a number.
     """
     loads = "".join(
         f"*CLOAD\nBAR_Y{k % 2}, 2, {0.01 * (k + 1)!r}\n" + STEP.format("1.") for k in (0, 1)

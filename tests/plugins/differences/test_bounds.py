@@ -41,7 +41,7 @@ def sizes_of(full, moved, forces):
 def check(full, model, points, over=None):
     """Estimates are differences to the full model, absolute and over sizes, or ``over``.
 
-    these, (n, 4), as parts.
+    These, (n, 4), as parts.
     """
     parts = []
     for point in points:

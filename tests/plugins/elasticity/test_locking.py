@@ -86,7 +86,7 @@ def test_a_tube_bears_its_limit_load_and_no_more(poisson, mesh, order, shares):
 def test_a_tube_creeps_as_fast_as_norton_says(exponent, poisson):
     """u_r grows by C / r, p = (m / √3) K (2 C / √3)^(1/m) (1 - 2^(-2/m)).
 
-    a locked tube is 8 to 76 % too slow.
+    A locked tube is 8 to 76 % too slow.
     """
     rate, resistance = 0.01, 2.0
     power = (2 * rate / np.sqrt(3)) ** (1 / exponent)

@@ -389,7 +389,7 @@ ACCURACY = dict.fromkeys(UNITS, (1e-10, 1e-10)) | {"outputs": (1e-7, 1e-8)}
 def test_a_unit_runs_in_fmpy(name, unit_of):
     """Steps are increments, moduli and laws parameters.
 
-    a step ends with what its inputs were as it began.
+    A step ends with what its inputs were as it began.
     """
     fmpy = pytest.importorskip("fmpy")
     validation = pytest.importorskip("fmpy.validation")
@@ -572,7 +572,7 @@ def test_bodies_that_friction_holds_are_in_c_those_of_python(dimension, tmp_path
 def test_bodies_that_flow_and_rub_are_in_c_those_of_python(name, tmp_path):
     """Both march with the same residual, to 1e-11 of the correction.
 
-    a law changes with no increment.
+    A law changes with no increment.
     """
     from test_rubbing_pages import EXACT, rubbing_flow, tour
 

@@ -295,7 +295,7 @@ def test_a_foundation_that_may_vanish():
 def test_condensed_moduli(moduli, tmp_path):
     """Forces, displacement and gradients are those of the full model.
 
-    a factor is exact, and the rest interpolated.
+    A factor is exact, and the rest interpolated.
     """
     made = lying(cells=(8, 4), tilt=0.2, parameters=space(p=(1.0, 10.0), E=(500.0, 2000.0)))
     lower, upper = made.bodies
@@ -323,7 +323,7 @@ def test_condensed_moduli(moduli, tmp_path):
 def test_beside_a_shape(tmp_path):
     """On the mesh of a shape the answer is that of a scene with this mesh.
 
-    a body that changes itself is refused.
+    A body that changes itself is refused.
     """
     crowned = hhr.Shape(blocks.LOWER_BLOCK, ("x", "y * (1 + c * (x - 0.5)**2)"))
     made = lying(

@@ -155,7 +155,7 @@ def derivative_error(model, laws, seed):
 def test_newtons_matrix_is_the_derivative_of_the_residual(tubes, pellet, which):
     """Several statuses, plasticity and creep.
 
-    a difference may cross the onset of flow at some point.
+    A difference may cross the onset of flow at some point.
     """
     model = (tubes if which == "tube" else pellet)[2].equilibrium
     laws = laws_of(model.material)

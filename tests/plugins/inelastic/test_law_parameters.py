@@ -79,7 +79,7 @@ def test_a_step_has_the_constants_of_its_end(full):
 def test_a_bar_follows_its_yield_stress():
     """Held at a strain and heated, the stress relaxes to the yield stress.
 
-    cooled, it stays where it was.
+    Cooled, it stays where it was.
     """
     temperatures = np.array([20.0, 20.0, 20.0, 300.0, 600.0, 310.0, 20.0])
     pulls = np.array([0.0, 0.002, 0.02, 0.02, 0.02, 0.02, 0.02])

@@ -342,7 +342,7 @@ def test_plasticity_with_creep_yields_above_and_creeps_below():
 def test_drucker_prager_in_triaxial_compression_and_at_its_tip():
     """Axial stress under a pressure by √(s:s/2) + η σ_m = k.
 
-    a pull in all directions ends in the tip, σ_m = k / η.
+    A pull in all directions ends in the tip, σ_m = k / η.
     """
     law, pressure = hhr.DruckerPrager(100.0, 0.3, 0.1), 50.0
     point = Point(law)

@@ -20,6 +20,16 @@ from hhr_dolfinx.plugins.inelastic.laws import Elasticity
 
 AXES = (0.8, 0.6, 0.0), (-0.6, 0.8, 0.0), (0.0, 0.0, 1.0)
 WOOD = hhr.Orthotropic(9.0, 3.0, 1.5, 0.4, 0.3, 0.2, 1.0, 0.8, 0.3, AXES)
+
+
+@dataclasses.dataclass(frozen=True)
+class AtPoints(hhr.Orthotropic):
+    """The same elasticity as a law that does not say that it is linear: solved at Gauss points."""
+
+    linear_stress = None
+
+
+WOOD_AT_POINTS = AtPoints(9.0, 3.0, 1.5, 0.4, 0.3, 0.2, 1.0, 0.8, 0.3, AXES)
 EXACT = hhr.MarchSettings(
     search="tangent",
     relative_stress=1e-12,
@@ -55,20 +65,19 @@ def path(push, slide, *young):
 def test_wood_condenses_to_round_off(hypothesis, second, tmp_path):
     """Forces, displacements and stress of other histories than those of training, to the residual
     of full steps, 1e-12 of the forces; from a file to round-off. Beside wood the other body is wood
-    too, or elastic with E as a parameter. Its grading has wood solved for as bodies that flow are.
+    too, or elastic with E as a parameter.
     """
-    graded_wood = {"law": WOOD, "grading": lambda x: 1 + x[1] / 4}
     other = (
         hhr.Body(SECOND, "E", 0.3)
         if second == "modulus"
-        else hhr.Body(SECOND, 4.0, 0.3, **graded_wood)
+        else hhr.Body(SECOND, 4.0, 0.3, WOOD_AT_POINTS)
     )
     box, young = ({"E": (2.0, 6.0)}, (3.0,)) if second == "modulus" else ({}, ())
     outputs = (
         hhr.LargestPressure("peak", 0),
         *((hhr.ElasticEnergy("energy"),) if present("stress") else ()),
     )
-    bodies = hhr.Body(FIRST, 4.0, 0.3, **graded_wood), other
+    bodies = hhr.Body(FIRST, 4.0, 0.3, WOOD_AT_POINTS), other
     full = hhr.FullOrderModel(pressed_pair(hypothesis, bodies, box, cells=3, outputs=outputs))
     training = full.march(path(0.03, 0.0, *(2.5,) * len(young)), EXACT)
     model = hhr.build(full, hhr.SnapshotSet.of_histories([training]), CorrectionSettings())
@@ -90,10 +99,10 @@ def test_wood_condenses_to_round_off(hypothesis, second, tmp_path):
 
 
 @pytest.mark.filterwarnings("ignore:body .* has a law, and its cells")
+@pytest.mark.parametrize("graded", [False, True])
 @pytest.mark.parametrize("cells", ["thin", "of_second_order", "solid"])
-def test_wood_is_elastic_from_the_start(cells):
-    """As the same law at Gauss points, of which a grading of 1 makes use: forces, displacements,
-    energy to round-off.
+def test_wood_is_elastic_from_the_start(cells, graded):
+    """As the same law at Gauss points: forces, displacements, energy to round-off; heated too.
 
     Cells are those that have no mean dilatation beside a law, so that both integrate the same
     stress.
@@ -104,18 +113,18 @@ def test_wood_is_elastic_from_the_start(cells):
     scene = pressed_block(hypothesis, simplices=cells == "solid", cells=2)
     outputs = (hhr.ElasticEnergy("energy"),) if present("stress") else ()
     order = 2 if cells == "of_second_order" else 1
+    tag = scene.bodies[0].tag
+    heat = (hhr.ThermalExpansion(tag, "2e-3", 1.0),) if present("volume_loads") else ()
+    grading = (lambda x: 1 + x[0] / 4) if graded else None
     found, kinds = [], []
-    for grading in (None, lambda x: 1.0):
-        body = dataclasses.replace(scene.bodies[0], law=WOOD, grading=grading)
+    for law in (WOOD, WOOD_AT_POINTS):
+        bodies = (hhr.Body(tag, 3.0, 0.3, law, grading),)
         full = hhr.FullOrderModel(
-            dataclasses.replace(scene, bodies=(body,), outputs=outputs, order=order)
+            dataclasses.replace(scene, bodies=bodies, outputs=outputs, order=order, loads=heat)
         )
         kinds.append(full.equilibrium is None)
-        found.append(
-            full.march(
-                [(0.0, scene.parameters.lower), (1.0, scene.parameters.upper)], EXACT
-            ).answers[-1]
-        )
+        path = [(0.0, scene.parameters.lower), (1.0, scene.parameters.upper)]
+        found.append(full.march(path, EXACT).answers[-1])
     elastic, by_points = found
     assert kinds == [True, False]
     assert elastic.forces().sum() > 0.1

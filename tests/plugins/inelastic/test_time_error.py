@@ -201,7 +201,7 @@ def pellet():
 def test_all_models_estimate_and_cut_alike(pellet, name):
     """Few steps are 10 % off, and their estimate says so.
 
-    a tolerance of a hundredth is kept by each model itself.
+    A tolerance of a hundredth is kept by each model itself.
     """
     models, path = pellet
     exact = models[name].march(path(128, up=128), QUIET)

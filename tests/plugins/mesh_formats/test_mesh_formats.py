@@ -314,7 +314,7 @@ def test_plane_cells_of_code_aster_and_kratos(tmp_path):
 def universal(nodes="2411", elements="2412", groups="2467", points=POINTS):
     """Two cubes in data sets of an age.
 
-    a beam has a further row, and a spring is of a type that is not read.
+    A beam has a further row, and a spring is of a type that is not read.
     """
     rows = [
         "    -1",
@@ -420,7 +420,7 @@ def test_groups_of_points_that_end_gmsh(tmp_path):
 def bulk(form="small", order=1):
     """Two cubes in small, wide or free fields.
 
-    a rigid element, a set and a case control with a set of its own.
+    A rigid element, a set and a case control with a set of its own.
     """
     rows = [
         "SOL 101",

@@ -325,7 +325,7 @@ def strip(length):
 def test_round_off_of_a_slender_strip_is_below_its_bound():
     """Forces on a clamped strip of 80 by 1 are off by 1e-8 of themselves, by round-off alone.
 
-    a square hardly has any.
+    A square hardly has any.
 
     It stays below a wish of 1e-8 of the energy.
     """

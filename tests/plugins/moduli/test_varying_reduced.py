@@ -68,7 +68,7 @@ def test_a_whole_basis_trained_on_five_points_is_the_full_order_everywhere(train
 def test_a_basis_of_five_answers_gives_them_back(training):
     """Galerkin's method finds what its basis holds, at any stiffness.
 
-    a mode for each condition makes forces unique.
+    A mode for each condition makes forces unique.
     """
     columns = np.column_stack(
         [training.snapshots.displacements[:, :5], training.full_order.per_force]

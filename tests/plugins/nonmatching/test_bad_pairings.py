@@ -39,7 +39,7 @@ def test_non_matching_surfaces_that_never_face_each_other(pairing, by_normal):
 def test_slave_nodes_beyond_the_edge_are_named_and_left_out(pairing):
     """Upper block moved by 0.3: nodes at x = 1.1 and 1.3 hang over.
 
-    a mortar row needs some cover only.
+    A mortar row needs some cover only.
     """
     with pytest.warns(PairingWarning, match=r"beyond the edge.*\[1\.[13]"):
         problem = hhr.FullOrderModel(patch.scene(pairing, shift=0.3)).problem

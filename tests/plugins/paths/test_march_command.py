@@ -49,7 +49,7 @@ def scene(tmp_path):
 def test_rows_are_the_answers_of_the_path(scene, tmp_path):
     """The middle of the family without --at.
 
-    a table has what is shown, and the digits that are not.
+    A table has what is shown, and the digits that are not.
     """
     code, output = invoke("march", scene, "--out", tmp_path / "steps.csv")
     assert code == 0

@@ -92,7 +92,7 @@ def test_training_takes_corners_first_and_part_loads(count, corners):
 def test_training_without_part_loads_and_in_cycles():
     """A family with a load level of its own needs no part loads.
 
-    a cycle goes back at the rates of the path.
+    A cycle goes back at the rates of the path.
     """
     plain, whole = family().training(16), family().training(16, least_part=1.0)
     assert not any("part" in path.values for path in whole) and whole[0] == plain[0]

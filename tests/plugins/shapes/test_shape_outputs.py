@@ -30,7 +30,7 @@ def crown_at(x, y, crown):
 def crowned(hypothesis, *, poisson=0.3, simplices=False, outputs=None):
     """A block with a crowned lower side, pressed on a floor.
 
-    crown, push, E and the pull of a side are parameters.
+    Crown, push, E and the pull of a side are parameters.
     """
     corner = crown_at(1.5, 0.0, 0.1)
     axis = [] if hypothesis == "axisymmetric" else [(0.2, 0.0)]

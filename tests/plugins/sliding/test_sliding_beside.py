@@ -432,7 +432,7 @@ def test_imposed_nodes_that_penetrate_are_warned_of():
 def test_a_body_that_leaves_its_place_along_a_tool_is_warned_of():
     """Rows of a circle are those of the mesh.
 
-    a plane is the same wherever a body has moved along it.
+    A plane is the same wherever a body has moved along it.
     """
     scene = demo.scene(None, cells=CELLS)
     top = side(SECOND, 0, True)

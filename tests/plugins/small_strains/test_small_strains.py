@@ -162,7 +162,7 @@ def test_each_verb_warns_of_strains_that_are_large():
 def test_a_model_keeps_the_limit_of_its_strains(tmp_path):
     """A strain of 1 is that of (down - .5) / 10 within a tenth.
 
-    a file, its answers and a table know the limit.
+    A file, its answers and a table know the limit.
     """
     with pytest.warns(
         SmallStrainWarning, match=r"are refused or warned of beyond down = 0 to (9|10)\."
@@ -190,7 +190,7 @@ def test_a_model_keeps_the_limit_of_its_strains(tmp_path):
 def test_a_load_that_is_largest_in_the_middle_of_the_box():
     """The lid goes down by 12 t (2 - t), and not at all in the corners.
 
-    a strain of 1 is that of t = 0.6.
+    A strain of 1 is that of t = 0.6.
     """
     scene = squeezed(12.0)
     still, moved = scene.displacements
@@ -208,7 +208,7 @@ def test_a_load_that_is_largest_in_the_middle_of_the_box():
 def test_one_parameter_is_narrowed_if_that_is_enough():
     """Strains are 1.25 |a|, and grow no more with E: a is kept as far as it may go, E whole.
 
-    a range before is kept.
+    A range before is kept.
     """
     space = hhr.ParameterSpace(("a", "E"), (-1.0, 1.0), (2.0, 3.0))
     found = narrowed(space, lambda ends: 1.25 * np.abs(ends[:, 0]).max(), None)

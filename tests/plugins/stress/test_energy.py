@@ -302,7 +302,7 @@ TIGHT = hhr.MarchSettings(
 def test_a_bar_after_yield(tmp_path):
     """σ² / 2E per volume, whose strain is σ / E + (σ - σ0) / H; σ after unloading too.
 
-    condensed, from a file.
+    Condensed, from a file.
     """
     strength, hardening, volume = 1.0, 10.0, 2 * np.pi
     full = hhr.FullOrderModel(pulled(hhr.Plasticity(strength, hardening)))
@@ -352,7 +352,7 @@ def test_a_law_that_does_not_flow_has_the_energy_of_elastic_bodies(hypothesis):
 def test_friction_of_bodies_whose_shape_varies():
     """Beside K and the displacement on the mesh of the shape.
 
-    condensed, off by its interpolation over shapes.
+    Condensed, off by its interpolation over shapes.
     """
     from hhr_dolfinx.plugins.conformance.draft import ChosenSwitch, composed, switches
 

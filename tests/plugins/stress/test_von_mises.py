@@ -30,7 +30,7 @@ if present("inelastic"):
 def test_von_mises_stress_of_heated_bodies(hypothesis, elastic):
     """That of the stress of the mesh in the middle of each cell.
 
-    a strain without stress is no part of it.
+    A strain without stress is no part of it.
 
     In plane stress that is more than its change of volume, as is the stress of wood for a strain
     that is the same in all directions. Derivatives by differences.
