@@ -216,6 +216,11 @@ class LooseBodies(Rebuilt):
         Floats, "N", "motions"
     ]  #: R, orthonormal, which no other term of a displacement has, (N, r)
 
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """Faults: motions that are not orthonormal, by which the least ones would be others."""
+        if not np.allclose(self.modes.T @ self.modes, np.eye(self.count), atol=MODULI_ROUND_OFF):
+            yield "motions of loose bodies are not orthonormal"
+
     @property
     def count(self) -> int:
         """Number of motions."""

@@ -344,7 +344,7 @@ def test_a_scenery_of_a_softer_loose_block_is_refused():
     page.check_alike(model, hhr.scenery_of(full))
     lower, upper = full.scene.bodies
     softer = dataclasses.replace(
-        full.scene, bodies=(lower, dataclasses.replace(upper, young=0.99 * upper.young))
+        full.scene, bodies=(lower, dataclasses.replace(upper, young=0.9 * upper.young))
     )
     with pytest.raises(NotOfferedError, match="stiffer or softer"):
         page.check_alike(model, hhr.scenery_of(hhr.FullOrderModel(softer, MPI.COMM_SELF)))
