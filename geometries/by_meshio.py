@@ -217,19 +217,9 @@ def raw_mesh(
     """
     there = [block for block in elements if block.kind]
     if not there:
-        kinds = sorted({block.type for block in elements})
-        high = any(kind.rstrip("0123456789") in CELL_KINDS for kind in kinds)
-        why = (
-            "it is empty, or of a format that is not understood. Write it as .msh, .inp, .med, .e "
-            "or .vtu"
-        )
-        raise FileContentError(
-            f"{path} has cells of kinds {kinds}, and no triangles, quadrilaterals, tetrahedra or "
-            "hexahedra of order 1 or 2: "
-            f"{'mesh with cells of these orders, in gmsh by setOrder(2)' if high else why}"
-        )
+        raise FileContentError(f"{path} {_without_cells(elements)}")
     dim = max(DIMENSION.get(block.kind, 3) for block in there)
-    kind, others = one_kind(
+    kind, said_of_kinds = one_kind(
         ((b.kind, b.nodes) for b in there if DIMENSION.get(b.kind, 3) == dim), path
     )
     own = [block for block in there if block.kind == kind]
@@ -246,12 +236,10 @@ def raw_mesh(
         for block in elements
         if block not in own and block not in sides and block not in there
     ]
-    reasons = {**others, **said, **also_said, **(left_out or {})}
+    reasons = {**said_of_kinds, **said, **also_said, **(left_out or {})}
     cells = _corners(own, CORNERS[kind])
-    lost: dict[str | int, Counter[str]] = {}
-    for block in (b for b in there if b.kind != kind and DIMENSION.get(b.kind, 3) == dim):
-        for name, rows in _sets([block], dim, names)[0].items():
-            lost.setdefault(name, Counter())[block.kind] += len(rows)
+    others = [b for b in there if b.kind != kind and DIMENSION.get(b.kind, 3) == dim]
+    lost = _kinds_by_name(others, dim, names)
     reasons |= of_other_kinds(lost, kind)
     if not any(bodies) or (
         len(bodies) == 1
@@ -271,6 +259,32 @@ def raw_mesh(
         order,
         reasons,
     )
+
+
+def _without_cells(elements: Iterable[Elements]) -> str:
+    """What a file has in the place of cells, and what to do."""
+    kinds = sorted({block.type for block in elements})
+    high = any(kind.rstrip("0123456789") in CELL_KINDS for kind in kinds)
+    why = (
+        "it is empty, or of a format that is not understood. Write it as .msh, .inp, .med, .e "
+        "or .vtu"
+    )
+    return (
+        f"has cells of kinds {kinds}, and no triangles, quadrilaterals, tetrahedra or hexahedra of "
+        "order 1 or 2: "
+        f"{'mesh with cells of these orders, in gmsh by setOrder(2)' if high else why}"
+    )
+
+
+def _kinds_by_name(
+    blocks: Iterable[Elements], dim: int, names: Iterable[tuple[str, tuple[int, int]]]
+) -> dict[str | int, Counter[str]]:
+    """Counts of elements by kind of each set of some blocks."""
+    found: dict[str | int, Counter[str]] = {}
+    for block in blocks:
+        for name, rows in _sets([block], dim, names)[0].items():
+            found.setdefault(name, Counter())[block.kind] += len(rows)
+    return found
 
 
 def _corners(blocks: Iterable[Elements], count: int) -> np.ndarray:

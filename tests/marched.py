@@ -50,7 +50,8 @@ def flat(history):
 
 MARCH = """
 import sys
-missing = ["dolfinx_solver", "dolfinx", "ufl", "basix", "gmsh", "petsc4py", "slepc4py", "mpi4py", "rich", "matplotlib"]
+missing = ["dolfinx_solver", "dolfinx", "ufl", "basix", "gmsh", "petsc4py", "slepc4py", "mpi4py",
+           "rich", "matplotlib"]
 sys.modules.update(dict.fromkeys(missing))
 import numpy as np, hhr_dolfinx as hhr
 from marched import flat

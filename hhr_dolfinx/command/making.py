@@ -12,7 +12,10 @@ from hhr_dolfinx.compat import extra
 from hhr_dolfinx.group import group_of
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.full import FullOrderModel
+    from hhr_dolfinx.models.model import KeptModel
     from hhr_dolfinx.scene import Scene
+    from hhr_dolfinx.study.training.train import Training
 
 with extra("study", "the command hhr"):
     import click
@@ -91,45 +94,22 @@ def train(
         made = scene_of(scene)
     folder = out or Path("out") / made.name
     if part is None and kind == "condensed" and made.remembers:
-        # a law that remembers is condensed without a training
-        from hhr_dolfinx.full_order.full import FullOrderModel
-        from hhr_dolfinx.study.condensing import condense
-
-        # each rank alone: PETSc waits at the end for ranks without work
-        full = FullOrderModel(made, MPI.COMM_SELF)
-        model = condense(full, fields=True)
+        full, model = _condensed(made)
     else:
         settings = settings_of(scene)
-        held_out = None if settings is None else settings.held_out
         sampling = training_of(how, settings)
+        given = {
+            "held_out": None if settings is None else settings.held_out,
+            "progress": progress,
+        }
         if part is not None:
-            _solve_part(
-                console,
-                made,
-                sampling,
-                part,
-                folder / "snapshots",
-                held_out=held_out,
-                progress=progress,
-            )
+            _solve_part(console, made, sampling, part, folder / "snapshots", **given)
             return
-        training = trained(
-            made,
-            sampling,
-            held_out=held_out,
-            folder=folder / "snapshots",
-            progress=progress,
-            together=together,
-        )
+        training = trained(made, sampling, folder=folder / "snapshots", together=together, **given)
         full = training.full_order
         if MPI.COMM_WORLD.rank and full.comm.size == 1:
             return
-        for item in training.log.skipped:
-            if item["stage"] in (
-                "snapshots",
-                "problems side by side",
-            ):  # reused snapshots, shares of processes
-                console.print(item["why"], highlight=False)
+        _say_what_is_reused(console, training)
         model = getattr(training, MODEL_KINDS[kind])()
     target = folder / f"{kind}.npz"
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -143,6 +123,25 @@ def train(
     )
     console.print(f"errors of its answers: {model.known_error}", highlight=False, markup=False)
     console.print(f"model: {target}")
+
+
+def _condensed(scene: Scene) -> tuple[FullOrderModel, KeptModel]:
+    """The full model and the condensed one of a law that remembers, without a training."""
+    from mpi4py import MPI
+
+    from hhr_dolfinx.full_order.full import FullOrderModel
+    from hhr_dolfinx.study.condensing import condense
+
+    # each rank alone: PETSc waits at the end for ranks without work
+    full = FullOrderModel(scene, MPI.COMM_SELF)
+    return full, condense(full, fields=True)
+
+
+def _say_what_is_reused(console: Any, training: Training) -> None:
+    """Print reused snapshots and shares of processes."""
+    for item in training.log.skipped:
+        if item["stage"] in ("snapshots", "problems side by side"):
+            console.print(item["why"], highlight=False)
 
 
 def _solve_part(

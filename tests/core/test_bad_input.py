@@ -346,7 +346,10 @@ class NoRows(RoundPunch):
         (made(lambda ask: [1.0]), r"the terms of Made.* must be a list of Term, and are \[1\.0\]"),
         (
             of_term(1.0),
-            r"the amplitude 1\.0 of Made.* must be an Amplitude, or a frozen dataclass with a count",
+            (
+                r"the amplitude 1\.0 of Made.* must be an Amplitude, or a frozen dataclass "
+                "with a count"
+            ),
         ),
         (of_term(lambda point: 1.0), "must be an Amplitude, or a frozen dataclass"),
         (of_term(slope("pull")), r"an amplitude names \['pull'\], the scene's parameters"),

@@ -35,19 +35,24 @@ def said(kind, name):
     except SceneError as error:
         return str(error)
 
-flat, flowing, Ramp = find("scenes", "slab_on_ramp")(), find("scenes", "flowing_slab"), find("pairings", "Ramp")
-steep = replace(flat, geometry=find("geometries", "slab"), contacts=(Ramp(flat.contacts[0].surface, 0.01, 0.1),))
+flat, flowing = find("scenes", "slab_on_ramp")(), find("scenes", "flowing_slab")
+Ramp = find("pairings", "Ramp")
+ramp = Ramp(flat.contacts[0].surface, 0.01, 0.1)
+steep = replace(flat, geometry=find("geometries", "slab"), contacts=(ramp,))
 steps = [(0.0, [0.0]), (1.0, [0.05]), (50.0, [0.05])] if sys.argv[1:] == ["inelastic"] else []
+relaxed = hhr.FullOrderModel(flowing()).march(steps).answers if steps else []
 held = hhr.FullOrderModel(steep).solve(0.05)
 print(json.dumps({
     "names": {kind: names(kind) for kind in ("geometries", "pairings", "laws", "scenes")},
     "force": hhr.FullOrderModel(flat).solve(0.05).forces().sum(),
-    "relaxed": [step.forces().sum() for step in hhr.FullOrderModel(flowing()).march(steps).answers] if steps else [],
+    "relaxed": [step.forces().sum() for step in relaxed],
     "touching": int((held.forces() > 0).sum()), "nodes": len(held.forces()),
     "same": find("pairings", "contact_toys.parts:Ramp") is Ramp is type(flat.contacts[0])
             and (not steps or find("laws", "Newtonian") is type(flowing().bodies[0].law)),
-    "broken": said("pairings", "Broken"), "near": said("pairings", "Ram"), "scene": said("scenes", "slab_on_rmp"),
-    "near module": said("pairings", "contact_toys.parts:Rampe"), "no module": said("pairings", "contact_toy:Ramp"),
+    "broken": said("pairings", "Broken"), "near": said("pairings", "Ram"),
+    "scene": said("scenes", "slab_on_rmp"),
+    "near module": said("pairings", "contact_toys.parts:Rampe"),
+    "no module": said("pairings", "contact_toy:Ramp"),
 }))
 """
 
@@ -133,7 +138,8 @@ def test_a_plug_in_of_another_package_registers_as_ours_do(installed, tmp_path):
         "hhr.__all__\nassert find('pairings', 'Slope') is Ramp and names('pairings')['Slope'] == "
         "'contact_toys'\nfrom pathlib import Path; from types import SimpleNamespace; from "
         "hhr_dolfinx import registry\n(write,) = map(registry.load, "
-        "registry.installed()['contact_toys'].companions)\nwrite(SimpleNamespace(comm=SimpleNamespace(rank=0), "
+        "registry.installed()['contact_toys'].companions)\n"
+        "write(SimpleNamespace(comm=SimpleNamespace(rank=0), "
         "scene=SimpleNamespace(name='slab')), Path())\n"
     )
     python("-c", program, env=installed, cwd=tmp_path)

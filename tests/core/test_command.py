@@ -349,9 +349,11 @@ FILES = {
     "settings.py": "from your_scene import scene\nSETTINGS = {'training': 3}\n",
     "view.py": "from your_scene import scene\nVIEW = 'nice'\n",
     "views.py": "from your_scene import scene\ndef VIEW(size): pass\n",
-    "geometry.py": "from dataclasses import replace\nimport your_scene\ndef mine(comm):\n    raise ValueError('none')\n"
+    "geometry.py": "from dataclasses import replace\nimport your_scene\ndef mine(comm):\n"
+    "    raise ValueError('none')\n"
     "scene = replace(your_scene.scene(), geometry=mine)\n",
-    "stops.py": "from dataclasses import replace\nimport your_scene\ndef mine(comm):\n    raise KeyboardInterrupt\n"
+    "stops.py": "from dataclasses import replace\nimport your_scene\ndef mine(comm):\n"
+    "    raise KeyboardInterrupt\n"
     "scene = replace(your_scene.scene(), geometry=mine)\n",
     "file": "",
     "broken.npz": "abc",

@@ -21,7 +21,10 @@ CUBE = (
     "*PART, NAME=Cube\n"
     + nodes_of_deck(CORNERS)
     + "*ELEMENT, TYPE=C3D8\n1, 1, 2, 3, 4, 5, 6, 7, 8\n"
-    + "*ELSET, ELSET=Whole\n1\n*NSET, NSET=Bottom, GENERATE\n1, 4, 1\n*SURFACE, NAME=Top\nWhole, S2\n*END PART\n"
+    + (
+        "*ELSET, ELSET=Whole\n1\n*NSET, NSET=Bottom, GENERATE\n1, 4, 1\n"
+        "*SURFACE, NAME=Top\nWhole, S2\n*END PART\n"
+    )
 )
 # upside down, the axis parallel to x through the middle, and then up: the top of the part is the
 # lower side
@@ -44,7 +47,10 @@ def test_loads_by_numbers_of_an_instance_have_names(tmp_path):
 
     A load of something else, which no scene names, refuses nothing.
     """
-    loads = "*BOUNDARY\nUp-1.3, 1, 3\nLow-1.Bottom, 2\nweld.7, 1\n*CLOAD\nUp-1.8, 3, 2.\n*DLOAD\nUp-1.1, P2, 5.\n"
+    loads = (
+        "*BOUNDARY\nUp-1.3, 1, 3\nLow-1.Bottom, 2\nweld.7, 1\n*CLOAD\nUp-1.8, 3, 2.\n"
+        "*DLOAD\nUp-1.1, P2, 5.\n"
+    )
     text = f"{CUBE}{PLACED}*END ASSEMBLY\n*STEP\n{loads}*END STEP\n"
     raw = hhr.MeshFile(written(tmp_path / "a.inp", text)).read()
     line = {row: 1 + number for number, row in enumerate(text.splitlines()) if row.startswith("*")}
@@ -190,7 +196,10 @@ def test_parts_of_second_order(kind, tmp_path):
 
 def test_names_with_blanks_are_in_quotes(tmp_path):
     text = f'{CUBE}*INSTANCE, NAME="the lower one", PART=Cube\n*END INSTANCE\n'
-    text += '*NSET, NSET="a pin"\n"the lower one".7,\n*SURFACE, NAME="all of it"\n"the lower one".Whole,\n'
+    text += (
+        '*NSET, NSET="a pin"\n"the lower one".7,\n'
+        '*SURFACE, NAME="all of it"\n"the lower one".Whole,\n'
+    )
     found = hhr.MeshFile(written(tmp_path / "a.inp", text)).read()
     assert (
         found.points[found.nodes["a pin"]].tolist() == [[1.0, 1.0, 1.0]]
@@ -207,7 +216,10 @@ def test_parts_in_included_files_of_a_folder_and_a_mesh_in_the_instance(tmp_path
     )
     written(tmp_path / "parts" / "nodes.inp", nodes_of_deck(CORNERS))
     own = CUBE.partition("\n")[2].replace("*END PART\n", "").replace("Whole", "Mine")
-    instance = f"*PART, NAME=Empty\n*END PART\n*INSTANCE, NAME=B, PART=Empty\n0., 0., 5.\n{own}*END INSTANCE\n"
+    instance = (
+        "*PART, NAME=Empty\n*END PART\n*INSTANCE, NAME=B, PART=Empty\n0., 0., 5.\n"
+        f"{own}*END INSTANCE\n"
+    )
     deck = (
         f"*INCLUDE, INPUT=parts/cube.inp\n*INSTANCE, NAME=A, PART=Cube\n*END INSTANCE\n{instance}"
     )
@@ -248,8 +260,12 @@ WRONG = {
     "*INSTANCE, NAME=A, PART=Cube\n*END INSTANCE\n*NSET, NSET=S, INSTANCE=A\nnone\n": (
         "there is no set 'A.none' before"
     ),
-    "*INSTANCE, NAME=A, PART=Cube\n*ELEMENT, TYPE=C3D8\n7, 1, 2, 3, 4, 5, 6, 7, 99\n": r"element A\.7 has a node",
-    "*INSTANCE, NAME=A, PART=Cube\n*END INSTANCE\n*SURFACE, NAME=S\nA.1, S9\n": r"'A\.1, S9' is no face of cells",
+    "*INSTANCE, NAME=A, PART=Cube\n*ELEMENT, TYPE=C3D8\n7, 1, 2, 3, 4, 5, 6, 7, 99\n": (
+        r"element A\.7 has a node"
+    ),
+    "*INSTANCE, NAME=A, PART=Cube\n*END INSTANCE\n*SURFACE, NAME=S\nA.1, S9\n": (
+        r"'A\.1, S9' is no face of cells"
+    ),
     "*NODE, SYSTEM=X\n1, 1., 90.\n": "there is no coordinate system X, but R, C and S",
 }
 

@@ -61,11 +61,15 @@ NEEDED = {
     "study": "import hhr_dolfinx.command.console",
     "tables": "hhr.read_points('table.parquet', hhr.ParameterSpace(('mu',), (0.0,), (1.0,)))",
     "pictures": "import hhr_dolfinx.plugins.checks.fields",
-    "local": "from hhr_dolfinx.plugins.local.clusters import medoids; medoids([[0.0, 1.0], [1.0, 0.0]], 1)",
+    "local": (
+        "from hhr_dolfinx.plugins.local.clusters import medoids; "
+        "medoids([[0.0, 1.0], [1.0, 0.0]], 1)"
+    ),
     "peers": "from peers import nonnegative_factors; nonnegative_factors(None, 1)",
     "mortar": "from hhr_dolfinx.geometries.two_blocks import side\n"
     "mortar = hhr.Mortar(side(1, 2, True), side(2, 2, False))\n"
-    "hhr.FullOrderModel(pressed_pair('solid', ((1.0, 0.3), (1.0, 0.3)), cells=1, matching=False, contacts=(mortar,)))",
+    "hhr.FullOrderModel(pressed_pair('solid', ((1.0, 0.3), (1.0, 0.3)), cells=1, "
+    "matching=False, contacts=(mortar,)))",
 }
 
 
@@ -122,7 +126,10 @@ def test_a_package_that_is_there_and_broken_speaks_for_itself():
 
 @pytest.fixture
 def twice(tmp_path, monkeypatch):
-    """A function of a file of its own, as numba's cache asks for; whoever reads the cache imports it by its name."""
+    """A function of a file of its own, as numba's cache asks for.
+
+    Whoever reads the cache imports it by its name.
+    """
     (tmp_path / "twice_of_a_test.py").write_text("def twice(x):\n    return 2 * x\n")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "twice_of_a_test", raising=False)

@@ -91,7 +91,10 @@ def reasons(path):
 EXTRA = {
     "rigid tool": (
         TOOL
-        + "*ELEMENT, TYPE=R3D4, ELSET=TOOL\n3, 100, 101, 102, 103\n*SURFACE, NAME=S_TOOL\nTOOL, SNEG\n",
+        + (
+            "*ELEMENT, TYPE=R3D4, ELSET=TOOL\n3, 100, 101, 102, 103\n"
+            "*SURFACE, NAME=S_TOOL\nTOOL, SNEG\n"
+        ),
         {"TOOL": "1 element of type R3D4", "S_TOOL": "no sides of cells"},
     ),
     "skin": (
@@ -466,7 +469,10 @@ def mixed_in_xml(folder):
 
     def item(kind, shape, values):
         numbers = " ".join(str(value) for row in values for value in np.atleast_1d(row))
-        return f'<DataItem DataType="{kind}" Dimensions="{shape}" Format="XML" Precision="8">{numbers}</DataItem>'
+        return (
+            f'<DataItem DataType="{kind}" Dimensions="{shape}" Format="XML" Precision="8">'
+            f"{numbers}</DataItem>"
+        )
 
     (folder / "m.xdmf").write_text(
         '<Xdmf Version="3.0"><Domain><Grid Name="Grid"><Geometry GeometryType="XYZ">'
@@ -776,8 +782,15 @@ def folder(tmp_path_factory):
     gmsh.option.setNumber("General.Terminal", 0)
     lower, upper = (gmsh.model.occ.addRectangle(0, y, 0, 2, 1) for y in (0, 2))
     gmsh.model.occ.synchronize()
-    for dim, members, name in ((2, [lower], "a b"), (2, [upper], "upper"), (2, [lower, upper], "both"),
-                               (1, [1, 2], "corner"), (1, [5, 6], "upper"), (1, [2], "right")):  # fmt: skip
+    groups = (
+        (2, [lower], "a b"),
+        (2, [upper], "upper"),
+        (2, [lower, upper], "both"),
+        (1, [1, 2], "corner"),
+        (1, [5, 6], "upper"),
+        (1, [2], "right"),
+    )
+    for dim, members, name in groups:
         gmsh.model.addPhysicalGroup(dim, members, tag=78 if name == "corner" else -1, name=name)
     gmsh.model.addPhysicalGroup(1, [1], tag=77)
     gmsh.model.mesh.setSize(gmsh.model.getEntities(0), 0.5)

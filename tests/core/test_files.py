@@ -608,7 +608,8 @@ import dataclasses
 import contract, scenes
 import hhr_dolfinx as hhr
 
-made = {{name: lambda name=name: contract.KINDS[name].full() for name in sys.argv[2:] if name in contract.KINDS}}
+kinds = [name for name in sys.argv[2:] if name in contract.KINDS]
+made = {{name: lambda name=name: contract.KINDS[name].full() for name in kinds}}
 made["elastic"] = lambda: hhr.FullOrderModel(scenes.pressed_block("plane_strain"))
 if "constraints" in sys.argv:
     plain = scenes.pressed_block("plane_strain")

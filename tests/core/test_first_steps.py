@@ -31,7 +31,8 @@ for label in ("snapshots", "held out"):
     assert list(options.progress(label)(range(3))) == [0, 1, 2]
 assert list(options.progress("lazy")(iter("ab"))) == ["a", "b"]
 options.console.print({LONG!r})
-cli.print_rows("cases", [{{"case": "a", "why": "long " * 30, "what": "longer " * 20}}], options.console)
+row = {{"case": "a", "why": "long " * 30, "what": "longer " * 20}}
+cli.print_rows("cases", [row], options.console)
 """
 
 

@@ -124,7 +124,9 @@ def test_arrays_are_answered_like_numbers():
 
 
 def test_a_table_is_linear_and_refuses_what_is_beyond():
-    at = lambda temperature: Scalar(TABLE, NAMES).value(np.array([0.0, 0.0, temperature]))  # noqa: E731
+    def at(temperature):
+        return Scalar(TABLE, NAMES).value(np.array([0.0, 0.0, temperature]))
+
     assert [at(item) for item in (300, 325, 400, 450, 500)] == pytest.approx([2, 2.5, 4, 1, -2])
     assert at(500 + 1e-8) == pytest.approx(-2)  # round-off is not beyond
     for temperature in (299.0, 501.0):

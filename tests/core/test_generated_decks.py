@@ -86,7 +86,10 @@ def test_middle_nodes_of_generated_cells(tmp_path):
 
 def test_nodes_on_arcs(tmp_path):
     """Five of a quarter of a circle about a node, and three on an arc about a point in space."""
-    text = "*NODE\n1, 2., 0., 1.\n5, 0., 2., 1.\n9, 0., 0., 1.\n11, 1., 1., 3.\n13, 1., 4., 0.\n*NGEN, LINE=C\n"
+    text = (
+        "*NODE\n1, 2., 0., 1.\n5, 0., 2., 1.\n9, 0., 0., 1.\n11, 1., 1., 3.\n13, 1., 4., 0.\n"
+        "*NGEN, LINE=C\n"
+    )
     deck = flat_deck(written(tmp_path / "d.inp", f"{text}1, 5, 1, 9\n11, 13, , , 1., 1., 0.\n"))
     angles = np.pi / 8 * np.arange(5)
     wanted = np.column_stack([2 * np.cos(angles), 2 * np.sin(angles), np.ones(5)])
@@ -156,7 +159,10 @@ def test_sets_that_are_not_sorted_keep_their_order(tmp_path):
     sets = "*NSET, NSET=A, UNSORTED\n6, 5, 8, 7\n*NSET, NSET=B\n6, 5, 8, 7, 5\n"
     deck = flat_deck(written(tmp_path / "d.inp", DECK + sets))
     assert deck.members("A") == [6, 5, 8, 7] and deck.members("B") == [5, 6, 7, 8]
-    part = f"*PART, NAME=P\n{DECK}{sets}*END PART\n*ASSEMBLY, NAME=X\n*INSTANCE, NAME=I, PART=P\n*END INSTANCE\n"
+    part = (
+        f"*PART, NAME=P\n{DECK}{sets}*END PART\n*ASSEMBLY, NAME=X\n*INSTANCE, NAME=I, PART=P\n"
+        "*END INSTANCE\n"
+    )
     deck = flat_deck(written(tmp_path / "d.inp", part))
     for name in ("A", "I.A"):
         assert [number % 100 for number in deck.members(name)] == [6, 5, 8, 7]
@@ -187,7 +193,10 @@ def test_types_that_do_not_exist_are_no_cells(tmp_path):
 
 def test_nodes_in_cylindrical_and_spherical_coordinates(tmp_path):
     """Angles are in degrees, from x, and that of a sphere from the plane."""
-    text = "*NODE, SYSTEM=C\n1, 2., 90., 5.\n*NODE, SYSTEM=S\n2, 2., 90., 30.\n*NODE, SYSTEM=R\n3, 1., 2., 3.\n"
+    text = (
+        "*NODE, SYSTEM=C\n1, 2., 90., 5.\n*NODE, SYSTEM=S\n2, 2., 90., 30.\n"
+        "*NODE, SYSTEM=R\n3, 1., 2., 3.\n"
+    )
     deck = flat_deck(written(tmp_path / "d.inp", text))
     root = np.sqrt(3.0)
     for number, place in ((1, [0, 2, 5]), (2, [0, root, 1]), (3, [1, 2, 3])):

@@ -265,13 +265,16 @@ PLUGINS = {
 STUDIES = {
     "elastic": """
 import hertz_half_discs as demo
-scene, settings = demo.scene(arc_segments=28, flat_segments=7), demo.SETTINGS().adapted(seed=1, quick=True)
+scene = demo.scene(arc_segments=28, flat_segments=7)
+settings = demo.SETTINGS().adapted(seed=1, quick=True)
 """,
     "inelastic": """
 import pellet_cladding_plastic as demo
 mesh = {"radial_cells": 6, "axial_cells": 10, "cladding_radial_cells": 2, "cladding_axial_cells": 7}
 scene, paths = demo.scene(**mesh), {gap: demo.path(gap, 4) for gap in (5.0, 8.0, 10.0, 15.0)}
-settings = hhr.StudySettings([paths[5.0], paths[15.0]], held_out=[paths[8.0]], tests={"10": paths[10.0]}, repetitions=1)
+settings = hhr.StudySettings(
+    [paths[5.0], paths[15.0]], held_out=[paths[8.0]], tests={"10": paths[10.0]}, repetitions=1
+)
 """,
 }
 

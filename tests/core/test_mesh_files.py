@@ -339,7 +339,10 @@ WRONG = {
         "mixes quadrilaterals and triangles, 1 and 1 of them, and.*SubdivisionAlgorithm = 1",
     ),
     "prism.inp": (
-        "*Node\n1,0,0,0\n2,1,0,0\n3,0,1,0\n4,0,0,1\n5,1,0,1\n6,0,1,1\n*Element,type=C3D6\n1,1,2,3,4,5,6\n",
+        (
+            "*Node\n1,0,0,0\n2,1,0,0\n3,0,1,0\n4,0,0,1\n5,1,0,1\n6,0,1,1\n"
+            "*Element,type=C3D6\n1,1,2,3,4,5,6\n"
+        ),
         (
             "has prisms, and a mesh must have cells of one kind: .*SubdivisionAlgorithm = 2 for "
             "hexahedra"

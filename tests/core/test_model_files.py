@@ -242,8 +242,8 @@ def test_a_file_holds_whatever_class_declares():
 
 ALONE = """
 import sys
-missing = ["dolfinx_solver", "dolfinx", "ufl", "basix", "gmsh", "petsc4py", "slepc4py", "mpi4py", "rich", "matplotlib",
-           "meshio", "shapely", "sklearn", "pyvista", "resource"]
+missing = ["dolfinx_solver", "dolfinx", "ufl", "basix", "gmsh", "petsc4py", "slepc4py", "mpi4py",
+           "rich", "matplotlib", "meshio", "shapely", "sklearn", "pyvista", "resource"]
 if sys.argv[1] == "missing":
     sys.modules.update(dict.fromkeys(missing))
 import json, hhr_dolfinx as hhr
@@ -252,7 +252,8 @@ for kind, name in json.loads(sys.argv[2]).items():
     point = [(low + high) / 2 for low, high in zip(model.parameters.lower, model.parameters.upper)]
     answer = model.solve(point, outside="ignore", raise_on_failure=False)
     values = {} if model.fields.functionals is None else dict(answer.outputs())
-    print(json.dumps([kind, answer.forces().tobytes().hex(), answer.displacement().tobytes().hex(), repr(values)]))
+    bits = [found.tobytes().hex() for found in (answer.forces(), answer.displacement())]
+    print(json.dumps([kind, *bits, repr(values)]))
 heavy = {"dolfinx", "ufl", "gmsh", "pyvista", "matplotlib", "slepc4py", "petsc4py", "mpi4py"}
 heavy &= {name for name, module in sys.modules.items() if module}
 assert not heavy, heavy
@@ -474,8 +475,8 @@ def test_an_indicator_stays_behind_and_is_warned_of(models, tmp_path):
     )
     estimating, point = model.changed(fields=fields), points_of(model, 1)[0]
     assert estimating.solve(point, outside="ignore").estimate() == Estimate.indicated(0.5)
-    for one in (estimating, hhr.LocalModels([model, model.changed(fields=replace(
-            model.fields, indicator=lambda answer: 0.1)), local.models[2]], local.choice)):  # fmt: skip
+    other = model.changed(fields=replace(model.fields, indicator=lambda answer: 0.1))
+    for one in (estimating, hhr.LocalModels([model, other, local.models[2]], local.choice)):
         with pytest.warns(ModelFileWarning, match="indicator stays behind") as caught:
             hhr.save_model(tmp_path / "model.npz", one)
         assert caught[0].filename == __file__

@@ -139,12 +139,16 @@ def test_commands_of_the_docs_run_in_order_in_one_folder(tmp_path, monkeypatch):
 
 
 ELSEWHERE = {
-    "hhr serve model.npz --port 4242": "tests/plugins/um_bridge/test_um_bridge.py::test_a_server_of_um_bridge",
+    "hhr serve model.npz --port 4242": (
+        "tests/plugins/um_bridge/test_um_bridge.py::test_a_server_of_um_bridge"
+    ),
     # refused for the obstacle of this scene
     "hhr export my_scene.py --at travel=0.9,lowered=0.1 --out deck.inp": (
         "tests/plugins/exporters/test_deck.py::test_a_deck_is_the_scene_again_and_calculix_agrees"
     ),
-    "hhr train benchmarks/thesis/pellet_cladding.py --model condensed": "tests/core/test_scripts.py::check_pellet",
+    "hhr train benchmarks/thesis/pellet_cladding.py --model condensed": (
+        "tests/core/test_scripts.py::check_pellet"
+    ),
     "hhr page out/pellet_cladding/condensed.npz": "tests/core/test_scripts.py::check_pellet",
 }
 """Commands that wait for another program, or take long at full size, and the tests that run them or

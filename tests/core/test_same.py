@@ -131,7 +131,10 @@ def test_the_package_of_another_place_is_not_believed(tmp_path, monkeypatch):
 
 def test_plug_ins_are_those_of_the_tree(tmp_path, monkeypatch):
     """The environment may have been installed from another one."""
-    text = '[project]\nname = "hhr_dolfinx"\nversion = "7"\n[project.entry-points."a group"]\nwear = "somewhere:PLUGIN"\n'
+    text = (
+        '[project]\nname = "hhr_dolfinx"\nversion = "7"\n[project.entry-points."a group"]\n'
+        'wear = "somewhere:PLUGIN"\n'
+    )
     (tmp_path / "pyproject.toml").write_text(text)
     monkeypatch.setattr(sys, "meta_path", [same.TreeFinder(tmp_path), *sys.meta_path])
     points = importlib.metadata.entry_points(group="a group")

@@ -29,7 +29,10 @@ def test_inf_sup_is_the_infimum_of_suprema():
     rng = np.random.default_rng(0)
     rows, primal, dual = rng.normal(size=(4, 7)), spd(7, rng), spd(4, rng)
     beta = inf_sup(rows, primal, dual)
-    quotient = lambda q: math.sqrt(q @ rows @ np.linalg.solve(primal, rows.T @ q) / (q @ dual @ q))  # noqa: E731
+
+    def quotient(q):
+        return math.sqrt(q @ rows @ np.linalg.solve(primal, rows.T @ q) / (q @ dual @ q))
+
     assert min(quotient(q) for q in rng.normal(size=(2000, 4))) >= beta
     _, vectors = linalg.eigh(rows @ np.linalg.solve(primal, rows.T), dual)
     assert quotient(vectors[:, 0]) == pytest.approx(beta, rel=1e-10)

@@ -72,6 +72,9 @@ if TYPE_CHECKING:
     from hhr_dolfinx.plugins.contact_laws.interface import Range
     from hhr_dolfinx.plugins.contact_laws.ranges import RangeSolver, RangeStep
 
+Steps = list[tuple[float, np.ndarray]]
+"""Times in seconds and parameters of a path."""
+
 MODES_LEFT_OUT = 1e-14
 """Part of the squared answers that the modes of a hyper-reduced model of the whole mesh leave
 out.
@@ -455,8 +458,37 @@ def check_contact_law(law: Any) -> None:
     """
     pair = NodeToNode(LOWER_SURFACE, UPPER_SURFACE, (0.0, 1.0), law=law)
     full = FullOrderModel(pressed_blocks(contacts=(pair,)))
-    low = np.array(full.parameters.lower)
-    width = np.array(full.parameters.upper) - low
+    path = _to_and_fro(full.parameters)
+    own = full.law
+    _check_rows(full, law.plugin)
+    exact = full.march(path).answers
+    _check_steps(full, path, exact)
+    _check_constants(pair, own, path, exact)
+    condensed = condense(full)
+    _require(_alike(own, exact, condensed.march(path).answers, TESTED_ROUND_OFF), "condensed law")
+    if compilable(law.plugin):
+        _check_in_c(condensed, path)
+    _check_resumed(full, path, exact)
+    try:
+        _require(
+            full.march(path, MarchSettings(gradient=True)).answers[-1].gradient is not None,
+            "no gradient",
+        )
+    except NotOfferedError:
+        pass
+    found = condensed.march(path, MarchSettings(time_tolerance=0.05)).answers
+    _require(all(answer.converged and np.isfinite(answer.time_error) for answer in found), "cut")
+    kept_model = _saved(condensed, classes_in(own))
+    _require(
+        _alike(own, condensed.march(path).answers, kept_model.march(path).answers, 0.0), "file"
+    )
+    _check_reduced(full, path, exact)
+
+
+def _to_and_fro(parameters: ParameterSpace) -> Steps:
+    """Steps through a box of four parameters that go up, turn and come back."""
+    low = np.array(parameters.lower)
+    width = np.array(parameters.upper) - low
     shares = (
         (0.0, 0.0, 0.0, 0.0),
         (0.6, 0.5, 0.2, 0.0),
@@ -464,10 +496,14 @@ def check_contact_law(law: Any) -> None:
         (0.9, 0.1, 0.5, 0.1),
         (0.2, 0.5, 0.0, 1.0),
     )
-    path = [(float(k), low + width * share) for k, share in enumerate(shares)]
+    return [(float(k), low + width * share) for k, share in enumerate(shares)]
+
+
+def _check_steps(full: FullOrderModel, path: Steps, exact: Sequence[Answer]) -> None:
+    """Steps are in equilibrium, at their times, without penetration, and a file keeps their
+    memory.
+    """
     own = full.law
-    _check_rows(full, law.plugin)
-    exact = full.march(path).answers
     for (time, _), answer in zip(path[1:], exact, strict=True):
         residuals = kind_of(full).residuals(answer)
         _require(
@@ -482,11 +518,11 @@ def check_contact_law(law: Any) -> None:
             np.array_equal(kept[name], again[name]) for name in kept
         )
         _require(same, "memory")
-    _check_constants(pair, own, path, exact)
-    condensed = condense(full)
-    _require(_alike(own, exact, condensed.march(path).answers, TESTED_ROUND_OFF), "condensed law")
-    if compilable(law.plugin):
-        _check_in_c(condensed, path)
+
+
+def _check_resumed(full: FullOrderModel, path: Steps, exact: list[Answer]) -> None:
+    """A history goes on from known steps, and one that a store has is the same."""
+    own = full.law
     _require(
         _alike(own, exact[2:], full.march(path, known=exact[:2]).answers[2:], RESUMED), "known"
     )
@@ -496,29 +532,18 @@ def check_contact_law(law: Any) -> None:
             for _ in range(2)
         ]
         _require(_alike(own, stored[0].answers, stored[1].answers, 0.0), "memory")
-    try:
-        _require(
-            full.march(path, MarchSettings(gradient=True)).answers[-1].gradient is not None,
-            "no gradient",
-        )
-    except NotOfferedError:
-        pass
-    found = condensed.march(path, MarchSettings(time_tolerance=0.05)).answers
-    _require(all(answer.converged and np.isfinite(answer.time_error) for answer in found), "cut")
-    kept_model = _saved(condensed, classes_in(own))
-    _require(
-        _alike(own, condensed.march(path).answers, kept_model.march(path).answers, 0.0), "file"
-    )
+
+
+def _check_reduced(full: FullOrderModel, path: Steps, exact: Sequence[Answer]) -> None:
+    """A hyper-reduced model of the whole mesh has the history of the full one, if it is offered."""
     whole = Zone(lambda problem: np.arange(len(problem.points)))
     recipe = Recipe.of_paths(basis=Pod(MODES_LEFT_OUT), nodes=(whole,)).as_it_is()
     try:
         reduced = build(full, SnapshotSet.of_histories([full.march(path)]), recipe)
     except NotOfferedError:
         return
-    _require(
-        _alike(own, exact, reduced.march(path).answers, 100 * np.sqrt(MODES_LEFT_OUT)),
-        "reduced law",
-    )
+    found = reduced.march(path).answers
+    _require(_alike(full.law, exact, found, 100 * np.sqrt(MODES_LEFT_OUT)), "reduced law")
 
 
 def _check_rows(full: FullOrderModel, plugin: str) -> None:
@@ -557,7 +582,7 @@ def _check_constants(
         _require(same, "constants", item.name)
 
 
-def _check_in_c(model: Any, path: list[tuple[float, np.ndarray]]) -> None:
+def _check_in_c(model: Any, path: Steps) -> None:
     """C functions of a law give the forces of Python along a path."""
     exact = np.array([answer.multipliers for answer in model.march(path).answers])
     found = in_c(model, path)

@@ -108,34 +108,12 @@ class _DeckParts:
         parts = self.parts
         nodes = self.nodes
         left = list(self.left)
-        tools = {
-            block.word("REF NODE")
-            for block in of_kind(found, "RIGID BODY")
-            if is_tool(block, parts)
-        }
-        # nodes that move rigid tools are no nodes of cells: their motions are gaps
-        own = [
-            item
-            for item in state
-            if item.row[0].upper() not in tools or not item.moves(parts.raw.dim)
-        ]
+        own = self._without_tools(state)
         gaps, grounds = gaps_of(found, parts, nodes, state, left)
         own = [
             item for item in own if not grounds or not set(nodes.numbers(item.row[0])) <= grounds
         ]
-        constraints: list[DeckLoad] = []
-        forces: list[DeckLoad] = []
-        for made in (
-            lambda given: preloads_of(self.cuts, given, nodes, self.thickness, left),
-            lambda given: coupled_of(
-                found, given, parts, nodes, self.hypothesis, self.thickness, left
-            ),
-            lambda given: equations_of(found, given, parts, nodes, self.thickness, left),
-            lambda given: directed_of(found, given, parts, nodes, self.thickness, left),
-        ):
-            own, *more = made(own)
-            constraints += more[0]
-            forces += more[1]
+        own, constraints, forces = self._constrained(own, left)
         constraints += ties_of(found, parts, left)
         materials = {item.tag: item.material for item in self.sections}
         axis = 1 if self.hypothesis == "axisymmetric" else 2
@@ -165,6 +143,45 @@ class _DeckParts:
         )
         flows = any(item.material.law for item in self.sections)
         return _with_20_nodes(with_springs(deck, parts) if touching and flows else deck, nodes)
+
+    def _without_tools(self, state: Sequence[Imposed]) -> list[Imposed]:
+        """What is imposed on nodes of cells: those that move rigid tools are none, and their
+        motions are gaps.
+        """
+        parts = self.parts
+        tools = {
+            block.word("REF NODE")
+            for block in of_kind(self.found, "RIGID BODY")
+            if is_tool(block, parts)
+        }
+        return [
+            item
+            for item in state
+            if item.row[0].upper() not in tools or not item.moves(parts.raw.dim)
+        ]
+
+    def _constrained(
+        self, own: list[Imposed], left: list[Left]
+    ) -> tuple[list[Imposed], list[DeckLoad], list[DeckLoad]]:
+        """What is imposed and neither constrains nor loads through a constraint, and the
+        constraints and forces of the rest.
+        """
+        found = self.found
+        parts = self.parts
+        nodes = self.nodes
+        thickness = self.thickness
+        constraints: list[DeckLoad] = []
+        forces: list[DeckLoad] = []
+        for made in (
+            lambda given: preloads_of(self.cuts, given, nodes, thickness, left),
+            lambda given: coupled_of(found, given, parts, nodes, self.hypothesis, thickness, left),
+            lambda given: equations_of(found, given, parts, nodes, thickness, left),
+            lambda given: directed_of(found, given, parts, nodes, thickness, left),
+        ):
+            own, *more = made(own)
+            constraints += more[0]
+            forces += more[1]
+        return own, constraints, forces
 
 
 def _with_20_nodes(deck: Deck, nodes: DeckNodes) -> Deck:

@@ -49,6 +49,9 @@ STATED = (
     "a proposal for lengths in mm, which is not that of the file: replace it by what the file "
     "states in these lines"
 )
+NO_PAIR = "no surfaces of two bodies face each other: name a pair in contacts"
+NO_SUPPORT = "no surface to hold a body at: name one in the file of the mesh"
+NO_LOAD = "no surface to press, and the answer is zero: name one in the file"
 HELD_NAMES = ("fixed", "clamp")
 """Beginnings of names of surfaces that are held; capitals do not matter."""
 SYMMETRY_NAMES = ("symmetry",)
@@ -98,13 +101,7 @@ def template(path: Path, given: NamedParts, plane: str = "plane_strain") -> Deck
     parts, pairs = _touching(given, supports, wider=not bolts)
     piece = _pieces(parts)
     if not pairs:
-        left.append(
-            Left(
-                source,
-                "contact",
-                "no surfaces of two bodies face each other: name a pair in contacts",
-            )
-        )
+        left.append(Left(source, "contact", NO_PAIR))
     held = {item.component for item in supports}
     if pairs and len(held) < dim and not planes:
         proposed, pressures = _by_places(parts, piece, pairs[0], source, left, given.surfaces)
@@ -112,32 +109,14 @@ def template(path: Path, given: NamedParts, plane: str = "plane_strain") -> Deck
         supports += [item for item in proposed if (piece[item.place], item.component) not in along]
         loads = loads or pressures
         if not loads:
-            left.append(
-                Left(
-                    source,
-                    "loads",
-                    "no surface to press, and the answer is zero: name one in the file",
-                )
-            )
+            left.append(Left(source, "loads", NO_LOAD))
     elif not pairs and not loads:
         made, loads = _by_ends(parts, piece, [item.place for item in supports], source)
         supports = supports or made
         if not supports:
-            left.append(
-                Left(
-                    source,
-                    "support",
-                    "no surface to hold a body at: name one in the file of the mesh",
-                )
-            )
+            left.append(Left(source, "support", NO_SUPPORT))
         elif not loads:
-            left.append(
-                Left(
-                    source,
-                    "loads",
-                    "no surface to press, and the answer is zero: name one in the file",
-                )
-            )
+            left.append(Left(source, "loads", NO_LOAD))
     return replace(
         deck,
         supports=tuple(supports),

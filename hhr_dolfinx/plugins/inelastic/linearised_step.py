@@ -9,6 +9,8 @@ tried again with new tangents in each iteration.
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -30,6 +32,7 @@ from hhr_dolfinx.plugins.inelastic.equilibrium import (
     Stepper,
     extrapolated,
 )
+from hhr_dolfinx.plugins.inelastic.law import Update
 from hhr_dolfinx.plugins.inelastic.march import MarchingEquilibrium
 from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains
 from hhr_dolfinx.plugins.inelastic.state import GaussState
@@ -232,44 +235,24 @@ class LinearisedStepper(Stepper):
         dt = goal.time - trail[-1].time
         theta = model.amplitudes(goal.parameter)
         material = model.material.at(goal.parameter)
-        if start is not None:
-            x = start.unknown
-        else:
-            x = (
-                extrapolated(trail, goal.time)
-                if len(trail) > 1
-                else self._elastic_start(here, theta, goal)
-            )
+        x = self._extrapolated(trail, goal, theta) if start is None else start.unknown
         flows = material.flows and settings.search != "elastic"
         mixing = Anderson() if material.flows and settings.search != "tangent" else None
         active = (here if start is None else start).active
         contact = steps_of(model.law).step_contact(model, here, goal.parameter, goal.time)
-        together = model.together
         linear: Any = self._linearisation if flows else model.elastic
         for iteration in range(1, settings.iterations + 1):
             renew = flows and (linear is None or settings.search == "tangent")
             strain = model.strain(x, theta)
-            update = together.agreed(
+            update = self._finite(
                 partial(material.update, strain, gauss_of(here).state, dt, tangent=renew)
             )
-            if not together.every(bool(np.isfinite(update.stress).all())):
-                raise Diverged(
-                    "the stress is not finite",
-                    together.place(~np.isfinite(update.stress).all(axis=1)),
-                )
             residual, scale = model.residual(x, update, theta)
             flowed = update.state.cumulated - gauss_of(here).state.cumulated
-            try:
+            with self._solvable(flowed):
                 linear = model.linearised(update.tangents) if renew else linear
                 change, found = linear.correct(residual, x, theta, active, contact)
-            except (NotSolvableError, np.linalg.LinAlgError) as error:
-                raise Diverged(f"{error}, a singular tangent", together.place(flowed)) from None
-            if found.status is not Status.CONVERGED:
-                why = (
-                    f"of the linearised contact problem, {found.status.value}, or the load is "
-                    "more than is borne"
-                )
-                raise Diverged(why, together.place(flowed))
+            self._demand_borne(found.status, flowed)
             left = model.norms(residual - model.contact_load(found.forces))
             # each body by its own forces, or if it is unloaded by its largest forces before
             small = settings.relative_force * np.maximum(scale, self._forces)
@@ -277,34 +260,66 @@ class LinearisedStepper(Stepper):
                 # the more expensive of the two criteria comes last
                 remaining = _stress_change(linear, model.strain_of(change))
                 largest = max(self._stress, self._mean(update.stress))
-                floor = max(
-                    settings.floor_stress * largest,
-                    ROUND_OFF_STRAIN * together.largest(linear.moduli.max()),
-                )
-                if (
-                    together.largest(
-                        (remaining - settings.relative_stress * np.abs(update.stress)).max()
-                    )
-                    <= floor
-                ):
-                    self._strains.check(strain, together)
+                floor = self._floor(linear, settings, largest)
+                small = settings.relative_stress * np.abs(update.stress)
+                if model.together.largest((remaining - small).max()) <= floor:
+                    self._strains.check(strain, model.together)
                     again = settings.search != "tangent" and iteration <= model.patience
                     self._linearisation = linear if again else None
                     self._grow(scale, largest)
-                    answer = found_as(
-                        found._replace(iterations=iteration), goal.parameter, x, model.fields
-                    )
-                    answer = answer._replace(
-                        undetermined=linear.undetermined(found, x, theta, model.law)
-                    )
                     kept = Memory(gauss=GaussState(update.stress, update.state)) | contact.memory(x)
-                    return answer._replace(time=goal.time, memory=kept)
+                    free = linear.undetermined(found, x, theta, model.law)
+                    found = found._replace(iterations=iteration)
+                    answer = found_as(found, goal.parameter, x, model.fields)
+                    return answer._replace(undetermined=free, time=goal.time, memory=kept)
             active = found.active
             x = x + change if mixing is None else mixing(x, change)
         remaining = _stress_change(linear, model.strain_of(change)).max(axis=1)
-        largest = together.largest(remaining.max())
+        largest = model.together.largest(remaining.max())
         why = f"after {settings.iterations} iterations the stress still moves by {largest:.3g}"
-        raise Diverged(why, together.place(remaining))
+        raise Diverged(why, model.together.place(remaining))
+
+    def _finite(self, updated: Callable[[], Update]) -> Update:
+        """The update of the material, which all ranks have with finite stresses."""
+        together = self.model.together
+        update = together.agreed(updated)
+        if not together.every(bool(np.isfinite(update.stress).all())):
+            raise Diverged(
+                "the stress is not finite",
+                together.place(~np.isfinite(update.stress).all(axis=1)),
+            )
+        return update
+
+    @contextmanager
+    def _solvable(self, flowed: np.ndarray) -> Iterator[None]:
+        """A linearisation that has no solution diverges where most flowed."""
+        try:
+            yield
+        except (NotSolvableError, np.linalg.LinAlgError) as error:
+            place = self.model.together.place(flowed)
+            raise Diverged(f"{error}, a singular tangent", place) from None
+
+    def _demand_borne(self, status: Status, flowed: np.ndarray) -> None:
+        """Raise Diverged if the linearised contact problem was not solved."""
+        if status is not Status.CONVERGED:
+            why = (
+                f"of the linearised contact problem, {status.value}, or the load is "
+                "more than is borne"
+            )
+            raise Diverged(why, self.model.together.place(flowed))
+
+    def _floor(self, linear: Linearisation, settings: MarchSettings, stress: float) -> float:
+        """Change of the stress that is none, of the size of a stress and of round-off."""
+        return max(
+            settings.floor_stress * stress,
+            ROUND_OFF_STRAIN * self.model.together.largest(linear.moduli.max()),
+        )
+
+    def _extrapolated(self, trail: tuple[Answer, ...], goal: Goal, theta: Theta) -> np.ndarray:
+        """The unknown by the answers before, or if the step were elastic."""
+        if len(trail) > 1:
+            return extrapolated(trail, goal.time)
+        return self._elastic_start(trail[-1], theta, goal)
 
     def _elastic_start(self, here: Answer, theta: Theta, goal: Goal) -> np.ndarray:
         """The unknown if the step were elastic.

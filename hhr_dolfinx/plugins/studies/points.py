@@ -177,13 +177,7 @@ def measure_points(
     errors |= {name: references.errors(item) for name, item in baselines.items()}
     if not baselines:
         skipped.append({"stage": "fom_naive", "why": _without_naive(full)})
-    iterations = [answer.iterations for answer in answers]
-    searches = {
-        "iterations_median": float(np.median(iterations)),
-        "iterations_max": max(iterations),
-    }
-    searches["cycles"] = sum(answer.cycled for answer in answers)
-    report = {"active_set": searches, "samples": _samples(points, answers, errors["online"])}
+    report = _searches(answers) | {"samples": _samples(points, answers, errors["online"])}
     report |= _times(warm, cold, baselines, offline)
     report |= _mesh_error(full, skipped) | _outputs(full, references.solutions, answers)
     own = Row("condensed" if refused else "HHR", "this model", warm["online"], errors["online"])
@@ -208,6 +202,17 @@ def _queries_of(full: FullOrderModel, model: KeptModel) -> tuple[dict[str, Model
         "online_full": _everywhere(_twin(model, PetscLU)),
     }
     return models, whole
+
+
+def _searches(answers: list[Answer]) -> Report:
+    """The ``active_set`` part of a report: iterations, and cycles of statuses."""
+    iterations = [answer.iterations for answer in answers]
+    searches = {
+        "iterations_median": float(np.median(iterations)),
+        "iterations_max": max(iterations),
+        "cycles": sum(answer.cycled for answer in answers),
+    }
+    return {"active_set": searches}
 
 
 def _samples(points: np.ndarray, answers: list[Answer], errors: MeasuredErrors) -> Report:

@@ -108,7 +108,10 @@ def test_a_picture_has_each_body_and_surface_once(name, tmp_path):
     """
     if name == "blocks.inp":
         more = nodes_of_deck([(x + 3, y, z) for x, y, z in CORNERS], 100)
-        more += f"*ELEMENT, TYPE=C3D8\n9, {', '.join(str(100 + k) for k in range(8))}\n*ELSET, ELSET=ALL\nLOWER, UPPER\n"
+        more += (
+            f"*ELEMENT, TYPE=C3D8\n9, {', '.join(str(100 + k) for k in range(8))}\n"
+            "*ELSET, ELSET=ALL\nLOWER, UPPER\n"
+        )
         path = written(tmp_path / name, DECK + more)
         wanted = [
             "body LOWER",

@@ -198,7 +198,8 @@ def test_bodies_held_by_contact_are_named_with_their_motions():
     """The block that lies on the other may slide, which nothing drives."""
     notes = texts(check_scene(lying(bulge=0.0)), NOTE)
     held = re.compile(
-        r"body 2 .*held by contact alone: without contact it moves along axis 0, moves along axis 1, turns"
+        "body 2 .*held by contact alone: without contact it moves along axis 0, moves along "
+        "axis 1, turns"
     )
     assert any(map(held.search, notes))
     assert all("body 1" not in note for note in notes)

@@ -44,21 +44,30 @@ if comm.rank == 0:
     column(path)
 comm.barrier()
 near = hhr.Obstacle(block.side(0, upper=True), (1, 0), 1.0)
-grounded = pressed(loads=(hhr.Pressure(TOP, "p"), hhr.Springs(TOP, 1, 30.0, "0.01 * p", bedding=True)))
+bedding = hhr.Springs(TOP, 1, 30.0, "0.01 * p", bedding=True)
+grounded = pressed(loads=(hhr.Pressure(TOP, "p"), bedding))
+twice = hhr.Equation(((ends[0], 1, 1.0), (ends[1], 1, -2.0)), "0.002 * p")
+pushed = hhr.NodalForce(half, (0.0, -0.4), "p")
+serendipity = pressed((hhr.Serendipity(), hhr.MeanMotion(TOP, 1, "-0.01 * p")))
+space = hhr.ParameterSpace(tuple(box), *zip(*box.values()))
 loads = hhr.BoltForce("CUT", "-5 * p"), hhr.Springs("HEAD", 2, 50.0, bedding=True)
 scenes = {{
     "tied": (tied(wall=1.0005, pairing=hhr.NodeToSurface), [0.9]),
-    "tied, modulus": (tied(wall=1.0005, box=box, bodies=soft, pairing=hhr.NodeToSurface), [0.9, 150.0]),
-    "equation": (pressed((hhr.Equation(((ends[0], 1, 1.0), (ends[1], 1, -2.0)), "0.002 * p"),)), [0.7]),
-    "rigid": (pressed((hhr.RigidMotion(TOP),), loads=(hhr.NodalForce(half, (0.0, -0.4), "p"),)), [0.7]),
+    "tied, modulus": (
+        tied(wall=1.0005, box=box, bodies=soft, pairing=hhr.NodeToSurface), [0.9, 150.0]
+    ),
+    "equation": (pressed((twice,)), [0.7]),
+    "rigid": (pressed((hhr.RigidMotion(TOP),), loads=(pushed,)), [0.7]),
     "mean": (pressed((hhr.MeanMotion(TOP, 1, "-0.01 * p"),), loads=()), [0.7]),
-    "serendipity": (replace(pressed((hhr.Serendipity(), hhr.MeanMotion(TOP, 1, "-0.01 * p"))), order=2,
-                            outputs=(hhr.ElasticEnergy("energy"),)), [0.7]),
+    "serendipity": (
+        replace(serendipity, order=2, outputs=(hhr.ElasticEnergy("energy"),)), [0.7]
+    ),
     "preload": (bolt(path, (hhr.Preload("CUT", "-0.01 * p"),), gap=0.002), [0.8]),
     "force": (bolt(path, (hhr.ForcedSection("CUT"),), loads), [0.8]),
     "springs": (grounded, [0.9]),
-    "springs, modulus": (replace(grounded, bodies=(hhr.Body(block.SOLID, "E", 0.3),),
-                                 parameters=hhr.ParameterSpace(tuple(box), *zip(*box.values()))), [0.9, 70.0]),
+    "springs, modulus": (
+        replace(grounded, bodies=(hhr.Body(block.SOLID, "E", 0.3),), parameters=space), [0.9, 70.0]
+    ),
 }}
 for name, (scene, point) in scenes.items():
     if scene.name == "bolt" and comm.size > 2:  # three cells are too few for three ranks
@@ -67,7 +76,8 @@ for name, (scene, point) in scenes.items():
     full = hhr.FullOrderModel(scene)
     answer = note(name, full, point)
     out[name + ", stress"] = float(np.linalg.norm(answer.stress()))
-    out[name + ", outputs"] = [float(value) for value in answer.outputs().values.values()] if scene.outputs else []
+    outputs = answer.outputs().values.values() if scene.outputs else []
+    out[name + ", outputs"] = [float(value) for value in outputs]
     problem = full.problem
     if name in ("tied", "preload", "springs"):
         whole = problem.gathered(comm)
@@ -83,12 +93,15 @@ for name, (scene, point) in scenes.items():
         assert np.abs(prolongation.broken(u[:, None])).max() < 1e-12
     if comm.size > 1:
         assert not problem.whole
-yielding = tied(wall=1.0005, pairing=hhr.NodeToSurface, bodies=[
-    hhr.Body(tag, 100.0, 0.3, law) for tag, law in ((1, hhr.Plasticity(0.5, 20.0)), (2, hhr.Norton(3.0, 3.0)))])
-yielding = replace(yielding, bodies=tuple(yielding.bodies), loads=(*yielding.loads, hhr.Springs(200 + TOP, 1, 3.0)))
+laws = (1, hhr.Plasticity(0.5, 20.0)), (2, hhr.Norton(3.0, 3.0))
+yielding = tied(wall=1.0005, pairing=hhr.NodeToSurface,
+                bodies=[hhr.Body(tag, 100.0, 0.3, law) for tag, law in laws])
+yielding = replace(yielding, bodies=tuple(yielding.bodies),
+                   loads=(*yielding.loads, hhr.Springs(200 + TOP, 1, 3.0)))
+path = [(float(k), [p]) for k, p in enumerate((0.1, 0.5, 1.0))]
 for search in ("elastic", "tangent") if {laws} else ():
-    last = hhr.FullOrderModel(yielding).march([(float(k), [p]) for k, p in enumerate((0.1, 0.5, 1.0))],
-                                              hhr.MarchSettings(search=search)).answers[-1]
+    settings = hhr.MarchSettings(search=search)
+    last = hhr.FullOrderModel(yielding).march(path, settings).answers[-1]
     out["laws, forces " + search] = last.forces().tolist()
     out["laws, flowed " + search] = float(np.linalg.norm(last.plastic_strain()))
 if comm.rank == 0:
@@ -172,7 +185,8 @@ for value in (0.0, "0.002 * p"):
     for again in (0, 1):
         store = hhr.SnapshotStore({folder!r}, full)
         hhr.compute_snapshots(full, np.array([[0.4, 0.01]]), store=store)
-        assert store.found == again, "the store knows an answer by a fingerprint that is that of all ranks"
+        # the store knows an answer by a fingerprint, which is that of all ranks
+        assert store.found == again, (store.found, again)
 every = comm.allgather((out, fallen))
 assert all(one == every[0] for one in every), every
 if comm.rank == 0:

@@ -183,14 +183,18 @@ def test_a_set_that_stays_a_plane():
 
 
 def test_mistakes():
+    def full(dim, *constraints_and_loads):
+        return hhr.FullOrderModel(beam(dim, *constraints_and_loads, order=1))
+
+    elsewhere = hhr.MeanMotion(END, 0, point=(0.0, 0.0, 0.0))
+    turned = hhr.CoupledForce(hhr.Nodes.near((4, 0, 0)), 5, 1.0)
     for make, why in (
         (lambda: hhr.MeanMotion(END, 6), "must be 0 to 5"),
         (lambda: hhr.CoupledForce(END, 0, 1.0, (0.0, np.nan)), "must be finite coordinates"),
         (lambda: hhr.RigidMotion(END, components=(3,)), "must be among 0, 1 and 2"),
-        (lambda: hhr.FullOrderModel(beam(2, (hhr.MeanMotion(END, 3),), order=1)), "does not exist in 2 dimensions"),
-        (lambda: hhr.FullOrderModel(beam(2, (hhr.MeanMotion(END, 0, point=(0.0, 0.0, 0.0)),), order=1)), "number of"),
-        (lambda: hhr.FullOrderModel(beam(3, (), (hhr.CoupledForce(hhr.Nodes.near((4, 0, 0)), 5, 1.0),), order=1)),
-         "leave component 5 undetermined"),
-    ):  # fmt: skip
+        (lambda: full(2, (hhr.MeanMotion(END, 3),)), "does not exist in 2 dimensions"),
+        (lambda: full(2, (elsewhere,)), "number of"),
+        (lambda: full(3, (), (turned,)), "leave component 5 undetermined"),
+    ):
         with pytest.raises(SceneError, match=why):
             make()

@@ -147,7 +147,10 @@ def test_a_law_that_softens_is_refused(monkeypatch):
     for law in (Gasket(-1.0), Gasket("k1", "k3 - 100")):
         with pytest.raises(SceneError, match="softens"):
             full_of(law)
-    falls = lambda self, c: (self.linear * c * (1.0 - 40.0 * c), self.linear * (1.0 - 80.0 * c))  # noqa: E731
+
+    def falls(self, c):
+        return self.linear * c * (1.0 - 40.0 * c), self.linear * (1.0 - 80.0 * c)
+
     monkeypatch.setattr(my_gasket.GasketStep, "curve", falls)
     with pytest.raises(
         NotSolvableError, match=r"falls at the closure .* never falls while the gap closes"

@@ -68,11 +68,13 @@ CHM = AFFE_MATERIAU(MAILLAGE=MA, AFFE={bodies})
 HOLD = AFFE_CHAR_MECA(MODELE=MO, DDL_IMPO=(_F(GROUP_MA='FLOOR', LIAISON='ENCASTRE'),
                                            _F(GROUP_NO='ALLN', DX=0.0, DY=0.0)))
 PUSH = AFFE_CHAR_MECA(MODELE=MO, {push})
-CON = DEFI_CONTACT(MODELE=MO, FORMULATION='CONTINUE', ZONE=_F(GROUP_MA_ESCL='SUP', GROUP_MA_MAIT='SLOW'))
+CON = DEFI_CONTACT(MODELE=MO, FORMULATION='CONTINUE',
+                   ZONE=_F(GROUP_MA_ESCL='SUP', GROUP_MA_MAIT='SLOW'))
 L = DEFI_LIST_REEL(DEBUT=0.0, INTERVALLE=_F(JUSQU_A=1.0, NOMBRE=4))
 {more}{solver}FIN()
 """
-SOLVER = """RES = STAT_NON_LINE(MODELE=MO, CHAM_MATER=CHM, EXCIT=(_F(CHARGE=HOLD), _F(CHARGE=PUSH{function}){charges}),
+SOLVER = """RES = STAT_NON_LINE(MODELE=MO, CHAM_MATER=CHM,
+                   EXCIT=(_F(CHARGE=HOLD), _F(CHARGE=PUSH{function}){charges}),
                    {contact} INCREMENT=_F(LIST_INST=L{end}), COMPORTEMENT=_F(RELATION='ELAS'))
 """
 WORDS = {
@@ -138,7 +140,9 @@ MULT = ", FONC_MULT=F"
         ),
         (
             {
-                "more": "F = DEFI_FONCTION(NOM_PARA='INST', ABSCISSE=(0.0, 1.0), ORDONNEE=(0.0, 2.0))\n"
+                "more": (
+                    "F = DEFI_FONCTION(NOM_PARA='INST', ABSCISSE=(0.0, 1.0), ORDONNEE=(0.0, 2.0))\n"
+                )
             },
             -0.1,
         ),

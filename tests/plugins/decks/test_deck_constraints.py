@@ -268,7 +268,10 @@ def test_contact_alone_holds_a_lid(tmp_path, monkeypatch):
     """
     monkeypatch.chdir(tmp_path)  # for the picture
     lid = "\n".join(block_lines("LID", 2001, (0.0, 0.0, 2.0), (1.0, 1.0, 3.0), (3, 3, 1)))
-    pair = "*SOLID SECTION, ELSET=LID, MATERIAL=STEEL\n*SURFACE INTERACTION, NAME=I\n*CONTACT PAIR, INTERACTION=I\n"
+    pair = (
+        "*SOLID SECTION, ELSET=LID, MATERIAL=STEEL\n*SURFACE INTERACTION, NAME=I\n"
+        "*CONTACT PAIR, INTERACTION=I\n"
+    )
     text = tied("*DSLOAD\nLID_TOP, P, 10.").replace("*MATERIAL", f"{lid}\n*MATERIAL", 1)
     text = text.replace("*TIE", f"{pair}LID_BOTTOM, UPPER_TOP\n*TIE")
     scene, output = started(tmp_path, text)
@@ -374,7 +377,10 @@ def test_what_cannot_be_is_left(tmp_path):
     lines = (
         "*ORIENTATION, NAME=O\n1., 0., 0., 0., 1., 0.\n"
         + ALONG.replace("CONSTRAINT", "ORIENTATION=O, CONSTRAINT")
-        + "*TIE, NAME=T\nHEAD, NOWHERE\n*EQUATION\n2\n5, 1, 1., 903, 1, -1.\n3\n901, 1, 1., 902, 1, 1., 5, 1, 1.\n"
+        + (
+            "*TIE, NAME=T\nHEAD, NOWHERE\n*EQUATION\n2\n5, 1, 1., 903, 1, -1.\n3\n"
+            "901, 1, 1., 902, 1, 1., 5, 1, 1.\n"
+        )
         + "*PRE-TENSION SECTION, SURFACE=HEAD, NODE=903\n*RIGID BODY, NSET=NOWHERE, REF NODE=901\n"
         + "*MPC\nPLANE, 5, 10, 15, 20\n"
     )
@@ -407,14 +413,20 @@ def test_a_curved_tool_presses_a_node(tool, tmp_path):
     """The middle of the lid of a strip goes down by 0.03, but for the slope of the chord of 1
     degree that it meets.
     """
-    text = "*NODE\n1, -1., 0.\n2, 0., 0.\n3, 1., 0.\n4, -1., 1.\n5, 0., 1.\n6, 1., 1.\n*ELEMENT, TYPE=CPE4, ELSET=BODY\n"
+    text = (
+        "*NODE\n1, -1., 0.\n2, 0., 0.\n3, 1., 0.\n4, -1., 1.\n5, 0., 1.\n6, 1., 1.\n"
+        "*ELEMENT, TYPE=CPE4, ELSET=BODY\n"
+    )
     text += "1, 1, 2, 5, 4\n2, 2, 3, 6, 5\n*MATERIAL, NAME=M\n*ELASTIC\n1000., 0.3\n"
     text += (
         "*SOLID SECTION, ELSET=BODY, MATERIAL=M\n*SURFACE, NAME=LID\n1, S3\n2, S3\n"
         + tool
         + "*SURFACE INTERACTION, NAME=I\n*CONTACT PAIR, INTERACTION=I\nLID, TOOL\n"
     )
-    text += "*BOUNDARY\n1, 1, 2\n2, 1, 2\n3, 1, 2\n*STEP\n*STATIC\n*BOUNDARY\n9, 1, 1, 0.\n9, 2, 2, -0.03\n9, 6, 6\n"
+    text += (
+        "*BOUNDARY\n1, 1, 2\n2, 1, 2\n3, 1, 2\n*STEP\n*STATIC\n"
+        "*BOUNDARY\n9, 1, 1, 0.\n9, 2, 2, -0.03\n9, 6, 6\n"
+    )
     scene, output = started(tmp_path, text)
     assert "TODO" not in output and isinstance(scene.contacts[0], hhr.Profile)
     assert scene.parameters.names == ("motion",)
@@ -585,7 +597,8 @@ def test_sets_pair_in_their_order_if_they_are_not_sorted(tmp_path):
 INCLINED = "TYPE=R\n1., .5, 0., -.5, 1., 0.\n"
 AXES = {
     "slide": f"*TRANSFORM, NSET=BAR_X0, {INCLINED}*BOUNDARY\nBAR_X0, 1\nBAR_Z0, 3\n6, 1, 2\n",
-    "by numbers": f"*NSET, NSET=FEW\n1, 6, 11, 16\n*TRANSFORM, NSET=FEW, {INCLINED}*BOUNDARY\n1, 1\n6, 1\n"
+    "by numbers": "*NSET, NSET=FEW\n1, 6, 11, 16\n"
+    f"*TRANSFORM, NSET=FEW, {INCLINED}*BOUNDARY\n1, 1\n6, 1\n"
     "11, 1\n16, 1\nBAR_Z0, 3\n6, 2\n",
     "about an axis": "*TRANSFORM, NSET=BAR_X1, TYPE=C\n0., -3., .2, 0., -3., 1.\n"
     "*BOUNDARY\nBAR_X1, 2, 2, .01\nBAR_X0, 1, 3\n",

@@ -299,7 +299,10 @@ def test_temperatures_of_steps(tmp_path):
 
 def test_amplitudes_that_add_up(tmp_path):
     """One load of a step follows its amplitude and another one on the same nodes a ramp."""
-    step = "*AMPLITUDE, NAME=A\n0., 0., .5, 1., 1., .5\n*CLOAD, AMPLITUDE=A\nBAR_X1, 1, 1.5\n*CLOAD\nBAR_X1, 1, 1."
+    step = (
+        "*AMPLITUDE, NAME=A\n0., 0., .5, 1., 1., .5\n*CLOAD, AMPLITUDE=A\nBAR_X1, 1, 1.5\n"
+        "*CLOAD\nBAR_X1, 1, 1."
+    )
     name, _ = started_file(tmp_path, bar(step, PLASTIC))
     family = beside(name, "PATHS")
     table = {time: sum(values) for time, values in family.path(family.own.middle)}

@@ -255,7 +255,10 @@ def test_the_last_section_of_a_cell_counts(again, tmp_path):
     text = blocks("*BOUNDARY\nUPPER_Z1, 3, 3, -0.03", interaction=STIFF, kind="SURFACE TO SURFACE")
     text = text.replace("*SURFACE INTERACTION", f"{second}\n*SURFACE INTERACTION")
     if again == "BOTH":
-        first = "*SOLID SECTION, ELSET=LOWER, MATERIAL=STEEL\n*SOLID SECTION, ELSET=UPPER, MATERIAL=STEEL"
+        first = (
+            "*SOLID SECTION, ELSET=LOWER, MATERIAL=STEEL\n"
+            "*SOLID SECTION, ELSET=UPPER, MATERIAL=STEEL"
+        )
         assert first in text
         text = text.replace(
             first, "*ELSET, ELSET=BOTH\nLOWER, UPPER\n*SOLID SECTION, ELSET=BOTH, MATERIAL=STEEL"
@@ -659,21 +662,32 @@ def test_our_own_decks_come_back(tmp_path):
 
 
 def test_parts_without_counterpart_are_named(tmp_path):
-    step = "*DLOAD\n4, P4, -10.\nNOWHERE, GRAV, 9.81, 0., 0., -1.\n*CLOAD\n77, 1, 1.\n*BOUNDARY, FIXED\n99, 1\n"
-    before = "*EQUATION\n2\n5, 2, 1., 77777, 2, -1.\n*RIGID BODY, NSET=BAR_X1, REF NODE=99\n*CONTACT PAIR, INTERACTION=I\n"
+    step = (
+        "*DLOAD\n4, P4, -10.\nNOWHERE, GRAV, 9.81, 0., 0., -1.\n*CLOAD\n77, 1, 1.\n"
+        "*BOUNDARY, FIXED\n99, 1\n"
+    )
+    before = (
+        "*EQUATION\n2\n5, 2, 1., 77777, 2, -1.\n*RIGID BODY, NSET=BAR_X1, REF NODE=99\n"
+        "*CONTACT PAIR, INTERACTION=I\n"
+    )
     before += "BAR_TOP, ROUND\n*COHESIVE BEHAVIOR\n*STEP, NLGEOM"
     text = bar(step + "*DYNAMIC\n0.1, 1.").replace("*STEP", before)
     scene, output = started(tmp_path, text, code=3)
     assert "deck.inp states contact, and" in output  # the answers of this scene are those without
     written = (tmp_path / "deck.py").read_text()
     line = 1 + text.splitlines().index("*EQUATION")
-    for words in (f"TODO deck.inp:{line} *EQUATION: '77777' has no node",
-                  "NLGEOM",
-                  "'NOWHERE' holds no whole body",
-                  "'77' is no node of the mesh", "'99' is no node", "*RIGID BODY: '99' is not one node",
-                  "FIXED: it keeps",
-                  "*DYNAMIC: the state is that at rest", "'ROUND' is no surface",
-                  "*COHESIVE BEHAVIOR: no counterpart"):  # fmt: skip
+    for words in (
+        f"TODO deck.inp:{line} *EQUATION: '77777' has no node",
+        "NLGEOM",
+        "'NOWHERE' holds no whole body",
+        "'77' is no node of the mesh",
+        "'99' is no node",
+        "*RIGID BODY: '99' is not one node",
+        "FIXED: it keeps",
+        "*DYNAMIC: the state is that at rest",
+        "'ROUND' is no surface",
+        "*COHESIVE BEHAVIOR: no counterpart",
+    ):
         assert words in output and words in written
     assert end(*solved(scene))[0] == pytest.approx(0.04, rel=1e-9)
 
@@ -831,12 +845,18 @@ def test_a_body_with_a_law_on_another_one(tmp_path):
 )
 def test_axes_of_rotation_in_two_dimensions(kind, right, wrong, tmp_path):
     """The normal of the plane, or the axis of symmetry; no force stands for another one."""
-    text = f"*NODE\n1, 1., 0.\n2, 2., 0.\n3, 2., 1.\n4, 1., 1.\n*ELEMENT, TYPE={kind}, ELSET=BODY\n7, 1, 2, 3, 4\n"
+    text = (
+        "*NODE\n1, 1., 0.\n2, 2., 0.\n3, 2., 1.\n4, 1., 1.\n"
+        f"*ELEMENT, TYPE={kind}, ELSET=BODY\n7, 1, 2, 3, 4\n"
+    )
     text += (
         STEEL.format(poisson=0.3, more="*DENSITY\n2.\n")
         + "*SOLID SECTION, ELSET=BODY, MATERIAL=STEEL\n"
     )
-    text += "*BOUNDARY\n1, 1, 2\n4, 1, 2\n*STEP\n*STATIC\n*DLOAD\nBODY, CENTRIF, 3., 0., 0., 0., AXIS\n*END STEP\n"
+    text += (
+        "*BOUNDARY\n1, 1, 2\n4, 1, 2\n*STEP\n*STATIC\n"
+        "*DLOAD\nBODY, CENTRIF, 3., 0., 0., 0., AXIS\n*END STEP\n"
+    )
     scene, output = started(tmp_path, text.replace("AXIS", right), "right.inp")
     assert "TODO" not in output and type(scene.loads[0]) is hhr.Centrifugal
     scene, output = started(tmp_path, text.replace("AXIS", wrong), "wrong.inp")

@@ -143,7 +143,8 @@ OWN = {  # decks of single options
         "*ELSET, ELSET=END\n4\n*RIGID BODY, ELSET=END, REF NODE=901\n"
     ),
     ("RIGID BODY", "ANALYTICAL SURFACE"): touching(
-        before="*NODE\n901, 0., 0., 3.\n*SURFACE, NAME=P, TYPE=CYLINDER\nSTART, -5., 3.\nLINE, 5., 3.\n"
+        before="*NODE\n901, 0., 0., 3.\n*SURFACE, NAME=P, TYPE=CYLINDER\nSTART, -5., 3.\n"
+        "LINE, 5., 3.\n"
         "*RIGID BODY, ANALYTICAL SURFACE=P, REF NODE=901"
     ),
     ("CLEARANCE", "CPSET"): touching(before="*CLEARANCE, CPSET=SET, VALUE=0.1").replace(

@@ -15,7 +15,8 @@ E = 1000.0  # a number by its name
 steel = DEFI_MATERIAU(ELAS=_F(E=E, NU=0.0, RHO=2 * 1.0))
 mesh = LIRE_MAILLAGE(FORMAT="MED", UNITE=20)
 model = AFFE_MODELE(MAILLAGE=mesh, AFFE=_F(TOUT="OUI", PHENOMENE="MECANIQUE", MODELISATION="3D"))
-fields = AFFE_MATERIAU(MAILLAGE=mesh, AFFE=(_F(GROUP_MA="LOWER", MATER=steel), _F(GROUP_MA="UPPER", MATER=(steel,))))
+pair = (_F(GROUP_MA="LOWER", MATER=steel), _F(GROUP_MA="UPPER", MATER=(steel,)))
+fields = AFFE_MATERIAU(MAILLAGE=mesh, AFFE=pair)
 held = AFFE_CHAR_CINE(
     MODELE=model,
     MECA_IMPO=(_F(GROUP_MA="LOWER_Z0", LIAISON="ENCASTRE"), _F(GROUP_NO="UPPER_X0", DX=0.0),
@@ -25,8 +26,8 @@ load = AFFE_CHAR_MECA(MODELE=model, {load})
 touch = DEFI_CONTACT(MODELE=model, FORMULATION="CONTINUE", FROTTEMENT="COULOMB",
                      ZONE=_F(GROUP_MA_MAIT="LOWER_TOP", GROUP_MA_ESCL="UPPER_BOTTOM", COULOMB=0.3))
 {more}
-answer = STAT_NON_LINE(MODELE=model, CHAM_MATER=fields, EXCIT=(_F(CHARGE=held), _F(CHARGE=load)), CONTACT=touch,
-                       COMPORTEMENT=_F(RELATION="ELAS"))
+answer = STAT_NON_LINE(MODELE=model, CHAM_MATER=fields, CONTACT=touch,
+                       EXCIT=(_F(CHARGE=held), _F(CHARGE=load)), COMPORTEMENT=_F(RELATION="ELAS"))
 FIN()
 """
 
@@ -67,10 +68,14 @@ def test_a_command_file(load, name, pressure, tmp_path):
 RIGID_LINE = """
 MA = LIRE_MAILLAGE(FORMAT='ASTER')
 MO = AFFE_MODELE(MAILLAGE=MA, AFFE=_F(TOUT='OUI', PHENOMENE='MECANIQUE', MODELISATION='D_PLAN'))
-CHMAT = AFFE_MATERIAU(MAILLAGE=MA, AFFE=_F(TOUT='OUI', MATER=DEFI_MATERIAU(ELAS=_F(E=1000.0, NU=0.0))))
-LOAD = AFFE_CHAR_MECA(MODELE=MO, DDL_IMPO=(_F(GROUP_MA='BASE', DX=0.0, DY={moved}), _F(GROUP_MA='LEFT', DX=0.0)),
+CHMAT = AFFE_MATERIAU(MAILLAGE=MA,
+                      AFFE=_F(TOUT='OUI', MATER=DEFI_MATERIAU(ELAS=_F(E=1000.0, NU=0.0))))
+LOAD = AFFE_CHAR_MECA(MODELE=MO,
+                      DDL_IMPO=(_F(GROUP_MA='BASE', DX=0.0, DY={moved}),
+                                _F(GROUP_MA='LEFT', DX=0.0)),
                       PRES_REP=_F(GROUP_MA='TOP', PRES=10.0))
-TOUCH = DEFI_CONTACT(MODELE=MO, FROTTEMENT='COULOMB', ZONE=_F(GROUP_MA_MAIT='BASE', GROUP_MA_ESCL='FOOT', COULOMB=0.2))
+TOUCH = DEFI_CONTACT(MODELE=MO, FROTTEMENT='COULOMB',
+                     ZONE=_F(GROUP_MA_MAIT='BASE', GROUP_MA_ESCL='FOOT', COULOMB=0.2))
 STAT_NON_LINE(MODELE=MO, CHAM_MATER=CHMAT, EXCIT=_F(CHARGE=LOAD), CONTACT=TOUCH)
 """
 LINES = """COOR_2D
@@ -124,7 +129,10 @@ def test_a_curved_rigid_line_ends_in_a_sentence(tmp_path):
 
 def test_nothing_of_a_command_file_is_executed(tmp_path):
     mark = tmp_path / "executed"
-    more = f"import pathlib\npathlib.Path({str(mark)!r}).touch()\nfor k in range(3):\n    MACR(K=k)\nOTHER(A=1)"
+    more = (
+        f"import pathlib\npathlib.Path({str(mark)!r}).touch()\nfor k in range(3):\n"
+        "    MACR(K=k)\nOTHER(A=1)"
+    )
     load = 'PRES_REP=_F(GROUP_MA="UPPER_TOP", PRES=10.0), LIAISON_DDL=_F(GROUP_NO="A")'
     load += ', FORCE_FACE=_F(GROUP_MA="X", FX=E())'
     code, output, _ = started(tmp_path, load, more)
@@ -183,16 +191,23 @@ STATED = {
     "part.feb": (
         """<febio_spec version="4.0"><Material>
 <material id="1" name="steel" type="Mooney-Rivlin"><c1>1000</c1></material></Material>
-<Mesh><Nodes>{nodes}</Nodes><Elements type="hex8" name="Part1"><elem id="1">1,2,3,4,5,6,7,8</elem></Elements></Mesh>
+<Mesh><Nodes>{nodes}</Nodes>
+<Elements type="hex8" name="Part1"><elem id="1">1,2,3,4,5,6,7,8</elem></Elements></Mesh>
 <Boundary>
-<bc name="Lid" node_set="Lid" type="prescribed displacement"><dof>z</dof><value lc="1">-0.05</value></bc></Boundary>
+<bc name="Lid" node_set="Lid" type="prescribed displacement"><dof>z</dof>
+<value lc="1">-0.05</value></bc></Boundary>
 <Contact>
-<contact name="C" type="sliding-elastic"><fric_coeff>0</fric_coeff></contact></Contact></febio_spec>""",
+<contact name="C" type="sliding-elastic"><fric_coeff>0</fric_coeff></contact>
+</Contact></febio_spec>""",
         '<node id="{}">{},{},{}</node>',
-        ["part.feb:2 <material", "part.feb:5 <bc", "part.feb:7 <contact"],
+        ["part.feb:2 <material", "part.feb:6 <bc", "part.feb:9 <contact"],
     ),
     "part.k": (
-        "*KEYWORD\n*MAT_ELASTIC\n1,7.8e-9,1000.,0.\n*NODE\n{nodes}\n*ELEMENT_SOLID\n1,1,1,2,3,4,5,6,7,8\n*BOUNDARY_SPC_SET\n1,0,1,1,1\n*CONTACT_AUTOMATIC_SURFACE_TO_SURFACE\n1,2\n*END\n",
+        (
+            "*KEYWORD\n*MAT_ELASTIC\n1,7.8e-9,1000.,0.\n*NODE\n{nodes}\n"
+            "*ELEMENT_SOLID\n1,1,1,2,3,4,5,6,7,8\n*BOUNDARY_SPC_SET\n1,0,1,1,1\n"
+            "*CONTACT_AUTOMATIC_SURFACE_TO_SURFACE\n1,2\n*END\n"
+        ),
         "{},{},{},{}\n",
         ["part.k:2 *MAT_ELASTIC", "*BOUNDARY_SPC_SET", "*CONTACT_AUTOMATIC"],
     ),
@@ -205,8 +220,8 @@ STATED = {
     ),
     "part.bdf": (
         (
-            "BEGIN "
-            "BULK\nMAT1,1,1000.,,0.\n{nodes}\nCHEXA,1,1,1,2,3,4,5,6,+\n+,7,8\nSPC1,1,123,1\nENDDATA\n"
+            "BEGIN BULK\nMAT1,1,1000.,,0.\n{nodes}\nCHEXA,1,1,1,2,3,4,5,6,+\n+,7,8\n"
+            "SPC1,1,123,1\nENDDATA\n"
         ),
         "GRID,{},,{},{},{}\n",
         ["part.bdf:2 MAT1", "SPC1"],
@@ -248,7 +263,8 @@ def test_the_hypothesis_of_a_mesh_is_that_of_its_elements(kind, hypothesis, tmp_
 
 
 FEBIO = """<febio_spec version="4.0">
-<Material><material id="1" name="steel" type="isotropic elastic"><E>1000</E><v>0</v></material></Material>
+<Material>
+<material id="1" name="steel" type="isotropic elastic"><E>1000</E><v>0</v></material></Material>
 <Mesh>
 {mesh}
 <Surface name="Foot"><quad4 id="1">11,14,13,12</quad4></Surface>
@@ -256,16 +272,19 @@ FEBIO = """<febio_spec version="4.0">
 <NodeSet name="Floor">1,2,3,4</NodeSet><NodeSet name="Lid">15,16,17,18</NodeSet>
 <SurfacePair name="Touch"><primary>Foot</primary><secondary>Roof</secondary></SurfacePair>
 </Mesh>
-<MeshDomains><SolidDomain name="Part1" mat="steel"/><SolidDomain name="Part2" mat="steel"/></MeshDomains>
+<MeshDomains><SolidDomain name="Part1" mat="steel"/><SolidDomain name="Part2" mat="steel"/>
+</MeshDomains>
 <Boundary>
 <bc node_set="Floor" type="zero displacement"><x_dof>1</x_dof><y_dof>1</y_dof><z_dof>1</z_dof></bc>
 <bc node_set="Lid" type="prescribed displacement"><dof>z</dof><value lc="1">-0.1</value></bc>
 <bc node_set="Lid" type="zero displacement"><x_dof>1</x_dof><y_dof>1</y_dof></bc>
 </Boundary>
 <Contact>
-<contact surface_pair="Touch" type="sliding-elastic"><penalty>100</penalty><fric_coeff>0.1</fric_coeff>{more}</contact>
+<contact surface_pair="Touch" type="sliding-elastic"><penalty>100</penalty>
+<fric_coeff>0.1</fric_coeff>{more}</contact>
 </Contact>
-<LoadData><load_controller id="1" type="loadcurve"><points><point>0,0</point><point>1,0.5</point></points>
+<LoadData>
+<load_controller id="1" type="loadcurve"><points><point>0,0</point><point>1,0.5</point></points>
 </load_controller></LoadData>
 </febio_spec>"""
 
@@ -326,7 +345,10 @@ def curve(points, interpolate="LINEAR", extend="CONSTANT"):
     return f'<load_controller id="1" type="loadcurve">{words}<points>{rows}</points>'
 
 
-OLD_CURVE = '<load_controller id="1" type="loadcurve"><points><point>0,0</point><point>1,0.5</point></points>'
+OLD_CURVE = (
+    '<load_controller id="1" type="loadcurve">'
+    "<points><point>0,0</point><point>1,0.5</point></points>"
+)
 LINE = ((0, 0), (1, 1))
 WAVE = ((0, 0), (1, 1), (2, 0), (3, 2))
 
@@ -441,7 +463,10 @@ def test_load_curves_of_materials_and_friction(tmp_path):
     """All numbers of FEBio may have a curve: E is 2 * 1000 and the friction 2 * .1 at the end,
     which is t = 1.
     """
-    more = '<load_controller id="2" type="loadcurve"><points><pt>0,1</pt><pt>1,2</pt></points></load_controller>'
+    more = (
+        '<load_controller id="2" type="loadcurve">'
+        "<points><pt>0,1</pt><pt>1,2</pt></points></load_controller>"
+    )
     changes = (
         "<E>",
         '<E lc="2">',

@@ -71,7 +71,10 @@ def test_a_moment_on_a_distributing_coupling(tmp_path):
     """
     text = block("C3D20", (3, 1, 1.2)).partition("*CLOAD")[0]
     faces = "*SURFACE, NAME=HEAD\n" + "".join(f"{cell}, S4\n" for cell in (21, 22, 23, 24))
-    coupling = f"*NODE\n990, 4., 0.3, 0.9\n{faces}*COUPLING, REF NODE=990, SURFACE=HEAD, CONSTRAINT NAME=C\n"
+    coupling = (
+        "*NODE\n990, 4., 0.3, 0.9\n"
+        f"{faces}*COUPLING, REF NODE=990, SURFACE=HEAD, CONSTRAINT NAME=C\n"
+    )
     text = text.replace("*STEP", f"{coupling}*DISTRIBUTING\n1, 6\n*STEP")
     text += "*CLOAD\n990, 3, -300.\n990, 4, 200.\n*NODE PRINT, NSET=NALL\nU\n*END STEP\n"
     scene, output = started(tmp_path, text)

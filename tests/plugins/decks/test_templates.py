@@ -201,7 +201,10 @@ def test_sides_end_at_edges_and_go_on_around_a_mantle(tmp_path):
 
 def test_shells_are_refused_and_named(tmp_path):
     """Faces of a body without the body; a plane mesh must lie across z."""
-    text = "*NODE\n1, 0, 0, 0\n2, 1, 0, 0\n3, 1, 0, 1\n4, 0, 0, 1\n*ELEMENT, TYPE=S4, ELSET=SIDE\n1, 1, 2, 3, 4\n"
+    text = (
+        "*NODE\n1, 0, 0, 0\n2, 1, 0, 0\n3, 1, 0, 1\n4, 0, 0, 1\n"
+        "*ELEMENT, TYPE=S4, ELSET=SIDE\n1, 1, 2, 3, 4\n"
+    )
     (tmp_path / "shell.inp").write_text(text)
     code, output = invoke("start", tmp_path / "shell.inp")
     assert (

@@ -144,7 +144,10 @@ def test_without_an_exact_answer_an_error_is_infinite(hertz, hertz_reduction, mo
     """That of the full model is zero."""
     assert hertz.solve(0.3).estimate() == ("bound", 0.0, 0.0, 0.0, 0.0, {}, 0.0, 0.0, 0.0, 0.0)
     plain = contact_response.active_set
-    cycling = lambda *given, **how: plain(*given, **how)._replace(status=Status.CYCLING)  # noqa: E731
+
+    def cycling(*given, **how):
+        return plain(*given, **how)._replace(status=Status.CYCLING)
+
     monkeypatch.setattr(contact_response, "active_set", cycling)
     found = hertz_reduction.solve(0.3).estimate()
     assert [getattr(found, name) for name in ERRORS] == [

@@ -44,14 +44,17 @@ compiled = pytest.mark.skipif(CC is None, reason="there is no C compiler")
 WORDS = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror", "-O2", "-shared", "-fPIC"]
 CALLED = """
 #include "press.h"
-int ask(int count, int opened, const double *points, double *forces, double *outputs, double *slopes) {
+int ask(int count, int opened, const double *points, double *forces, double *outputs,
+        double *slopes) {
     press_work *work = press_new();
     int status = PRESS_DONE;
     for (int k = 0; k < count && !status; k++) {
         const double *point = points + k * PRESS_PARAMETERS;
         if (opened) memset(work->active, 0, PRESS_CONDITIONS);
-        status = press_solve(work, point, forces + k * PRESS_CONDITIONS, outputs + k * PRESS_OUTPUTS);
-        if (!status) status = press_derivatives(work, point, slopes + k * PRESS_OUTPUTS * PRESS_PARAMETERS);
+        double *own = slopes + k * PRESS_OUTPUTS * PRESS_PARAMETERS;
+        status = press_solve(work, point, forces + k * PRESS_CONDITIONS,
+                             outputs + k * PRESS_OUTPUTS);
+        if (!status) status = press_derivatives(work, point, own);
     }
     press_free(work);
     return status;
@@ -445,15 +448,18 @@ def test_a_unit_keeps_to_what_was_trained_within_the_box():
 
 STEPPED = """
 #include "press.h"
-int ask(int count, const double *points, double *forces, double *outputs, double *reached, int *statuses) {
+int ask(int count, const double *points, double *forces, double *outputs, double *reached,
+        int *statuses) {
     press_path *path = press_path_new();
     int status = press_rest(path, points);
     for (int k = 1; k < count && !status; k++) {
-        double *own = forces + (k - 1) * PRESS_CONDITIONS, *told = outputs + (k - 1) * PRESS_OUTPUTS;
+        double *own = forces + (k - 1) * PRESS_CONDITIONS;
+        double *told = outputs + (k - 1) * PRESS_OUTPUTS;
         status = press_go(path, points + k * PRESS_PARAMETERS, own, told);
 #ifdef PRESS_POINTS
         (void)statuses;
-        memcpy(reached + (k - 1) * PRESS_POINTS, path->state->memory + PRESS_SIZE, PRESS_POINTS * sizeof(double));
+        memcpy(reached + (k - 1) * PRESS_POINTS, path->state->memory + PRESS_SIZE,
+               PRESS_POINTS * sizeof(double));
 #else
         for (int i = 0, c = PRESS_CONTACTS; i < c && !status; i++) {
             double *slip = reached + ((k - 1) * c + i) * 3;
@@ -769,7 +775,8 @@ int main(void) {{
     static const double points[] = {{{numbers}}};
     static double forces[{len(path) * model.conditions}], outputs[{len(path) * max(count, 1)}];
     static double cumulated[{len(path) * len(model.flow.parts)}];
-    return ask({len(path)}, points, forces, outputs, cumulated, 0) + begin(points + {len(path[0])}, forces, outputs);
+    int status = ask({len(path)}, points, forces, outputs, cumulated, 0);
+    return status + begin(points + {len(path[0])}, forces, outputs);
 }}"""
     (tmp_path / "press.c").write_text(text)
     words = ["-std=c99", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]

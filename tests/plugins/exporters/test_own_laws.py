@@ -81,16 +81,19 @@ const steps = data.tree.path && new hhr.Steps(model), durations = points;
 let state = steps && steps.rest(path[0]);
 for (const [k, point] of path.slice(1).entries()) {
   state = steps ? steps.reached(state, point, durations[k]) : model.solve(point);
-  found.push({ forces: [...state.forces], outputs: model.outputs(state), slopes: steps ? null : model.slopes(state) });
+  const slopes = steps ? null : model.slopes(state);
+  found.push({ forces: [...state.forces], outputs: model.outputs(state), slopes });
 }
-const begun = steps && steps.begun(path[2]).map(({ point, time, forces }) => ({ point, time, forces: [...forces] }));
+const told = ({ point, time, forces }) => ({ point, time, forces: [...forces] });
+const begun = steps && steps.begun(path[2]).map(told);
 console.log(JSON.stringify({ found, begun }));
 """
     + ENDED
 )
 IN_C = """
 #include "press.h"
-int ask(int count, const double *points, const double *seconds, double *forces, double *outputs, double *slopes) {
+int ask(int count, const double *points, const double *seconds, double *forces, double *outputs,
+        double *slopes) {
     int status = PRESS_DONE;
 #if PRESS_PATHS
     press_path *path = press_path_new();
@@ -108,7 +111,8 @@ int ask(int count, const double *points, const double *seconds, double *forces, 
     press_work *work = press_new();
     (void)seconds;
     for (int k = 1; k < count && !status; k++) {
-        status = press_solve(work, points + k * PRESS_PARAMETERS, forces + (k - 1) * PRESS_CONDITIONS,
+        status = press_solve(work, points + k * PRESS_PARAMETERS,
+                             forces + (k - 1) * PRESS_CONDITIONS,
                              outputs + (k - 1) * PRESS_OUTPUTS);
         if (!status)
             status = press_derivatives(work, points + k * PRESS_PARAMETERS,

@@ -72,7 +72,10 @@ def off(made, answer, right):
 def test_answers_and_derivatives_say_that_they_are_of_one_proportional_load():
     """The path starts at the corner of the box, on which the answer depends: it is named."""
     answer = model(4).solve(POINT, gradient=True)
-    note = r"one proportional load from push = 0, shear = 0, mu = 0.3 in \d+ increments, forces converged to 0?[.\d]+ %"
+    note = (
+        r"one proportional load from push = 0, shear = 0, mu = 0.3 in \d+ increments, forces "
+        r"converged to 0?[.\d]+ %"
+    )
     for text in (str(answer), answer.note, answer.gradient.note, answer.outputs().note):
         assert re.search(note, text)
     assert (

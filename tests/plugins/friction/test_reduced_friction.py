@@ -218,8 +218,8 @@ def test_moduli_are_eliminated_once_along_a_path():
         np.testing.assert_allclose(other.schur, one.schur, rtol=1e-13, atol=1e-15)
         np.testing.assert_allclose(other.free_slack, one.free_slack, atol=1e-14)
         np.testing.assert_allclose(other.unknown(forces), one.unknown(forces), atol=1e-12)
-        for ours, theirs in zip(other.at_fixed_forces(forces, other.unknown(forces)),
-                                one.at_fixed_forces(forces, one.unknown(forces)), strict=True):  # fmt: skip
+        pair = [item.at_fixed_forces(forces, item.unknown(forces)) for item in (other, one)]
+        for ours, theirs in zip(*pair, strict=True):
             np.testing.assert_allclose(ours, theirs, atol=1e-12)
     path = paths(1, 15, full.parameters)[0]
     exact, found = full.march(path).answers[-1], model.march(path).answers[-1]

@@ -85,9 +85,10 @@ def check_against_projections(ratio, mu):
             own = np.abs(expected[part.rows]).max()
             assert own > 0 and np.abs(answer.multipliers - expected)[part.rows].max() <= 1e-10 * own
         for found, known in (
-            (answer.slip.position, reference.position), (answer.memory["closure"], reference.closure),
+            (answer.slip.position, reference.position),
+            (answer.memory["closure"], reference.closure),
             (answer.worn, reference.worn),
-        ):  # fmt: skip
+        ):
             np.testing.assert_allclose(found, known, rtol=1e-9, atol=1e-12)
         slipped += answer.slip.counted()["contacts that slip"]
         assert answer.iterations <= 12 and not answer.cycled

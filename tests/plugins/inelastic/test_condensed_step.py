@@ -275,8 +275,9 @@ def test_a_step_that_fails_says_what_was_tried(tubes):
     """Too few iterations: what was tried last, and the steps before, all of them solved."""
     model, few = tubes[2], hhr.MarchSettings(outside="ignore", iterations=1, cuts=1)
     said = (
-        r"step 5 to t = 0.5 s did not converge: the iterations allowed are spent, with a residual of .* of the "
-        r"correction after 2 iterations. Take smaller steps; the 4 steps before are kept"
+        "step 5 to t = 0.5 s did not converge: the iterations allowed are spent, with a residual "
+        "of .* of the correction after 2 iterations. Take smaller steps; the 4 steps before are "
+        "kept"
     )
     with pytest.raises(ConvergenceError, match=said) as caught:
         model.march(up(0.9), few)

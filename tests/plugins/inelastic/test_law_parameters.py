@@ -183,7 +183,10 @@ def test_a_law_of_a_users_own_takes_formulas_and_travels(tmp_path):
         ),
         (
             hhr.Plasticity("1 - T / 500"),
-            r"yield_stress = -.* of Plasticity at pull = .*, by yield_stress = 1 - T / 500, must be a number above 0",
+            (
+                "yield_stress = -.* of Plasticity at pull = .*, by yield_stress = 1 - T / 500, "
+                "must be a number above 0"
+            ),
         ),
         (
             hhr.Plasticity(1.0, "T - 21"),

@@ -124,7 +124,9 @@ def test_a_law_with_an_infinite_slope_flows_by_its_closed_form(law, kind):
     """
 
     def pulled(strain):
-        left = lambda p: YOUNG * (strain - p) - law.yield_stress - law.strength * p**law.exponent  # noqa: E731
+        def left(p):
+            return YOUNG * (strain - p) - law.yield_stress - law.strength * p**law.exponent
+
         plastic = brentq(left, 0, strain, xtol=1e-18) if left(0) > 0 else 0.0
         return YOUNG * (strain - plastic)
 
@@ -770,7 +772,10 @@ class Wrong(Law):
         ("none", "returns None: return a Stated"),
         (
             "undeclared",
-            r"no attribute 'strength'. Its constants are \['modulus'\], fields that are declared float",
+            (
+                r"no attribute 'strength'. Its constants are \['modulus'\], fields that are "
+                "declared float"
+            ),
         ),
         ("number", "State it by functions of UFL"),
         ("start", r"'amnt', and has the unknowns \['amount'\]"),

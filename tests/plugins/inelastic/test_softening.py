@@ -44,7 +44,10 @@ def test_softening_in_training_is_named_by_law_time_and_point(build):
     """
     shear = 200e3 / 2.6
     least = 2 * shear * -5e3 / (3 * shear - 5e3) / 200e3
-    text = rf"Linear softens in training at t = . s, push = 0.0\d+: at 16 Gauss points .* by up to {-least:.2g} of E"
+    text = (
+        r"Linear softens in training at t = . s, push = 0.0\d+: at 16 Gauss points .* by up "
+        f"to {-least:.2g} of E"
+    )
     with pytest.warns(StabilityWarning, match=text):
         build(*trained(-5e3))
 

@@ -238,7 +238,8 @@ def of_second_order(ending, kind, order):
         element = f'<elem id="1">{joined(numbers, ",")}</elem>'
         type_ = {10: "tet10", 20: "hex20"}[len(points)]
         return (
-            f'<febio_spec version="4.0"><Mesh><Nodes>{"".join(rows)}</Nodes><Elements type="{type_}" name="E">'
+            f'<febio_spec version="4.0"><Mesh><Nodes>{"".join(rows)}</Nodes>'
+            f'<Elements type="{type_}" name="E">'
             f"{element}</Elements></Mesh></febio_spec>"
         )
     if ending == ".k":
@@ -286,7 +287,10 @@ def test_repeated_nodes_of_ls_dyna_are_simpler_cells(tmp_path):
     Includes are read.
     """
     nodes = "*KEYWORD\n*NODE\n1,0,0,0\n2,1,0,0\n3,0,1,0\n4,0,0,1\n5,9,9,9\n*END\n"
-    text = "*KEYWORD\n*INCLUDE\nnodes.k\n*ELEMENT_SOLID\n1,7,1,2,3,4,4,4,4,4\n*ELEMENT_SHELL\n1,8,1,2,3,3\n"
+    text = (
+        "*KEYWORD\n*INCLUDE\nnodes.k\n*ELEMENT_SOLID\n1,7,1,2,3,4,4,4,4,4\n"
+        "*ELEMENT_SHELL\n1,8,1,2,3,3\n"
+    )
     written(tmp_path / "nodes.k", nodes)
     path = written(tmp_path / "c.k", f"{text}*SET_SEGMENT\n3\n1,2,4,4\n*END\n")
     found = hhr.MeshFile(path).read()
@@ -296,14 +300,23 @@ def test_repeated_nodes_of_ls_dyna_are_simpler_cells(tmp_path):
 
 
 def test_plane_cells_of_code_aster_and_kratos(tmp_path):
-    text = "COOR_2D\nA 0 0\nB 1 0\nC 0 1\nFINSF\nTRIA3\nM A B C\nFINSF\nSEG2\nS A B\nFINSF\nGROUP_MA\nlow S\nFINSF\nFIN\n"
+    text = (
+        "COOR_2D\nA 0 0\nB 1 0\nC 0 1\nFINSF\nTRIA3\nM A B C\nFINSF\nSEG2\nS A B\nFINSF\n"
+        "GROUP_MA\nlow S\nFINSF\nFIN\n"
+    )
     found = hhr.MeshFile(written(tmp_path / "c.mail", text)).read()
     assert found.dim == 2 and found.surfaces["low"].tolist() == [[0, 1]]
     assert hhr.MeshFile(written(tmp_path / "small.mail", text.lower())).read().surfaces.keys() == {
         "low"
     }
-    text = "Begin Nodes\n1 0 0 0\n2 1 0 0\n3 0 1 0\nEnd Nodes\nBegin Elements Element2D3N\n1 1 1 2 3\nEnd Elements\n"
-    text += "Begin Geometries Line2D2\n1 1 2\nEnd Geometries\nBegin SubModelPart low\nBegin SubModelPartGeometries\n1\n"
+    text = (
+        "Begin Nodes\n1 0 0 0\n2 1 0 0\n3 0 1 0\nEnd Nodes\nBegin Elements Element2D3N\n"
+        "1 1 1 2 3\nEnd Elements\n"
+    )
+    text += (
+        "Begin Geometries Line2D2\n1 1 2\nEnd Geometries\nBegin SubModelPart low\n"
+        "Begin SubModelPartGeometries\n1\n"
+    )
     text += "End SubModelPartGeometries\nEnd SubModelPart\n"
     found = hhr.MeshFile(written(tmp_path / "c.mdpa", text)).read()
     assert found.dim == 2 and found.surfaces["low"].tolist() == [[0, 1]]
@@ -557,7 +570,10 @@ def test_grids_of_vtk_of_version_2(tmp_path):
 
 
 def test_sets_of_solids_parts_and_ranges_of_ls_dyna(tmp_path):
-    more = "*SET_PART_LIST_TITLE\nBOTH\n5\n1,2\n*SET_SOLID\n6\n2\n*SET_NODE_LIST_GENERATE_TITLE\nTOP\n7\n13,16\n*SET_BEAM"
+    more = (
+        "*SET_PART_LIST_TITLE\nBOTH\n5\n1,2\n*SET_SOLID\n6\n2\n"
+        "*SET_NODE_LIST_GENERATE_TITLE\nTOP\n7\n13,16\n*SET_BEAM"
+    )
     found = hhr.MeshFile(
         written(tmp_path / "c.k", keywords("commas").replace("*SET_BEAM", more))
     ).read()

@@ -47,7 +47,10 @@ def test_one_modulus_is_held_against_its_inverse(levels):
     x = (nodes_of(numbers)[:, 0] + 1) / 2
     places = np.linspace(0, 1, 2001)
     for factor in (None, modulus.factor_scalar):
-        inverse = lambda t, left=factor is None: 1 / ((1 + 3 * t**2) * ((2 + t) if left else 1.0))  # noqa: E731
+
+        def inverse(t, left=factor is None):
+            return 1 / ((1 + 3 * t**2) * ((2 + t) if left else 1.0))
+
         exact = inverse(places)
         expected = (
             np.abs(BarycentricInterpolator(x, inverse(x))(places) - exact).max() / exact.max()

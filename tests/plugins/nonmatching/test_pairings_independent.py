@@ -306,7 +306,10 @@ def test_mortar_in_the_plane_against_adaptive_integration(multipliers, axisymmet
         low, high = max(xs[0], xm[0]), min(xs[-1], xm[-1])
         breaks = np.unique(np.clip(np.concatenate([xs, xm]), low, high))
         slope = np.hypot(np.diff(xs), np.diff(ys)) / np.diff(xs)
-        cell = lambda x: int(np.clip(np.searchsorted(xs, x, side="right") - 1, 0, len(xs) - 2))  # noqa: E731
+
+        def cell(x, xs=xs):
+            return int(np.clip(np.searchsorted(xs, x, side="right") - 1, 0, len(xs) - 2))
+
         measure = lambda x: slope[cell(x)] * (2 * np.pi * x if axisymmetric else 1.0)  # noqa: E731
         hat = lambda nodes, k, x: np.interp(x, nodes, np.eye(len(nodes))[k])  # noqa: E731
 

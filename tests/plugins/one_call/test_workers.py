@@ -33,7 +33,9 @@ SEARCH = """
 import json
 from mpi4py import MPI
 model = hhr.reduce(scene, 0.02, of="forces", folder=sys.argv[1])
-tried = [[item.method, item.setting, item.full_answers, item.errors] for item in model.reduction.tried]
+tried = [
+    [item.method, item.setting, item.full_answers, item.errors] for item in model.reduction.tried
+]
 forces = model.solve(model.parameters.middle).forces().tolist()
 every = MPI.COMM_WORLD.gather([tried, forces])
 if MPI.COMM_WORLD.rank == 0:

@@ -178,7 +178,8 @@ def test_without_the_scenery_one_sentence_says_what_to_do(kept, tmp_path, monkey
     monkeypatch.chdir(tmp_path.parent)  # the path of the file counts, not where it is asked
     answer = loaded.solve(0.05)
     why = (
-        rf"there is no scenery.npz beside {model}, and a model in a file has no mesh: name the scene, --scene FILE.py, "
+        f"there is no scenery.npz beside {model}, and a model in a file has no mesh: name the "
+        "scene, --scene FILE.py, "
         rf"or in Python give the full model, full=hhr.FullOrderModel\(scene\); "
         rf"hhr.scenery_of\(full\).write\('{tmp_path}/scenery.npz'\) makes the file"
     )
@@ -240,7 +241,8 @@ def test_other_sceneries_are_refused(kept, tmp_path):
 
 ALONE = """
 import sys
-sys.modules.update(dict.fromkeys(["dolfinx", "ufl", "basix", "gmsh", "petsc4py", "slepc4py", "mpi4py"]))
+missing = ["dolfinx", "ufl", "basix", "gmsh", "petsc4py", "slepc4py", "mpi4py"]
+sys.modules.update(dict.fromkeys(missing))
 import hhr_dolfinx as hhr
 model = hhr.load_model(sys.argv[1])
 assert "hhr_dolfinx.plugins.pages.scenery" not in sys.modules

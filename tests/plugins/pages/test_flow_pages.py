@@ -51,11 +51,13 @@ const flow = new hhr.Flow(model), steps = new hhr.Steps(model);
 let state = steps.rest(path[0]);
 for (const point of path.slice(1)) {
   state = steps.reached(state, point);
-  found.push({ forces: [...state.forces], cumulated: [...state.cumulated], outputs: model.outputs(state),
-    estimate: flow.estimate(state), field: [...model.displacement(state)], strained: [...flow.strained(state)],
+  found.push({ forces: [...state.forces], cumulated: [...state.cumulated],
+    outputs: model.outputs(state), estimate: flow.estimate(state),
+    field: [...model.displacement(state)], strained: [...flow.strained(state)],
     stress: [...(model.stress(state) ?? [])] });
 }
-const begun = points.map((point) => steps.begun(point).map(({ point, forces }) => ({ point, forces: [...forces] })));
+const told = ({ point, forces }) => ({ point, forces: [...forces] });
+const begun = points.map((point) => steps.begun(point).map(told));
 console.log(JSON.stringify({ found, begun, fixed: steps.fixed }));
 """
     + ENDED

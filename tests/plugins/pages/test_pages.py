@@ -45,9 +45,11 @@ CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 in_node = pytest.mark.skipif(NODE is None, reason="node is not there")
 LOADED = """
 const fs = require("fs"), hhr = global.hhr = require(process.argv[1]);
-for (const part of ["bound", "steps", "flow"]) require(process.argv[1].replace("model.js", part + ".js"));
+for (const part of ["bound", "steps", "flow"])
+  require(process.argv[1].replace("model.js", part + ".js"));
 const { page, path, points } = JSON.parse(fs.readFileSync(0, "utf8"));
-const data = JSON.parse(page.match(/<script id="data" type="application.json">([^]*?)<.script>/)[1]);
+const json = page.match(/<script id="data" type="application.json">([^]*?)<.script>/)[1];
+const data = JSON.parse(json);
 const loaded = hhr.Model.of(data.tree, hhr.decoded(data.arrays)), found = [];
 loaded.then((model) => {
 """
@@ -57,10 +59,11 @@ PROGRAM = """
 const bound = data.tree.bound && new hhr.Bound(model);
 const answers = points.map((point) => {
   const answer = model.solve(point), field = model.displacement(answer);
-  const told = { forces: [...answer.forces], outputs: model.outputs(answer), slopes: model.slopes(answer),
-    converged: answer.converged, error: bound && bound.at(answer),
+  const told = { forces: [...answer.forces], outputs: model.outputs(answer),
+    slopes: model.slopes(answer), converged: answer.converged, error: bound && bound.at(answer),
     field: field && [...field], stress: model.tree.stress && [...model.stress(answer)] };
-  const others = [null, new Uint8Array(model.m)].map((start) => [...model.solve(point, start).forces]);
+  const starts = [null, new Uint8Array(model.m)];
+  const others = starts.map((start) => [...model.solve(point, start).forces]);
   return { ...told, others };
 });
 console.log(JSON.stringify(answers));
@@ -678,7 +681,8 @@ for (const point of path.slice(1)) {
   found.push({ ...plain, outputs: model.outputs(state), field: [...model.displacement(state)] });
 }
 const begun = points.map((point) => sliding.begun(point));
-const told = (states) => ({ forces: [...states.at(-1).forces], path: states.map(({ point }) => point) });
+const told = (states) =>
+  ({ forces: [...states.at(-1).forces], path: states.map(({ point }) => point) });
 console.log(JSON.stringify({ found, loaded: begun.map(told) }));
 """
     + ENDED
@@ -815,7 +819,10 @@ def test_axes_have_a_few_round_numbers_whatever_their_range():
     """One of a last digit would go on for ever."""
     nearly = 1.6191466698074306, 1.6191466698074308
     ranges = [(0, 1), (-3, 7), nearly, (5, 5), (0, 0), (-1e-300, 0), (1e9, 1.00000001e9)]
-    program = 'const drawing = require(process.argv[1]), { ranges } = JSON.parse(require("fs").readFileSync(0, "utf8"));'
+    program = (
+        "const drawing = require(process.argv[1]), { ranges } = "
+        'JSON.parse(require("fs").readFileSync(0, "utf8"));'
+    )
     program += (
         "console.log(JSON.stringify(ranges.map(([low, high]) => drawing.ticks(low, high, 4))));"
     )

@@ -40,7 +40,8 @@ if (!floats) new hhr.Flow(model);
 let state = steps.rest(path[0]);
 for (const point of path.slice(1)) {
   state = steps.reached(state, point);
-  const names = ["forces", "position", "path", "work", "wear", "statuses", ...(floats ? [] : ["cumulated"])];
+  const names = ["forces", "position", "path", "work", "wear", "statuses",
+    ...(floats ? [] : ["cumulated"])];
   const plain = Object.fromEntries(names.map((name) => [name, [...state[name]]]));
   found.push({ ...plain, outputs: model.outputs(state), field: [...model.displacement(state)] });
 }

@@ -22,7 +22,9 @@ scene = hhr.Scene(
     ),
     hypothesis="plane_strain",
     bodies=tuple(hhr.Body(tag, 1000.0, 0.0) for tag in (FIRST, SECOND)),
-    contacts=(hhr.NodeToNode(side(FIRST, 1, True), side(SECOND, 1, False), (0.0, 1.0), friction=0.3),),
+    contacts=(
+        hhr.NodeToNode(side(FIRST, 1, True), side(SECOND, 1, False), (0.0, 1.0), friction=0.3),
+    ),
     displacements=(
         *hhr.Displacement.clamp(side(FIRST, 1, False), 2),
         hhr.Displacement(TOP, 0, "push"),
@@ -32,8 +34,15 @@ scene = hhr.Scene(
     outputs=(hhr.LargestPressure("largest", 0),),
 )
 PATHS = hhr.PathFamily(
-    "to and fro", scene.parameters, hhr.ParameterSpace(("far",), (0.01,), (0.03,)), {"press": 0.0, "push": 0.0},
-    (hhr.Leg({"press": -0.01}, 1.0, 2), hhr.Leg({"push": "far"}, 1.0, 3), hhr.Leg({"push": "-far"}, 2.0, 4)),
+    "to and fro",
+    scene.parameters,
+    hhr.ParameterSpace(("far",), (0.01,), (0.03,)),
+    {"press": 0.0, "push": 0.0},
+    (
+        hhr.Leg({"press": -0.01}, 1.0, 2),
+        hhr.Leg({"push": "far"}, 1.0, 3),
+        hhr.Leg({"push": "-far"}, 2.0, 4),
+    ),
 )
 """
 

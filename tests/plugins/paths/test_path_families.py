@@ -182,7 +182,10 @@ def test_round_trips():
         ({"name": ""}, "the name '' of a family of paths must be a text"),
         (
             {"space": None},
-            r"space = None of the family 'down' must be a ParameterSpace: give space=scene.parameters",
+            (
+                "space = None of the family 'down' must be a ParameterSpace: give "
+                "space=scene.parameters"
+            ),
         ),
         ({"own": ("gap",)}, r"own = \('gap',\) of the family 'down' must be a ParameterSpace"),
         ({"legs": ()}, r"legs = \(\) of the family 'down' must be a tuple of one Leg or more"),
@@ -217,7 +220,8 @@ def test_round_trips():
         ),
         (
             {"legs": (UP, Leg({"load": "460 * back"}, 1.0, 1))},
-            r"path 'down \(.*back = 1\)': the end of leg 2 is outside the box of the scene: load = 460 is outside \[0, 450\].*"
+            r"path 'down \(.*back = 1\)': the end of leg 2 is outside the box of the "
+            r"scene: load = 460 is outside \[0, 450\].*"
             "or narrow the box of the family's own",
         ),
         (
@@ -378,9 +382,12 @@ def test_training_and_studies_take_them(tmp_path):
 @needs("inelastic", "studies")
 def test_what_is_no_list_of_paths_or_has_no_names():
     path = pushed(block()).path([0.1, 0.0])
-    for given, message in (([path, list(path)], "tests[1] has no name to label it by: give tests={label: path, ...}"),
-                           ([path, path], f"two tests are called {path.name!r}"),
-                           ("text", "tests[0] has no name")):  # fmt: skip
+    unnamed = "tests[1] has no name to label it by: give tests={label: path, ...}"
+    for given, message in (
+        ([path, list(path)], unnamed),
+        ([path, path], f"two tests are called {path.name!r}"),
+        ("text", "tests[0] has no name"),
+    ):
         with pytest.raises(StudyError, match=re.escape(message)):
             hhr.StudySettings([path], tests=given)
     for given in (hhr.Sobol(4), pushed(block())):

@@ -96,7 +96,10 @@ def test_forward_derivatives_are_those_of_the_graph(name):
 
 
 def test_forward_derivatives_find_the_distance_to_kinks():
-    """|x - 2 y| along (x', y'): after |x - 2 y| / |x' - 2 y'|; none along (2, 1), where it stays the same."""
+    """|x - 2 y| along (x', y'): after |x - 2 y| / |x' - 2 y'|; none along (2, 1).
+
+    There it stays the same.
+    """
     program = made(lambda x, y: abs(x - 2 * y), x=1, y=1)
     given = np.array([[1.0, 2.0], [0.2, 1.0]])
     forward = Forward(

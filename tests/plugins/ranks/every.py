@@ -33,7 +33,8 @@ scene = pair({changes})
 PATHS = """
 START = {"push": 0.01, "slide": 0.0, "load": 0.05, "gap": 0.005}
 DEPTH = hhr.ParameterSpace(("depth",), (0.02,), (0.05,))
-PATHS = hhr.PathFamily("pressed", scene.parameters, DEPTH, START, (hhr.Leg({"push": "depth"}, 1.0, 2),))
+LEGS = (hhr.Leg({"push": "depth"}, 1.0, 2),)
+PATHS = hhr.PathFamily("pressed", scene.parameters, DEPTH, START, LEGS)
 """
 AT = ["--at", "push=0.03,slide=0,load=0.05,gap=0.005"]
 BODIES = [(10.0, 0.3), (8.0, 0.3)]

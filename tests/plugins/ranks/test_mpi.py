@@ -45,12 +45,14 @@ def ordered(problem):
 
 dofs = ordered(problem)
 probe = np.sin(np.arange(dofs.size))
-vectors = {{"K x": whole.stiffness[dofs][:, dofs] @ probe, "M x": whole.mass[dofs][:, dofs] @ probe}}
+vectors = {{"K x": whole.stiffness[dofs][:, dofs] @ probe}}
+vectors |= {{"M x": whole.mass[dofs][:, dofs] @ probe}}
 vectors |= {{"loads": whole.loads[dofs].toarray(), "external": whole.external[dofs].toarray()}}
 out |= {{name: np.ravel(value).tolist() for name, value in vectors.items()}}
 for name, parts in (("stiffness", problem.stiffness_terms), ("mass", (problem.node_mass,))):
-    out[f"entries of {{name}}"] = comm.allreduce(sum(part.nnz for part in parts))
-    out[f"share of {{name}}"] = comm.allgather(sum(part.nnz for part in parts) / out[f"entries of {{name}}"])
+    entries = comm.allreduce(sum(part.nnz for part in parts))
+    out[f"entries of {{name}}"] = entries
+    out[f"share of {{name}}"] = comm.allgather(sum(part.nnz for part in parts) / entries)
 out["rows"] = comm.allgather((problem.rows.start, problem.rows.stop, problem.whole))
 out["whole"] = comm.allgather((whole.whole, whole is problem, full_order.gathered() is full_order))
 
@@ -72,7 +74,8 @@ for place, model in (("rows", full_order), ("all rows", full_order.gathered())):
     kept = hhr.SnapshotStore(f"{folder}/{{place}} {{comm.size}}", model)
     for _ in range(2):
         again = hhr.compute_snapshots(full_order, snapshots.points[:3], store=kept)
-    out["kept"].append((np.linalg.norm(again.displacements - snapshots.displacements[:, :3]), kept.found))
+    off = np.linalg.norm(again.displacements - snapshots.displacements[:, :3])
+    out["kept"].append((off, kept.found))
 compared = compare_points(full_order, reduction, snapshots.take([3]), 1.0)
 out["compared"] = float(compared.primal[0] < 0.01 and compared.dual[0] < 0.05)
 solid = hhr.FullOrderModel(pressed_block("solid", simplices=True))
@@ -84,7 +87,8 @@ numbers, sparse.BLOCK_NUMBERS = sparse.BLOCK_NUMBERS, 4e3
 pressed = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(6, 3), block_cells=(5, 3)))
 note("condensed", hhr.condense(pressed).solve([0.2, 50.0]))
 # so large that ranks leave what is none of S beside it
-larger = hhr.FullOrderModel(sphere_on_block.scene(pairing, sphere_cells=(20, 10), block_cells=(15, 7)))
+finer = sphere_on_block.scene(pairing, sphere_cells=(20, 10), block_cells=(15, 7))
+larger = hhr.FullOrderModel(finer)
 out["larger S"] = larger.schur[::20].ravel().tolist()
 out["larger norm"] = float(np.linalg.norm(larger.solve([0.2, 50.0]).displacement()))
 # what blocks of solutions were written into, once they are let go
@@ -105,7 +109,8 @@ shifting = scale.scene((5, 3), (4, 2), ratios=True)
 first = hhr.FullOrderModel(shifting)
 second = first.gathered()  # which shares the factors with it
 upper, lower = shifting.parameters.upper, shifting.parameters.lower
-turns = ("", first, upper), (" gathered", second, lower), (" again", first, upper), (" both", second, lower)
+turns = [("", first, upper), (" gathered", second, lower)]
+turns += [(" again", first, upper), (" both", second, lower)]
 for name, model, point in turns:
     note("varying" + name, model.solve(point))
 # solutions by compressed factors are refined, those of dofs that are eliminated last too
@@ -114,8 +119,9 @@ compressed = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(6, 3), block
 note("compressed", compressed.solve([0.2, 50.0]))
 sparse.LOW_RANK = large
 limits.KEPT_BYTES, sparse.BLOCK_NUMBERS = kept_bytes, numbers
-pairings = {{name: kind for name, kind in patch.PAIRINGS.items() if present("mortar") or "mortar" not in name}}
-for name, kind in pairings.items():
+for name, kind in patch.PAIRINGS.items():
+    if "mortar" in name and not present("mortar"):
+        continue
     for dim in (2, 3):
         cells = ((4, 3), (7, 3)) if dim == 2 else ((2, 2, 2), (3, 3, 2))
         turned = patch.scene(kind, *cells, poisson=0.3, angle=1.0, bulge=0.04, by_normal=dim == 2)
@@ -125,7 +131,8 @@ for name, kind in pairings.items():
         out[f"{{name}} {{dim}} forces"] = model.solve([0.09, 0.03]).forces().tolist()
 
 mixed = patch.scene(pairing, (4, 3), (7, 3), poisson=0.3, angle=1.0, bulge=0.04, by_normal=True)
-mixed = dataclasses.replace(mixed, bodies=(dataclasses.replace(mixed.bodies[0], poisson=0.4999), mixed.bodies[1]))
+firm, other = mixed.bodies
+mixed = dataclasses.replace(mixed, bodies=(dataclasses.replace(firm, poisson=0.4999), other))
 scenes = {{"axisymmetric": pressed_block("axisymmetric", poisson=0.4999), "mixed": mixed,
           "solid": pressed_block("solid", poisson=0.4999, cells=3)}}
 out["nearly incompressible"] = {{}}
@@ -176,18 +183,22 @@ for steps in (2, 3):
     kept_steps = hhr.compute_snapshots(flowing, [path[:steps]], store=shared)
 out["goes on"] = kept_steps.histories[0].answers[-1].forces().tolist()
 out["steps found"] = comm.bcast(shared.found)
-# creep beside plasticity, in parts of steps too, and a modulus that is a parameter: each rank has some of the points
+# creep beside plasticity, in parts of steps too, and a modulus that is a parameter: each rank has
+# some of the points
 creeping = pellets.flowing_full()
 asked = {{"creeps": {{"time_error": True}}, "creeps in parts": {{"time_tolerance": 0.02}}}}
 for name, settings in asked.items():
     history = creeping.march(pellet.path(5.0, 4), hhr.MarchSettings(**settings))
     last = history.answers[-1]
-    out[name] = [float(np.linalg.norm(item)) for item in (last.forces(), last.stress(), last.plastic_strain())]
-    out[name + ", errors"] = [*history.time_error.tolist(), *(answer.parts for answer in history.answers)]
+    fields = last.forces(), last.stress(), last.plastic_strain()
+    out[name] = [float(np.linalg.norm(item)) for item in fields]
+    parts = [answer.parts for answer in history.answers]
+    out[name + ", errors"] = [*history.time_error.tolist(), *parts]
     out[name + ", points"] = list(last.stress().shape)
 softer = hhr.FullOrderModel(indentation.scene(6, young="E"))
 ends = np.array([softer.parameters.lower, softer.parameters.upper])
-away = [(float(k), np.append(share * ends[1, :1], ends.mean(axis=0)[1:] * 1.1)) for k, share in enumerate((0.0, 1.0))]
+rest = ends.mean(axis=0)[1:] * 1.1
+away = [(float(k), np.append(share * ends[1, :1], rest)) for k, share in enumerate((0.0, 1.0))]
 out["softer"] = softer.march(away).answers[-1].forces().tolist()
 # a law that breaks off on a rank
 plain = indentation.scene(6)
@@ -324,7 +335,8 @@ from scenes import block_scene
 held, floor = block.side(0, upper=False), hhr.Obstacle(block.side(1, upper=False), (0, -1), 0.0)
 clamped = hhr.Displacement.clamp(held, 2)
 try:
-    hhr.FullOrderModel(block_scene("lonely", {{"a": (0, 1)}}, cells=(2, 1), contacts=(floor,), displacements=clamped))
+    hhr.FullOrderModel(block_scene("lonely", {{"a": (0, 1)}}, cells=(2, 1), contacts=(floor,),
+                                   displacements=clamped))
 except hhr.errors.SceneError as error:
     print(error, flush=True)
 """
@@ -540,7 +552,10 @@ def test_every_rank_raises_what_it_can():
     # and what one rank alone does with SLEPc keeps no other from its end
     if present("theorems"):
         case += "from hhr_dolfinx.plugins.theorems.full_constants import smallest_singular_value\n"
-        case += "if last:\n    smallest_singular_value(hhr.FullOrderModel(scene, MPI.COMM_SELF).problem.contact)\n"
+        case += (
+            "if last:\n    alone = hhr.FullOrderModel(scene, MPI.COMM_SELF)\n"
+            "    smallest_singular_value(alone.problem.contact)\n"
+        )
     run = run_failing(case, ranks=3)
     assert run.returncode == 0 and run.stdout.count("went on") == 3, run.stderr
     # what two ranks print at once may stand on one line

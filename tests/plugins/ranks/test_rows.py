@@ -35,7 +35,8 @@ scenes = {{"outputs": plain}}
 if present("floating"):
     scenes = {{"contact alone holds": lying(cells=(16, 8), tilt=0.2), **scenes}}
 if present("moduli"):
-    scenes = {{"moduli that vary": dataclasses.replace(plain, bodies=bodies, parameters=box), **scenes}}
+    varying = dataclasses.replace(plain, bodies=bodies, parameters=box)
+    scenes = {{"moduli that vary": varying, **scenes}}
 recipes = {{
     "usual": hhr.Recipe(trust=None), "cone": hhr.Recipe(trust=None, cone=True),
     "energy": hhr.Recipe(hhr.Pod(1e-6, norm="energy"), trust=None),
@@ -51,24 +52,28 @@ for name, scene in scenes.items():
     for kind, recipe in recipes.items():
         model = training.build(recipe)
         found = [model.solve(point, outside="ignore") for point in asked]
-        own = comm.allgather([len(model.offline.basis), [item["stage"] for item in model.offline.log.skipped]])
-        out[f"own {{name}} {{kind}}"] = own
+        stages = [item["stage"] for item in model.offline.log.skipped]
+        out[f"own {{name}} {{kind}}"] = comm.allgather([len(model.offline.basis), stages])
         values = [float(np.linalg.norm(answer.displacement())) for answer in found]
         values += [float(np.linalg.norm(answer.forces())) for answer in found]
-        values += [] if not scene.outputs else [float(v) for a in found for v in a.outputs().values.values()]
+        for answer in found if scene.outputs else ():
+            values += [float(value) for value in answer.outputs().values.values()]
         told = [answer.estimate() for answer in found]
         if kind == "usual" and told[0].kind == "bound":
-            out[f"bounds {{name}}"] = [getattr(one, key) for one in told for key in ("primal", "dual", "forces_euclid")]
-            exact = [training.full_order.solve(point) for point in asked]
-            off = [float(np.linalg.norm(a.forces() - e.forces())) for a, e in zip(found, exact, strict=True)]
-            out[f"over {{name}}"] = [one.forces_euclid - error for one, error in zip(told, off, strict=True)]
+            keys = "primal", "dual", "forces_euclid"
+            out[f"bounds {{name}}"] = [getattr(one, key) for one in told for key in keys]
+            out[f"over {{name}}"] = over = []
+            for point, answer, one in zip(asked, found, told, strict=True):
+                off = answer.forces() - training.full_order.solve(point).forces()
+                over.append(one.forces_euclid - float(np.linalg.norm(off)))
         out[f"{{name}} {{kind}}"] = values
 again = hhr.train(scene, hhr.Sobol(12), **how)
 out["read"] = again.read
 out["same"] = float(np.abs(again.snapshots.displacements - training.snapshots.displacements).max())
 # a step of one's own that knows nothing of rows gets all of them
 own = training.build(hhr.Recipe(toy_steps.EveryKth(1), trust=None))
-out["toy"] = [float(np.linalg.norm(own.solve(point, outside="ignore").displacement())) for point in asked]
+fields = [own.solve(point, outside="ignore").displacement() for point in asked]
+out["toy"] = [float(np.linalg.norm(field)) for field in fields]
 out["told"] = [item["why"] for item in own.offline.log.skipped if item["stage"] == "rows of ranks"]
 if present("fallback"):
     safe = training.safe_model(0.05, checked=False)

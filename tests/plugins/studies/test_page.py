@@ -17,7 +17,8 @@ from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.plugins.studies.page import page_of, write_page
 
 PNG = base64.b64decode(
-    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="
+    "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGA"
+    "WjR9awAAAABJRU5ErkJggg=="
 )
 SUMMARY = {"median": 1e-3, "p95": 2e-3, "max": 0.5, "n": 20}
 ELASTIC = {

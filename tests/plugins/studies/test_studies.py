@@ -60,7 +60,10 @@ def settings_of_paths():
 
 def test_a_rival_of_one_file_is_a_row(tmp_path):
     settings = hhr.StudySettings([8], tests=3, queries=2, held_out=5, naive=False)
-    rivals = lambda training: [hhr.Rival("nearest answer", "8 points", NearestAnswer(training))]  # noqa: E731
+
+    def rivals(training):
+        return [hhr.Rival("nearest answer", "8 points", NearestAnswer(training))]
+
     scene = discs.scene(arc_segments=28, flat_segments=7)
     study = hhr.study_scene(scene, settings, tmp_path, rivals=rivals)
     rows = {row["method"]: row for row in study.report["work_precision"]}
@@ -76,7 +79,9 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def study(folder):
-    rivals = lambda training: [hhr.Rival("nearest history", "2 of them", NearestHistory(training))]  # noqa: E731
+    def rivals(training):
+        return [hhr.Rival("nearest history", "2 of them", NearestHistory(training))]
+
     return hhr.study_scene(flowing(), settings_of_paths(), folder, rivals=rivals)
 
 

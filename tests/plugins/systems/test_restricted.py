@@ -536,13 +536,16 @@ for name, system in (("foundation", Foundation), ("parts", Parted), ("template",
     models = [("full", full)]
     if system is not Foundation:
         training = hhr.train(joined(system), hhr.Sobol(12), held_out=2, together=True)
-        models += [("gathered", full.gathered()), ("condensed", training.condense()), ("reduced", training.build())]
+        models += [("gathered", full.gathered()), ("condensed", training.condense())]
+        models.append(("reduced", training.build()))
     for kind, model in models:
         answer = model.solve([0.04, 0.01, 0.03, 0.0, 6.0], gradient=True, outside="ignore")
         u = answer.displacement()
         points = full.problem.points.round(9)
         # nodes of both sides of the contact have one place
-        parts = [part[np.lexsort((part.round(9), *points.T))].tolist() for part in u.reshape(points.shape).T]
+        parts = []
+        for part in u.reshape(points.shape).T:
+            parts.append(part[np.lexsort((part.round(9), *points.T))].tolist())
         out[f"{{name}}, {{kind}}"] = [
             answer.forces().tolist(), parts, answer.gradient.multipliers.tolist()
         ]

@@ -196,10 +196,14 @@ import numpy as np
 import hhr_dolfinx as hhr
 model = hhr.condense_matrices(
     hhr.ParameterSpace(("pull",), (0.0,), (3.0,)),
-    stiffness=[[2.0, -1.0], [-1.0, 1.0]], contact=[[0.0, 1.0]], loads=[[0.0, 0.0], [1.0, 0.0]], gaps=[[0.0, 1.0]],
+    stiffness=[[2.0, -1.0], [-1.0, 1.0]],
+    contact=[[0.0, 1.0]],
+    loads=[[0.0, 0.0], [1.0, 0.0]],
+    gaps=[[0.0, 1.0]],
     amplitudes=["pull", 1.0],
 )
-for pull in (0.25, 0.5, 2.0):  # the end of two springs in a row moves by 2 pull until it meets a wall at 1
+# the end of two springs in a row moves by 2 pull until it meets a wall at 1
+for pull in (0.25, 0.5, 2.0):
     answer = model.solve([pull])
     assert np.allclose(answer.forces(), max(pull - 0.5, 0)), answer.forces()
     assert np.allclose(answer.displacement()[1], min(2 * pull, 1)), answer.displacement()

@@ -182,7 +182,8 @@ def test_rows_in_blocks_are_those_of_one_by_one(model, rows, tmp_path):
 
 WITHOUT = """
 import sys
-sys.modules.update(dict.fromkeys(["dolfinx_solver", "dolfinx", "ufl", "basix", "petsc4py", "mpi4py", "slepc4py"]))
+missing = ["dolfinx_solver", "dolfinx", "ufl", "basix", "petsc4py", "mpi4py", "slepc4py"]
+sys.modules.update(dict.fromkeys(missing))
 from click.testing import CliRunner
 from hhr_dolfinx.command.main import hhr as command
 tables = ["answer", "m.npz", "q.csv", "--out", "a.csv"]
