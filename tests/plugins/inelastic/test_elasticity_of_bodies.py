@@ -133,7 +133,7 @@ WOOD = (9.0, 3.0, 1.5), (0.4, 0.3, 0.2), (1.0, 0.8, 0.3)
 
 @dataclasses.dataclass(frozen=True)
 class AtPoints(hhr.Orthotropic):
-    """Orthotropic elasticity that is solved at Gauss points, as a law that is not known as linear."""
+    """Orthotropic elasticity that is solved at Gauss points, not known as linear."""
 
     linear_stress = None
 
