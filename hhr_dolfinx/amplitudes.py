@@ -208,14 +208,14 @@ round-off 1e-11.
 def _derivative(
     amplitude: NonAffine, point: np.ndarray, space: ParameterSpace | None
 ) -> np.ndarray:
-    own = getattr(amplitude, "derivative", None)
+    derivative = getattr(amplitude, "derivative", None)
     columns, values = amplitude(point)
-    if own is not None:
-        return np.reshape(own(point), (len(values), point.size))
+    if derivative is not None:
+        return np.reshape(derivative(point), (len(values), point.size))
 
     def acting(nearby: np.ndarray) -> np.ndarray:
-        there = dict(zip(*amplitude(nearby), strict=True))
-        return np.array([there.get(column, 0.0) for column in columns])
+        by_column = dict(zip(*amplitude(nearby), strict=True))
+        return np.array([by_column.get(column, 0.0) for column in columns])
 
     if space is None:
         sizes = np.where(point == 0, 1.0, np.abs(point))
@@ -307,12 +307,12 @@ class Coverage:
 
     def __call__(self, point: np.ndarray) -> tuple[list[int], list[float]]:
         """Numbers and amplitudes of the columns that act at a point."""
-        edge, length, inside = self._place(point)
-        s = min(max(inside, 0.0), 1.0)
+        edge, length, fraction = self._place(point)
+        s = min(max(fraction, 0.0), 1.0)
         amplitude = self.constant + self.slopes @ point
         weights = [
             amplitude,
-            *(amplitude * length * part for part in edge_integrals(self.degree, s)),
+            *(amplitude * length * integral for integral in edge_integrals(self.degree, s)),
         ]
         first = self.edges + self.degree * edge
         return [edge, *range(first, first + self.degree + 1)], weights
@@ -325,12 +325,13 @@ class Coverage:
         edge = np.clip(ends.searchsorted(points[:, self.extent]) - 1, 0, self.edges - 1)
         lengths = np.diff(ends)[edge]
         s = np.clip((points[:, self.extent] - ends[edge]) / lengths, 0.0, 1.0)
-        parts = np.stack(
-            [np.ones(len(s)), *(lengths * part for part in edge_integrals(self.degree, s))], axis=1
+        weights = np.stack(
+            [np.ones(len(s)), *(lengths * integral for integral in edge_integrals(self.degree, s))],
+            axis=1,
         )
         first = self.edges + self.degree * edge
         columns = np.stack([edge, *(first + k for k in range(self.degree + 1))], axis=1)
-        return columns, (self.constant + points @ self.slopes)[:, None] * parts
+        return columns, (self.constant + points @ self.slopes)[:, None] * weights
 
     def derivative(self, point: np.ndarray) -> np.ndarray:
         """Derivatives of the amplitudes along the parameters, (2 + degree, P).
@@ -338,14 +339,14 @@ class Coverage:
         From the left at a node.
         """
         amplitude = self.constant + self.slopes @ point
-        _, length, inside = self._place(point)
-        s = min(max(inside, 0.0), 1.0)
-        found = np.outer(
+        _, length, fraction = self._place(point)
+        s = min(max(fraction, 0.0), 1.0)
+        derivatives = np.outer(
             np.append(1.0, length * np.array(edge_integrals(self.degree, s))), self.slopes
         )
-        if 0.0 <= inside <= 1.0:
-            found[:, self.extent] += amplitude * np.append(0.0, _shapes(self.degree, s))
-        return found
+        if 0.0 <= fraction <= 1.0:
+            derivatives[:, self.extent] += amplitude * np.append(0.0, _shapes(self.degree, s))
+        return derivatives
 
 
 RANGES = {"young": (0.0, math.inf), "poisson": (-1.0, 0.5)}
@@ -405,11 +406,11 @@ class Limits:
             raise NotSolvableError(self._refused(values[bad[0]], points[bad[0]]))
 
     def _refused(self, value: float, point: np.ndarray) -> str:
-        what, must = _MUST[self.constant]
-        place = described(self.names, point)
+        constant, must = _MUST[self.constant]
+        location = described(self.names, point)
         return (
-            f"{what} {self.text[:60]} is {value:g} at {place}, and must {must}: change it, or "
-            "narrow the box"
+            f"{constant} {self.text[:60]} is {value:g} at {location}, and must {must}: change it, "
+            "or narrow the box"
         )
 
 
@@ -449,15 +450,17 @@ class Amplitudes:
         """Stack the leading constant 1, the affine amplitudes, and the non-affine ones, each in
         their order.
         """
-        given = [bound(amplitude, space) for amplitude in amplitudes]
-        affine = [amplitude for amplitude in given if isinstance(amplitude, Amplitude)]
-        others = tuple(amplitude for amplitude in given if not isinstance(amplitude, Amplitude))
+        converted = [bound(amplitude, space) for amplitude in amplitudes]
+        affine = [amplitude for amplitude in converted if isinstance(amplitude, Amplitude)]
+        nonaffine = tuple(
+            amplitude for amplitude in converted if not isinstance(amplitude, Amplitude)
+        )
         constant = np.array([1.0] + [amplitude.constant for amplitude in affine])
         slopes = np.array(
             [np.zeros(len(space.names)), *(amplitude.row(space) for amplitude in affine)]
         )
-        known = all(hasattr(amplitude, "derivative") for amplitude in others)
-        return cls(constant, slopes, others, limits, None if known else space)
+        differentiable = all(hasattr(amplitude, "derivative") for amplitude in nonaffine)
+        return cls(constant, slopes, nonaffine, limits, None if differentiable else space)
 
     @cached_property
     def firsts(self) -> list[int]:
@@ -495,9 +498,9 @@ class Amplitudes:
 
     def dense(self, point: np.ndarray) -> np.ndarray:
         """θ at a checked point with the zeros of terms that do not act, (1 + T,)."""
-        given = self(point)
+        acting = self(point)
         theta = np.zeros(self.firsts[-1])
-        theta[given.terms] = given.values
+        theta[acting.terms] = acting.values
         return theta
 
     def of_many(self, points: np.ndarray) -> np.ndarray | csr_matrix:
@@ -521,12 +524,12 @@ class Amplitudes:
             entries = np.hstack(values)
             starts = np.arange(len(points) + 1) * columns.shape[1]
         else:
-            given = [self(point) for point in points]
+            thetas = [self(point) for point in points]
             columns, entries = (
-                np.concatenate([getattr(theta, part) for theta in given])
-                for part in Theta.__slots__
+                np.concatenate([getattr(theta, attribute) for theta in thetas])
+                for attribute in Theta.__slots__
             )
-            starts = np.cumsum([0, *(theta.values.size for theta in given)])
+            starts = np.cumsum([0, *(theta.values.size for theta in thetas)])
         return csr_matrix(
             (entries.ravel(), columns.ravel(), starts), shape=(len(points), self.firsts[-1])
         )
@@ -561,14 +564,14 @@ class Amplitudes:
         slopes = affine @ self.slopes
         points = np.where(slopes > 0, space.lower, space.upper)
         values = affine @ self.constant + np.einsum("mp,mp->m", slopes, points)
-        others = np.flatnonzero(columns[:, self.constant.size :].any(axis=1))
-        if others.size:
+        nonaffine = np.flatnonzero(columns[:, self.constant.size :].any(axis=1))
+        if nonaffine.size:
             from hhr_dolfinx.formulas import box_samples  # scenes without formulas do not load it
 
             samples = box_samples(space)
-            sums = replace(self, limits=()).sum_columns(columns[others], samples)
-            values[others] = sums.min(axis=1)
-            points[others] = samples[sums.argmin(axis=1)]
+            sums = replace(self, limits=()).sum_columns(columns[nonaffine], samples)
+            values[nonaffine] = sums.min(axis=1)
+            points[nonaffine] = samples[sums.argmin(axis=1)]
         return values, points
 
     def idle(self, space: ParameterSpace) -> tuple[str, ...]:
@@ -578,13 +581,13 @@ class Amplitudes:
         """
         used = self.slopes.any(axis=0)
         points = space.random(64, seed=0)
-        for place in np.flatnonzero(~used):
+        for index in np.flatnonzero(~used):
             changed = points.copy()
-            changed[:, place] = np.roll(points[:, place], 1)
-            used[place] = any(
-                not np.array_equal(one, two)
+            changed[:, index] = np.roll(points[:, index], 1)
+            used[index] = any(
+                not np.array_equal(before, after)
                 for amplitude in self.nonaffine
                 for pair in zip(points, changed, strict=True)
-                for one, two in zip(*map(amplitude, pair), strict=True)
+                for before, after in zip(*map(amplitude, pair), strict=True)
             )
-        return tuple(name for name, known in zip(space.names, used, strict=True) if not known)
+        return tuple(name for name, acts in zip(space.names, used, strict=True) if not acts)

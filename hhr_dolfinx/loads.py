@@ -189,7 +189,7 @@ class PartialPressure(KnownArguments):
 
     def terms(self, assembler: Assembler) -> list[Term]:
         """Columns in the order of :class:`~hhr_dolfinx.amplitudes.Coverage`."""
-        whole = _unit_pressure(assembler, self.tag)
+        nodal_forces = _unit_pressure(assembler, self.tag)
         line = assembler.surface(self.tag)
         degree = 1 if line.quadratic is None else 2
         self._check_line(line.points, assembler.hypothesis)
@@ -199,16 +199,16 @@ class PartialPressure(KnownArguments):
         lengths = np.diff(positions[::degree])
         edges = np.arange(lengths.size)
         of_edges = csc_matrix((nodes.size, lengths.size))
-        for place, part in enumerate(edge_integrals(degree, 1.0)):
+        for number, integral in enumerate(edge_integrals(degree, 1.0)):
             of_edges += csc_matrix(
-                (part * lengths, (degree * edges + place, edges)), shape=of_edges.shape
+                (integral * lengths, (degree * edges + number, edges)), shape=of_edges.shape
             )
         nodal = np.asarray(of_edges.sum(axis=1)).ravel()
-        whole = whole.reshape(-1, 2)[nodes]
+        nodal_forces = nodal_forces.reshape(-1, 2)[nodes]
         # force of a unit pressure per unit length: the same at every node of a straight line along
         # an axis
-        force = whole.sum(axis=0) / nodal.sum()
-        if np.abs(whole - nodal[:, None] * force).max() > 1e-9 * np.abs(whole).max():
+        force = nodal_forces.sum(axis=0) / nodal.sum()
+        if np.abs(nodal_forces - nodal[:, None] * force).max() > 1e-9 * np.abs(nodal_forces).max():
             ends = positions[[0, -1]]
             start, end = np.where(
                 np.abs(ends) > 1e-12 * np.abs(ends).max(), ends, 0.0
@@ -232,21 +232,21 @@ class PartialPressure(KnownArguments):
         """Raise SceneError unless nodes, (n, dim), form a straight line along the axis in the
         plane.
         """
-        what = f"the partial pressure on tag {self.tag}"
+        label = f"the partial pressure on tag {self.tag}"
         if points.shape[1] != 2:
             raise SceneError(
-                f"{what} needs a mesh in the plane: in space, write a load of your own with terms"
+                f"{label} needs a mesh in the plane: in space, write a load of your own with terms"
             )
         extents = np.ptp(points, axis=0)
         if extents[1 - self.axis] > 1e-9 * extents[self.axis]:
             raise SceneError(
-                f"{what} acts along axis {self.axis}, and its line is not straight along it: it "
+                f"{label} acts along axis {self.axis}, and its line is not straight along it: it "
                 f"extends over {extents[0]:.6g} along axis 0 and {extents[1]:.6g} along axis 1. "
                 f"Set its axis to {extents.argmax()}, or tag a straight line"
             )
         if hypothesis == "axisymmetric" and self.axis == 0:
             raise SceneError(
-                f"{what} acts along the radius of an axisymmetric scene, where its area is not "
+                f"{label} acts along the radius of an axisymmetric scene, where its area is not "
                 "linear in its extent: only lines along axis 1 are supported"
             )
 
@@ -265,10 +265,10 @@ def checked_terms(load: Load, assembler: Assembler) -> list[Term]:
     terms = load.terms(assembler)
     if not isinstance(terms, Sequence) or not all(isinstance(term, Term) for term in terms):
         raise SceneError(f"the terms of {load!r} must be a list of Term, and are {terms!r}")
-    given = [(bound(term.amplitude, assembler.parameters), term.columns) for term in terms]
+    bound_terms = [(bound(term.amplitude, assembler.parameters), term.columns) for term in terms]
     return [
         Term(amplitude, _checked_columns(load, amplitude, columns, assembler))
-        for amplitude, columns in given
+        for amplitude, columns in bound_terms
     ]
 
 
@@ -283,9 +283,9 @@ class Terms:
     def __init__(self, space: ParameterSpace, **groups: Sequence[Term]):
         self._space = space
         listed = [
-            (name, place, Term(bound(term.amplitude, space), csc_matrix(term.columns)))
+            (name, index, Term(bound(term.amplitude, space), csc_matrix(term.columns)))
             for name, terms in groups.items()
-            for place, term in enumerate(terms)
+            for index, term in enumerate(terms)
         ]
         self._listed = sorted(listed, key=lambda item: not isinstance(item[2].amplitude, Amplitude))
 
@@ -303,13 +303,13 @@ class Terms:
 
         ``others`` take the place of the columns of the terms, in the order of the group.
         """
-        parts = [csc_matrix((rows, 1))]
-        for name, place, term in self._listed:
+        blocks = [csc_matrix((rows, 1))]
+        for name, index, term in self._listed:
             if name == group:
-                parts.append(term.columns if others is None else others[place])
+                blocks.append(term.columns if others is None else others[index])
             else:
-                parts.append(csc_matrix((rows, term.columns.shape[1])))
-        return csc_matrix(hstack(parts))
+                blocks.append(csc_matrix((rows, term.columns.shape[1])))
+        return csc_matrix(hstack(blocks))
 
 
 def _checked_columns(load: Load, amplitude: Any, columns: Any, assembler: Assembler) -> csc_matrix:

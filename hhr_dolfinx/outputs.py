@@ -60,13 +60,13 @@ class ModelProbe:
                 f"output '{output.name}' names contact {output.contact}, and the scene has "
                 f"{contacts}: name one of {', '.join(map(str, range(contacts))) or 'none'}"
             )
-        found = self.problem.pressing_of(output.contact)
-        if not found.size:
+        conditions = self.problem.pressing_of(output.contact)
+        if not conditions.size:
             raise SceneError(
                 f"output '{output.name}' names contact {output.contact}, of which no condition "
                 "moves: name another"
             )
-        return found
+        return conditions
 
     def loaded(self, output: OfContact) -> tuple[np.ndarray, np.ndarray]:
         """Conditions of a contact with a positive area, and their areas, (c,) each."""
@@ -168,12 +168,12 @@ class NamedOutput(KnownArguments):
         for name in self.vectors:
             value = getattr(self, name)
             if value is not None:
-                items = as_tuple(f"{name} of output '{self.name}'", value)
-                if not items or not all(is_number(item) for item in items):
+                components = as_tuple(f"{name} of output '{self.name}'", value)
+                if not components or not all(is_number(component) for component in components):
                     raise SceneError(
                         f"output '{self.name}': {name} = {value!r} must hold finite numbers"
                     )
-                object.__setattr__(self, name, tuple(float(item) for item in items))
+                object.__setattr__(self, name, tuple(float(component) for component in components))
 
 
 @dataclass(frozen=True)
@@ -341,26 +341,26 @@ class DisplacementAt(NamedOutput):
             )
         nodes = np.arange(len(problem.points)) if self.tag is None else probe.nodes(self.tag)
         points = probe.base.points[nodes]
-        found = nodes[probe.at_place(self, points)]
-        if found.size > 1:
+        nearest = nodes[probe.at_place(self, points)]
+        if nearest.size > 1:
             # bodies in contact have nodes at the same point, which may separate
             tags = [
                 body.tag
                 for body in probe.scene.bodies
-                if np.isin(found, probe.nodes(body.tag)).any()
+                if np.isin(nearest, probe.nodes(body.tag)).any()
             ]
-            node = probe.base.points[found[0]][:dim]
+            node = probe.base.points[nearest[0]][:dim]
             near = tuple(
                 float(f"{value:.6g}")
                 for value in np.where(np.abs(node) > 1e-9 * np.abs(points).max(), node, 0)
             )
             remedy = f"move the place to one of them, such as {near}"
             raise SceneError(
-                f"output '{self.name}': {found.size} nodes, of bodies {tags}, are equally near to "
-                f"the place {self.place}: "
+                f"output '{self.name}': {nearest.size} nodes, of bodies {tags}, are equally near "
+                f"to the place {self.place}: "
                 + (f"name the body, tag=..., or {remedy}" if len(tags) > 1 else remedy)
             )
-        dof = dim * found[0] + self.component
+        dof = dim * nearest[0] + self.component
         return Linear.of(
             self.name,
             self.unit,
@@ -427,8 +427,8 @@ def _area_under_load(output: OfContact, probe: ModelProbe) -> Loaded:
     """
     conditions, areas = probe.loaded(output)
     shares = probe.problem.shares_of(output.contact)[conditions]
-    given = output.name, output.unit, *no_rows(), conditions, areas, 0.0, 1.0
-    return Loaded(*given) if (shares == 1.0).all() else LoadedShare(*given, shares * areas)
+    arguments = output.name, output.unit, *no_rows(), conditions, areas, 0.0, 1.0
+    return Loaded(*arguments) if (shares == 1.0).all() else LoadedShare(*arguments, shares * areas)
 
 
 def no_rows() -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:

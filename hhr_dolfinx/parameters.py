@@ -174,21 +174,23 @@ class ParameterSpace(KnownArguments):
     upper: tuple[float, ...]
 
     def __post_init__(self):
-        for part, kind, what in (
+        for attribute, kind, content in (
             ("names", str, "names"),
             ("lower", Real, "numbers"),
             ("upper", Real, "numbers"),
         ):
-            value = getattr(self, part)
+            value = getattr(self, attribute)
             if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
                 raise SceneError(
-                    f"{part} = {value!r} of a parameter space must be a tuple: for one parameter, "
-                    f"({value!r},)"
+                    f"{attribute} = {value!r} of a parameter space must be a tuple: for one "
+                    f"parameter, ({value!r},)"
                 )
-            items = as_tuple(part, value)
-            if not all(isinstance(item, kind) for item in items):
-                raise SceneError(f"{part} = {value!r} of a parameter space must hold {what}")
-            object.__setattr__(self, part, items)
+            entries = as_tuple(attribute, value)
+            if not all(isinstance(entry, kind) for entry in entries):
+                raise SceneError(
+                    f"{attribute} = {value!r} of a parameter space must hold {content}"
+                )
+            object.__setattr__(self, attribute, entries)
         if len(set(self.names)) < len(self.names):
             raise SceneError(
                 f"a parameter is named twice in {self.names}: each needs a name of its own"
@@ -204,9 +206,9 @@ class ParameterSpace(KnownArguments):
             )
         bounds = np.array([self.lower, self.upper], dtype=float)
         if not (bounds[0] < bounds[1]).all():
-            place = int((~(bounds[0] < bounds[1])).argmax())
-            name = self.names[place]
-            low, high = bounds[:, place].tolist()
+            index = int((~(bounds[0] < bounds[1])).argmax())
+            name = self.names[index]
+            low, high = bounds[:, index].tolist()
             remedy = (
                 "swap them"
                 if low > high
@@ -244,12 +246,12 @@ class ParameterSpace(KnownArguments):
         order in the step.
         """
         columns = []
-        for place in range(point.size) if axes is None else axes:
-            step = part * (self.upper[place] - self.lower[place])
+        for axis in range(point.size) if axes is None else axes:
+            step = part * (self.upper[axis] - self.lower[axis])
             total: Any = 0.0
-            for steps, weight in self._weights(point[place], step, place):
+            for steps, weight in self._weights(point[axis], step, axis):
                 nearby = point.copy()
-                nearby[place] += steps * step
+                nearby[axis] += steps * step
                 total = total + weight * value(nearby)
             columns.append(total / step)
         return np.stack(columns, axis=1)
@@ -303,18 +305,18 @@ class ParameterSpace(KnownArguments):
         return point
 
     def _complaint(self, point):
-        found = list(zip(self.names, point, self.lower, self.upper, strict=True))
-        strange = [f"{name} = {value:g}" for name, value, *_ in found if not np.isfinite(value)]
+        rows = list(zip(self.names, point, self.lower, self.upper, strict=True))
+        strange = [f"{name} = {value:g}" for name, value, *_ in rows if not np.isfinite(value)]
         if strange:
-            box = ", ".join(f"{name} in [{low:g}, {high:g}]" for name, _, low, high in found)
+            box = ", ".join(f"{name} in [{low:g}, {high:g}]" for name, _, low, high in rows)
             return f"{', '.join(strange)} is not finite: give a number inside {box}"
-        outside = [
+        beyond = [
             f"{name} = {value:g} is outside [{low:g}, {high:g}]"
-            for name, value, low, high in found
+            for name, value, low, high in rows
             if not low <= value <= high
         ]
         return (
-            "; ".join(outside)
+            "; ".join(beyond)
             + ": choose a value inside, or widen the parameter space, and train small models anew"
         )
 
@@ -384,9 +386,9 @@ class ParameterSpace(KnownArguments):
         """
         points = self.table(table, least=1)
         low, high = np.transpose(self._box)
-        inside = ((points >= low) & (points <= high)).all(axis=1)  # False for NaN
-        if not inside.all():
-            row = int((~inside).argmax())
+        within = ((points >= low) & (points <= high)).all(axis=1)  # False for NaN
+        if not within.all():
+            row = int((~within).argmax())
             raise ParameterError(f"row {row}: {self._complaint(points[row])}")
         return points
 
@@ -396,15 +398,15 @@ class ParameterSpace(KnownArguments):
         Raises:
             ParameterError: if there is not one positive count for each parameter.
         """
-        given = list(counts) if isinstance(counts, Sequence | np.ndarray) else [counts]
-        if len(given) != len(self.names) or not all(is_whole(count, 1) for count in given):
+        checked = list(counts) if isinstance(counts, Sequence | np.ndarray) else [counts]
+        if len(checked) != len(self.names) or not all(is_whole(count, 1) for count in checked):
             raise ParameterError(
                 f"counts {counts!r} of a grid must be {len(self.names)} positive integers, one "
                 f"for each of {self.names}"
             )
         axes = [
             np.linspace(low, high, count)
-            for low, high, count in zip(self.lower, self.upper, given, strict=True)
+            for low, high, count in zip(self.lower, self.upper, checked, strict=True)
         ]
         return np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
 
@@ -424,12 +426,10 @@ class ParameterSpace(KnownArguments):
         ends = np.array([self.lower, self.upper], dtype=float)
         middle = ends.mean(axis=0)
         bases = np.vstack([middle, self.random(count - 1, seed=1)]) if count > 1 else middle[None]
-        found = np.tile(np.repeat(bases, LINE_POINTS, axis=0), (len(places), 1, 1))
-        for points, place in zip(found, places, strict=True):
-            points[:, place] = np.tile(
-                np.linspace(ends[0, place], ends[1, place], LINE_POINTS), count
-            )
-        return found.reshape(-1, len(self.names))
+        samples = np.tile(np.repeat(bases, LINE_POINTS, axis=0), (len(places), 1, 1))
+        for points, axis in zip(samples, places, strict=True):
+            points[:, axis] = np.tile(np.linspace(ends[0, axis], ends[1, axis], LINE_POINTS), count)
+        return samples.reshape(-1, len(self.names))
 
 
 def check_counts(**given: tuple[object, int]) -> None:

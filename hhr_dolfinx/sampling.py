@@ -39,15 +39,15 @@ class _Sampling:
             ParameterError: for the corners of a box of more than ten parameters.
         """
         lower, upper = np.array([space.lower, space.upper], dtype=float)
-        inside = lower + self._unit(len(space.names)) * (upper - lower)
+        samples = lower + self._unit(len(space.names)) * (upper - lower)
         if not self.corners:
-            return inside
+            return samples
         if len(space.names) > 10:
             raise ParameterError(
                 f"a box of {len(space.names)} parameters has too many corners: leave them out"
             )
         bits = np.indices((2,) * len(space.names)).reshape(len(space.names), -1).T
-        return np.vstack([np.where(bits, upper, lower), inside])
+        return np.vstack([np.where(bits, upper, lower), samples])
 
     def _unit(self, dimension: int) -> np.ndarray:
         raise NotImplementedError
@@ -62,8 +62,8 @@ class Sobol(_Sampling):
 
         # SciPy warns of counts that are no power of 2, which lose balance; training does not need
         # it
-        whole = 1 << (self.count - 1).bit_length()
-        return qmc.Sobol(dimension, seed=self.seed).random(whole)[: self.count]
+        balanced = 1 << (self.count - 1).bit_length()
+        return qmc.Sobol(dimension, seed=self.seed).random(balanced)[: self.count]
 
 
 @dataclass(frozen=True)

@@ -58,10 +58,12 @@ def blaming(check: Check) -> Check:
 
     @wraps(check)
     def checked(part: object, *given: Any, **settings: Any) -> None:
-        made = part() if isinstance(part, FunctionType) and not signature(part).parameters else part
-        name = getattr(made, "__name__", type(made).__name__)
+        instance = (
+            part() if isinstance(part, FunctionType) and not signature(part).parameters else part
+        )
+        name = getattr(instance, "__name__", type(instance).__name__)
         try:
-            check(made, *given, **settings)
+            check(instance, *given, **settings)
         except ConformanceError as error:
             raise ConformanceError(f"{name}: {error}") from None
         except Exception as error:  # code of anybody
@@ -78,11 +80,11 @@ def require(fits: bool | np.bool_, message: str, *given: Any) -> None:
 
 def __getattr__(name: str) -> Any:
     """Check that a plug-in adds, one of its ``checks``."""
-    places = registry.parts("checks")
-    if name not in places:
-        why = registry.remedy("checks", name) or ", and no installed plug-in adds it"
-        raise AttributeError(f"module '{__name__}' has no attribute {name!r}{why}")
-    return registry.load(places[name][0])
+    import_paths = registry.parts("checks")
+    if name not in import_paths:
+        reason = registry.remedy("checks", name) or ", and no installed plug-in adds it"
+        raise AttributeError(f"module '{__name__}' has no attribute {name!r}{reason}")
+    return registry.load(import_paths[name][0])
 
 
 def from_file(value: object) -> Any:
@@ -94,6 +96,6 @@ def classes_in(value: object) -> set[type]:
     """Classes of a dataclass and of all in it."""
     if is_dataclass(value):
         return {type(value)}.union(
-            *(classes_in(getattr(value, item.name)) for item in fields(value))
+            *(classes_in(getattr(value, attribute.name)) for attribute in fields(value))
         )
     return set().union(*map(classes_in, value)) if isinstance(value, tuple) else set()

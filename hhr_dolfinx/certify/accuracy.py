@@ -155,8 +155,10 @@ def contact_residuals(
         load
     ):  # nothing presses: forces are zero but for round-off
         scale = norm(load)
-    left = residual * rows.of(problem.free)
-    imbalance = float(np.sqrt(rows.sum(left @ left))) / scale if scale > 0 else 0.0
+    free_residual = residual * rows.of(problem.free)
+    imbalance = (
+        float(np.sqrt(rows.sum(free_residual @ free_residual))) / scale if scale > 0 else 0.0
+    )
     return Residuals(imbalance, *slack_residuals(problem, homogeneous, forces, theta, opened))
 
 
@@ -175,9 +177,9 @@ def slack_residuals(
     pressing = problem.pressing  # other forces have any sign, and their rows no gap
     penetration = 0.0
     for pair in np.unique(problem.contact_pairs):
-        inside = (problem.contact_pairs == pair) & pressing
-        length = max(np.abs(gaps[inside]).max(), np.abs(motion[inside]).max(), least)
-        depth = (motion - gaps)[inside].max()
+        of_pair = (problem.contact_pairs == pair) & pressing
+        length = max(np.abs(gaps[of_pair]).max(), np.abs(motion[of_pair]).max(), least)
+        depth = (motion - gaps)[of_pair].max()
         penetration = max(penetration, float(depth / length) if length > 0 else 0.0)
     largest = np.abs(forces).max()
     return penetration, max(0.0, float(-forces[pressing].min() / largest)) if largest > 0 else 0.0

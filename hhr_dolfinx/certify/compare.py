@@ -57,7 +57,7 @@ def compare_points(full: FullModel, model: Model, solutions: Solutions, floor: f
     """
     problem = full.problem
     rows: list[Row] = []
-    for point, own, forces in zip(
+    for point, homogeneous, forces in zip(
         solutions.points, solutions.displacements.T, solutions.forces.T, strict=True
     ):
         label = problem.parameters.described(point)
@@ -65,17 +65,21 @@ def compare_points(full: FullModel, model: Model, solutions: Solutions, floor: f
         try:
             answer = model.solve(point, outside="ignore")
             displacement = answer.displacement()
-            found = answer.forces()
+            forces_of_model = answer.forces()
             unaided = model.solve(point, start=None, outside="ignore").multipliers
         except HHRError:
             rows.append((label, math.inf, math.inf))
             continue
-        exact = problem.spread.whole(own) + problem.lifts @ theta
+        exact = problem.spread.whole(homogeneous) + problem.lifts @ theta
         size = mass_norm(problem, exact)
-        off = mass_norm(problem, displacement - exact)
-        primal = off / size if size > 0 else (math.inf if off > 0 else 0.0)
+        difference = mass_norm(problem, displacement - exact)
+        primal = difference / size if size > 0 else (math.inf if difference > 0 else 0.0)
         one_answer = relative_error(unaided, answer.multipliers, floor=floor) <= ONE_ANSWER
         rows.append(
-            (label, primal, relative_error(found, forces, floor=floor) if one_answer else math.inf)
+            (
+                label,
+                primal,
+                relative_error(forces_of_model, forces, floor=floor) if one_answer else math.inf,
+            )
         )
     return Comparison.of(rows)

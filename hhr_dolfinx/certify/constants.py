@@ -99,8 +99,8 @@ def assess(
     reduced = reduced.held
     low, high = singular_range(reduced.stiffness)
     rows = problem.spread
-    whole = rows.sum(basis.T @ (problem.stiffness_of_rows @ basis))
-    whole_low, whole_high = singular_range(whole)
+    galerkin = rows.sum(basis.T @ (problem.stiffness_of_rows @ basis))
+    galerkin_low, galerkin_high = singular_range(galerkin)
     test = basis[rows.mine(sets.A)]
     definite = math.nan
     if low > 0:
@@ -114,9 +114,9 @@ def assess(
         sigma_max=largest,
         contact_definite=definite,
         cond_K=high / low if low > 0 else math.inf,
-        cond_whole=whole_high / whole_low if whole_low > 0 else math.inf,
+        cond_whole=galerkin_high / galerkin_low if galerkin_low > 0 else math.inf,
         norm_K=high,
-        euclidean=constants_of(reduced, *(rows.sum(part.T @ part) for part in (test, basis))),
+        euclidean=constants_of(reduced, *(rows.sum(modes.T @ modes) for modes in (test, basis))),
     )
 
 

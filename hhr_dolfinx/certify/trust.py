@@ -89,16 +89,16 @@ class TrustLimits:
 
     def __post_init__(self) -> None:
         """Raise ReductionError for invalid limits, and for warnings above the limit of refusal."""
-        for item in fields(self):
-            value: Any = getattr(self, item.name)
-            signed = item.name == "warn_definite"
+        for attribute in fields(self):
+            value: Any = getattr(self, attribute.name)
+            signed = attribute.name == "warn_definite"
             least = -math.inf if signed else 0.0
             if not isinstance(value, Real) or isinstance(value, bool) or not float(value) >= least:
                 raise ReductionError(
-                    f"{item.name} = {value!r} of TrustLimits must be a "
+                    f"{attribute.name} = {value!r} of TrustLimits must be a "
                     f"number{'' if signed else ', not negative'}: math.inf for no limit"
                 )
-        limits = {item.name: getattr(self, item.name) for item in fields(self)}
+        limits = {attribute.name: getattr(self, attribute.name) for attribute in fields(self)}
         for name, refuse in limits.items():
             warned = name.replace("refuse_", "warn_")
             if refuse < limits.get(warned, 0.0) < math.inf:
@@ -189,15 +189,15 @@ def _twins(problem: ContactProblem, sets: IndexSets) -> str:
     directions = normalised(normals)
     nodes = problem.contact_slaves[sets.A_lambda]
     alike = (nodes[:, None] == nodes) & (directions @ directions.T > 1 - EQUAL_NORMALS)
-    one, other = (sets.A_lambda[ends] for ends in np.nonzero(np.triu(alike, k=1)))
-    if not one.size:
+    first, second = (sets.A_lambda[ends] for ends in np.nonzero(np.triu(alike, k=1)))
+    if not first.size:
         return ""
-    pairs = problem.contact_pairs[[one[0], other[0]]]
-    place = np.round(problem.contact_points[one[0]], 6).tolist()
+    pairs = problem.contact_pairs[[first[0], second[0]]]
+    coordinates = np.round(problem.contact_points[first[0]], 6).tolist()
     return (
-        f"contacts {pairs[0]} and {pairs[1]} hold the same node along the same normal, at {place} "
-        f"and {one.size} places in all: more modes seldom tell their forces apart. Leave out the "
-        "one that never closes, or take a condensed model, which needs no modes "
+        f"contacts {pairs[0]} and {pairs[1]} hold the same node along the same normal, at "
+        f"{coordinates} and {first.size} places in all: more modes seldom tell their forces apart. "
+        "Leave out the one that never closes, or take a condensed model, which needs no modes "
         "(Training.condense; exact_condensation where the stiffness is constant)"
     )
 
@@ -316,13 +316,15 @@ def warn_of_gaps_in_training(points: np.ndarray) -> None:
     """
     counts = np.array([np.unique(column).size for column in points.T])
     widths = np.ptp(points, axis=0)
-    kept = widths > 0
-    if len(points) < 3 or not kept.any():
+    varied = widths > 0
+    if len(points) < 3 or not varied.any():
         return
-    scaled = (points[:, kept] - points[:, kept].min(axis=0)) / widths[kept] * (counts[kept] - 1)
+    scaled = (
+        (points[:, varied] - points[:, varied].min(axis=0)) / widths[varied] * (counts[varied] - 1)
+    )
     tree = cKDTree(scaled)
     apart = tree.query(scaled, k=2)[0][:, 1].max()
-    anywhere = np.random.default_rng(0).uniform(0.0, counts[kept] - 1, (500, int(kept.sum())))
+    anywhere = np.random.default_rng(0).uniform(0.0, counts[varied] - 1, (500, int(varied.sum())))
     empty = float(np.mean(tree.query(anywhere)[0] > EMPTY * apart))
     if empty > EMPTY_SHARE:
         _warn(
@@ -347,18 +349,18 @@ def warn_of_moduli_unseen(problem: ContactProblem, points: np.ndarray) -> None:
         for scalar in (modulus.factor_scalar, modulus.rest_scalar)
     ]
     for scalar in dict.fromkeys(scalars):
-        places = [space.names.index(name) for name in scalar.formula.variables]
-        everywhere = space.lines(places, 1)
+        indices = [space.names.index(name) for name in scalar.formula.variables]
+        samples = space.lines(indices, 1)
         with np.errstate(divide="ignore"):
-            seen, there = (np.log(np.abs(scalar.values(where))) for where in (points, everywhere))
-        if not (places and np.isfinite(seen).all() and np.isfinite(there).all()):
+            seen, sampled = (np.log(np.abs(scalar.values(where))) for where in (points, samples))
+        if not (indices and np.isfinite(seen).all() and np.isfinite(sampled).all()):
             continue
-        beyond = np.maximum(there - seen.max(), seen.min() - there)
+        beyond = np.maximum(sampled - seen.max(), seen.min() - sampled)
         worst = int(beyond.argmax())
         if beyond[worst] > max(UNSEEN * np.ptp(seen), UNSEEN_LEAST):
             _warn(
-                f"the modulus {scalar.text[:80]} is {scalar.value(everywhere[worst]):.3g} at "
-                f"{space.described(everywhere[worst])}, and {np.exp(seen.min()):.3g} to "
+                f"the modulus {scalar.text[:80]} is {scalar.value(samples[worst]):.3g} at "
+                f"{space.described(samples[worst])}, and {np.exp(seen.min()):.3g} to "
                 f"{np.exp(seen.max()):.3g} at all training points: it changes faster than they "
                 "are close, and answers there are outside what was trained. Train there too, or "
                 "smooth the formula",

@@ -153,8 +153,12 @@ class ModelFields:
         if self.bound is not None:
             return self.bound.kind
         of_laws = "" if self.flow is None else self.flow.kind
-        known = {"indicator": self.indicator, of_laws: self.flow, FORCES_INDICATOR: self.interface}
-        return next((kind for kind, own in known.items() if own is not None), "")
+        estimators = {
+            "indicator": self.indicator,
+            of_laws: self.flow,
+            FORCES_INDICATOR: self.interface,
+        }
+        return next((kind for kind, estimator in estimators.items() if estimator is not None), "")
 
     def displacement(self, answer: Answer) -> np.ndarray:
         """Displacement, lift included, (N,)."""
@@ -243,8 +247,8 @@ class Answer(NamedTuple):
         """
         if name in self.memory:
             return self.memory[name]
-        if (place := registry.asked_of_answers().get(name)) is not None:
-            return partial(registry.loaded(place), self)
+        if (import_path := registry.asked_of_answers().get(name)) is not None:
+            return partial(registry.loaded(import_path), self)
         if name.startswith("_") or name not in registry.memories():
             raise AttributeError(
                 f"an answer has no {name!r}; it remembers {', '.join(self.memory) or 'nothing'}"
@@ -257,18 +261,18 @@ class Answer(NamedTuple):
 
     def facts(self) -> dict[str, str]:
         """See :class:`~hhr_dolfinx.models.shown.Shown`."""
-        found = {"parameter": f"at {point_of(self.parameter)}"}
+        facts = {"parameter": f"at {point_of(self.parameter)}"}
         if not math.isnan(self.time):
-            found["time"] = f"t = {self.time:.6g} s"
-        found["status"] = (
+            facts["time"] = f"t = {self.time:.6g} s"
+        facts["status"] = (
             f"{self.status.name.lower().replace('_', ' ')} after "
             f"{counted(self.iterations, 'iteration')}"
         )
         if self.note:
-            found["path"] = f"of {self.note}"
+            facts["path"] = f"of {self.note}"
         touching = int(np.count_nonzero(self.active))
-        found["contact"] = f"{touching} of {counted(len(self.active), 'contact condition')} active"
-        return found
+        facts["contact"] = f"{touching} of {counted(len(self.active), 'contact condition')} active"
+        return facts
 
     def __repr__(self) -> str:
         return line("Answer", self.facts())
@@ -337,13 +341,13 @@ class Answer(NamedTuple):
         return draw(self, path, self._meshed(full, "a picture needs the mesh"))
 
     def _meshed(self, full: Meshed | None, why: str) -> Meshed:
-        found = self.fields.full if full is None else full
-        if found is None:
+        meshed = self.fields.full if full is None else full
+        if meshed is None:
             raise NotOfferedError(
                 f"a model that was copied or read from a file has no mesh, and {why}: give the "
                 "full model, full=hhr.FullOrderModel(scene)"
             )
-        return found
+        return meshed
 
     def stress(self) -> np.ndarray:
         """Stress on the whole mesh, Kelvin's notation: at cell midpoints, or where laws of bodies
@@ -356,12 +360,12 @@ class Answer(NamedTuple):
 
         Outputs that an undetermined motion changes have no bound.
         """
-        found = self.fields.estimate(self)
-        if found is None or self.undetermined is None:
-            return found
+        estimate = self.fields.estimate(self)
+        if estimate is None or self.undetermined is None:
+            return estimate
         open_ = kernels().undetermined_outputs(self)
-        return found._replace(
-            outputs={name: error for name, error in found.outputs.items() if name not in open_}
+        return estimate._replace(
+            outputs={name: error for name, error in estimate.outputs.items() if name not in open_}
         )
 
     def outputs(self) -> Outputs:
@@ -435,21 +439,21 @@ class History(Shown):
 
         Another model that marches along it has the same time errors.
         """
-        found = self.path[:1]
+        path = self.path[:1]
         for answer in self.answers:
-            time, point = found[-1]
+            time, point = path[-1]
             shares = [(end - time) / (answer.time - time) for end in answer.ends]
             between = [point + share * (answer.parameter - point) for share in shares]
-            found += [*zip(answer.ends, between, strict=True), (answer.time, answer.parameter)]
-        return found
+            path += [*zip(answer.ends, between, strict=True), (answer.time, answer.parameter)]
+        return path
 
     def thinned(self, times: Sequence[float]) -> History:
         """The same history with the answers at some of its times alone."""
-        kept = set(times)
-        places = [place for place, answer in enumerate(self.answers) if answer.time in kept]
-        answers = [self.answers[place] for place in places]
+        selected = set(times)
+        indices = [index for index, answer in enumerate(self.answers) if answer.time in selected]
+        answers = [self.answers[index] for index in indices]
         return replace(
-            self, answers=answers, signs=[self.signs[place] for place in places if self.signs]
+            self, answers=answers, signs=[self.signs[index] for index in indices if self.signs]
         )
 
     @property
@@ -514,8 +518,10 @@ class SeveralAnswers(Shown):
         Raises:
             HHRError: if the scene has none.
         """
-        found = [answer.outputs() for answer in self]
-        return {name: np.array([outputs[name] for outputs in found]) for name in found[0].keys()}
+        singles = [answer.outputs() for answer in self]
+        return {
+            name: np.array([outputs[name] for outputs in singles]) for name in singles[0].keys()
+        }
 
 
 @dataclass(frozen=True, repr=False)
@@ -621,11 +627,11 @@ def outcome(
     if raise_on_failure:
         unsolvable = answer.status in (Status.SINGULAR, Status.NOT_FINITE, Status.ADRIFT)
         kind = NotSolvableError if unsolvable else ConvergenceError
-        why = ": ".join(
+        reason = ": ".join(
             [answer.status.value, *([advice[answer.status]] if answer.status in advice else [])]
         )
-        place = np.ravel(answer.parameter).tolist()
-        raise kind(f"no solution at {place} after {answer.iterations} iterations: {why}")
+        point = np.ravel(answer.parameter).tolist()
+        raise kind(f"no solution at {point} after {answer.iterations} iterations: {reason}")
     nothing = np.full_like(answer.unknown, np.nan), np.full_like(answer.multipliers, np.nan)
     return answer._replace(unknown=nothing[0], multipliers=nothing[1])
 
@@ -647,16 +653,16 @@ def unanswered(
 
 
 def found_as(
-    found: Statuses, parameter: np.ndarray, unknown: np.ndarray, fields: ModelFields
+    statuses: Statuses, parameter: np.ndarray, unknown: np.ndarray, fields: ModelFields
 ) -> Answer:
     """Answer from the result of the active set and the unknown under its forces."""
     return Answer(
         parameter,
         unknown,
-        found.forces,
-        found.active,
-        found.iterations,
-        found.status,
-        found.cycled,
+        statuses.forces,
+        statuses.active,
+        statuses.iterations,
+        statuses.status,
+        statuses.cycled,
         fields,
     )

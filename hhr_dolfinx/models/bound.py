@@ -55,10 +55,10 @@ def estimates_of(kind: str, errors: np.ndarray, least: np.ndarray) -> Estimates:
     return Estimates(kind, *errors[:2], *shares[:2], *errors[2:], *shares[2:])
 
 
-def lengths(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+def lengths(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     """Square roots of products of rows, (..., m): (...,)."""
     # products of matrices have a fifth of the overhead of sums by indices
-    return np.sqrt(np.maximum((one[..., None, :] @ other[..., None])[..., 0, 0], 0.0))
+    return np.sqrt(np.maximum((first[..., None, :] @ second[..., None])[..., 0, 0], 0.0))
 
 
 Thetas: TypeAlias = "Theta | np.ndarray | csr_matrix"

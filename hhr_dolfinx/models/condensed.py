@@ -85,9 +85,9 @@ class CondensedModel(KeptModel):
         Else by the active set.
         """
         if isinstance(start, str):
-            known = None if self._regions is None else self._regions(point, self.fields)
-            if known is not None:
-                return differentiated(self.eliminated(point), known) if gradient else known
+            tabulated = None if self._regions is None else self._regions(point, self.fields)
+            if tabulated is not None:
+                return differentiated(self.eliminated(point), tabulated) if gradient else tabulated
             start = self.known.start(point)
         return answer_of(
             self.eliminated(point), point, start, self._pairs, self.fields, gradient=gradient
@@ -114,8 +114,8 @@ class CondensedModel(KeptModel):
         checked = self.parameters.points(points)
         outside = self._checked_outside(outside)
         if self._limit is not None:
-            inside = ((checked >= self._limit.lower) & (checked <= self._limit.upper)).all(axis=1)
-            for point in checked[~inside]:
+            within = ((checked >= self._limit.lower) & (checked <= self._limit.upper)).all(axis=1)
+            for point in checked[~within]:
                 self._limit.check(point, outside)
         return self.eliminated.answers(self, checked, raise_on_failure)
 

@@ -106,7 +106,7 @@ class LinearDisplacement(ABC):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of all forces and of these coordinates."""
         forces = self._all_force_changes(answer, changes)
-        if not any(item.count for item in self.functionals.items):
+        if not any(functional.count for functional in self.functionals.items):
             return forces, np.zeros((0, answer.parameter.size))
         return forces, np.vstack(
             [self._coordinate_changes(answer, changes), changes[self.functionals.lifted]]

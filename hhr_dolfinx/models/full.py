@@ -156,10 +156,10 @@ class FullModel(AnsweringModel, ElasticFields):
         """
         if not rows.shape[0]:
             return np.zeros((0, self.conditions))
-        own = csr_matrix(rows)[:, self.problem.rows]
+        local = csr_matrix(rows)[:, self.problem.rows]
         if self.stiffness.has_response:
-            return self.spread.sum(own @ self.stiffness.response)
-        return self.problem.contact_rows_times(self.stiffness.columns(csc_matrix(own.T))).T
+            return self.spread.sum(local @ self.stiffness.response)
+        return self.problem.contact_rows_times(self.stiffness.columns(csc_matrix(local.T))).T
 
     @property
     def per_force(self) -> np.ndarray:
@@ -239,8 +239,8 @@ class FullModel(AnsweringModel, ElasticFields):
                 else f"{call} at {len(table)} points, the last {last}"
             )
             values = (
-                item if isinstance(item, np.ndarray) else f"{name}={item!r}"
-                for name, item in how.items()
+                value if isinstance(value, np.ndarray) else f"{name}={value!r}"
+                for name, value in how.items()
             )
             return [words, table, *values]
 

@@ -75,9 +75,9 @@ def checked_start(start: Start, conditions: int) -> CheckedStart:
     except ValueError:  # rows of several lengths
         statuses = np.array(repr(start))
     if statuses.dtype != bool or statuses.shape != (conditions,):
-        given = repr(start) if statuses.ndim == 0 else f"{statuses.dtype} of shape {statuses.shape}"
+        shown = repr(start) if statuses.ndim == 0 else f"{statuses.dtype} of shape {statuses.shape}"
         raise ParameterError(
-            f"start = {given} is unknown: 'nearest', None for a cold start, or statuses "
+            f"start = {shown} is unknown: 'nearest', None for a cold start, or statuses "
             f"({conditions},) bool"
         )
     return statuses
@@ -127,19 +127,19 @@ class AnsweringModel(Shown):
     def facts(self) -> dict[str, str]:
         """See :class:`~hhr_dolfinx.models.shown.Shown`."""
         names = self.parameters.names
-        own = self.own_conditions
-        every = self.conditions
-        kept = (
-            counted(every, "contact condition")
-            if own == every
-            else f"{own} of {every} contact conditions"
+        solved = self.own_conditions
+        conditions = self.conditions
+        contact = (
+            counted(conditions, "contact condition")
+            if solved == conditions
+            else f"{solved} of {conditions} contact conditions"
         )
         unknowns = self.sizes[0]
         return {
             "parameters": f"{counted(len(names), 'parameter')} "
             f"({', '.join(names[:SHOWN_NUMBERS])})",
             **({"unknowns": counted(unknowns, "unknown")} if unknowns else {}),
-            "contact": kept,
+            "contact": contact,
             "errors": "exact"
             if self.fields.exact
             else f"errors: {self.fields.estimated or 'unknown'}",
@@ -209,8 +209,8 @@ class AnsweringModel(Shown):
         """
         from hhr_dolfinx.models.estimates import known_error
 
-        known = known_error(self.fields)
-        return self.histories.known_error(known)
+        description = known_error(self.fields)
+        return self.histories.known_error(description)
 
     def solve(
         self,
@@ -229,15 +229,15 @@ class AnsweringModel(Shown):
         ``converged=True`` refines the path.
         """
         if mu is NOTHING or (step and not step.keys().isdisjoint(self.parameters.names)):
-            given = ", ".join(
+            example = ", ".join(
                 f"{name!r}: {step.get(name, '...')}" for name in self.parameters.names
             )
             raise ParameterError(
-                f"parameters are one argument, a mapping by their names: solve({{{given}}})"
+                f"parameters are one argument, a mapping by their names: solve({{{example}}})"
             )
         if self.shared:
-            how = {"start": start, "outside": outside, "gradient": gradient, **step}
-            self.agree("solve", lambda: self.parameters.point(mu)[None], **how)
+            arguments = {"start": start, "outside": outside, "gradient": gradient, **step}
+            self.agree("solve", lambda: self.parameters.point(mu)[None], **arguments)
         point = self.parameters.point(mu)
         outside = self._checked_outside(outside)
         checked = NEAREST if start is NEAREST else self._checked_start(start)
@@ -413,9 +413,9 @@ class KeptModel(AnsweringModel):
 
     def changed(self, **parts: Any) -> Self:
         """The same model with some arguments replaced, by their names."""
-        own = type(self)(**(self._arguments() | parts))
-        own.offline = parts.get("offline", self.offline)
-        return own
+        model = type(self)(**(self._arguments() | parts))
+        model.offline = parts.get("offline", self.offline)
+        return model
 
     @classmethod
     def from_file(cls, **parts: Any) -> Self:
@@ -431,8 +431,8 @@ class KeptModel(AnsweringModel):
         """The model without its indicator, which is code."""
         if self.fields.indicator is None:
             return self
-        why = "its indicator stayed behind, a file holds no code"
-        return self.changed(fields=replace(self.fields, indicator=None, unbounded=why))
+        reason = "its indicator stayed behind, a file holds no code"
+        return self.changed(fields=replace(self.fields, indicator=None, unbounded=reason))
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Faults of a model whose parts are valid, given the sizes that they share."""
@@ -458,5 +458,5 @@ class KeptModel(AnsweringModel):
                 f"{self.parameters.names}"
             )
         if self.fields.functionals is not None:
-            places = 0 if self.fields.flow is None else self.fields.flow.places
-            self.fields.functionals.check(self.parameters, self.conditions, places)
+            count = 0 if self.fields.flow is None else self.fields.flow.places
+            self.fields.functionals.check(self.parameters, self.conditions, count)

@@ -122,9 +122,9 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         """
         if self.response is None or not answer.converged:
             return answer.unknown if self.response is None else np.full(self.basis.shape[1], np.nan)
-        there = self._bound_at(answer)
-        forces = there.completed(answer.multipliers[None], self._outside)[0]
-        return self._responding.coordinates(answer, there, forces)
+        bound_at = self._bound_at(answer)
+        forces = bound_at.completed(answer.multipliers[None], self._outside)[0]
+        return self._responding.coordinates(answer, bound_at, forces)
 
     @cached_property
     def _responding(self) -> ResponseWithin:
@@ -146,8 +146,8 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         part.
         """
         assert self.force_snapshots is not None
-        outside = np.setdiff1d(np.arange(len(self.gaps)), self.A_lambda)
-        return outside, self.force_snapshots[self.A_lambda], self.force_snapshots[outside]
+        outer = np.setdiff1d(np.arange(len(self.gaps)), self.A_lambda)
+        return outer, self.force_snapshots[self.A_lambda], self.force_snapshots[outer]
 
     @cached_property
     def _outside(self) -> Any:
@@ -198,11 +198,11 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
             nnls,
         )  # imported here: loading a model is faster without, and few answers need it
 
-        outside, fitted, penalised = self._parts
+        outer, fitted, penalised = self._parts
         theta = self.amplitudes(answer.parameter)
         gaps, contact_basis = self._surface(answer.parameter)
-        slack = gaps[outside] @ theta - contact_basis[outside] @ answer.unknown
-        open_gap = np.maximum(slack, 0.0) / self.gap_scale[outside]
+        slack = gaps[outer] @ theta - contact_basis[outer] @ answer.unknown
+        open_gap = np.maximum(slack, 0.0) / self.gap_scale[outer]
         matrix = np.vstack([fitted, open_gap[:, None] * penalised])
         target = np.concatenate([answer.multipliers, np.zeros(open_gap.size)])
         try:
@@ -230,23 +230,23 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
                 answer.multipliers, gradient.multipliers, answer.parameter
             )
         if self.force_snapshots is None:
-            there = self._bound_at(answer)
-            own = answer.multipliers[None]
-            return there.force_changes(
-                there.completed(own, self._outside)[0], self._outside, gradient, changes
+            bound_at = self._bound_at(answer)
+            inner = answer.multipliers[None]
+            return bound_at.force_changes(
+                bound_at.completed(inner, self._outside)[0], self._outside, gradient, changes
             )
-        outside, _, penalised = self._parts
+        outer, _, penalised = self._parts
         fit = self._fitted(answer)
         used = np.flatnonzero(fit.weights)
-        slack = self._slack_changes(answer, changes, outside)
-        opening = slack * (fit.open_gap > 0)[:, None] / self.gap_scale[outside][:, None]
+        slack = self._slack_changes(answer, changes, outer)
+        opening = slack * (fit.open_gap > 0)[:, None] / self.gap_scale[outer][:, None]
         combined = penalised @ fit.weights
         m = len(self.A_lambda)
-        left = fit.target[m:] - fit.open_gap * combined
+        misfit = fit.target[m:] - fit.open_gap * combined
         orthogonal, triangle = np.linalg.qr(fit.matrix[:, used])
         right = np.vstack([gradient.multipliers, -opening * combined[:, None]])
         turned = solve_triangular(
-            triangle, penalised[:, used].T @ (opening * left[:, None]), trans="T"
+            triangle, penalised[:, used].T @ (opening * misfit[:, None]), trans="T"
         )
         weights = solve_triangular(triangle, orthogonal.T @ right + turned)
         forces = self.force_snapshots[:, used] @ weights
@@ -274,9 +274,9 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         assert answer.gradient is not None
         if self.response is None:
             return answer.gradient.unknown
-        there = self._bound_at(answer)
+        bound_at = self._bound_at(answer)
         return self._responding.changes(
-            there, self.forces(answer), lambda: self._all_force_changes(answer, changes), changes
+            bound_at, self.forces(answer), lambda: self._all_force_changes(answer, changes), changes
         )
 
     def stress(self, answer: Answer) -> np.ndarray:
@@ -295,19 +295,19 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         if self.bound is None:
             return self._indicated(answer)
         theta = self.amplitudes(answer.parameter)
-        there: Any = self.bound.at(answer.parameter[None], theta)
+        bound_at: Any = self.bound.at(answer.parameter[None], theta)
         if self.force_snapshots is None:
-            forces = there.completed(answer.multipliers[None], self._outside)
+            forces = bound_at.completed(answer.multipliers[None], self._outside)
         else:
             forces = np.maximum(self.forces(answer), 0.0)[None]
         unknown = answer.unknown[None]
-        found = there.of(unknown, forces, lambda: self._slack(theta, unknown))[0]
+        estimate = bound_at.of(unknown, forces, lambda: self._slack(theta, unknown))[0]
         if self.output_bound is None:
-            return found
-        exact = there.exact(forces)
+            return estimate
+        exact = bound_at.exact(forces)
         if not exact.found[0]:
-            return found
-        return found._replace(
+            return estimate
+        return estimate._replace(
             outputs=self.output_bound.errors(self, answer, forces[0], exact.forces[0])
         )
 
@@ -329,20 +329,20 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
 
         def bounded(rows: np.ndarray) -> Estimates:
             theta = self.amplitudes.of_many(many.points[rows])
-            there = bound.at(many.points[rows], theta)
-            forces = there.completed(many.multipliers[rows], self._outside)
+            bound_at = bound.at(many.points[rows], theta)
+            forces = bound_at.completed(many.multipliers[rows], self._outside)
             unknown = many.unknown[rows]
-            return there.of(unknown, forces, partial(self._slack, theta, unknown))
+            return bound_at.of(unknown, forces, partial(self._slack, theta, unknown))
 
-        found = Estimates.by_blocks(bound.kind, many.converged, bound.together, bounded)
+        estimates = Estimates.by_blocks(bound.kind, many.converged, bound.together, bounded)
         if self.output_bound is None:
-            return found
+            return estimates
 
         def outputs_of(k: int) -> Mapping[str, float]:
-            one = many[k].estimate()
-            return NO_OUTPUTS if one is None else one.outputs
+            estimate = many[k].estimate()
+            return NO_OUTPUTS if estimate is None else estimate.outputs
 
-        return replace(found, outputs_of=outputs_of)
+        return replace(estimates, outputs_of=outputs_of)
 
     def _indicated(self, answer: Answer) -> Estimate | None:
         """Estimate of an indicator: a user-defined one, that of a law of interfaces, or of laws of

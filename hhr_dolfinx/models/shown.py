@@ -17,12 +17,12 @@ def point_of(values: Sequence[float] | np.ndarray, names: Sequence[str] = ()) ->
     pull=1e+07``.
     """
     numbers = [f"{float(value):.6g}" for value in list(values)[:SHOWN_NUMBERS]]
-    left = ["..."] if len(values) > SHOWN_NUMBERS else []
+    ellipsis = ["..."] if len(values) > SHOWN_NUMBERS else []
     if len(names) == len(values):
         return ", ".join(
-            [*(f"{name}={number}" for name, number in zip(names, numbers, strict=False)), *left]
+            [*(f"{name}={number}" for name, number in zip(names, numbers, strict=False)), *ellipsis]
         )
-    return f"({', '.join([*numbers, *left])})"
+    return f"({', '.join([*numbers, *ellipsis])})"
 
 
 def counted(number: int, what: str) -> str:

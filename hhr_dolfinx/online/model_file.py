@@ -113,13 +113,15 @@ def save_model(path: str | Path, model: KeptModel) -> None:
         ModelFileWarning: if the model has an indicator.
     """
     if not isinstance(model, KeptModel):
-        known = isinstance(model, AnsweringModel)
-        why = model.instead if known else "it is no model, give what build or condense returns"
-        raise NotOfferedError(f"a {type(model).__name__} cannot be kept in a file: {why}")
+        is_model = isinstance(model, AnsweringModel)
+        reason = (
+            model.instead if is_model else "it is no model, give what build or condense returns"
+        )
+        raise NotOfferedError(f"a {type(model).__name__} cannot be kept in a file: {reason}")
     plain = model.for_file()
     if plain is not model:
-        why = "the indicator stays behind: answers of the model read from it have no estimate"
-        warn(f"{path} holds no code, {why}", ModelFileWarning)
+        reason = "the indicator stays behind: answers of the model read from it have no estimate"
+        warn(f"{path} holds no code, {reason}", ModelFileWarning)
     try:
         tree, arrays = as_plain(plain, Kinds())
         write_arrays(
@@ -213,9 +215,9 @@ def check_answers(model: KeptModel) -> None:
             except HHRError:
                 raise
             except Exception as error:  # user-defined classes may raise anything
-                why = f"{type(error).__name__}: {error}"
+                reason = f"{type(error).__name__}: {error}"
                 raise FileContentError(
-                    f"its parts do not go together, or a class of a plug-in fails: {why}"
+                    f"its parts do not go together, or a class of a plug-in fails: {reason}"
                 ) from error
 
 

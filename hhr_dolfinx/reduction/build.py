@@ -101,8 +101,8 @@ class Draft:
     @property
     def facts(self) -> HyperFacts:
         """Facts of the model."""
-        made = self.basis, self.sets, self.stability, self.enrichment, self.further
-        return HyperFacts(self.shared.recipe, self.layers, *made)
+        attributes = self.basis, self.sets, self.stability, self.enrichment, self.further
+        return HyperFacts(self.shared.recipe, self.layers, *attributes)
 
 
 def usual_recipe(full: FullModel) -> Recipe:
@@ -177,8 +177,8 @@ def not_by_rows(
 
     Decomposition, projection, enrichment and bounds use only sums over the ranks.
     """
-    if why := kind.not_by_rows():
-        return why
+    if reason := kind.not_by_rows():
+        return reason
     if snapshots is not None and snapshots.histories:
         return "it is trained on histories"
     if recipe is not None and not recipe.by_rows:
@@ -248,24 +248,24 @@ class HyperReduction(Reductor[Offline]):
             nodes = chosen_nodes(problem, snapshots, recipe, basis)
         with log.stage("reconstruction", task.announce):
             completion = ReconstructionData.of(problem, snapshots)
-        for stage, why in task.kind.skipped(recipe):
-            log.skip(stage, why)
+        for stage, reason in task.kind.skipped(recipe):
+            log.skip(stage, reason)
         return Offline(task, snapshots, recipe, basis, nodes, completion)
 
     def attempt(self, prepared: Offline, level: int) -> tuple[ReducedModel, HyperFacts]:
         """All stages, with a constant number of layers."""
         draft = Draft(prepared, level)
-        for place in stages_of(prepared.full, self.recipe):
-            registry.load(place)(draft)
+        for import_path in stages_of(prepared.full, self.recipe):
+            registry.load(import_path)(draft)
         return draft.model, draft.facts
 
     def compare(self, task: Task, model: ReducedModel) -> tuple[Comparison | None, Trained | None]:
         """Errors against known answers."""
         limits = self.limits
-        found = compared(task, model, limits, self.remedy)
+        comparison = compared(task, model, limits, self.remedy)
         if limits is not None:
             task.kind.warn_of_estimates(model.fields)
-        return found
+        return comparison
 
 
 _HERE = "hhr_dolfinx.reduction.build"
@@ -300,24 +300,24 @@ def stages_of(full: FullModel, recipe: Recipe) -> list[str]:
     Raises:
         ReductionError: for a stage that comes after one that is not there.
     """
-    every = (
+    stages = (
         *(stage for plugin in registry.installed().values() for stage in plugin.stages),
         *STAGES,
     )
-    wanted = [stage for stage in every if registry.wants(stage, full, recipe)]
+    wanted = [stage for stage in stages if registry.wants(stage, full, recipe)]
 
-    def from_here(place: str) -> Iterator[str]:
+    def from_here(stage_path: str) -> Iterator[str]:
         for stage in wanted:
-            if stage.after == place:
+            if stage.after == stage_path:
                 yield stage.place
                 yield from from_here(stage.place)
 
-    found = list(from_here(""))
-    if lost := [stage for stage in wanted if stage.place not in found]:
+    order = list(from_here(""))
+    if lost := [stage for stage in wanted if stage.place not in order]:
         raise ReductionError(
             f"the stage {lost[0].place} comes after {lost[0].after}, which is no stage here"
         )
-    return found
+    return order
 
 
 def choose_domain(draft: Draft) -> None:
@@ -376,14 +376,14 @@ def reconstruct(draft: Draft) -> None:
     full = shared.full
     recipe = shared.recipe
     problem = full.problem
-    found = bound_of(shared.task, recipe, draft.basis)
+    bounding = bound_of(shared.task, recipe, draft.basis)
     with shared.log.stage("reconstruction", shared.task.announce):
-        cone = (recipe.cone or found.bound is None) and shared.task.kind.cone
+        cone = (recipe.cone or bounding.bound is None) and shared.task.kind.cone
         draft.fields = replace(
-            shared.completion.reconstruction(problem, found.columns, draft.sets, cone=cone),
-            bound=found.bound,
-            unbounded=found.unbounded,
-            response=found.response,
+            shared.completion.reconstruction(problem, bounding.columns, draft.sets, cone=cone),
+            bound=bounding.bound,
+            unbounded=bounding.unbounded,
+            response=bounding.response,
             stress_of=full.stress_of,
             functionals=plain_outputs(full),
             full=full,
@@ -399,12 +399,12 @@ def assemble(draft: Draft) -> None:
     """
     shared = draft.shared
     kind = shared.task.kind
-    known = kind.starts(shared.snapshots, draft.sets.A_lambda)
+    statuses = kind.starts(shared.snapshots, draft.sets.A_lambda)
     with shared.log.stage("online_arrays", shared.task.announce):
         trained = kind.range_of(shared.snapshots)
         space = shared.full.parameters
         draft.model = ReducedModel(
-            draft.reduced, space, draft.fields, trained, known=known, **draft.parts
+            draft.reduced, space, draft.fields, trained, known=statuses, **draft.parts
         )
 
 
@@ -416,20 +416,20 @@ def start_along(draft: Draft) -> None:
         from hhr_dolfinx.reduction.starts import linear_starts
 
         with draft.shared.log.stage("online_arrays", draft.shared.task.announce):
-            known = linear_starts(
+            statuses = linear_starts(
                 inner.eliminated, inner.known.points, inner.pairs, inner.known.active
             )
-            draft.model = model.changed(known=known)
+            draft.model = model.changed(known=statuses)
 
 
 def independent(
     problem: ContactProblem, sets: IndexSets, reduced: ReducedProblem
 ) -> tuple[IndexSets, ReducedProblem]:
     """A RID and its projection without conditions that others repeat."""
-    kept = problem.distinct[sets.A_lambda]
-    if not kept.all():
+    distinct = problem.distinct[sets.A_lambda]
+    if not distinct.all():
         per_row = {
-            name: getattr(reduced, name)[kept]
+            name: getattr(reduced, name)[distinct]
             for name in ("contact_test", "contact_trial", "gaps", "pairs")
         }
         reduced = replace(reduced, **per_row)

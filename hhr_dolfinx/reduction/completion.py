@@ -47,8 +47,8 @@ class ReconstructionData:
         ).max(axis=1)
         scale = np.ones(sizes.size)
         for pair in np.unique(problem.contact_pairs):
-            inside = problem.contact_pairs == pair
-            scale[inside] = sizes[inside].max() or 1.0
+            of_pair = problem.contact_pairs == pair
+            scale[of_pair] = sizes[of_pair].max() or 1.0
         return cls(snapshots.forces, scale)
 
     @cached_property
@@ -86,22 +86,22 @@ def spanning_rays(columns: np.ndarray, tolerance: float) -> np.ndarray:
     a column, counts as inside.
     """
     lengths = np.linalg.norm(columns, axis=0)
-    left = np.flatnonzero(lengths > 0)
-    if left.size == 0:
+    remaining = np.flatnonzero(lengths > 0)
+    if remaining.size == 0:
         return np.zeros((columns.shape[0], 0))
     rays = columns / np.where(lengths > 0, lengths, 1.0)
-    _, triangle, order = linalg.qr(rays[:, left], mode="economic", pivoting=True)
+    _, triangle, order = linalg.qr(rays[:, remaining], mode="economic", pivoting=True)
     sizes = np.abs(np.diag(triangle))
-    kept = left[order[: int((sizes > tolerance * sizes[0]).sum())]]
-    left = np.setdiff1d(left, kept)
-    while left.size:
-        distances = np.array([_distance(rays[:, kept], rays[:, k]) for k in left])
-        left = left[distances > tolerance]
+    selected = remaining[order[: int((sizes > tolerance * sizes[0]).sum())]]
+    remaining = np.setdiff1d(remaining, selected)
+    while remaining.size:
+        distances = np.array([_distance(rays[:, selected], rays[:, k]) for k in remaining])
+        remaining = remaining[distances > tolerance]
         distances = distances[distances > tolerance]
-        farthest = np.argsort(-distances)[: (left.size + 1) // 2]
-        kept = np.append(kept, left[farthest])
-        left = np.delete(left, farthest)
-    return np.ascontiguousarray(columns[:, np.sort(kept)])
+        farthest = np.argsort(-distances)[: (remaining.size + 1) // 2]
+        selected = np.append(selected, remaining[farthest])
+        remaining = np.delete(remaining, farthest)
+    return np.ascontiguousarray(columns[:, np.sort(selected)])
 
 
 def _distance(cone: np.ndarray, ray: np.ndarray) -> float:
@@ -123,21 +123,23 @@ def bound_of(task: Task, recipe: Recipe, basis: np.ndarray) -> Bounding:
     """
     if not recipe.bound or recipe.indicator is not None:
         return Bounding(None, basis, unbounded=NOT_ASKED)
-    if why := task.kind.unbounded:
-        return Bounding(None, basis, unbounded=why)
+    if reason := task.kind.unbounded:
+        return Bounding(None, basis, unbounded=reason)
     full, log, announce = task.full, task.log, task.announce
     assert task.snapshots is not None  # checked
     try:
         with log.stage("bound", announce):
-            for given in [
-                given for plugin in registry.installed().values() for given in plugin.bounds
+            for registered in [
+                registered
+                for plugin in registry.installed().values()
+                for registered in plugin.bounds
             ]:
-                if registry.wants(given, full):
-                    prove = registry.load(given.place)
-                    made: Bounding = prove(
+                if registry.wants(registered, full):
+                    prove = registry.load(registered.place)
+                    bounding: Bounding = prove(
                         full, basis, task.snapshots.forces, cone=recipe.cone, announce=announce
                     )
-                    return made
+                    return bounding
             raise BoundError("no installed plug-in knows the errors of its answers")
     except BoundError as error:
         log.skip("bound", str(error))

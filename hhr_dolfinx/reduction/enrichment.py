@@ -77,48 +77,54 @@ def enrich(
         problem, sets.A_c, _candidates(problem, sets)
     )  # they vanish outside
     read = np.union1d(sets.A_c_tilde, support)
-    every = problem.contact[sets.A_lambda]
-    images = every[:, support] @ candidates
+    contact_rows = problem.contact[sets.A_lambda]
+    images = contact_rows[:, support] @ candidates
     columns = GrowingColumns(
         np.zeros((len(basis), 0))
     )  # after those of the basis, which is not copied
     rows = problem.spread
     # B~1 and B~2; a candidate has the same image in both
     tables = [
-        _Table.of(problem, every[:, part], basis, part, images)
-        for part in (sets.A_c, sets.A_c_tilde)
+        _Table.of(problem, contact_rows[:, dofs], basis, dofs, images)
+        for dofs in (sets.A_c, sets.A_c_tilde)
     ]
     squares = np.sum(candidates**2, axis=0)
     weights = rows.at(basis, support).T @ candidates
-    left = np.flatnonzero(squares > 0)
+    remaining = np.flatnonzero(squares > 0)
     added = []
     left_out = []
     kappas = [rows.first(_kappa(tables))]
     stalled = False
     while kappas[-1] > kappa_max:
         # length of each candidate minus its part in the basis
-        lengths = np.sqrt(np.maximum(squares[left] - np.sum(weights[:, left] ** 2, axis=0), 0.0))
-        left_out.extend(left[lengths <= DISTINCT])
-        left = left[lengths > DISTINCT]
+        lengths = np.sqrt(
+            np.maximum(squares[remaining] - np.sum(weights[:, remaining] ** 2, axis=0), 0.0)
+        )
+        left_out.extend(remaining[lengths <= DISTINCT])
+        remaining = remaining[lengths > DISTINCT]
         lengths = lengths[lengths > DISTINCT]
-        if left.size == 0:
+        if remaining.size == 0:
             break
-        best = rows.first(_best(tables, images[:, left], weights[:, left], lengths, left))
-        chosen = left[best]
-        left = np.delete(left, best)
+        best = rows.first(
+            _best(tables, images[:, remaining], weights[:, remaining], lengths, remaining)
+        )
+        chosen = remaining[best]
+        remaining = np.delete(remaining, best)
         function = rows.of(np.bincount(support, candidates[:, chosen], rows.count))
         column = _outside((basis, columns.all), function, weights[:, chosen], rows)
         if column is None:
             left_out.append(chosen)
             continue
-        there = rows.at(column, read)
-        tables = [table.grown(there[np.searchsorted(read, table.part)], chosen) for table in tables]
+        values = rows.at(column, read)
+        tables = [
+            table.grown(values[np.searchsorted(read, table.part)], chosen) for table in tables
+        ]
         kappa = rows.first(_kappa(tables))
         if kappa >= kappas[-1] and math.isfinite(kappas[-1]):
             stalled = True
             break
         columns.append(column)
-        weights = np.vstack([weights, there[np.searchsorted(read, support)] @ candidates])
+        weights = np.vstack([weights, values[np.searchsorted(read, support)] @ candidates])
         added.append(chosen)
         kappas.append(kappa)
     basis = np.column_stack([basis, columns.all]) if added else basis
@@ -173,15 +179,15 @@ def _outside(
         # twice is enough: the first pass leaves round-off of the original length, not of the
         # remainder
     ):
-        for part, own in zip(parts, np.split(along, [parts[0].shape[1]]), strict=True):
-            column -= part @ own
+        for block, products in zip(parts, np.split(along, [parts[0].shape[1]]), strict=True):
+            column -= block @ products
         length = math.sqrt(rows.sum(column @ column))
         if length <= DISTINCT:
             return None
         column /= length
         if length > LENGTH_LEFT:
             break
-        along = rows.sum(np.concatenate([part.T @ column for part in parts]))
+        along = rows.sum(np.concatenate([block.T @ column for block in parts]))
     return column
 
 
@@ -198,8 +204,8 @@ def record_enrichment(enrichment: Enrichment, kappa_max: float, log: StageLog) -
             ),
         )
     if kappa > kappa_max:
-        why = "no function lowers it further" if enrichment.stalled else "no function is left"
-        log.skip("further_enrichment", f"kappa(B~) = {kappa:.2f} > {kappa_max:g}, but {why}")
+        reason = "no function lowers it further" if enrichment.stalled else "no function is left"
+        log.skip("further_enrichment", f"kappa(B~) = {kappa:.2f} > {kappa_max:g}, but {reason}")
     elif not len(enrichment.added):
         log.skip("enrichment", f"kappa(B~) = {kappa:.2f} <= {kappa_max:g} and (1.67) holds")
 
@@ -213,9 +219,9 @@ def _prolonged(
     coupling = problem.prolongation.map
     if coupling is None:
         return dofs, functions
-    whole = csr_matrix(coupling[:, dofs] @ csr_matrix(functions))
-    support = np.union1d(dofs, np.flatnonzero(np.diff(whole.indptr)))
-    return support, normalised(whole[support].toarray().T).T
+    prolonged = csr_matrix(coupling[:, dofs] @ csr_matrix(functions))
+    support = np.union1d(dofs, np.flatnonzero(np.diff(prolonged.indptr)))
+    return support, normalised(prolonged[support].toarray().T).T
 
 
 def _candidates(problem, sets):
@@ -229,15 +235,15 @@ def _candidates(problem, sets):
     """
     rows = problem.contact[sets.A_lambda][:, sets.A_c].toarray()
     slaves = problem.contact_slaves[sets.A_lambda]
-    own = rows * (sets.A_c // problem.block_size == slaves[:, None])
-    partners = normalised(rows - own)
-    own = normalised(own)
+    on_slaves = rows * (sets.A_c // problem.block_size == slaves[:, None])
+    partners = normalised(rows - on_slaves)
+    on_slaves = normalised(on_slaves)
     lonely = ~partners.any(axis=1)
     for k in np.flatnonzero(~lonely):
-        others = np.flatnonzero((slaves == slaves[k]) & (lonely | (np.arange(slaves.size) < k)))
-        if (np.abs(own[others] @ own[k]) > 1 - DISTINCT).any():
-            own[k] = 0.0
-    return np.where(own.any(axis=1)[:, None], own, partners).T
+        rivals = np.flatnonzero((slaves == slaves[k]) & (lonely | (np.arange(slaves.size) < k)))
+        if (np.abs(on_slaves[rivals] @ on_slaves[k]) > 1 - DISTINCT).any():
+            on_slaves[k] = 0.0
+    return np.where(on_slaves.any(axis=1)[:, None], on_slaves, partners).T
 
 
 @dataclass(frozen=True)
@@ -273,16 +279,16 @@ class _Table:
         While the rank is too small, one direction is removed from the outside part, as in a QR
         decomposition with pivots. No singular values are needed before rows are independent.
         """
-        outside = self.outside
-        direction = outside[:, chosen]
+        images = self.outside
+        direction = images[:, chosen]
         size = np.linalg.norm(direction)
         if size > DEPENDENT_ROWS * self.problem.contact_norm:
             # Householder's reflection onto the first coordinate, which is removed then
             normal = direction / size
             normal[0] += math.copysign(1.0, normal[0])
-            outside = (outside - np.outer(normal, (2 / (normal @ normal)) * (normal @ outside)))[1:]
+            images = (images - np.outer(normal, (2 / (normal @ normal)) * (normal @ images)))[1:]
         return replace(
-            self, values=np.column_stack([self.values, self.rows @ column]), outside=outside
+            self, values=np.column_stack([self.values, self.rows @ column]), outside=images
         )
 
     @cached_property
@@ -320,8 +326,8 @@ def _kappa(tables: list[_Table]) -> float:
     """kappa(B~1); infinite unless both B~1 and B~2 have full rank."""
     if any(len(table.outside) for table in tables):  # no need for singular values
         return math.inf
-    found = [table.kappa for table in tables]
-    return found[0] if all(map(math.isfinite, found)) else math.inf
+    kappas = [table.kappa for table in tables]
+    return kappas[0] if all(map(math.isfinite, kappas)) else math.inf
 
 
 def _best(
@@ -329,7 +335,7 @@ def _best(
     images: np.ndarray,
     weights: np.ndarray,
     lengths: np.ndarray,
-    left: np.ndarray,
+    remaining: np.ndarray,
 ) -> int:
     """Index of the best of the candidates ``left``: it raises a rank that is missing, or lowers
     kappa(B~1) most.
@@ -339,7 +345,7 @@ def _best(
     """
     for table in tables:
         if len(table.outside):
-            return int((np.linalg.norm(table.outside[:, left], axis=0) / lengths).argmax())
+            return int((np.linalg.norm(table.outside[:, remaining], axis=0) / lengths).argmax())
     new = [(images - table.values @ weights) / lengths for table in tables]
     for table, columns in zip(tables, new, strict=True):
         missing = table.missing

@@ -94,12 +94,12 @@ class OfPoints:
         """Raise ReductionError for solutions, called ``name``, of another problem or of other
         laws.
         """
-        known = check_of_problem(name, solutions, self.full.problem)
-        if known.states:
+        checked = check_of_problem(name, solutions, self.full.problem)
+        if checked.states:
             raise ReductionError(
                 f"bodies of {name} have laws, and none of the model do: they are of another scene"
             )
-        return known
+        return checked
 
     def warn_of_training(self, snapshots: SnapshotSet, held_out: SnapshotSet | None) -> None:
         """Warn of deficits in training and validation that no check of a model can find."""
@@ -158,8 +158,8 @@ class OfPoints:
         if limits is None:
             return None, trained
         if held_out is None:
-            every = max(1, len(snapshots.points) // MOST_TRAINING_COMPARED)
-            held_out = snapshots.take(np.arange(0, len(snapshots.points), every))
+            stride = max(1, len(snapshots.points) // MOST_TRAINING_COMPARED)
+            held_out = snapshots.take(np.arange(0, len(snapshots.points), stride))
         comparison = compare_points(
             self.full, model, held_out, force_floor(self.full.problem, snapshots)
         )
@@ -179,14 +179,21 @@ class OfPoints:
         full = self.full
         problem = full.problem
         count = len(known.points)
-        for place in np.unique(np.linspace(0, count - 1, min(count, MOST_SURE)).astype(int)):
-            point = known.points[place]
-            unknown = problem.spread.whole(known.displacements[:, place])
-            parts = known.forces[:, place], known.active[:, place], 0, Status.CONVERGED, False, full
+        for column in np.unique(np.linspace(0, count - 1, min(count, MOST_SURE)).astype(int)):
+            point = known.points[column]
+            unknown = problem.spread.whole(known.displacements[:, column])
+            attributes = (
+                known.forces[:, column],
+                known.active[:, column],
+                0,
+                Status.CONVERGED,
+                False,
+                full,
+            )
             answer = None
             with suppress(HHRError):
                 answer = model.solve(point, outside="ignore")
-            yield Answer(point, unknown, *parts), answer, problem.parameters.described(point)
+            yield Answer(point, unknown, *attributes), answer, problem.parameters.described(point)
 
     def residuals(self, answer: Answer) -> Residuals:
         """Residuals of an answer of any model: equilibrium, gaps, signs."""
@@ -205,9 +212,9 @@ def kind_of(full: FullModel) -> OfPoints:
         NotOfferedError: for laws of bodies without the facet ``reduction``, and for laws of
             contacts without a plug-in that has the tool ``reduction``.
     """
-    made: Callable[[FullModel], OfPoints] = OfPoints
+    kind: Callable[[FullModel], OfPoints] = OfPoints
     if full.equilibrium is not None:
-        made = facet_of(full.equilibrium, "reduction", "a reduced model of bodies that have laws")
+        kind = facet_of(full.equilibrium, "reduction", "a reduced model of bodies that have laws")
     elif full.law.plugin:
-        made = registry.tool("reduction", f"a reduced model of contacts with {full.law.name}")
-    return made(full)
+        kind = registry.tool("reduction", f"a reduced model of contacts with {full.law.name}")
+    return kind(full)

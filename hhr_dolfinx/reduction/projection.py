@@ -48,9 +48,11 @@ def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Redu
     if problem.moduli:
         weights = problem.weights(problem.middle)
         lifts = np.stack([modes.tested(term) for term in problem.lift_terms])
-        parts = np.stack([modes.projected(term) for term in problem.stiffness_terms])
-        terms = ReducedTerms(parts, lifts, loads + np.tensordot(weights, lifts, 1), problem.moduli)
-        stiffness = np.tensordot(weights, parts, 1)
+        matrices = np.stack([modes.projected(term) for term in problem.stiffness_terms])
+        terms = ReducedTerms(
+            matrices, lifts, loads + np.tensordot(weights, lifts, 1), problem.moduli
+        )
+        stiffness = np.tensordot(weights, matrices, 1)
     else:
         stiffness = modes.projected(problem.own_stiffness)
 
@@ -58,8 +60,8 @@ def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Redu
 
     def moved(dofs: np.ndarray) -> np.ndarray:
         """The rows times the modes on some dofs alone, (m, ell)."""
-        own = shared.mine(dofs)
-        return shared.sum(rows[:, own + problem.first] @ basis[own])
+        local = shared.mine(dofs)
+        return shared.sum(rows[:, local + problem.first] @ basis[local])
 
     reduced = ReducedProblem(
         stiffness=stiffness,
@@ -107,17 +109,17 @@ class _Modes:
         # rows and columns of K are not copied for most of a mesh
         cut = np.zeros(len(basis), dtype=bool)
         cut[self._support] = True
-        own = self._moved_by(stiffness, cut)
-        few = own.size * 2 <= basis.shape[1] and own.size * len(basis) <= COPIED
-        own = own if few else np.arange(basis.shape[1])
-        trial = basis[:, own] if few else basis
-        found = np.zeros((basis.shape[1], basis.shape[1]))
-        for first in range(0, own.size, MODES_AT_ONCE):
-            part = slice(first, first + MODES_AT_ONCE)
-            found[np.ix_(own, own[part])] = self._test_by(
-                trial, stiffness @ (cut[:, None] * trial[:, part])
+        moving = self._moved_by(stiffness, cut)
+        few = moving.size * 2 <= basis.shape[1] and moving.size * len(basis) <= COPIED
+        moving = moving if few else np.arange(basis.shape[1])
+        trial = basis[:, moving] if few else basis
+        product = np.zeros((basis.shape[1], basis.shape[1]))
+        for first in range(0, moving.size, MODES_AT_ONCE):
+            block = slice(first, first + MODES_AT_ONCE)
+            product[np.ix_(moving, moving[block])] = self._test_by(
+                trial, stiffness @ (cut[:, None] * trial[:, block])
             )
-        return found
+        return product
 
     def _moved_by(self, stiffness: csr_matrix, cut: np.ndarray) -> np.ndarray:
         """Numbers of the modes that are non-zero on the dofs of a matrix: often a part of K is that
@@ -126,12 +128,12 @@ class _Modes:
         # a row of zeros times random numbers is zero; any other row gives zero with probability
         # zero
         rows = cut & (stiffness @ np.random.default_rng(0).standard_normal(len(cut)) != 0)
-        parts = [
+        blocks = [
             slice(first, first + MODES_AT_ONCE)
             for first in range(0, self._basis.shape[1], MODES_AT_ONCE)
         ]
         return np.flatnonzero(
-            np.concatenate([(self._basis[:, part] != 0)[rows].any(axis=0) for part in parts])
+            np.concatenate([(self._basis[:, block] != 0)[rows].any(axis=0) for block in blocks])
         )
 
     def tested(self, columns: Any) -> np.ndarray:
@@ -145,12 +147,12 @@ class _Modes:
         """Columns of dofs tested by given modes on the whole mesh, (N, r), if most rows are in A:
         (r, k).
         """
-        outside = np.ones(len(modes), dtype=bool)
-        outside[self._rows] = False
+        untested = np.ones(len(modes), dtype=bool)
+        untested[self._rows] = False
         if issparse(columns):
-            inside = diags((~outside).astype(float))
-            return np.ascontiguousarray((csr_matrix((inside @ columns).T) @ modes).T)
-        return modes.T @ np.where(outside[:, None], 0.0, columns)
+            selection = diags((~untested).astype(float))
+            return np.ascontiguousarray((csr_matrix((selection @ columns).T) @ modes).T)
+        return modes.T @ np.where(untested[:, None], 0.0, columns)
 
 
 def reduced_domain(problem: ContactProblem, nodes: np.ndarray, layers: int = 0) -> IndexSets:
@@ -187,13 +189,13 @@ def reduced_domain(problem: ContactProblem, nodes: np.ndarray, layers: int = 0) 
         cells = incidence @ reached > 0
         for _ in range(layers):
             cells = incidence @ (incidence.T @ cells) > 0
-        inside = incidence.T @ ~cells == 0
+        inner = incidence.T @ ~cells == 0
         # until no condition whose slave lies outside acts on the others
-        while (touched := inside & (rows.T @ ~inside[slaves] > 0)).any():
-            inside = inside & ~touched
-        lost = wanted & ~inside
+        while (touched := inner & (rows.T @ ~inner[slaves] > 0)).any():
+            inner = inner & ~touched
+        lost = wanted & ~inner
         if not lost.any():
-            return _index_sets(problem, cells[: len(nodes_of_cells)], inside)
+            return _index_sets(problem, cells[: len(nodes_of_cells)], inner)
         wanted[slaves[rows @ lost > 0]] = True
 
 
@@ -203,11 +205,11 @@ def open_conditions(problem: ContactProblem, sets: IndexSets) -> np.ndarray:
     return np.setdiff1d(acting, sets.A_lambda)
 
 
-def _index_sets(problem, cells, inside) -> IndexSets:
-    in_A = np.repeat(inside, problem.block_size) & problem.free
+def _index_sets(problem, cells, inner) -> IndexSets:
+    in_A = np.repeat(inner, problem.block_size) & problem.free
     # an imposed slave whose masters lie outside would give a row of zeros in B~1
     acts = abs(problem.contact) @ in_A.astype(float) > 0
-    in_A_lambda = problem.law.kept_with(inside[problem.contact_slaves] & acts, problem.contact)
+    in_A_lambda = problem.law.kept_with(inner[problem.contact_slaves] & acts, problem.contact)
     if not in_A_lambda.any():
         raise ReductionError(
             "no contact condition lies inside the reduced integration domain: "
@@ -215,8 +217,8 @@ def _index_sets(problem, cells, inside) -> IndexSets:
         )
     in_A_c_tilde = abs(problem.contact[in_A_lambda]).T @ np.ones(in_A_lambda.sum()) > 0
     rows = problem.spread
-    own = rows.of(in_A)
-    in_I = ~in_A & (rows.sum(abs(problem.own_stiffness[own]).T @ np.ones(own.sum())) > 0)
+    local = rows.of(in_A)
+    in_I = ~in_A & (rows.sum(abs(problem.own_stiffness[local]).T @ np.ones(local.sum())) > 0)
     masks = (cells, in_A, in_A_lambda, in_A & in_A_c_tilde, in_A_c_tilde, in_I)
     return IndexSets(*(np.flatnonzero(mask) for mask in masks))
 
@@ -256,9 +258,9 @@ def checked_nodes(nodes: np.ndarray, count: int, what: str = "the zone") -> np.n
         raise ReductionError(
             f"{what} holds a 0 or 1 for each node: make it a mask of bool, or return node numbers"
         )
-    outside = nodes[(nodes < 0) | (nodes >= count)]
-    if outside.size:
+    unknown = nodes[(nodes < 0) | (nodes >= count)]
+    if unknown.size:
         raise ReductionError(
-            f"node {outside[0]} of {what} is not in the mesh, whose nodes are 0 to {count - 1}"
+            f"node {unknown[0]} of {what} is not in the mesh, whose nodes are 0 to {count - 1}"
         )
     return nodes.astype(np.int64).ravel()

@@ -53,9 +53,9 @@ def _sizes(columns: np.ndarray, gram: csr_matrix | None, rows: Rows) -> np.ndarr
 
 def _cut(columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Columns with zeros outside some rows."""
-    found = np.zeros_like(columns)
-    found[rows] = columns[rows]
-    return found
+    result = np.zeros_like(columns)
+    result[rows] = columns[rows]
+    return result
 
 
 class Basis(Protocol):
@@ -120,11 +120,11 @@ class Truncated:
                 f"tolerance = {self.tolerance} of {type(self).__name__} must lie in (0, 1): it is "
                 "the part of the snapshots left out"
             )
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if item.type in (bool, "bool") and not isinstance(value, bool):
+        for attribute in fields(self):
+            value = getattr(self, attribute.name)
+            if attribute.type in (bool, "bool") and not isinstance(value, bool):
                 raise ReductionError(
-                    f"{item.name} = {value!r} of {type(self).__name__} must be True or False"
+                    f"{attribute.name} = {value!r} of {type(self).__name__} must be True or False"
                 )
 
 
@@ -170,8 +170,8 @@ class Pod(Truncated):
             gram = problem.stiffness_of_rows if self.norm == "energy" else rows.matrix(problem.mass)
         weights = _weights(_sizes(columns, gram, rows)) if self.relative else None
 
-        def decomposed(own: np.ndarray, gram: csr_matrix | None, rows: Rows | None) -> np.ndarray:
-            return pod(own if weights is None else own * weights, self.tolerance, gram, rows)[0]
+        def decomposed(block: np.ndarray, gram: csr_matrix | None, rows: Rows | None) -> np.ndarray:
+            return pod(block if weights is None else block * weights, self.tolerance, gram, rows)[0]
 
         if not self.by_body:
             return decomposed(columns, gram, rows)
@@ -192,11 +192,11 @@ class Pod(Truncated):
             return decomposed(columns[dofs], None if gram is None else gram[dofs][:, dofs], None)
 
         modes = group.shared_out(len(bodies), of_body, "decomposing displacements")
-        ends = np.cumsum([0, *(own.shape[1] for own in modes)])
-        found = np.zeros((len(columns), ends[-1]))
-        for dofs, own, (first, last) in zip(bodies, modes, pairwise(ends), strict=True):
-            found[dofs, first:last] = own
-        return found
+        ends = np.cumsum([0, *(block.shape[1] for block in modes)])
+        basis = np.zeros((len(columns), ends[-1]))
+        for dofs, block, (first, last) in zip(bodies, modes, pairwise(ends), strict=True):
+            basis[dofs, first:last] = block
+        return basis
 
 
 @dataclass(frozen=True)
@@ -335,11 +335,11 @@ class _Named(type):
     """Class with named recipes of plug-ins, such as that for a law of interfaces."""
 
     def __getattr__(cls, name: str) -> Any:
-        places = {} if name.startswith("_") else registry.named("recipes")
-        if name not in places:
-            why = registry.remedy("recipes", name) or ", and no installed plug-in adds it"
-            raise AttributeError(f"there is no recipe {name!r}{why}")
-        return registry.load(places[name])
+        import_paths = {} if name.startswith("_") else registry.named("recipes")
+        if name not in import_paths:
+            reason = registry.remedy("recipes", name) or ", and no installed plug-in adds it"
+            raise AttributeError(f"there is no recipe {name!r}{reason}")
+        return registry.load(import_paths[name])
 
 
 @dataclass(frozen=True)
@@ -414,7 +414,7 @@ class Recipe(metaclass=_Named):
 
     def described(self) -> dict[str, Any]:
         """Steps and their numbers as plain values, for a report; functions by their names."""
-        return {item.name: _plain(getattr(self, item.name)) for item in fields(self)}
+        return {attribute.name: _plain(getattr(self, attribute.name)) for attribute in fields(self)}
 
 
 def _plain(value: object) -> Any:
@@ -423,7 +423,7 @@ def _plain(value: object) -> Any:
             name: _plain(getattr(value, name)) for name in value.__dataclass_fields__
         }
     if isinstance(value, tuple):
-        return [_plain(item) for item in value]
+        return [_plain(element) for element in value]
     if isinstance(value, np.generic):
         return value.item()
     return (
@@ -438,9 +438,9 @@ def _prolonged(problem: ContactProblem, basis: np.ndarray) -> np.ndarray:
     constraints.
     """
     rows = problem.spread
-    kept = problem.prolonged(basis)
-    moved = rows.largest(np.abs(kept - basis).max(axis=1, initial=0.0))[1]
-    return rows.orthonormal(kept)[0] if moved > MODE_ROUND_OFF else kept
+    prolonged = problem.prolonged(basis)
+    moved = rows.largest(np.abs(prolonged - basis).max(axis=1, initial=0.0))[1]
+    return rows.orthonormal(prolonged)[0] if moved > MODE_ROUND_OFF else prolonged
 
 
 def basis_of(step: Any, problem: ContactProblem, snapshots: SnapshotSet) -> np.ndarray:
@@ -477,14 +477,14 @@ def chosen_nodes(
     """Numbers of the nodes around which the RID of a recipe is built, also by user-defined
     choices.
     """
-    found = [
+    choices = [
         checked_nodes(
             np.asarray(step.nodes(problem, snapshots, basis)), len(problem.points), repr(step)
         )
         for step in recipe.nodes
     ]
     holding = [] if problem.kernel is None else [problem.contact_slaves[problem.kernel.holding()]]
-    nodes = np.unique(np.concatenate([*found, *holding]))
+    nodes = np.unique(np.concatenate([*choices, *holding]))
     if not problem.spread.alike(nodes.tobytes()):
         raise ReductionError(
             "a step of the recipe chose other nodes on other ranks: choose the same of the whole "

@@ -208,7 +208,7 @@ def outcomes(
 
 def _of_scene(outcome: Outcome) -> list[Warned]:
     """Warnings of the scene."""
-    return [said for said in outcome.warnings if issubclass(said.category, OF_SCENE)]
+    return [warning for warning in outcome.warnings if issubclass(warning.category, OF_SCENE)]
 
 
 def made(reductor: Reductor[Prepared], task: Task, before: Prepared | None = None) -> Any:
@@ -226,8 +226,10 @@ def made(reductor: Reductor[Prepared], task: Task, before: Prepared | None = Non
     reductor.check(task)
     if not reductor.own_range and reductor.limits is not None and task.snapshots is not None:
         task.kind.warn_of_training(task.snapshots, task.held_out)
-    if not task.full.spread.all_here and (why := reductor.not_by_rows(task)):
-        task.log.skip("rows of ranks", f"each rank has all rows of all matrices and answers: {why}")
+    if not task.full.spread.all_here and (reason := reductor.not_by_rows(task)):
+        task.log.skip(
+            "rows of ranks", f"each rank has all rows of all matrices and answers: {reason}"
+        )
         full, snapshots, held_out = everywhere(task.full, task.snapshots, task.held_out)
         task = replace(task, full=full, snapshots=snapshots, held_out=held_out)
     with task.full.problem.group.together(f"reducing scene '{task.full.scene.name}'"):
@@ -247,9 +249,9 @@ def _driven(reductor: Reductor[Prepared], task: Task, prepared: Prepared) -> Any
         _check_scene(task.full, reductor, model)
         _check_claim(reductor, task, model)
         comparison, trained = reductor.compare(task, model)
-        known = task.snapshots
-        if trained is None and not (reductor.own_range or known is None or known.histories):
-            trained = TrainedRange.of(known.points, task.full.parameters)
+        training = task.snapshots
+        if trained is None and not (reductor.own_range or training is None or training.histories):
+            trained = TrainedRange.of(training.points, task.full.parameters)
         if (
             isinstance(model, KeptModel)
             and "trained" in model.kept
@@ -272,7 +274,7 @@ def _driven(reductor: Reductor[Prepared], task: Task, prepared: Prepared) -> Any
             f"errors are {off:.2g} times what is small enough",
             **{reductor.level: outcome.candidate},
         )
-    repeat(said for outcome in refused for said in _of_scene(outcome))
+    repeat(warning for outcome in refused for warning in _of_scene(outcome))
     if best is None:
         error = refused[-1].error if refused else None
         raise error or ReductionError(f"{type(reductor).__name__} has no levels")
@@ -290,7 +292,7 @@ def everywhere(full: FullModel, *sets: SnapshotSet | None) -> tuple[Any, ...]:
     Collective.
     """
     return full.gathered(), *(
-        None if item is None else item.gathered(full.problem) for item in sets
+        None if answers is None else answers.gathered(full.problem) for answers in sets
     )
 
 
@@ -311,21 +313,21 @@ def _name_of(reductor: Any) -> str:
     return type(getattr(reductor, "given", reductor)).__name__
 
 
-def _check_scene(full: FullModel, reductor: Any, found: Any) -> None:
+def _check_scene(full: FullModel, reductor: Any, model: Any) -> None:
     """Raise ReductionError for a result that is no model of the scene of the full one."""
     name = f"{_name_of(reductor)} made"
-    if not isinstance(found, AnsweringModel):
-        raise ReductionError(f"{name} {found!r}: it must return a model")
-    own = found.parameters.names, found.conditions
+    if not isinstance(model, AnsweringModel):
+        raise ReductionError(f"{name} {model!r}: it must return a model")
+    returned = model.parameters.names, model.conditions
     conditions = len(full.problem.gaps)
-    if own != (full.parameters.names, conditions):
+    if returned != (full.parameters.names, conditions):
         raise ReductionError(
-            f"{name} a model of the parameters {own[0]} and {own[1]} contact conditions, and the "
-            f"full model has {full.parameters.names} and {conditions}: it must return one of the "
-            "same scene"
+            f"{name} a model of the parameters {returned[0]} and {returned[1]} contact "
+            f"conditions, and the full model has {full.parameters.names} and {conditions}: "
+            "it must return one of the same scene"
         )
-    law = found.law if found.fields.interface is None else found.fields.interface.whole
-    if law.plugins != full.law.plugins or (found.equilibrium is None) != (full.equilibrium is None):
+    law = model.law if model.fields.interface is None else model.fields.interface.whole
+    if law.plugins != full.law.plugins or (model.equilibrium is None) != (full.equilibrium is None):
         raise ReductionError(
             f"{name} a model that leaves out laws of scene '{full.scene.name}', of its contacts "
             f"({full.law.name}) or of its bodies: it must know them, or refuse the scene"
@@ -340,13 +342,13 @@ def _check_claim(reductor: Any, task: Task, model: Any) -> None:
     if isinstance(model, FullModel):
         return
     full = task.full
-    known = task.held_out
-    if known is None and (not model.fields.exact or full.by_paths):
-        known = task.snapshots
-    elif known is None and task.sure:
-        known = _fresh(full, task.sure)
-    if known is not None:
-        check_claim(_name_of(reductor), task.kind, model, known)
+    references = task.held_out
+    if references is None and (not model.fields.exact or full.by_paths):
+        references = task.snapshots
+    elif references is None and task.sure:
+        references = _fresh(full, task.sure)
+    if references is not None:
+        check_claim(_name_of(reductor), task.kind, model, references)
 
 
 def _fresh(full: FullModel, count: int) -> SnapshotSet:
@@ -405,12 +407,12 @@ def ways(full: FullModel) -> list[Way]:
     """Reductors for a full model, which are not loaded yet: first those that keep all contact
     conditions.
     """
-    every = (
+    candidates = (
         *OWN,
         *(way for plugin in registry.installed().values() for way in plugin.reductors.values()),
     )
     return sorted(
-        (way for way in every if registry.wants(way, full)), key=lambda way: not way.condenses
+        (way for way in candidates if registry.wants(way, full)), key=lambda way: not way.condenses
     )
 
 

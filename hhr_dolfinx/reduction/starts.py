@@ -56,10 +56,10 @@ def linear_starts(
         )
         return point, answer.active, margins, changes
 
-    every = group.shared_out(len(points), start_at, "finding starts")
-    found = [item for item in every if item is not None]
-    if not found:
+    results = group.shared_out(len(points), start_at, "finding starts")
+    solved = [result for result in results if result is not None]
+    if not solved:
         raise ReductionError(
             "no point of the box has an answer: contact rows are dependent, or the box is empty"
         )
-    return LinearStarts(*(np.array(part) for part in zip(*found, strict=True)))
+    return LinearStarts(*(np.array(column) for column in zip(*solved, strict=True)))

@@ -65,7 +65,7 @@ class Lost:
         """
         if not self.failures:
             return
-        named = "; ".join(f"{label}: {why}" for label, why in self.failures[:NAMED])
+        named = "; ".join(f"{label}: {reason}" for label, reason in self.failures[:NAMED])
         more = f"; and {len(self.failures) - NAMED} more" if len(self.failures) > NAMED else ""
         message = (
             f"{len(self.failures)} of {count} {kind} have no answer and are left out: {named}{more}"
@@ -183,8 +183,8 @@ class SnapshotSet(Shown):
         local ones are kept.
         """
         answers = [
-            item if rows is None else item._replace(unknown=rows.of(item.unknown))
-            for item in answers
+            answer if rows is None else answer._replace(unknown=rows.of(answer.unknown))
+            for answer in answers
         ]
         names = ("unknown", "multipliers", "active")
         unknown, forces, active = (
@@ -220,7 +220,7 @@ class SnapshotSet(Shown):
 
     def take(self, columns: Any) -> SnapshotSet:
         """Select columns, with repetitions if any, as answers at single parameters."""
-        unknown, forces, active = (part[:, columns] for part in self._columns())
+        unknown, forces, active = (array[:, columns] for array in self._columns())
         chosen = np.arange(len(self.points))[columns]
         states = tuple(self.states[k] for k in chosen) if self.states else ()
         return SnapshotSet(self.points[columns], unknown, forces, active, states)
@@ -268,10 +268,12 @@ class SnapshotSet(Shown):
 
 def _concatenated(parts: Sequence[SnapshotSet]) -> SnapshotSet:
     unknown, forces, active = (
-        np.concatenate(item, axis=1)
-        for item in zip(*(part._columns() for part in parts), strict=True)
+        np.concatenate(arrays, axis=1)
+        for arrays in zip(*(answers._columns() for answers in parts), strict=True)
     )
-    return SnapshotSet(np.concatenate([part.points for part in parts]), unknown, forces, active)
+    return SnapshotSet(
+        np.concatenate([answers.points for answers in parts]), unknown, forces, active
+    )
 
 
 def compute_snapshots(
@@ -300,18 +302,20 @@ def compute_snapshots(
         ConvergenceError, NotSolvableError: if a query has no answer; with ``lost``, if no query has
             one.
     """
-    given = queries_of(full.parameters, queries)
+    checked = queries_of(full.parameters, queries)
     return _some(
-        given.solved(SnapshotSolver(full, progress, store, settings, lost)), lost, len(given)
+        checked.solved(SnapshotSolver(full, progress, store, settings, lost)), lost, len(checked)
     )
 
 
-def _some(found: SnapshotSet | None, lost: Lost | None, count: int) -> SnapshotSet:
-    if found is None:
+def _some(answers: SnapshotSet | None, lost: Lost | None, count: int) -> SnapshotSet:
+    if answers is None:
         assert lost is not None
-        label, why = lost.failures[0]
-        raise ConvergenceError(f"none of {count} queries has an answer; the first, {label}: {why}")
-    return found
+        label, reason = lost.failures[0]
+        raise ConvergenceError(
+            f"none of {count} queries has an answer; the first, {label}: {reason}"
+        )
+    return answers
 
 
 def _are_paths(queries: object) -> bool:
@@ -348,8 +352,8 @@ class Queries(Protocol):
 def queries_of(space: ParameterSpace, queries: Any) -> Queries:
     """Queries from points, (S, P) or with names, or from paths of times and parameters."""
     if _are_paths(queries):
-        made: Queries = registry.tool("histories", "a set of snapshots along paths")(queries)
-        return made
+        paths: Queries = registry.tool("histories", "a set of snapshots along paths")(queries)
+        return paths
     return SingleParameters(space.points(queries))
 
 
@@ -419,7 +423,7 @@ class SingleParameters:
         self, own: SnapshotSet | None, full: FullModel, group: ProcessGroup
     ) -> SnapshotSet:
         """See :class:`Queries`."""
-        return _concatenated([part for part in group.gathered(own) if part is not None])
+        return _concatenated([answers for answers in group.gathered(own) if answers is not None])
 
 
 def _stored(full: FullModel, store: SnapshotStore, point: np.ndarray) -> Answer | None:
@@ -456,21 +460,23 @@ def spread_snapshots(
     group = group_of(comm)
     if full.group.size > 1:
         return compute_snapshots(full, queries, progress, store, settings, lost)
-    given = queries_of(full.parameters, queries)
-    group.agreed("a training", given.asked)
-    own: Any = None
+    checked = queries_of(full.parameters, queries)
+    group.agreed("a training", checked.asked)
+    local: Any = None
     with group.each("solving for snapshots"):
         # consecutive queries on one rank, so that each one starts from a near solution
-        mine = share(len(given), group.number, group.size)
+        mine = share(len(checked), group.number, group.size)
         if mine:
-            own = given.part(mine).solved(SnapshotSolver(full, progress, store, settings, lost))
+            local = checked.part(mine).solved(SnapshotSolver(full, progress, store, settings, lost))
     if group.size == 1:
-        return _some(own, lost, len(given))
+        return _some(local, lost, len(checked))
     if lost is not None:
-        lost.failures = [item for items in group.gathered(lost.failures) for item in items]
-    if not any(group.gathered(own is not None)):
-        return _some(None, lost, len(given))
-    return given.gathered(own, full, group)
+        lost.failures = [
+            failure for failures in group.gathered(lost.failures) for failure in failures
+        ]
+    if not any(group.gathered(local is not None)):
+        return _some(None, lost, len(checked))
+    return checked.gathered(local, full, group)
 
 
 NOWHERE: Any = None
@@ -498,8 +504,8 @@ def check_of_problem(name: str, solutions: object, problem: ContactProblem) -> S
         raise ReductionError(f"active of {name} holds {kind}: statuses are bool")
     free = problem.free if solutions.histories else problem.spread.of(problem.free)
     rows = {"displacements": free.size, "forces": len(problem.gaps), "active": len(problem.gaps)}
-    for part, size in rows.items():
-        array = getattr(solutions, part)
+    for attribute, size in rows.items():
+        array = getattr(solutions, attribute)
         wrong = (
             np.shape(array) != (size, points[0])
             or np.iscomplexobj(array)
@@ -507,8 +513,8 @@ def check_of_problem(name: str, solutions: object, problem: ContactProblem) -> S
         )
         if problem.spread.sum(float(wrong)):
             raise ReductionError(
-                f"{part} of {name} have the shape {np.shape(array)}: {size} finite real numbers "
-                f"for each of {points[0]} points are needed; are they of another mesh, or rows of "
-                "one rank, where snapshots.gathered(problem) has all?"
+                f"{attribute} of {name} have the shape {np.shape(array)}: {size} finite real "
+                f"numbers for each of {points[0]} points are needed; are they of another "
+                "mesh, or rows of one rank, where snapshots.gathered(problem) has all?"
             )
     return solutions

@@ -41,9 +41,9 @@ def add_to(digest: Any, parts: list[Any]) -> None:
     """Update a digest with arrays, sparse or not, numbers and texts, and lists of these, to the
     last bit.
     """
-    for part in parts:
-        for item in part if isinstance(part, tuple | list) else (part,):
-            for array in arrays_of(item):
+    for entry in parts:
+        for value in entry if isinstance(entry, tuple | list) else (entry,):
+            for array in arrays_of(value):
                 digest.update(bytes_of(array))
 
 
@@ -76,7 +76,9 @@ def parts_of(item: Any) -> list[Any]:
     if item is None:
         return []
     if is_dataclass(item):
-        return [part for one in fields(item) for part in parts_of(getattr(item, one.name))]
+        return [
+            value for attribute in fields(item) for value in parts_of(getattr(item, attribute.name))
+        ]
     return [item]
 
 
@@ -162,8 +164,8 @@ def stored_laws(full: FullModel) -> StoredLaws:
     """Laws of the bodies of a full model, as files keep them."""
     if full.equilibrium is None:
         return StoredLaws(full.problem)
-    made: StoredLaws = facet_of(full.equilibrium, "store", "a store of snapshots")(full)
-    return made
+    laws: StoredLaws = facet_of(full.equilibrium, "store", "a store of snapshots")(full)
+    return laws
 
 
 class SnapshotStore:
@@ -241,8 +243,8 @@ class SnapshotStore:
         """Query of a point: its values, and those of non-affine amplitudes and of laws with
         formulas there.
         """
-        driven = [amplitude(point) for amplitude in self._problem.amplitudes.nonaffine]
-        numbers = [float(item) for pair in driven for part in pair for item in part]
+        nonaffine = [amplitude(point) for amplitude in self._problem.amplitudes.nonaffine]
+        numbers = [float(value) for pair in nonaffine for values in pair for value in values]
         return [*point.tolist(), *numbers, *self.laws.query(point)]
 
     def load_query(self, point: np.ndarray, query: list, forces: float = 0.0) -> Answer | None:
@@ -321,14 +323,14 @@ class SnapshotStore:
         steps: dict[str, Any] = {}
         if "ends" in arrays:
             iterations = int(arrays["iterations"])
-            known = float(arrays["time_error"])
+            time_error = float(arrays["time_error"])
             steps = {
-                "time_error": math.nan if known == NO_TIME_ERROR else known,
+                "time_error": math.nan if time_error == NO_TIME_ERROR else time_error,
                 "ends": tuple(arrays["ends"].tolist()),
             }
         unknown, multipliers, active = (arrays[name] for name in _LAYOUT)
-        how = iterations, Status.CONVERGED, False, self._full
-        return Answer(point, unknown, multipliers, active, *how, memory=memory, **steps)
+        search = iterations, Status.CONVERGED, False, self._full
+        return Answer(point, unknown, multipliers, active, *search, memory=memory, **steps)
 
     def _header(self, query: list) -> dict:
         return {
@@ -361,18 +363,20 @@ def _digest_of(full: FullModel) -> bytes:
     )
     problem: ContactProblem = full.problem
     problem.require_parts("a store of snapshots")
-    others = "amplitudes parameters moduli reshaped kernel whole_contact law group".split()
+    excluded = "amplitudes parameters moduli reshaped kernel whole_contact law group".split()
     local = [] if problem.spread.all_here else ["stiffness_terms", "node_mass", "first"]
-    kept = (item.name for item in fields(problem) if item.name not in (*others, *local))
-    parts = [part for name in kept for part in parts_of(getattr(problem, name))]
+    included = (
+        attribute.name for attribute in fields(problem) if attribute.name not in (*excluded, *local)
+    )
+    values = [value for name in included for value in parts_of(getattr(problem, name))]
     if local:  # rows of the large matrices, in the order of the ranks
         rows = hashlib.sha256()
         add_to(rows, [getattr(problem, name) for name in local])
-        parts += problem.group.gathered(rows.hexdigest())
-    parts += [problem.parameters.names, problem.amplitudes.constant, problem.amplitudes.slopes]
-    parts += [text for modulus in problem.moduli for text in (modulus.factor, modulus.rest)]
-    parts += [] if problem.reshaped is None else [problem.reshaped.described]
-    parts += problem.law.parts()
-    parts += stored_laws(full).fingerprint()
-    add_to(digest, parts)
+        values += problem.group.gathered(rows.hexdigest())
+    values += [problem.parameters.names, problem.amplitudes.constant, problem.amplitudes.slopes]
+    values += [text for modulus in problem.moduli for text in (modulus.factor, modulus.rest)]
+    values += [] if problem.reshaped is None else [problem.reshaped.described]
+    values += problem.law.parts()
+    values += stored_laws(full).fingerprint()
+    add_to(digest, values)
     return digest.digest()

@@ -55,7 +55,9 @@ def condensed(
         "a condensation of these is made of histories, hhr.train(scene, paths).condense()"
     )
     if fields is None:
-        fields = full.functionals is not None and any(item.count for item in full.functionals.items)
+        fields = full.functionals is not None and any(
+            functional.count for functional in full.functionals.items
+        )
     if not isinstance(fields, bool):
         raise ReductionError(f"fields = {fields!r} of a condensation must be True, False, or None")
     return made(condensing(full).usual(settings, fields=fields), Task(full))
