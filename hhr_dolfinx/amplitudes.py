@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -22,7 +22,10 @@ from hhr_dolfinx.parameters import ParameterSpace, described, is_number, is_whol
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix, csr_matrix
 
-    from hhr_dolfinx.formulas import Scalar
+    from hhr_dolfinx.formulas import Formula, Scalar
+
+Numbers = TypeVar("Numbers", float, np.ndarray)
+"""A number, or an array of numbers."""
 
 
 @dataclass(frozen=True)
@@ -230,7 +233,7 @@ def _shapes(degree: int, s: float) -> tuple[float, ...]:
     return (1 - s, s) if degree == 1 else ((1 - s) * (1 - 2 * s), 4 * s * (1 - s), s * (2 * s - 1))
 
 
-def edge_integrals(degree: int, s: Any) -> tuple[Any, ...]:
+def edge_integrals(degree: int, s: Numbers) -> tuple[Numbers, ...]:
     """Integrals of the shape functions of an edge from 0 to s.
 
     Every query calls this with a number: no arrays.
@@ -445,7 +448,10 @@ class Amplitudes:
 
     @classmethod
     def collect(
-        cls, amplitudes: Sequence[Any], space: ParameterSpace, limits: tuple[Limits, ...] = ()
+        cls,
+        amplitudes: Sequence[Amplitude | Formula | NonAffine],
+        space: ParameterSpace,
+        limits: tuple[Limits, ...] = (),
     ) -> Amplitudes:
         """Stack the leading constant 1, the affine amplitudes, and the non-affine ones, each in
         their order.

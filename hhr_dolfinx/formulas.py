@@ -41,7 +41,7 @@ def coordinate_names(hypothesis: str) -> tuple[str, ...]:
     return {"axisymmetric": ("r", "z"), "solid": ("x", "y", "z")}.get(hypothesis, ("x", "y"))
 
 
-def _chosen(choose: Callable) -> Callable[..., Any]:
+def _chosen(choose: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
     return lambda x, y: np.where(choose(np.real(x), np.real(y)), x, y)
 
 

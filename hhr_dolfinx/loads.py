@@ -312,7 +312,12 @@ class Terms:
         return csc_matrix(hstack(blocks))
 
 
-def _checked_columns(load: Load, amplitude: Any, columns: Any, assembler: Assembler) -> csc_matrix:
+def _checked_columns(
+    load: Load,
+    amplitude: Amplitude | NonAffine,
+    columns: np.ndarray | csc_matrix,
+    assembler: Assembler,
+) -> csc_matrix:
     count = (
         1
         if isinstance(amplitude, Amplitude)

@@ -304,7 +304,7 @@ class ParameterSpace(KnownArguments):
                 raise ParameterError(self._complaint(point))
         return point
 
-    def _complaint(self, point):
+    def _complaint(self, point: np.ndarray) -> str:
         rows = list(zip(self.names, point, self.lower, self.upper, strict=True))
         strange = [f"{name} = {value:g}" for name, value, *_ in rows if not np.isfinite(value)]
         if strange:

@@ -8,10 +8,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Any
+from typing import TypeVar
 
 from hhr_dolfinx.one_thread import one_thread
 
+Result = TypeVar("Result")
 logger = logging.getLogger(__name__)
 now = time.perf_counter
 """Seconds of a clock that only runs on."""
@@ -43,7 +44,7 @@ class StageLog:
 
     times: dict[str, float] = field(default_factory=dict)
     skipped: list[dict[str, str]] = field(default_factory=list)
-    refused: list[dict[str, Any]] = field(default_factory=list)
+    refused: list[dict[str, object]] = field(default_factory=list)
 
     @contextmanager
     def stage(self, name: str, announce: Announce = unannounced) -> Iterator[None]:
@@ -74,7 +75,7 @@ class StageLog:
         logger.info("the model of %s is refused: %s", shown, why)
 
 
-def timed(call: Callable[[], Any], repetitions: int = 1) -> tuple[Any, float]:
+def timed(call: Callable[[], Result], repetitions: int = 1) -> tuple[Result, float]:
     """Last result of a call, and its mean time in seconds, on one thread."""
     with one_thread:
         start = now()

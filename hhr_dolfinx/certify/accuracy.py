@@ -132,7 +132,7 @@ def contact_residuals(
     displacement: np.ndarray,
     forces: np.ndarray,
     theta: Theta,
-    opened: object = 0.0,
+    opened: float | np.ndarray = 0.0,
 ) -> Residuals:
     """Residuals of (1.21) for a displacement, lift included, (N,), and forces, (N_lambda,), as
     returned to a user.
@@ -167,8 +167,8 @@ def slack_residuals(
     homogeneous: np.ndarray,
     forces: np.ndarray,
     theta: Theta,
-    opened: object = 0.0,
-) -> tuple:
+    opened: float | np.ndarray = 0.0,
+) -> tuple[float, float]:
     """``(penetration, sign)`` of :class:`Residuals` for a displacement less its lift, (N,)."""
     gaps = problem.gaps @ theta + opened
     motion = problem.contact @ homogeneous
@@ -227,7 +227,7 @@ def energy_minimum(problem: ContactProblem, displacement: np.ndarray, theta: The
     )
 
 
-def summary(values: object) -> dict:
+def summary(values: Sequence[float] | np.ndarray) -> dict[str, float]:
     """Median, 95th percentile and maximum of errors or times over all points, without
     exclusions.
     """

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.models.answer_mesh import AnswerMesh
     from hhr_dolfinx.models.estimates import Estimate, Estimates
-    from hhr_dolfinx.models.functionals.functional import Outputs
+    from hhr_dolfinx.models.functionals.functional import AllOutputs, Outputs
     from hhr_dolfinx.models.gradient import Gradient
     from hhr_dolfinx.parameters import PointLike, PointsLike
 
@@ -130,7 +130,7 @@ class ModelFields:
     flow: Completion | None = None  #: completes the fields of bodies with laws
     #: completes forces and memory of a law of interfaces in hyper-reduced models
     interface: InterfaceCompletion | None = None
-    functionals: Any = None  #: outputs of the scene
+    functionals: AllOutputs | None = None  #: outputs of the scene
     unbounded: str = ""  #: reason why errors are not estimated, for models without an estimate
     exact: ClassVar[bool] = False  #: whether the model has no reduction error
 
@@ -589,7 +589,7 @@ class Model(Protocol):
             otherwise.
         """
 
-    def march(self, path: Any, settings: Any = ...) -> History:
+    def march(self, path: Path, settings: Any = ...) -> History:
         """Answer a load path from its state at rest.
 
         Args:

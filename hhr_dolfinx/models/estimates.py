@@ -23,12 +23,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Real
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from hhr_dolfinx.errors import NoBoundWarning, ParameterError
 from hhr_dolfinx.warn import warn
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.functionals.functional import AllOutputs
 
 NO_OUTPUTS: Mapping[str, float] = {}
 """Outputs of a model without outputs, or without estimates of them."""
@@ -103,7 +106,7 @@ class Estimate(NamedTuple):
         return cls(kind, math.inf, math.inf, value, value, forces_euclid_relative=forces)
 
     @classmethod
-    def exact(cls, functionals: Any) -> Estimate:
+    def exact(cls, functionals: AllOutputs | None) -> Estimate:
         """Estimate of an answer without an error, with the outputs of a scene, or None."""
         outputs = () if functionals is None else functionals.items
         return cls(
@@ -224,7 +227,7 @@ class Estimates:
 
     @classmethod
     def _filled(
-        cls, kinds: set[str], count: int, parts: Sequence[tuple[np.ndarray, Any]]
+        cls, kinds: set[str], count: int, parts: Sequence[tuple[np.ndarray, Estimate | Estimates]]
     ) -> Estimates:
         """Estimates with attributes at some indices, NaN elsewhere."""
         numbers = np.full((len(ESTIMATE_NUMBERS), count), np.nan)
@@ -318,7 +321,7 @@ def warn_unbounded(fields: Any) -> None:
         )
 
 
-def check_asked(fields: Any, of: Any) -> None:
+def check_asked(fields: Any, of: object) -> None:
     """Check an error by its name: None, one of :data:`FALLBACK_ERRORS`, or the name of an
     output with a bound.
 

@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -131,7 +130,7 @@ def save_model(path: str | Path, model: KeptModel) -> None:
         raise ModelFileError(f"this model cannot be kept in {path}: {error}") from error
 
 
-def load_model(path: str | Path, known: Iterable[type] = ()) -> Any:
+def load_model(path: str | Path, known: Iterable[type] = ()) -> KeptModel:
     """Read a model written by :func:`save_model`.
 
     Needs, and loads, neither DOLFINx nor PETSc nor MPI.

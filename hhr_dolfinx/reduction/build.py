@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -32,6 +32,8 @@ from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.trained import Trained
 from hhr_dolfinx.warn import repeat
+
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +73,7 @@ class Offline:
         """Records every stage."""
         return self.task.log
 
-    def once(self, name: str, compute: Callable[[], Any]) -> Any:
+    def once(self, name: str, compute: Callable[[], Result]) -> Result:
         """A result that a stage computes in the first attempt only."""
         if name not in self.computed:
             self.computed[name] = compute()

@@ -15,6 +15,7 @@ from hhr_dolfinx.certify.accuracy import mass_norm
 from hhr_dolfinx.errors import ClaimError, NotOfferedError
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.full import FullModel
+from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.reduction.kinds import EXACT_MODEL, OfPoints
 from hhr_dolfinx.snapshots.records import SnapshotSet
 
@@ -30,7 +31,7 @@ ANSWERED = list[tuple[Answer, Answer | None, str]]
 """Answers of the full model, those of a model or None if it has none, and where."""
 
 
-def check_claim(name: str, kind: OfPoints, model: Any, known: SnapshotSet) -> None:
+def check_claim(name: str, kind: OfPoints, model: AnsweringModel, known: SnapshotSet) -> None:
     """Compare a model that calls itself exact, or says bounds, with some answers of the full one.
 
     Displacements and loads of the contact forces, B^T λ, are compared with a claim of exactness:
@@ -164,7 +165,7 @@ def _user_defined(full: FullModel, point: np.ndarray) -> csr_matrix:
     return matrix
 
 
-def _part(off: float, sizes: Sequence[Any]) -> float:
+def _part(off: float, sizes: Sequence[float | np.ndarray]) -> float:
     """Error over the largest of some vectors or norms."""
     largest = max(float(np.linalg.norm(size)) for size in sizes)
     return off / largest if largest > 0 else (0.0 if off == 0 else np.inf)

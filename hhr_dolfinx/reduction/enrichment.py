@@ -224,7 +224,7 @@ def _prolonged(
     return support, normalised(prolonged[support].toarray().T).T
 
 
-def _candidates(problem, sets):
+def _candidates(problem: ContactProblem, sets: IndexSets) -> np.ndarray:
     """Unit normal displacement of the slave node of each condition, or of its partners if that is
     imposed or used.
 
@@ -357,7 +357,9 @@ def _best(
     return int(np.argmax(smallest / largest))
 
 
-def _extremes_after_update(squares, weights):
+def _extremes_after_update(
+    squares: np.ndarray, weights: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Smallest and largest eigenvalue of diag(squares) + z z^T for each column z^2 of ``weights``.
 
     They are roots of the secular equation 1 + sum_i z_i^2 / (d_i - x) = 0: the smallest lies
@@ -365,7 +367,7 @@ def _extremes_after_update(squares, weights):
     all columns at once.
     """
 
-    def root(low, high):
+    def root(low: np.ndarray, high: np.ndarray) -> np.ndarray:
         for _ in range(60):
             middle = 0.5 * (low + high)
             with np.errstate(divide="ignore", invalid="ignore"):

@@ -47,7 +47,7 @@ class ExactCondensation(Reductor[Task]):
         statuses = prepared.kind.statuses(prepared.snapshots, lambda: _known_statuses(full))
         return exact_condensation(full, statuses, field=self.field), None
 
-    def compare(self, task: Task, model: Any) -> tuple[None, None]:
+    def compare(self, task: Task, model: CondensedModel) -> tuple[None, None]:
         """Nothing: the driver compares the claim of exactness."""
         return None, None
 
@@ -104,7 +104,9 @@ def exact_condensation(
     )
     if has_columns or floats:
         arguments = free, problem.block_size, floats, full.stress_of, plain_outputs(full), full
-        fields: Any = ExactFields(problem.amplitudes, problem.lifts, full.per_force, *arguments)
+        fields: ExactFields | SolvedFields = ExactFields(
+            problem.amplitudes, problem.lifts, full.per_force, *arguments
+        )
     else:
         fields = _solved_fields(full, free)
     if floats and problem.kernel is not None:

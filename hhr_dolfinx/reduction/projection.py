@@ -10,7 +10,7 @@ part of the interface (figure 5.3a).
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags, issparse, vstack
@@ -88,7 +88,7 @@ class Modes(Protocol):
     def projected(self, stiffness: csr_matrix) -> np.ndarray:
         """V^T K V, tested on A, (ell, ell)."""
 
-    def tested(self, columns: Any) -> np.ndarray:
+    def tested(self, columns: np.ndarray | csr_matrix) -> np.ndarray:
         """Columns of dofs, dense or sparse, (N, k), tested by the modes: (ell, k)."""
 
 
@@ -136,14 +136,14 @@ class _Modes:
             np.concatenate([(self._basis[:, block] != 0)[rows].any(axis=0) for block in blocks])
         )
 
-    def tested(self, columns: Any) -> np.ndarray:
+    def tested(self, columns: np.ndarray | csr_matrix) -> np.ndarray:
         return (
             self._test.T @ columns[self._rows]
             if self._test is not None
             else self._test_by(self._basis, columns)
         )
 
-    def _test_by(self, modes: np.ndarray, columns: Any) -> np.ndarray:
+    def _test_by(self, modes: np.ndarray, columns: np.ndarray | csr_matrix) -> np.ndarray:
         """Columns of dofs tested by given modes on the whole mesh, (N, r), if most rows are in A:
         (r, k).
         """
@@ -205,7 +205,7 @@ def open_conditions(problem: ContactProblem, sets: IndexSets) -> np.ndarray:
     return np.setdiff1d(acting, sets.A_lambda)
 
 
-def _index_sets(problem, cells, inner) -> IndexSets:
+def _index_sets(problem: ContactProblem, cells: np.ndarray, inner: np.ndarray) -> IndexSets:
     in_A = np.repeat(inner, problem.block_size) & problem.free
     # an imposed slave whose masters lie outside would give a row of zeros in B~1
     acts = abs(problem.contact) @ in_A.astype(float) > 0

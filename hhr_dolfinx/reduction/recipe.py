@@ -165,7 +165,7 @@ class Pod(Truncated):
         Processes share the bodies of a decomposition by body.
         """
         rows = problem.spread
-        gram: Any = None  # the Euclidean norm
+        gram: csr_matrix | None = None  # the Euclidean norm
         if self.norm != "euclidean":
             gram = problem.stiffness_of_rows if self.norm == "energy" else rows.matrix(problem.mass)
         weights = _weights(_sizes(columns, gram, rows)) if self.relative else None
@@ -443,7 +443,7 @@ def _prolonged(problem: ContactProblem, basis: np.ndarray) -> np.ndarray:
     return rows.orthonormal(prolonged)[0] if moved > MODE_ROUND_OFF else prolonged
 
 
-def basis_of(step: Any, problem: ContactProblem, snapshots: SnapshotSet) -> np.ndarray:
+def basis_of(step: Basis, problem: ContactProblem, snapshots: SnapshotSet) -> np.ndarray:
     """Basis of a step, which may be user-defined, in the form of the equations.
 
     The kernel of K comes first.

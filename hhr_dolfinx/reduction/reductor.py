@@ -297,7 +297,10 @@ def everywhere(full: FullModel, *sets: SnapshotSet | None) -> tuple[Any, ...]:
 
 
 def compared(
-    task: Task, model: Any, limits: TrustLimits | None, remedy: str | Mapping[str, str] = OF_A_RID
+    task: Task,
+    model: KeptModel,
+    limits: TrustLimits | None,
+    remedy: str | Mapping[str, str] = OF_A_RID,
 ) -> tuple[Comparison | None, Trained | None]:
     """Errors against validation answers, or else against training, checked, and the training range.
 
@@ -309,11 +312,11 @@ def compared(
         return task.kind.compared(model, task.snapshots, task.held_out, limits, remedy)
 
 
-def _name_of(reductor: Any) -> str:
+def _name_of(reductor: Reductor) -> str:
     return type(getattr(reductor, "given", reductor)).__name__
 
 
-def _check_scene(full: FullModel, reductor: Any, model: Any) -> None:
+def _check_scene(full: FullModel, reductor: Reductor, model: object) -> None:
     """Raise ReductionError for a result that is no model of the scene of the full one."""
     name = f"{_name_of(reductor)} made"
     if not isinstance(model, AnsweringModel):
@@ -334,7 +337,7 @@ def _check_scene(full: FullModel, reductor: Any, model: Any) -> None:
         )
 
 
-def _check_claim(reductor: Any, task: Task, model: Any) -> None:
+def _check_claim(reductor: Reductor, task: Task, model: AnsweringModel) -> None:
     """Compare what a model claims with validation answers, or else with training.
 
     Exactness with fresh answers.
@@ -379,12 +382,12 @@ class SingleAttempt(Reductor[Task]):
         """The model that it returns."""
         return self.given.reduced(prepared.full, prepared.snapshots, prepared.held_out), None
 
-    def compare(self, task: Task, model: Any) -> tuple[None, Any]:
+    def compare(self, task: Task, model: AnsweringModel) -> tuple[None, Trained | None]:
         """Nothing is compared."""
         return None, getattr(model, "trained", None)
 
 
-def as_reductor(given: Any) -> Reductor | None:
+def as_reductor(given: object) -> Reductor | None:
     """A reductor, or an object with ``reduced``; None for anything else."""
     if isinstance(given, Reductor):
         return given

@@ -12,7 +12,7 @@ import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from hhr_dolfinx.parameters import ParameterSpace
     from hhr_dolfinx.snapshots.store import SnapshotStore
 
+
+Query = TypeVar("Query")
 
 NAMED = 5
 """Largest count of queries without an answer that a warning names."""
@@ -218,7 +220,7 @@ class SnapshotSet(Shown):
             [answer for history in histories for answer in history.answers], histories
         )
 
-    def take(self, columns: Any) -> SnapshotSet:
+    def take(self, columns: np.ndarray | slice) -> SnapshotSet:
         """Select columns, with repetitions if any, as answers at single parameters."""
         unknown, forces, active = (array[:, columns] for array in self._columns())
         chosen = np.arange(len(self.points))[columns]
@@ -252,7 +254,7 @@ class SnapshotSet(Shown):
             return SnapshotSet.of_histories([*self.histories, *others.histories])
         return _concatenated([self, others])
 
-    def known_statuses(self, conditions: Any = slice(None)) -> KnownStatuses:
+    def known_statuses(self, conditions: np.ndarray | slice = slice(None)) -> KnownStatuses:
         """Statuses of some conditions as initial statuses of further queries."""
         return KnownStatuses(self.points, np.ascontiguousarray(self.active[conditions].T))
 
@@ -367,7 +369,7 @@ class SnapshotSolver:
     settings: MarchSettings
     lost: Lost | None
 
-    def in_step(self, items: Iterable[Any]) -> Iterator[Any]:
+    def in_step(self, items: Iterable[Query]) -> Iterator[Query]:
         """Items with the progress bar of the user, on all ranks together."""
         return self.full.group.in_step(lambda: self.progress(items), PROGRESS)
 
@@ -442,7 +444,7 @@ def _stored(full: FullModel, store: SnapshotStore, point: np.ndarray) -> Answer 
 
 def spread_snapshots(
     full: FullModel,
-    queries: Any,
+    queries: PointsLike | Sequence[Path],
     comm: Comm | ProcessGroup,
     progress: Progress = iter,
     store: SnapshotStore | None = None,
@@ -462,7 +464,7 @@ def spread_snapshots(
         return compute_snapshots(full, queries, progress, store, settings, lost)
     checked = queries_of(full.parameters, queries)
     group.agreed("a training", checked.asked)
-    local: Any = None
+    local: SnapshotSet | None = None
     with group.each("solving for snapshots"):
         # consecutive queries on one rank, so that each one starts from a near solution
         mine = share(len(checked), group.number, group.size)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import astuple, fields, is_dataclass
 from pathlib import Path
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.parameters import ParameterSpace
 
 
-def add_to(digest: Any, parts: list[Any]) -> None:
+def add_to(digest: Any, parts: Sequence[object]) -> None:
     """Update a digest with arrays, sparse or not, numbers and texts, and lists of these, to the
     last bit.
     """
@@ -68,7 +68,7 @@ def arrays_of(item: Any) -> tuple[np.ndarray, ...]:
     )
 
 
-def parts_of(item: Any) -> list[Any]:
+def parts_of(item: object) -> list[object]:
     """Arrays, numbers and texts of a value: the fields of a dataclass, those of fields too.
 
     None of None.
@@ -120,7 +120,7 @@ class StoredLaws:
     def __init__(self, problem: ContactProblem):
         self._problem = problem
 
-    def fingerprint(self) -> list[Any]:
+    def fingerprint(self) -> list[object]:
         """Arrays, numbers and texts that identify the laws, to which a digest is updated by
         :func:`add_to`.
         """
@@ -239,7 +239,7 @@ class SnapshotStore:
         """Hexadecimal fingerprint of the problem of these answers."""
         return self._fingerprint.hex()
 
-    def query_at(self, point: np.ndarray) -> list[Any]:
+    def query_at(self, point: np.ndarray) -> list[float | str]:
         """Query of a point: its values, and those of non-affine amplitudes and of laws with
         formulas there.
         """
