@@ -177,8 +177,14 @@ class Formula(Rebuilt):
 
 
 def formula_of(value: Any, what: str) -> Formula:
-    """A number or a text as a formula; SceneError for anything else, naming its purpose
-    ``what``.
+    """A number or a text as a formula.
+
+    Args:
+        value: number, text or formula.
+        what: name of the value, for the message.
+
+    Raises:
+        SceneError: for anything else.
     """
     if is_number(value):
         return Formula(repr(float(value)))
@@ -197,8 +203,9 @@ def formula_of(value: Any, what: str) -> Formula:
 
 @dataclass(frozen=True)
 class Scalar(Rebuilt):
-    """A formula of the parameters of a scene, ``names``: an amplitude of a single column, or a
-    factor in K.
+    """Formula of the parameters of a scene, ``names``.
+
+    An amplitude of a single column, or a factor in K.
     """
 
     text: str
@@ -250,16 +257,15 @@ class Scalar(Rebuilt):
         return derivatives
 
     def __call__(self, point: np.ndarray) -> tuple[list[int], list[float]]:
-        """Column and value as a non-affine amplitude, see
-        :class:`~hhr_dolfinx.amplitudes.NonAffine`.
-        """
+        """Column and value, see :class:`~hhr_dolfinx.amplitudes.NonAffine`."""
         return [0], [self.value(point)]
 
 
 @dataclass(frozen=True)
 class Modulus(Rebuilt):
-    """Amplitude of one part of a stiffness: the factor of the body, its Young's modulus, times that
-    of this part.
+    """Amplitude of one part of a stiffness.
+
+    The factor of the body, its Young's modulus, times the factor of this part.
     """
 
     factor: str
@@ -300,8 +306,17 @@ class Modulus(Rebuilt):
 def check_over_box(
     scalar: Scalar, space: ParameterSpace, what: str, low: float, high: float, remedy: str
 ) -> None:
-    """Raise SceneError for a scalar that is not in (low, high) at corners, 256 points between, and
-    on dense lines.
+    """Check a scalar at corners of the box, 256 points between, and on dense lines.
+
+    Args:
+        scalar: the scalar.
+        space: the box of the parameters.
+        what: name of the value, for the message.
+        low, high: ends of the open interval of its values.
+        remedy: advice for a value outside it.
+
+    Raises:
+        SceneError: for a value outside the interval, or a point beyond a table.
     """
     for point in (*box_samples(space), *_doubtful(scalar, space, low, high)):
         try:
@@ -317,7 +332,12 @@ def check_over_box(
 
 
 def box_samples(space: ParameterSpace, count: int = 256) -> np.ndarray:
-    """Corners of the box, its middle, and random points, for checks over the whole box, (n, P)."""
+    """Corners of the box, its middle, and random points, for checks over the whole box, (n, P).
+
+    Args:
+        space: the box of the parameters.
+        count: number of random points.
+    """
     ends = np.array([space.lower, space.upper], dtype=float)
     dimension = len(space.names)
     bits = np.arange(2 ** min(dimension, 10))
@@ -328,8 +348,9 @@ def box_samples(space: ParameterSpace, count: int = 256) -> np.ndarray:
 
 
 def _doubtful(scalar: Scalar, space: ParameterSpace, low: float, high: float) -> np.ndarray:
-    """First of many points along its parameters at which a scalar leaves (low, high), (1, P), or
-    (0, P) without one.
+    """First point at which a scalar leaves (low, high), (1, P), or (0, P) without one.
+
+    Many points along its parameters are tried.
     """
     points = space.lines([space.names.index(name) for name in scalar.formula.variables])
     try:

@@ -120,7 +120,11 @@ class Traction(KnownArguments):
         check_amplitude(self, f"the traction on tag {self.tag}", formulas=True)
 
     def terms(self, assembler: Assembler) -> list[Term]:
-        """One vector."""
+        """One vector.
+
+        Raises:
+            SceneError: if the direction does not have the dimension of the mesh.
+        """
         (dim,) = assembler.test.ufl_shape
         if len(self.direction) != dim:
             raise SceneError(
@@ -180,7 +184,11 @@ class PartialPressure(KnownArguments):
             )
 
     def check(self, parameters: ParameterSpace) -> None:
-        """Raise SceneError for an extent that is no parameter."""
+        """Check that the extent is a parameter.
+
+        Raises:
+            SceneError: if it is none.
+        """
         if self.extent not in parameters.names:
             raise SceneError(
                 f"the partial pressure on tag {self.tag} extends up to '{self.extent}': it must "
@@ -188,7 +196,12 @@ class PartialPressure(KnownArguments):
             )
 
     def terms(self, assembler: Assembler) -> list[Term]:
-        """Columns in the order of :class:`~hhr_dolfinx.amplitudes.Coverage`."""
+        """Columns in the order of :class:`~hhr_dolfinx.amplitudes.Coverage`.
+
+        Raises:
+            SceneError: if the line is not straight along the axis or not in one piece, or for a
+                mesh in space.
+        """
         nodal_forces = _unit_pressure(assembler, self.tag)
         line = assembler.surface(self.tag)
         degree = 1 if line.quadratic is None else 2
@@ -229,8 +242,9 @@ class PartialPressure(KnownArguments):
         return [Term(coverage, hstack([before, at_nodes]))]
 
     def _check_line(self, points: np.ndarray, hypothesis: str) -> None:
-        """Raise SceneError unless nodes, (n, dim), form a straight line along the axis in the
-        plane.
+        """Check that nodes, (n, dim), form a straight line along the axis in the plane.
+
+        Raises SceneError otherwise.
         """
         label = f"the partial pressure on tag {self.tag}"
         if points.shape[1] != 2:
@@ -260,7 +274,12 @@ def _unit_pressure(assembler: Assembler, tag: Tag) -> np.ndarray:
 def checked_terms(load: Load, assembler: Assembler) -> list[Term]:
     """Terms of a load with columns in the format csc, without zeros.
 
-    Raise SceneError for an invalid one.
+    Args:
+        load: the load.
+        assembler: interface of the finite element model.
+
+    Raises:
+        SceneError: for terms, amplitudes or columns that are invalid.
     """
     terms = load.terms(assembler)
     if not isinstance(terms, Sequence) or not all(isinstance(term, Term) for term in terms):
@@ -298,10 +317,12 @@ class Terms:
     def columns(
         self, group: str, rows: int, others: Sequence[csc_matrix] | None = None
     ) -> csc_matrix:
-        """Columns of a group, each at the index of its term, zero elsewhere, in the format csc,
-        (rows, 1 + T).
+        """Columns of a group, each at the index of its term, zero elsewhere, csc, (rows, 1 + T).
 
-        ``others`` take the place of the columns of the terms, in the order of the group.
+        Args:
+            group: name of the group.
+            rows: number of rows.
+            others: columns that replace those of the terms, in the order of the group.
         """
         blocks = [csc_matrix((rows, 1))]
         for name, index, term in self._listed:

@@ -33,8 +33,9 @@ class Memory(Mapping[str, Any]):
         return Memory(**{**self._parts, **more})
 
     def counted(self) -> dict[str, int]:
-        """Numbers that a line on the answer shows, by name, of the parts that have a method
-        ``counted``.
+        """Numbers that a line on the answer shows, by name.
+
+        They are those of the variables that have a method ``counted``.
         """
         counts = [
             variable.counted() for variable in self._parts.values() if hasattr(variable, "counted")

@@ -1,6 +1,4 @@
-"""The parameters of a scene: the box in which it is solved, and checks of numbers, names and
-tags.
-"""
+"""Parameters of a scene: the box, and checks of numbers, names and tags."""
 
 from __future__ import annotations
 
@@ -50,12 +48,25 @@ def is_number(value: object) -> bool:
 
 
 def is_whole(value: object, least: int) -> bool:
-    """True for an integer of at least ``least``; 2.0 and True are none."""
+    """True for an integer of at least ``least``; 2.0 and True are none.
+
+    Args:
+        value: value to check.
+        least: smallest integer that is accepted.
+    """
     return isinstance(value, Integral) and not isinstance(value, bool) and int(value) >= least
 
 
 def as_tuple(name: str, value: object) -> tuple:
-    """Convert a list or an array to a tuple; raise SceneError for a single item."""
+    """Convert a list or an array to a tuple.
+
+    Args:
+        name: name of the value, for the message.
+        value: list, tuple or array.
+
+    Raises:
+        SceneError: for a single item.
+    """
     if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
         raise SceneError(
             f"{name} must be a tuple, and is {value!r}: write ({type(value).__name__}(...),) for "
@@ -76,13 +87,29 @@ class Place(Protocol):
 
 
 def check_place(what: str, place: object) -> None:
-    """Raise SceneError for what is neither a tag nor a :class:`Place`."""
+    """Check a place of a mesh.
+
+    Args:
+        what: name of its owner, for the message.
+        place: a tag, or a :class:`Place`.
+
+    Raises:
+        SceneError: for anything else.
+    """
     if not hasattr(place, "nodes"):
         check_tag(what, place)
 
 
 def check_tag(what: str, tag: object) -> None:
-    """Raise SceneError for an invalid tag of a mesh."""
+    """Check a tag of a mesh.
+
+    Args:
+        what: name of its owner, for the message.
+        tag: the tag.
+
+    Raises:
+        SceneError: if it is no number from 0 on and no name.
+    """
     if not is_whole(tag, 0) and not (isinstance(tag, str) and tag.strip()):
         raise SceneError(
             f"the tag {tag!r} of a {what} must be an integer or a name, as in the mesh"
@@ -132,26 +159,49 @@ def _filled(values: Any) -> Any:
 
 
 def has_names(table: Any) -> bool:
-    """True for a table whose columns have names, and for a list or tuple whose first row has
-    them.
+    """True for a table whose columns have names.
+
+    For a list or tuple also if its first row has them.
     """
     first = table[:1] if isinstance(table, list | tuple) else ()
     return any(named_values(rows) is not None for rows in (table, *first))
 
 
 def described(names: Sequence[str], point: np.ndarray) -> str:
-    """Values of some parameters in words, for messages."""
+    """Values of some parameters in words, for messages.
+
+    Args:
+        names: names of the parameters.
+        point: their values, (P,).
+    """
     return ", ".join(f"{name} = {value:g}" for name, value in zip(names, point, strict=True))
 
 
 def check_pair_index(what: str, index: object) -> None:
-    """Raise SceneError for an index that is none of a contact pair."""
+    """Check an index of a contact pair.
+
+    Args:
+        what: name of its owner, for the message.
+        index: the index.
+
+    Raises:
+        SceneError: if it is no integer from 0 on.
+    """
     if not is_whole(index, 0):
         raise SceneError(f"{what} must be the place of a pair in Scene.contacts, 0 for the first")
 
 
 def check_count_and_seed(what: str, count: object, seed: object) -> None:
-    """Raise ParameterError for an invalid number of points, or an invalid seed."""
+    """Check a number of points and a seed.
+
+    Args:
+        what: name of their owner, for the message.
+        count: number of points.
+        seed: seed of a generator.
+
+    Raises:
+        ParameterError: if the count is not positive, or the seed negative.
+    """
     if not is_whole(count, 1) or not is_whole(seed, 0):
         raise ParameterError(
             f"{what}: the count must be a positive integer, the seed an integer that is not "
@@ -238,12 +288,16 @@ class ParameterSpace(KnownArguments):
         part: float,
         axes: Iterable[int] | None = None,
     ) -> np.ndarray:
-        """Derivatives of a function, (P,) -> (n,), along some or all parameters by differences, (n,
-        axes).
+        """Derivatives of a function along parameters by differences, (n, axes).
 
-        ``part`` is the step over the size of the box. Differences are central, or one-sided with
-        three points if an end of the box is nearer than a step: the error of both is of second
-        order in the step.
+        Differences are central, or one-sided with three points if an end of the box is nearer than
+        a step: the error of both is of second order in the step.
+
+        Args:
+            value: the function, (P,) -> (n,).
+            point: parameter, (P,).
+            part: step over the size of the box.
+            axes: numbers of the parameters; None for all.
         """
         columns = []
         for axis in range(point.size) if axes is None else axes:
@@ -257,8 +311,9 @@ class ParameterSpace(KnownArguments):
         return np.stack(columns, axis=1)
 
     def _weights(self, here: float, step: float, place: int) -> tuple[tuple[float, float], ...]:
-        """Steps and weights of the derivative at ``here`` of the parabola through points inside the
-        box.
+        """Steps and weights of the derivative at ``here`` of a parabola.
+
+        The parabola goes through points inside the box.
         """
         if here - step < self.lower[place]:
             return ((0, -1.5), (1, 2.0), (2, -0.5))
@@ -272,8 +327,9 @@ class ParameterSpace(KnownArguments):
         return np.mean([self.lower, self.upper], axis=0)
 
     def point(self, mu: PointLike) -> np.ndarray:
-        """Convert a number, a sequence or values by name, see :func:`named_values`, to a checked
-        point, (P,).
+        """Convert a number, a sequence or values by name to a checked point, (P,).
+
+        See :func:`named_values` for values by name.
 
         Raises:
             ParameterError: for a wrong length, a missing name, NaN, or a value outside the box.
@@ -342,8 +398,13 @@ class ParameterSpace(KnownArguments):
         return [_filled(named[name]) for name in self.names]
 
     def table(self, rows: PointsLike, least: int = 0) -> np.ndarray:
-        """Convert ``least`` rows or more, or columns or rows with names, to numbers, (S, P), inside
-        the box or not.
+        """Convert rows, or columns or rows with names, to numbers, (S, P).
+
+        They may lie outside the box.
+
+        Args:
+            rows: the table.
+            least: smallest number of rows.
 
         Raises:
             ParameterError: for another shape, names that do not match, or values that are no
@@ -413,6 +474,10 @@ class ParameterSpace(KnownArguments):
     def random(self, count: int, seed: int) -> np.ndarray:
         """Uniform random points of the box, (count, P), the same for the same seed.
 
+        Args:
+            count: number of points.
+            seed: seed of the generator.
+
         Raises:
             ParameterError: if the count is not positive or the seed negative.
         """
@@ -420,8 +485,13 @@ class ParameterSpace(KnownArguments):
         return np.random.default_rng(seed).uniform(self.lower, self.upper, (count, len(self.names)))
 
     def lines(self, places: Sequence[int], count: int = 3) -> np.ndarray:
-        """Points on lines along parameters, ``LINE_POINTS`` on each: the first through the
-        middle, others random, (n, P).
+        """Points on lines along parameters, ``LINE_POINTS`` on each, (n, P).
+
+        The first line of each parameter is through the middle, others are random.
+
+        Args:
+            places: indices of the parameters.
+            count: number of lines along each.
         """
         ends = np.array([self.lower, self.upper], dtype=float)
         middle = ends.mean(axis=0)
@@ -433,9 +503,10 @@ class ParameterSpace(KnownArguments):
 
 
 def check_counts(**given: tuple[object, int]) -> None:
-    """Raise StudyError for a value that is no integer from its least value to 2^32.
+    """Check integers, each given by name with its least value.
 
-    Both are given by name.
+    Raises:
+        StudyError: for a value that is no integer from its least value to 2^32.
     """
     for name, (value, least) in given.items():
         if not is_whole(value, least) or int(value) >= 2**32:  # type: ignore[call-overload]

@@ -1,6 +1,4 @@
-"""Samplings of training points: space-filling points of a box, by scipy's quasi-random
-sequences.
-"""
+"""Samplings of training points: quasi-random sequences of SciPy that fill a box."""
 
 from __future__ import annotations
 

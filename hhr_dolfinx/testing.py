@@ -1,5 +1,6 @@
-"""Conformance checks: each holds a part that you wrote to the contract of its seam, on two small
-pressed blocks.
+"""Conformance checks of user-defined parts on two small pressed blocks.
+
+Each holds a part that you wrote to the contract of its seam.
 
 A check takes the part, or a function without arguments that makes it, and raises
 :class:`ConformanceError` with one sentence that says what is wrong and what to do. The blocks need
@@ -54,7 +55,11 @@ Check = TypeVar("Check", bound=Callable[..., None])
 
 
 def blaming(check: Check) -> Check:
-    """Make the part, and name it if its code, or a check of the package on it, raises anything."""
+    """Make the part, and name it in any error of its code or of a check on it.
+
+    Raises:
+        ConformanceError: by the returned check, for any error.
+    """
 
     @wraps(check)
     def checked(part: object, *given: Any, **settings: Any) -> None:
@@ -73,7 +78,16 @@ def blaming(check: Check) -> Check:
 
 
 def require(fits: bool | np.bool_, message: str, *given: Any) -> None:
-    """Raise ConformanceError with a message, filled in, unless something fits."""
+    """Require a condition of a part.
+
+    Args:
+        fits: True if the condition holds.
+        message: format of the message.
+        *given: values of the format.
+
+    Raises:
+        ConformanceError: if it does not hold.
+    """
     if not fits:
         raise ConformanceError(message.format(*given))
 

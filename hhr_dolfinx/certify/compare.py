@@ -41,8 +41,11 @@ class Comparison:
 
     @classmethod
     def of(cls, rows: Sequence[Row], names: Sequence[str] = ()) -> Comparison:
-        """Comparison from one row per point or path; ``names`` are those of further errors in
-        them.
+        """Comparison from one row per point or path.
+
+        Args:
+            rows: label, errors of displacement and forces, and further errors of each.
+            names: names of the further errors.
         """
         labels, primal, dual, *errors = zip(*rows, strict=True)
         further = {name: np.array(column) for name, column in zip(names, errors, strict=True)}
@@ -53,7 +56,13 @@ def compare_points(full: FullModel, model: Model, solutions: Solutions, floor: f
     """Errors of fields and forces everywhere at known solutions.
 
     A point that fails has infinite errors, and so does the force if two starts lead to two
-    solutions. ``floor`` is the force norm below which a relative error is meaningless.
+    solutions.
+
+    Args:
+        full: the full model.
+        model: the model that is compared.
+        solutions: answers of the full model.
+        floor: force norm below which a relative error is meaningless.
     """
     problem = full.problem
     rows: list[Row] = []

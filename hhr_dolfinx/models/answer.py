@@ -41,8 +41,9 @@ CheckedStart = str | np.ndarray | None
 
 
 class Meshed(Protocol):
-    """Full model as answers use it, or the mesh that lies beside a model file: pressures and
-    pictures need it.
+    """Full model as answers use it, or the mesh that lies beside a model file.
+
+    Pressures and pictures need it.
     """
 
     def areas(self, mu: PointLike) -> np.ndarray:
@@ -56,8 +57,9 @@ class Meshed(Protocol):
 
 
 class Completion(Protocol):
-    """Completes the fields of bodies with laws, from the places where a model evaluates the laws to
-    the whole mesh.
+    """Completes the fields of bodies with laws on the whole mesh.
+
+    A model evaluates the laws at some places only.
     """
 
     kind: ClassVar[str]  #: kind of its estimates, see Estimate
@@ -90,25 +92,45 @@ class InterfaceCompletion(Protocol):
         """Law of the RID, with the row numbers of the RID."""
 
     def forces(self, inside: np.ndarray, point: np.ndarray) -> np.ndarray:
-        """Forces on all conditions from those of the RID, (m,), at a point, (N_lambda,)."""
+        """Forces on all conditions from those of the RID, (N_lambda,).
+
+        Args:
+            inside: forces on the conditions of the RID, (m,).
+            point: parameter, (P,).
+        """
 
     def completed(
         self, inside: np.ndarray, active: np.ndarray, point: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """These forces, and statuses of all conditions from those of the RID, (m,) bool."""
+        """Forces, (N_lambda,), and statuses, (N_lambda,) bool, of all conditions.
+
+        Args:
+            inside: forces on the conditions of the RID, (m,).
+            active: statuses of these, (m,) bool.
+            point: parameter, (P,).
+        """
 
     def force_changes(
         self, inside: np.ndarray, changes: np.ndarray, point: np.ndarray
     ) -> np.ndarray:
-        """Derivatives of :meth:`forces`, (N_lambda, P), from those of the RID, (m, P)."""
+        """Derivatives of :meth:`forces`, (N_lambda, P).
+
+        Args:
+            inside: forces on the conditions of the RID, (m,).
+            changes: derivatives of these, (m, P).
+            point: parameter, (P,).
+        """
 
     def indicated(
         self, inside: np.ndarray, slack: np.ndarray, scale: np.ndarray, memory: Memory
     ) -> float:
-        """Estimated relative error of forces, from those in the RID, (m,), slacks of all,
-        (N_lambda,), and the memory.
+        """Estimated relative error of forces.
 
-        ``scale`` is the length by which the gap of each is measured, (N_lambda,).
+        Args:
+            inside: forces on the conditions of the RID, (m,).
+            slack: slack of all conditions, (N_lambda,).
+            scale: length by which the gap of each condition is measured, (N_lambda,).
+            memory: memory of the answer.
         """
 
     def differences(self, problem: ContactProblem) -> str:
@@ -161,15 +183,27 @@ class ModelFields:
         return next((kind for kind, estimator in estimators.items() if estimator is not None), "")
 
     def displacement(self, answer: Answer) -> np.ndarray:
-        """Displacement, lift included, (N,)."""
+        """Displacement, lift included, (N,).
+
+        Raises:
+            NotImplementedError: in this base class.
+        """
         raise NotImplementedError
 
     def forces(self, answer: Answer) -> np.ndarray:
-        """Contact forces on the whole contact surface, (N_lambda,)."""
+        """Contact forces on the whole contact surface, (N_lambda,).
+
+        Raises:
+            NotImplementedError: in this base class.
+        """
         raise NotImplementedError
 
     def stress(self, answer: Answer) -> np.ndarray:
-        """Stress in Kelvin's notation, (places, components)."""
+        """Stress in Kelvin's notation, (places, components).
+
+        Raises:
+            NotImplementedError: in this base class.
+        """
         raise NotImplementedError
 
     def estimate(self, answer: Answer) -> Estimate | None:
@@ -256,7 +290,7 @@ class Answer(NamedTuple):
         return None
 
     def remembering(self, **parts: Any) -> Answer:
-        """The same answer with further parts of its memory, by name."""
+        """Answer with further parts of its memory, by name."""
         return self._replace(memory=self.memory | parts)
 
     def facts(self) -> dict[str, str]:
@@ -299,10 +333,10 @@ class Answer(NamedTuple):
         return self.fields.forces(self)
 
     def pressure(self, full: Meshed | None = None) -> np.ndarray:
-        """Contact pressure at each condition of the whole surface: nodal forces over tributary
-        areas, (N_lambda,).
+        """Contact pressure at each condition of the whole surface, (N_lambda,).
 
-        Other conditions than those of pressures have tractions. Conditions without an area are NaN.
+        Nodal forces over tributary areas. Other conditions than those of pressures have tractions.
+        Conditions without an area are NaN.
 
         Args:
             full: the full model, whose mesh has the areas; not needed in the process that built the
@@ -350,8 +384,9 @@ class Answer(NamedTuple):
         return meshed
 
     def stress(self) -> np.ndarray:
-        """Stress on the whole mesh, Kelvin's notation: at cell midpoints, or where laws of bodies
-        are evaluated.
+        """Stress on the whole mesh in Kelvin's notation, (places, components).
+
+        At cell midpoints, or where laws of bodies are evaluated.
         """
         return self.fields.stress(self)
 
@@ -415,8 +450,9 @@ class History(Shown):
 
     @property
     def time_error(self) -> np.ndarray:
-        """Estimated error of the time steps up to the end of each, see :attr:`Answer.time_error`,
-        (steps,).
+        """Estimated error of the time steps up to the end of each, (steps,).
+
+        See :attr:`Answer.time_error`.
         """
         return np.array([answer.time_error for answer in self.answers])
 
@@ -448,7 +484,7 @@ class History(Shown):
         return path
 
     def thinned(self, times: Sequence[float]) -> History:
-        """The same history with the answers at some of its times alone."""
+        """History with the answers at some of its times alone."""
         selected = set(times)
         indices = [index for index, answer in enumerate(self.answers) if answer.time in selected]
         answers = [self.answers[index] for index in indices]
@@ -460,7 +496,7 @@ class History(Shown):
     def iterations(self) -> list[int]:
         """Iterations of each step, summed over its parts.
 
-        a failed attempt counts as the most allowed.
+        A failed attempt counts as the most allowed.
         """
         return [answer.iterations for answer in self.answers]
 
@@ -526,8 +562,9 @@ class SeveralAnswers(Shown):
 
 @dataclass(frozen=True, repr=False)
 class ListedAnswers(SeveralAnswers):
-    """Answers found one by one, each with all its parts: memory of laws, fields of a local
-    model.
+    """Answers found one by one.
+
+    Each has all of its attributes: memory of laws, fields of a local model.
     """
 
     answers: tuple[Answer, ...]  #: one or more
@@ -552,8 +589,9 @@ class ListedAnswers(SeveralAnswers):
 
 
 class Model(Protocol):
-    """Interface of all models (full, reduced, condensed, baseline) that studies, checks and users
-    rely on.
+    """Interface of all models: full, reduced, condensed, baseline.
+
+    Studies, checks and users rely on it.
     """
 
     def solve(
@@ -606,7 +644,14 @@ class Model(Protocol):
 def one_by_one(
     model: Any, table: PointsLike, raise_on_failure: bool, outside: str
 ) -> ListedAnswers:
-    """Answers of a model that has no faster way, point by point."""
+    """Answers of a model that has no faster way, point by point.
+
+    Args:
+        model: a model, see :class:`~hhr_dolfinx.models.model.AnsweringModel`.
+        table: parameters, (n, P).
+        raise_on_failure: raise at the first point without a solution.
+        outside: see :meth:`Model.solve`.
+    """
     points = model.parameters.points(table)
     return ListedAnswers(
         tuple(
@@ -619,8 +664,18 @@ def one_by_one(
 def outcome(
     answer: Answer, raise_on_failure: bool, advice: Mapping[Status, str] = MappingProxyType({})
 ) -> Answer:
-    """The answer if it converged; otherwise the answer with NaN, so that no iterate passes for a
-    solution.
+    """The answer if it converged; otherwise an answer of NaN, or an error.
+
+    No iterate passes for a solution.
+
+    Args:
+        answer: answer of a search, converged or not.
+        raise_on_failure: raise instead of returning NaN.
+        advice: remedy for each status, for the message.
+
+    Raises:
+        NotSolvableError: for a singular or unrestrained problem, or one that is not finite.
+        ConvergenceError: if the search did not converge.
     """
     if answer.status is Status.CONVERGED:
         return answer
@@ -642,7 +697,14 @@ def unanswered(
     fields: ModelFields,
     status: Status = Status.UNDEFINED,
 ) -> Answer:
-    """An answer of NaN, for a model with these numbers of unknowns and conditions."""
+    """An answer of NaN.
+
+    Args:
+        parameter: mu, (P,).
+        sizes: numbers of unknowns and of conditions of the model.
+        fields: fields of the model.
+        status: reason why there is no answer.
+    """
     unknowns, conditions = sizes
     nothing = (
         np.full(unknowns, np.nan),
@@ -655,7 +717,14 @@ def unanswered(
 def found_as(
     statuses: Statuses, parameter: np.ndarray, unknown: np.ndarray, fields: ModelFields
 ) -> Answer:
-    """Answer from the result of the active set and the unknown under its forces."""
+    """Answer from the result of the active set and the unknown under its forces.
+
+    Args:
+        statuses: result of the active set.
+        parameter: mu, (P,).
+        unknown: unknown of the model under these forces.
+        fields: fields of the model.
+    """
     return Answer(
         parameter,
         unknown,

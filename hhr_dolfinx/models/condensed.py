@@ -105,6 +105,7 @@ class CondensedModel(KeptModel):
         Faster per point the more there are.
 
         Args:
+            points: parameters, (n, P).
             raise_on_failure: raise at the first point without a solution, or go on with NaN and a
                 status.
             outside: see :meth:`Model.solve`.
@@ -122,7 +123,13 @@ class CondensedModel(KeptModel):
     def from_contact(
         self, contact: CondensedContact, point: np.ndarray, raise_on_failure: bool
     ) -> Answer:
-        """Answer to a point from its contact problem; starts from the nearest training statuses."""
+        """Answer to a point from its contact problem; starts from the nearest training statuses.
+
+        Args:
+            contact: contact problem of the point.
+            point: parameter, (P,).
+            raise_on_failure: raise instead of returning NaN and a status.
+        """
         answer = answer_of(contact, point, self.known.start(point), self._pairs, self.fields)
         return outcome(answer, raise_on_failure, self.advice)
 
@@ -145,7 +152,8 @@ class CondensedModel(KeptModel):
 
     @property
     def tabulated(self) -> bool:
-        """True if critical regions are tabulated: amplitudes are affine, and the tables not too
-        large.
+        """True if critical regions are tabulated.
+
+        Amplitudes are then affine, and the tables not too large.
         """
         return self._regions is not None

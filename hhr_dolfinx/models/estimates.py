@@ -91,6 +91,10 @@ class Estimate(NamedTuple):
     def indicated(cls, value: float, kind: str = "indicator") -> Estimate:
         """Estimate by an indicator, as a relative error; errors of pressures are infinite.
 
+        Args:
+            value: relative error, not negative.
+            kind: ``indicator``, :data:`STRESS_INDICATOR` or :data:`FORCES_INDICATOR`.
+
         Raises:
             ParameterError: for a value that is no relative error: not a number, NaN, or negative.
         """
@@ -164,7 +168,14 @@ class Estimates:
         together: int,
         bounded: Callable[[np.ndarray], Estimates],
     ) -> Estimates:
-        """Estimates of the converged answers, (n,) bool, in blocks of rows; NaN for the others."""
+        """Estimates of the converged answers, in blocks of rows; NaN for the others.
+
+        Args:
+            kind: kind of the estimates, see :class:`Estimate`.
+            solved: True for each converged answer, (n,) bool.
+            together: rows of a block.
+            bounded: returns the estimates of some rows, by their numbers.
+        """
         rows = np.flatnonzero(solved)
         blocks = [rows[first : first + together] for first in range(0, rows.size, together)]
         return cls._filled({kind}, len(solved), [(block, bounded(block)) for block in blocks])
@@ -203,9 +214,11 @@ class Estimates:
     def joined(
         cls, parts: Sequence[tuple[np.ndarray, Estimates | None]], count: int
     ) -> Estimates | None:
-        """Join estimates of parts of ``count`` answers, each with the indices of its answers.
+        """Join estimates of parts of many answers; None without any.
 
-        None without any.
+        Args:
+            parts: indices and estimates of the answers of each part.
+            count: number of all answers.
         """
         estimated = [(rows, estimates) for rows, estimates in parts if estimates is not None]
         if not estimated:
@@ -271,8 +284,9 @@ FALLBACK_ERRORS = ("forces", "pressure", "displacement")
 
 
 def known_error(fields: Any) -> str:
-    """Description of the errors that are estimated for answers with some fields, or the reason why
-    there are none.
+    """Description of the errors that are estimated, or the reason why there are none.
+
+    The argument are the fields of answers.
     """
     kind = fields.estimated
     if fields.bound is not None:
@@ -322,8 +336,11 @@ def warn_unbounded(fields: Any) -> None:
 
 
 def check_asked(fields: Any, of: object) -> None:
-    """Check an error by its name: None, one of :data:`FALLBACK_ERRORS`, or the name of an
-    output with a bound.
+    """Check an error by its name.
+
+    Args:
+        fields: fields of the model.
+        of: None, one of :data:`FALLBACK_ERRORS`, or the name of an output with a bound.
 
     Raises:
         ParameterError: for another name, or an output without a bound, with the reason.
@@ -346,8 +363,10 @@ def check_asked(fields: Any, of: object) -> None:
 
 
 def check_of_forces(of: object) -> None:
-    """Raise ParameterError for an error that the indicator of forces of a hyper-reduced model does
-    not cover.
+    """Check that the indicator of forces of a hyper-reduced model covers an error.
+
+    Raises:
+        ParameterError: for another error than ``forces``.
     """
     if of != "forces":
         raise ParameterError(
@@ -357,8 +376,15 @@ def check_of_forces(of: object) -> None:
 
 
 def check_word(outputs: Sequence[str], of: object) -> None:
-    """Raise ParameterError unless it is None, one of :data:`FALLBACK_ERRORS`, or the name of an
-    output."""
+    """Check the name of an error.
+
+    Args:
+        outputs: names of the outputs.
+        of: None, one of :data:`FALLBACK_ERRORS`, or the name of an output.
+
+    Raises:
+        ParameterError: for another name.
+    """
     if of is not None and not (isinstance(of, str) and of in (*FALLBACK_ERRORS, *outputs)):
         raise ParameterError(
             f"of = {of!r} is no error that is known here: give "

@@ -1,5 +1,6 @@
-"""Many parameters at once: points of equal statuses share factors, and are solved by products of
-matrices.
+"""Many parameters at once.
+
+Points of equal statuses share factors, and are solved by products of matrices.
 """
 
 from __future__ import annotations
@@ -49,7 +50,12 @@ class ManyAnswers(SeveralAnswers):
 
     @classmethod
     def of(cls, answers: list[Answer], fields: ModelFields) -> ManyAnswers:
-        """Array form of answers found one by one, one or more."""
+        """Array form of answers found one by one, one or more.
+
+        Args:
+            answers: answers found one by one, one or more.
+            fields: fields of the model.
+        """
         points, unknown, forces, active = (
             np.array([getattr(answer, name) for answer in answers])
             for name in ("parameter", "unknown", "multipliers", "active")
@@ -84,8 +90,11 @@ class PartedAnswers(SeveralAnswers):
 
     @classmethod
     def of(cls, parts: list[tuple[np.ndarray, SeveralAnswers]], model: np.ndarray) -> PartedAnswers:
-        """Combine the answers of each model to its rows, one or more, and the numbers of the models
-        by row.
+        """Combine the answers of each model to its rows.
+
+        Args:
+            parts: rows and answers of each model, one or more.
+            model: number of the model of each row, (n,) int.
         """
         indices = [rows for rows, _ in parts]
         points, iterations = (
@@ -144,10 +153,17 @@ def answers_by_statuses(
     points: np.ndarray,
     raise_on_failure: bool,
 ) -> ManyAnswers:
-    """Answers of a condensed model of constant stiffness to checked points, (n, P).
+    """Answers of a condensed model of constant stiffness to many points.
 
-    ``response`` is the free slack followed by the free unknown, (m + n, 1 + T). The model solves
-    the points whose batch does not converge.
+    The model solves the points whose batch does not converge.
+
+    Args:
+        model: the :class:`~hhr_dolfinx.models.condensed.CondensedModel`.
+        amplitudes: θ as a function of the parameters.
+        responses: S and the responses to forces.
+        response: free slack followed by the free unknown, (m + n, 1 + T).
+        points: checked parameters, (n, P).
+        raise_on_failure: raise at the first point without a solution.
     """
     schur = responses.schur
     per_force = responses.primal_per_force

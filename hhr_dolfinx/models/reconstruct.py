@@ -35,9 +35,7 @@ if TYPE_CHECKING:
 
 
 class _Fit(NamedTuple):
-    """A non-negative fit: weights of the training forces, the matrix and target fitted, and the
-    open gaps in it.
-    """
+    """Non-negative fit of training forces: weights, matrix, target, and open gaps."""
 
     weights: np.ndarray
     matrix: np.ndarray
@@ -107,8 +105,9 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return len(self.gaps)
 
     def _surface(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """``gaps`` and ``contact_basis`` at a point, (P,): the same where no parameter changes the
-        shape.
+        """``gaps`` and ``contact_basis`` at a point, (P,).
+
+        They are constant if no parameter changes the shape.
         """
         return self.gaps, self.contact_basis
 
@@ -117,8 +116,9 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return driven(self.gaps, theta) - unknown @ self.contact_basis.T
 
     def _coordinates(self, answer: Answer) -> np.ndarray:
-        """Coordinates of the columns of the displacement, (c,): gamma, or a function of all
-        forces.
+        """Coordinates of the columns of the displacement, (c,).
+
+        They are gamma, or a function of all forces.
         """
         if self.response is None or not answer.converged:
             return answer.unknown if self.response is None else np.full(self.basis.shape[1], np.nan)
@@ -134,17 +134,16 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
 
     @cached_property
     def _lifted(self) -> tuple[np.ndarray, np.ndarray]:
-        """Numbers of the terms with a lift, and their columns, dense, since sparse ones take 5
-        us.
+        """Numbers of the terms with a lift, and their columns.
+
+        Dense, since sparse ones take 5 us.
         """
         lifted = np.flatnonzero(np.diff(self.lifts.tocsc().indptr))
         return lifted, self.lifts[:, lifted].toarray(order="F")
 
     @cached_property
     def _parts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Conditions outside the RID, and the snapshots split into the fitted and the penalised
-        part.
-        """
+        """Conditions outside the RID, and the fitted and penalised rows of the snapshots."""
         assert self.force_snapshots is not None
         outer = np.setdiff1d(np.arange(len(self.gaps)), self.A_lambda)
         return outer, self.force_snapshots[self.A_lambda], self.force_snapshots[outer]
@@ -156,8 +155,9 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return self.bound.prepared(self.A_lambda)
 
     def displacement(self, answer: Answer) -> np.ndarray:
-        """Displacement V gamma + lift, thesis (1.69), or a function of loads and forces, see
-        ``response``, (N,).
+        """Displacement V gamma + lift, thesis (1.69), (N,).
+
+        With a ``response`` it is a function of loads and forces.
         """
         field = self.basis @ self._coordinates(answer)
         if self.response is not None:
@@ -217,8 +217,9 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return _Fit(weights, matrix, target, open_gap)
 
     def _all_force_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
-        """Derivatives of all forces, (N_lambda, P), with a constant set of combined training
-        forces.
+        """Derivatives of all forces, (N_lambda, P).
+
+        The set of combined training forces is constant.
 
         The weights solve a least-squares problem whose matrix M changes with the open gaps: M^T M
         w' = M'^T (t - M w) + M^T (t' - M' w).
@@ -280,8 +281,9 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         )
 
     def stress(self, answer: Answer) -> np.ndarray:
-        """Stress in Kelvin's notation, in cell middles, or at all places where laws of bodies are
-        evaluated.
+        """Stress in Kelvin's notation, (places, components).
+
+        At cell midpoints, or where laws of bodies are evaluated.
         """
         return super().stress(answer) if self.flow is None else self.flow.stress_of(answer)
 
@@ -312,8 +314,11 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         )
 
     def indicating(self, answer: Answer) -> tuple[np.ndarray, np.ndarray, np.ndarray, Memory]:
-        """Forces in the RID, slack of all conditions, scale of gaps, memory: input of an indicator
-        of forces.
+        """Input of an indicator of forces.
+
+        Returns:
+            Forces in the RID, (m,), slack of all conditions, (N_lambda,), scale of gaps,
+            (N_lambda,), and memory.
         """
         gaps, contact_basis = self._surface(answer.parameter)
         slack = (
@@ -345,8 +350,9 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return replace(estimates, outputs_of=outputs_of)
 
     def _indicated(self, answer: Answer) -> Estimate | None:
-        """Estimate of an indicator: a user-defined one, that of a law of interfaces, or of laws of
-        bodies.
+        """Estimate of an indicator.
+
+        It is user-defined, or that of a law of interfaces or of laws of bodies.
         """
         if self.indicator is not None:
             return Estimate.indicated(self.indicator(answer))

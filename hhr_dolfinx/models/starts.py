@@ -1,6 +1,4 @@
-"""Starts of the active set: statuses of a training parameter, extrapolated along its
-derivatives.
-"""
+"""Starts of the active set: training statuses, extrapolated along their derivatives."""
 
 from __future__ import annotations
 
@@ -51,8 +49,7 @@ class KnownStatuses(Rebuilt):
 
     @cached_property
     def distances(self) -> tuple[np.ndarray, np.ndarray]:
-        """Offsets and directions of |x - p|^2 / 2, without the part that is equal for all
-        candidates x.
+        """Offsets and directions of |x - p|^2 / 2, without the part equal for all candidates x.
 
         The parameters, whose units differ, are scaled by their widths.
         """
@@ -72,7 +69,7 @@ class KnownStatuses(Rebuilt):
     def starts(self, points: np.ndarray) -> np.ndarray:
         """Statuses to start from at many points, (n, P): (n, m) bool.
 
-        a copy, which the caller may change.
+        A copy, which the caller may change.
         """
         offsets, directions = self.distances
         return self.active[(offsets - points @ directions.T).argmin(axis=1)]
@@ -113,7 +110,7 @@ class LinearStarts(KnownStatuses):
     def starts(self, points: np.ndarray) -> np.ndarray:
         """Statuses to start from at many points, (n, P): (n, m) bool.
 
-        a copy, which the caller may change.
+        A copy, which the caller may change.
         """
         offsets, directions = self.distances
         active = np.empty((len(points), self.margins.shape[1]), dtype=bool)

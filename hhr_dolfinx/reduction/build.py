@@ -74,7 +74,12 @@ class Offline:
         return self.task.log
 
     def once(self, name: str, compute: Callable[[], Result]) -> Result:
-        """A result that a stage computes in the first attempt only."""
+        """A result that a stage computes in the first attempt only.
+
+        Args:
+            name: name of the result.
+            compute: computes it.
+        """
         if name not in self.computed:
             self.computed[name] = compute()
         return self.computed[name]
@@ -173,11 +178,14 @@ def build(
 def not_by_rows(
     kind: OfPoints, snapshots: SnapshotSet | None = None, recipe: Recipe | None = None
 ) -> str:
-    """Reason why a distributed problem is not reduced by rows, with snapshots or a recipe.
-
-    Empty if it is.
+    """Reason why a distributed problem is not reduced by rows; empty if it is.
 
     Decomposition, projection, enrichment and bounds use only sums over the ranks.
+
+    Args:
+        kind: kind of the answers.
+        snapshots: training answers; None to leave them out of account.
+        recipe: recipe of the reduction; None to leave it out of account.
     """
     if reason := kind.not_by_rows():
         return reason
@@ -189,7 +197,11 @@ def not_by_rows(
 
 
 def check_recipe(recipe: object) -> None:
-    """Raise ReductionError for an invalid recipe."""
+    """Check a recipe.
+
+    Raises:
+        ReductionError: for a class, or a value that is no recipe.
+    """
     if isinstance(recipe, type):
         raise ReductionError(
             f"{recipe.__name__} is a class, give a value of it: {recipe.__name__}(...)"
@@ -231,7 +243,12 @@ class HyperReduction(Reductor[Offline]):
         return range(domain.layers, max(domain.layers, domain.most_layers) + 1)
 
     def prepare(self, task: Task, before: Offline | None = None) -> Offline:
-        """Basis, nodes of the RID and reconstruction."""
+        """Basis, nodes of the RID and reconstruction.
+
+        Args:
+            task: input of the reduction.
+            before: data of another task; not used.
+        """
         full, log, snapshots = task.full, task.log, task.snapshots
         problem = full.problem
         recipe: Recipe = self.recipe
@@ -255,14 +272,24 @@ class HyperReduction(Reductor[Offline]):
         return Offline(task, snapshots, recipe, basis, nodes, completion)
 
     def attempt(self, prepared: Offline, level: int) -> tuple[ReducedModel, HyperFacts]:
-        """All stages, with a constant number of layers."""
+        """All stages, with a constant number of layers.
+
+        Args:
+            prepared: data that all attempts share.
+            level: layers of cells.
+        """
         draft = Draft(prepared, level)
         for import_path in stages_of(prepared.full, self.recipe):
             registry.load(import_path)(draft)
         return draft.model, draft.facts
 
     def compare(self, task: Task, model: ReducedModel) -> tuple[Comparison | None, Trained | None]:
-        """Errors against known answers."""
+        """Errors against known answers.
+
+        Args:
+            task: input of the reduction.
+            model: the model.
+        """
         limits = self.limits
         comparison = compared(task, model, limits, self.remedy)
         if limits is not None:
@@ -295,9 +322,13 @@ STAGES = (
 
 
 def stages_of(full: FullModel, recipe: Recipe) -> list[str]:
-    """Places of the stages of an attempt, in their order.
+    """Import paths of the stages of an attempt, in their order.
 
     Of those after the same stage the ones of plug-ins first.
+
+    Args:
+        full: the full model.
+        recipe: the recipe.
 
     Raises:
         ReductionError: for a stage that comes after one that is not there.
@@ -366,7 +397,7 @@ def assess_projection(draft: Draft) -> None:
 
 
 def check_constants(draft: Draft) -> None:
-    """The same within the limits of the recipe."""
+    """Check the stability constants against the limits of the recipe."""
     trust = draft.shared.recipe.trust
     assert trust is not None
     check_stability(draft.stability, trust)
@@ -396,8 +427,9 @@ def reconstruct(draft: Draft) -> None:
 
 
 def assemble(draft: Draft) -> None:
-    """The model, with the range and the statuses of the training, as far as they are known before
-    its check.
+    """The model, with the range and the statuses of the training.
+
+    Both are as far as they are known before its check.
     """
     shared = draft.shared
     kind = shared.task.kind
@@ -427,7 +459,13 @@ def start_along(draft: Draft) -> None:
 def independent(
     problem: ContactProblem, sets: IndexSets, reduced: ReducedProblem
 ) -> tuple[IndexSets, ReducedProblem]:
-    """A RID and its projection without conditions that others repeat."""
+    """A RID and its projection without conditions that others repeat.
+
+    Args:
+        problem: the contact problem.
+        sets: index sets of the RID.
+        reduced: its projected arrays.
+    """
     distinct = problem.distinct[sets.A_lambda]
     if not distinct.all():
         per_row = {

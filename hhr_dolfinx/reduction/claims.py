@@ -1,5 +1,6 @@
-"""Claims of models, compared where they are made: exactness and bounds are no properties of a
-class.
+"""Comparison of models with their claims of exactness and of bounds.
+
+A claim is a property of a model, not of its class.
 """
 
 from __future__ import annotations
@@ -32,11 +33,17 @@ ANSWERED = list[tuple[Answer, Answer | None, str]]
 
 
 def check_claim(name: str, kind: OfPoints, model: AnsweringModel, known: SnapshotSet) -> None:
-    """Compare a model that calls itself exact, or says bounds, with some answers of the full one.
+    """Compare a model that calls itself exact, or has bounds, with some full answers.
 
     Displacements and loads of the contact forces, B^T λ, are compared with a claim of exactness:
     forces of equivalent conditions, and displacements of bodies with rigid motions, may have
     several values.
+
+    Args:
+        name: name of the reductor, for the message.
+        kind: kind of the answers.
+        model: the model.
+        known: answers of the full model.
 
     Raises:
         ClaimError: if they differ by more than round-off, or an error exceeds its bound.
@@ -71,7 +78,7 @@ def _check_exact(name: str, full: FullModel, limit: float, pairs: ANSWERED) -> N
 def _check_bounds(name: str, full: FullModel, pairs: ANSWERED) -> None:
     """Compare errors with their bounds.
 
-    round-off is that of the largest of the answers in each norm.
+    Round-off is that of the largest of the answers in each norm.
     """
     errors = [
         (_errors(full, exact, answer), answer.estimate(), label)
@@ -116,8 +123,9 @@ BOUNDED = {
 
 
 def _errors(full: FullModel, exact: Answer, answer: Answer) -> dict[str, tuple[float, float]]:
-    """Errors of an answer and sizes of the exact one, by the names of :data:`BOUNDED`, and of
-    outputs.
+    """Errors of an answer and sizes of the exact one, by name.
+
+    The names are those of :data:`BOUNDED`, and of outputs.
     """
     problem = full.problem.at(exact.parameter)
     rows = problem.spread

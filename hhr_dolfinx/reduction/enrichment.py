@@ -1,5 +1,6 @@
-"""Enrichment of the primal basis by finite element functions of the contact nodes, thesis section
-3.4.1, Alg. 3.1.
+"""Enrichment of the primal basis, thesis section 3.4.1, Alg. 3.1.
+
+The basis gets finite element functions of the contact nodes.
 
 A candidate is the normal displacement of the slave node of one contact condition of the RID: its
 partner on the other body would change B~ by the same column. If two conditions share a slave node
@@ -61,14 +62,19 @@ class Enrichment:
 def enrich(
     problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_max: float
 ) -> Enrichment:
-    """Add finite element functions until kappa(B~1) <= ``kappa_max``, greedily, Alg. 3.1 and
-    section 5.2.5.
+    """Add finite element functions until kappa(B~1) <= ``kappa_max``, greedily, Alg. 3.1.
 
-    While rows are dependent no column lowers kappa; then the candidate that lies farthest from the
-    range of B~ is added, which raises the rank. The singular values of a candidate come from a
-    rank-one update of B~ B~^T, without forming its basis. That update has the length of a candidate
-    outside the basis only to the root of round-off. So the chosen one is orthogonalised exactly,
-    and left out if nothing remains of it.
+    See section 5.2.5 too. While rows are dependent no column lowers kappa; then the candidate that
+    lies farthest from the range of B~ is added, which raises the rank. The singular values of a
+    candidate come from a rank-one update of B~ B~^T, without forming its basis. That update has the
+    length of a candidate outside the basis only to the root of round-off. So the chosen one is
+    orthogonalised exactly, and left out if nothing remains of it.
+
+    Args:
+        problem: the contact problem.
+        basis: orthonormal modes, (own, ell).
+        sets: index sets of the RID.
+        kappa_max: condition number down to which functions are added; infinite for none.
 
     Raises:
         ReductionError: if the basis moves imposed dofs, breaks constraints, or is not orthonormal.
@@ -90,26 +96,22 @@ def enrich(
     ]
     squares = np.sum(candidates**2, axis=0)
     weights = rows.at(basis, support).T @ candidates
-    remaining = np.flatnonzero(squares > 0)
+    pool = np.flatnonzero(squares > 0)
     added = []
     left_out = []
     kappas = [rows.first(_kappa(tables))]
     stalled = False
     while kappas[-1] > kappa_max:
         # length of each candidate minus its part in the basis
-        lengths = np.sqrt(
-            np.maximum(squares[remaining] - np.sum(weights[:, remaining] ** 2, axis=0), 0.0)
-        )
-        left_out.extend(remaining[lengths <= DISTINCT])
-        remaining = remaining[lengths > DISTINCT]
+        lengths = np.sqrt(np.maximum(squares[pool] - np.sum(weights[:, pool] ** 2, axis=0), 0.0))
+        left_out.extend(pool[lengths <= DISTINCT])
+        pool = pool[lengths > DISTINCT]
         lengths = lengths[lengths > DISTINCT]
-        if remaining.size == 0:
+        if pool.size == 0:
             break
-        best = rows.first(
-            _best(tables, images[:, remaining], weights[:, remaining], lengths, remaining)
-        )
-        chosen = remaining[best]
-        remaining = np.delete(remaining, best)
+        best = rows.first(_best(tables, images[:, pool], weights[:, pool], lengths, pool))
+        chosen = pool[best]
+        pool = np.delete(pool, best)
         function = rows.of(np.bincount(support, candidates[:, chosen], rows.count))
         column = _outside((basis, columns.all), function, weights[:, chosen], rows)
         if column is None:
@@ -136,11 +138,18 @@ def enrich(
 def check_basis(
     problem: ContactProblem, basis: np.ndarray, whose: str = "the enriched basis"
 ) -> None:
-    """Raise ReductionError for a basis that moves imposed dofs, breaks constraints, or is not
-    orthonormal.
+    """Check a basis: imposed dofs, constraints, orthonormal columns.
 
-    Each process has local rows of it, (own, ell). With dofs that follow others V must be T V: the
-    equations, the residual of laws and the displacement of an answer read different dofs of it.
+    With dofs that follow others V must be T V: the equations, the residual of laws and the
+    displacement of an answer read different dofs of it.
+
+    Args:
+        problem: the contact problem.
+        basis: local rows of the basis, (own, ell).
+        whose: name of the basis, for the message.
+
+    Raises:
+        ReductionError: if it moves imposed dofs, breaks constraints, or is not orthonormal.
     """
     rows = problem.spread
     imposed = rows.largest(
@@ -168,8 +177,9 @@ def check_basis(
 def _outside(
     parts: tuple[np.ndarray, np.ndarray], column: np.ndarray, along: np.ndarray, rows: Rows
 ) -> np.ndarray | None:
-    """Unit function orthogonal to a basis, in two blocks, (own, ell) each, that adds a column to
-    its span, (own,).
+    """Unit function orthogonal to a basis that adds a column to its span, (own,).
+
+    The basis comes in two blocks, (own, ell) each.
 
     None if that lies inside. The column has unit length and is changed; ``along`` are its products
     with the basis.
@@ -192,7 +202,13 @@ def _outside(
 
 
 def record_enrichment(enrichment: Enrichment, kappa_max: float, log: StageLog) -> None:
-    """Log whether there was an enrichment, why it stopped early, and the conditions left out."""
+    """Log whether there was an enrichment, why it stopped early, and the conditions left out.
+
+    Args:
+        enrichment: the enriched basis.
+        kappa_max: condition number that was requested.
+        log: log of the stages.
+    """
     kappa = enrichment.kappas[-1]
     if count := len(enrichment.left_out):
         named = ", ".join(str(number) for number in enrichment.left_out[:5]) + ", ..." * (count > 5)
@@ -213,8 +229,9 @@ def record_enrichment(enrichment: Enrichment, kappa_max: float, log: StageLog) -
 def _prolonged(
     problem: ContactProblem, dofs: np.ndarray, functions: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Dofs of functions with the dofs that follow them, (s,), and unit functions there, (s, c),
-    from (card dofs, c).
+    """Functions, (card dofs, c), with the dofs that follow theirs.
+
+    Their dofs, (s,), and unit functions on these, (s, c).
     """
     coupling = problem.prolongation.map
     if coupling is None:
@@ -225,8 +242,9 @@ def _prolonged(
 
 
 def _candidates(problem: ContactProblem, sets: IndexSets) -> np.ndarray:
-    """Unit normal displacement of the slave node of each condition, or of its partners if that is
-    imposed or used.
+    """Unit normal displacement of the slave node of each condition.
+
+    Of its partners if that is imposed or used.
 
     It is used if another condition moves the same node in the same direction: the one without
     partners keeps it.
@@ -267,17 +285,28 @@ class _Table:
         part: np.ndarray,
         images: np.ndarray,
     ) -> _Table:
-        """Table from local rows of a basis, (own, ell), and images of candidates, (m, c)."""
+        """Table from local rows of a basis, (own, ell), and images of candidates, (m, c).
+
+        Args:
+            problem: the contact problem.
+            rows: B on some dofs, (m, k).
+            basis: local rows of the basis, (own, ell).
+            part: these dofs, (k,).
+            images: images of the candidates, (m, c).
+        """
         values = rows @ problem.spread.at(basis, part)
         table = cls(problem, rows, part, values, np.zeros((0, images.shape[1])))
         return replace(table, outside=table.missing.T @ images)
 
     def grown(self, column: np.ndarray, chosen: int) -> _Table:
-        """Table with one more column of the basis, its values on these dofs, (k,), from a
-        candidate.
+        """Table with one more column of the basis, from a candidate.
 
         While the rank is too small, one direction is removed from the outside part, as in a QR
         decomposition with pivots. No singular values are needed before rows are independent.
+
+        Args:
+            column: values of the column on the dofs of the table, (k,).
+            chosen: number of the candidate.
         """
         images = self.outside
         direction = images[:, chosen]
@@ -335,17 +364,18 @@ def _best(
     images: np.ndarray,
     weights: np.ndarray,
     lengths: np.ndarray,
-    remaining: np.ndarray,
+    pool: np.ndarray,
 ) -> int:
-    """Index of the best of the candidates ``left``: it raises a rank that is missing, or lowers
-    kappa(B~1) most.
+    """Index of the best of the candidates ``pool``.
+
+    It raises a rank that is missing, or lowers kappa(B~1) most.
 
     They have images, (m, c), products with the basis, (ell, c), and lengths outside the basis,
     (c,).
     """
     for table in tables:
         if len(table.outside):
-            return int((np.linalg.norm(table.outside[:, remaining], axis=0) / lengths).argmax())
+            return int((np.linalg.norm(table.outside[:, pool], axis=0) / lengths).argmax())
     new = [(images - table.values @ weights) / lengths for table in tables]
     for table, columns in zip(tables, new, strict=True):
         missing = table.missing
@@ -368,6 +398,12 @@ def _extremes_after_update(
     """
 
     def root(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Root of the secular equation between two bounds, (c,).
+
+        Args:
+            low: lower bounds, (c,).
+            high: upper bounds, (c,).
+        """
         for _ in range(60):
             middle = 0.5 * (low + high)
             with np.errstate(divide="ignore", invalid="ignore"):

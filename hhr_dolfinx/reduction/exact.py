@@ -1,5 +1,6 @@
-"""Exact condensation on the contact conditions: the rival without reduction error while the
-stiffness is constant.
+"""Exact condensation on the contact conditions.
+
+The baseline without reduction error while the stiffness is constant.
 """
 
 from __future__ import annotations
@@ -34,7 +35,12 @@ class ExactCondensation(Reductor[Task]):
 
     @classmethod
     def usual(cls, settings: Any, *, fields: bool | None) -> ExactCondensation:
-        """See :meth:`~hhr_dolfinx.reduction.reductor.Reductor.usual`; settings have no effect."""
+        """See :meth:`~hhr_dolfinx.reduction.reductor.Reductor.usual`; settings have no effect.
+
+        Args:
+            settings: without effect.
+            fields: compute displacements with each answer; None for False.
+        """
         return cls(bool(fields))
 
     def not_by_rows(self, task: Task) -> str:
@@ -42,13 +48,23 @@ class ExactCondensation(Reductor[Task]):
         return "contact alone holds bodies" if task.full.problem.held_by_contact else ""
 
     def attempt(self, prepared: Task, level: int) -> tuple[CondensedModel, None]:
-        """The model."""
+        """The model.
+
+        Args:
+            prepared: input of the reduction.
+            level: not used.
+        """
         full = prepared.full
         statuses = prepared.kind.statuses(prepared.snapshots, lambda: _known_statuses(full))
         return exact_condensation(full, statuses, field=self.field), None
 
     def compare(self, task: Task, model: CondensedModel) -> tuple[None, None]:
-        """Nothing: the driver compares the claim of exactness."""
+        """Nothing: the driver compares the claim of exactness.
+
+        Args:
+            task: input of the reduction.
+            model: the model.
+        """
         return None, None
 
 
@@ -66,6 +82,11 @@ def exact_condensation(
         known: statuses of the training points, (S, N_lambda).
         field: compute the displacement with each answer; without it only when it is asked for, and
             a query costs less.
+
+    Raises:
+        SceneError: if the stiffness depends on parameters, the statuses are not those of the scene,
+            or ranks share bodies that contact alone holds.
+        ReductionError: for bodies with laws.
     """
     problem = full.problem
     rows = problem.spread

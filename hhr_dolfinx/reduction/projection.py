@@ -1,5 +1,7 @@
-"""The reduced integration domain (RID) with its index sets, thesis sections 1.4.3 and 5.2.3, and
-the Petrov-Galerkin projection of the contact problem on it, (1.61) and (5.23).
+"""The reduced integration domain (RID) and the projection on it.
+
+Index sets of thesis sections 1.4.3 and 5.2.3, and the Petrov-Galerkin projection of the contact
+problem, (1.61) and (5.23).
 
 A RID is *closed* if every contact condition that acts on a dof of A belongs to A_lambda. Only then
 the equations tested on A include all the forces that the full model has there. One missing
@@ -28,11 +30,18 @@ with other modes.
 
 
 def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> ReducedProblem:
-    """Petrov-Galerkin projection of (1.21) on a basis V, (own, ell), and a closed RID, thesis
-    (1.61), (5.23).
+    """Petrov-Galerkin projection of (1.21) on a basis and a closed RID, thesis (1.61), (5.23).
 
     The test functions are the modes cut off outside A; the trial functions are the whole modes. A
     Galerkin projection of K with restricted multipliers would be inconsistent.
+
+    Args:
+        problem: the contact problem.
+        basis: V, (own, ell).
+        sets: index sets of the RID.
+
+    Raises:
+        ReductionError: if the RID is not closed.
     """
     opened = open_conditions(problem, sets)
     if opened.size:
@@ -81,9 +90,7 @@ def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Redu
 
 
 class Modes(Protocol):
-    """Modes as test functions on some dofs, A, and as trial functions on these and those around
-    them, I.
-    """
+    """Modes as test functions on dofs A, and as trial functions on A and the dofs I around."""
 
     def projected(self, stiffness: csr_matrix) -> np.ndarray:
         """V^T K V, tested on A, (ell, ell)."""
@@ -122,8 +129,9 @@ class _Modes:
         return product
 
     def _moved_by(self, stiffness: csr_matrix, cut: np.ndarray) -> np.ndarray:
-        """Numbers of the modes that are non-zero on the dofs of a matrix: often a part of K is that
-        of one body.
+        """Numbers of the modes that are non-zero on the dofs of a matrix.
+
+        Often a part of K is that of one body.
         """
         # a row of zeros times random numbers is zero; any other row gives zero with probability
         # zero
@@ -144,8 +152,9 @@ class _Modes:
         )
 
     def _test_by(self, modes: np.ndarray, columns: np.ndarray | csr_matrix) -> np.ndarray:
-        """Columns of dofs tested by given modes on the whole mesh, (N, r), if most rows are in A:
-        (r, k).
+        """Columns of dofs tested by modes on the whole mesh, (N, r): (r, k).
+
+        Used if most rows are in A.
         """
         untested = np.ones(len(modes), dtype=bool)
         untested[self._rows] = False
@@ -156,14 +165,21 @@ class _Modes:
 
 
 def reduced_domain(problem: ContactProblem, nodes: np.ndarray, layers: int = 0) -> IndexSets:
-    """Closed union of the supports of the given nodes and of the nodes they face, thesis (1.55),
-    section 5.2.3.
+    """Closed RID around some nodes and the nodes they face, thesis (1.55), section 5.2.3.
 
     A node of a contact surface brings in the slaves of its conditions and the nodes these face, so
     that gaps can be computed inside the RID (figure 1.13b). The given nodes stay in A: if closing
     the RID would remove one, the RID grows until it does not. If every row overlaps the next
-    (double pass, standard mortar multipliers) that ends with the whole contact surface. ``layers``
-    of cells are added around the union. Of the problem only its connectivity is used.
+    (double pass, standard mortar multipliers) that ends with the whole contact surface. Of the
+    problem only its connectivity is used.
+
+    Args:
+        problem: the contact problem.
+        nodes: numbers of the nodes, (n,).
+        layers: layers of cells added around the union of their supports.
+
+    Raises:
+        ReductionError: if no contact condition lies inside.
     """
     nodes_of_cells = problem.cell_nodes
     count = len(problem.points)
@@ -200,7 +216,12 @@ def reduced_domain(problem: ContactProblem, nodes: np.ndarray, layers: int = 0) 
 
 
 def open_conditions(problem: ContactProblem, sets: IndexSets) -> np.ndarray:
-    """Contact conditions outside A_lambda that act on A; a closed RID has none (section 5.2.3)."""
+    """Contact conditions outside A_lambda that act on A; a closed RID has none (section 5.2.3).
+
+    Args:
+        problem: the contact problem.
+        sets: index sets of the RID.
+    """
     acting = np.unique(problem.contact[:, sets.A].nonzero()[0])
     return np.setdiff1d(acting, sets.A_lambda)
 
@@ -240,9 +261,16 @@ def load_nodes(problem: ContactProblem) -> np.ndarray:
 
 
 def checked_nodes(nodes: np.ndarray, count: int, what: str = "the zone") -> np.ndarray:
-    """Node numbers, (n,), that ``what`` has chosen of ``count``.
+    """Check the nodes that a step has chosen, (n,).
 
-    a mask of all nodes is accepted too.
+    Args:
+        nodes: node numbers, or a mask of all nodes.
+        count: number of nodes of the mesh.
+        what: name of the step, for the message.
+
+    Raises:
+        ReductionError: for a mask of another length, values that are no numbers of nodes, or nodes
+            that are not in the mesh.
     """
     if nodes.dtype == bool:
         if nodes.shape != (count,):

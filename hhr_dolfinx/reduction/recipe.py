@@ -65,7 +65,12 @@ class Basis(Protocol):
     """
 
     def modes(self, problem: ContactProblem, snapshots: SnapshotSet) -> np.ndarray:
-        """V with orthonormal columns, most important first, zero on imposed dofs, (N, ell)."""
+        """V with orthonormal columns, most important first, zero on imposed dofs, (N, ell).
+
+        Args:
+            problem: the contact problem.
+            snapshots: training answers.
+        """
 
 
 class NodeChoice(Protocol):
@@ -77,7 +82,13 @@ class NodeChoice(Protocol):
     def nodes(
         self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray
     ) -> np.ndarray:
-        """Numbers of nodes, (n,)."""
+        """Numbers of nodes, (n,).
+
+        Args:
+            problem: the contact problem.
+            snapshots: training answers.
+            basis: V, (own, ell).
+        """
 
 
 class Indicator(Protocol):
@@ -86,7 +97,13 @@ class Indicator(Protocol):
     def prepared(
         self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets
     ) -> Callable[[Answer], float]:
-        """Function from an answer to its estimate, with all offline work done."""
+        """Function from an answer to its estimate, with all offline work done.
+
+        Args:
+            problem: the contact problem.
+            basis: V, (own, ell).
+            sets: index sets of the RID.
+        """
 
 
 def _on_rows(*steps: object) -> bool:
@@ -154,7 +171,12 @@ class Pod(Truncated):
             )
 
     def modes(self, problem: ContactProblem, snapshots: SnapshotSet) -> np.ndarray:
-        """The leading modes, (N, ell)."""
+        """The leading modes, (N, ell).
+
+        Args:
+            problem: the contact problem.
+            snapshots: training answers.
+        """
         return self.of_columns(problem, snapshots.displacements)
 
     def of_columns(
@@ -163,6 +185,15 @@ class Pod(Truncated):
         """Modes of any displacements, (N, S).
 
         Processes share the bodies of a decomposition by body.
+
+        Args:
+            problem: the contact problem.
+            columns: displacements, (N, S).
+            group: processes that share the bodies.
+
+        Raises:
+            ReductionError: if no displacement is nonzero, or see
+                :func:`~hhr_dolfinx.reduction.modes.pod`.
         """
         rows = problem.spread
         gram: csr_matrix | None = None  # the Euclidean norm
@@ -171,6 +202,13 @@ class Pod(Truncated):
         weights = _weights(_sizes(columns, gram, rows)) if self.relative else None
 
         def decomposed(block: np.ndarray, gram: csr_matrix | None, rows: Rows | None) -> np.ndarray:
+            """Modes of some rows of the columns.
+
+            Args:
+                block: rows of the displacements, (k, S).
+                gram: Gram matrix of these rows, (k, k); None for the Euclidean norm.
+                rows: local rows; None if all are on this rank.
+            """
             return pod(block if weights is None else block * weights, self.tolerance, gram, rows)[0]
 
         if not self.by_body:
@@ -217,7 +255,13 @@ class Deim:
     def nodes(
         self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray
     ) -> np.ndarray:
-        """See :class:`NodeChoice`."""
+        """See :class:`NodeChoice`.
+
+        Args:
+            problem: the contact problem.
+            snapshots: training answers.
+            basis: V, (own, ell).
+        """
         modes = basis if self.pod is None else self.pod.modes(problem, snapshots)
         return deim(modes, problem.spread) // problem.block_size
 
@@ -229,8 +273,9 @@ class Deim:
 
 @dataclass(frozen=True)
 class ForceDeim(Truncated):
-    """Slave nodes of the contact conditions that DEIM picks on a POD of the contact forces, section
-    1.4.3.
+    """Slave nodes of the contact conditions that DEIM picks, section 1.4.3.
+
+    DEIM acts on a POD of the contact forces.
 
     Attributes:
         relative: divide the forces of each snapshot by the norm of its displacement first.
@@ -242,8 +287,14 @@ class ForceDeim(Truncated):
     def nodes(
         self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray
     ) -> np.ndarray:
-        """See :class:`NodeChoice`; without contact in training one node, since a RID needs at
-        least one condition.
+        """See :class:`NodeChoice`; without contact in training one slave node.
+
+        A RID needs at least one condition.
+
+        Args:
+            problem: the contact problem.
+            snapshots: training answers.
+            basis: not used.
         """
         if not snapshots.any_contact(problem):
             return problem.contact_slaves[:1]
@@ -260,7 +311,12 @@ class LoadNodes:
     def nodes(
         self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray
     ) -> np.ndarray:
-        """See :func:`~hhr_dolfinx.reduction.projection.load_nodes`."""
+        """See :func:`~hhr_dolfinx.reduction.projection.load_nodes`.
+
+        Args:
+            problem: the contact problem.
+            snapshots, basis: not used.
+        """
         return load_nodes(problem)
 
 
@@ -284,7 +340,12 @@ class Zone:
     def nodes(
         self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray
     ) -> np.ndarray:
-        """See :class:`NodeChoice`."""
+        """See :class:`NodeChoice`.
+
+        Args:
+            problem: the contact problem.
+            snapshots, basis: not used.
+        """
         return checked_nodes(np.asarray(self.choose(problem)), len(problem.points))
 
 
@@ -344,8 +405,9 @@ class _Named(type):
 
 @dataclass(frozen=True)
 class Recipe(metaclass=_Named):
-    """Steps of a reduction; the defaults gave the best errors for their time on the elastic
-    pellet-cladding scene.
+    """Steps of a reduction.
+
+    The defaults gave the best errors for their time on the elastic pellet-cladding scene.
 
     Attributes:
         basis: of the displacements.
@@ -389,8 +451,13 @@ class Recipe(metaclass=_Named):
 
     @classmethod
     def thesis(cls, tolerance: float, **changes: Any) -> Recipe:
-        """The recipe of the thesis: plain snapshots, no DEIM of forces, no layers, no growth,
-        kappa_max 10, (1.70).
+        """Recipe of the thesis.
+
+        Plain snapshots, no DEIM of forces, no layers, no growth, kappa_max 10, (1.70).
+
+        Args:
+            tolerance: epsilon of the POD, (1.53).
+            **changes: steps that replace those of the thesis, by name.
         """
         nodes = Deim(), LoadNodes()
         plain: dict[str, Any] = {
@@ -407,7 +474,7 @@ class Recipe(metaclass=_Named):
         return self.indicator is None and _on_rows(self.basis, *self.nodes)
 
     def as_it_is(self) -> Recipe:
-        """The same recipe without any check and without growth, to measure its result."""
+        """Recipe without any check and without growth, to measure its result."""
         return replace(
             self, trust=None, domain=replace(self.domain, most_layers=self.domain.layers)
         )
@@ -434,8 +501,9 @@ def _plain(value: object) -> Any:
 
 
 def _prolonged(problem: ContactProblem, basis: np.ndarray) -> np.ndarray:
-    """T V of a basis, (own, ell), orthonormal again if a user-defined step does not know of the
-    constraints.
+    """T V of a basis, (own, ell).
+
+    Orthonormal again if a user-defined step does not know of the constraints.
     """
     rows = problem.spread
     prolonged = problem.prolonged(basis)
@@ -447,6 +515,18 @@ def basis_of(step: Basis, problem: ContactProblem, snapshots: SnapshotSet) -> np
     """Basis of a step, which may be user-defined, in the form of the equations.
 
     The kernel of K comes first.
+
+    Args:
+        step: the basis of a recipe, which may be user-defined.
+        problem: the contact problem.
+        snapshots: training answers.
+
+    Returns:
+        V, (own, ell).
+
+    Raises:
+        ReductionError: for modes of another shape, that are not finite, or that differ between
+            ranks; or see :func:`~hhr_dolfinx.reduction.enrichment.check_basis`.
     """
     rows = problem.spread
     kernel = problem.kernel
@@ -474,8 +554,16 @@ def basis_of(step: Basis, problem: ContactProblem, snapshots: SnapshotSet) -> np
 def chosen_nodes(
     problem: ContactProblem, snapshots: SnapshotSet, recipe: Recipe, basis: np.ndarray
 ) -> np.ndarray:
-    """Numbers of the nodes around which the RID of a recipe is built, also by user-defined
-    choices.
+    """Numbers of the nodes around which the RID of a recipe is built, (n,).
+
+    Args:
+        problem: the contact problem.
+        snapshots: training answers.
+        recipe: the recipe, whose choices may be user-defined.
+        basis: V, (own, ell).
+
+    Raises:
+        ReductionError: for invalid nodes, or nodes that differ between ranks.
     """
     choices = [
         checked_nodes(

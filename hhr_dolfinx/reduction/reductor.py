@@ -125,7 +125,9 @@ class Reductor(ABC, Generic[Prepared]):
     def usual(cls, settings: Any, *, fields: bool | None) -> Reductor:
         """The reductor of ``condense(settings)``.
 
-        ``fields`` are displacements, None if it may choose.
+        Args:
+            settings: settings of the condensation; None for the defaults.
+            fields: compute displacements; None if the reductor may choose.
 
         Raises:
             NotOfferedError: if its models do not keep all contact conditions.
@@ -144,14 +146,16 @@ class Reductor(ABC, Generic[Prepared]):
         """Refuse what it is not for, before anything is computed."""
 
     def not_by_rows(self, task: Task) -> str:
-        """Reason why it needs all rows of a distributed problem on each rank; empty if it does
-        not.
-        """
+        """Reason why it needs all rows of a distributed problem on each rank; else empty."""
         return "its reductor does not say that it reduces by rows"
 
     def prepare(self, task: Task, before: Prepared | None = None) -> Prepared:
-        """Data that all attempts share; ``before`` was prepared for another task of the same full
-        model.
+        """Data that all attempts share.
+
+        Args:
+            task: input of the reduction.
+            before: data that were prepared for another task of the same full model; None without
+                any.
         """
         return task  # type: ignore[return-value]
 
@@ -161,17 +165,27 @@ class Reductor(ABC, Generic[Prepared]):
 
     @abstractmethod
     def attempt(self, prepared: Prepared, level: Any) -> tuple[AnsweringModel, Any]:
-        """A model, and the facts of its record."""
+        """A model, and the facts of its record.
+
+        Args:
+            prepared: data that all attempts share.
+            level: level of the attempt.
+        """
 
     def compare(self, task: Task, model: Any) -> tuple[Comparison | None, Trained | None]:
-        """Errors against known answers, checked, and the training range."""
+        """Errors against known answers, checked, and the training range.
+
+        Args:
+            task: input of the reduction.
+            model: the model.
+        """
         return compared(task, model, self.limits, self.remedy)
 
     def off(self, comparison: Comparison | None) -> float:
-        """Largest error over its target; above 1 the next level is tried, and the best model is
-        returned.
+        """Largest error over its target; above 1 the next level is tried.
 
-        0 by default: the first level that is not refused ends the attempts.
+        The best model is returned. 0 by default: the first level that is not refused ends the
+        attempts.
         """
         return 0.0
 
@@ -192,6 +206,11 @@ def outcomes(
     """The loop over attempts: the result of each, or the error that refused it.
 
     The caller stops or takes the next.
+
+    Args:
+        candidates: levels, or recipes.
+        make: makes the model of one candidate.
+        refusals: errors that refuse a candidate; others are raised.
     """
     for candidate in candidates:
         outcome = Outcome(candidate)
@@ -213,6 +232,11 @@ def _of_scene(outcome: Outcome) -> list[Warned]:
 
 def made(reductor: Reductor[Prepared], task: Task, before: Prepared | None = None) -> Any:
     """The model of a reductor.
+
+    Args:
+        reductor: the reductor.
+        task: input of the reduction.
+        before: see :meth:`Reductor.prepare`.
 
     Raises:
         ReductionError: for a task from which it can build no model.
@@ -288,8 +312,11 @@ def _driven(reductor: Reductor[Prepared], task: Task, prepared: Prepared) -> Any
 
 
 def everywhere(full: FullModel, *sets: SnapshotSet | None) -> tuple[Any, ...]:
-    """Gather a distributed full model and its answers, so that each rank has all rows.
-    Collective.
+    """Gather a distributed full model and its answers, all rows on each rank. Collective.
+
+    Args:
+        full: the full model.
+        *sets: answers of it, or None each.
     """
     return full.gathered(), *(
         None if answers is None else answers.gathered(full.problem) for answers in sets
@@ -305,6 +332,15 @@ def compared(
     """Errors against validation answers, or else against training, checked, and the training range.
 
     The training range of a model of load paths is known only after it has solved the known paths.
+
+    Args:
+        task: input of the reduction.
+        model: the model.
+        limits: limits of the errors; None to compare nothing.
+        remedy: advice for a model that is refused.
+
+    Raises:
+        UnstableModelError: if an error is beyond its limit.
     """
     if task.snapshots is None:
         return None, model.trained
@@ -355,8 +391,9 @@ def _check_claim(reductor: Reductor, task: Task, model: AnsweringModel) -> None:
 
 
 def _fresh(full: FullModel, count: int) -> SnapshotSet:
-    """Full answers at random points; at more of them if none of the first has an answer, as beyond
-    a limit load.
+    """Full answers at random points.
+
+    At more of them if none of the first has an answer, as beyond a limit load.
 
     Raises:
         ConvergenceError: if none has one.
@@ -369,8 +406,9 @@ def _fresh(full: FullModel, count: int) -> SnapshotSet:
 
 @dataclass(frozen=True)
 class SingleAttempt(Reductor[Task]):
-    """An object with ``reduced(full, snapshots, held_out)`` alone: one attempt, which checks its
-    model by itself.
+    """An object with ``reduced(full, snapshots, held_out)`` alone.
+
+    One attempt, which checks its model by itself.
     """
 
     given: Any
@@ -379,11 +417,21 @@ class SingleAttempt(Reductor[Task]):
     own_range: ClassVar[bool] = True
 
     def attempt(self, prepared: Task, level: int) -> tuple[AnsweringModel, Any]:
-        """The model that it returns."""
+        """The model that it returns.
+
+        Args:
+            prepared: input of the reduction.
+            level: not used.
+        """
         return self.given.reduced(prepared.full, prepared.snapshots, prepared.held_out), None
 
     def compare(self, task: Task, model: AnsweringModel) -> tuple[None, Trained | None]:
-        """Nothing is compared."""
+        """Nothing is compared.
+
+        Args:
+            task: input of the reduction.
+            model: the model.
+        """
         return None, getattr(model, "trained", None)
 
 
@@ -407,8 +455,9 @@ OWN = (
 
 
 def ways(full: FullModel) -> list[Way]:
-    """Reductors for a full model, which are not loaded yet: first those that keep all contact
-    conditions.
+    """Reductors for a full model, not loaded yet.
+
+    Those that keep all contact conditions come first.
     """
     candidates = (
         *OWN,

@@ -1,5 +1,6 @@
-"""Snapshots: full-order answers at training parameters or along training paths, thesis sections
-1.4.2 and 6.2.3.
+"""Snapshots: full-order answers for training, thesis sections 1.4.2 and 6.2.3.
+
+They belong to training parameters, or to steps of training paths.
 
 Queries without an answer, for example beyond a limit load, are left out with a warning. The
 held-out points, at which a reduced model is checked, are random, or near parameters with light
@@ -46,8 +47,9 @@ NAMED = 5
 
 @dataclass
 class Lost:
-    """Queries without an answer, for example beyond a limit load: the label of each, and the
-    reason.
+    """Queries without an answer, for example beyond a limit load.
+
+    Each has a label and a reason.
     """
 
     failures: list[tuple[str, str]] = field(default_factory=list)
@@ -61,9 +63,15 @@ class Lost:
             self.failures.append((label, str(error)))
 
     def warn(self, count: int, least: int, kind: str) -> None:
-        """Warn of the first failures among ``count`` queries.
+        """Warn of the first failures among some queries.
 
-        ConvergenceError if fewer than ``least`` are left.
+        Args:
+            count: number of queries.
+            least: number of answers that are needed.
+            kind: name of the queries, in the plural.
+
+        Raises:
+            ConvergenceError: if fewer than ``least`` are left.
         """
         if not self.failures:
             return
@@ -98,8 +106,12 @@ with errors of 70 % were accepted.
 
 
 def uniform_points(space: ParameterSpace, number: int, seed: int) -> np.ndarray:
-    """Held-out points that depend only on the seed of a training: four fifths of ``number``, (k,
-    P).
+    """Held-out points that depend only on the seed of a training, (k, P).
+
+    Args:
+        space: the box of the parameters.
+        number: number of held-out points, of which these are four fifths.
+        seed: seed of the training.
     """
     return space.random(number - int(GRAZING_SHARE * number), seed + HELD_OUT_SEED)
 
@@ -107,11 +119,16 @@ def uniform_points(space: ParameterSpace, number: int, seed: int) -> np.ndarray:
 def held_out_points(
     problem: ContactProblem, training: SnapshotSet, number: int, seed: int
 ) -> np.ndarray:
-    """Held-out points for the trust check, (number, P): uniform in the box, the last fifth near
-    light contact, if any.
+    """Held-out points for the trust check, (number, P).
 
-    These lie within one spacing of the training points from the solutions with the smallest forces
-    above round-off.
+    Uniform in the box, the last fifth near light contact, if any. These lie within one spacing of
+    the training points from the solutions with the smallest forces above round-off.
+
+    Args:
+        problem: the contact problem.
+        training: training answers.
+        number: number of points.
+        seed: seed of the training.
     """
     space = problem.parameters
     sizes = np.linalg.norm(training.forces, axis=0)
@@ -181,8 +198,10 @@ class SnapshotSet(Shown):
     ) -> SnapshotSet:
         """Make a set of answers of a full model, one column each.
 
-        ``rows`` are those of a full model of several ranks, ``full.spread``: of each answer the
-        local ones are kept.
+        Args:
+            answers: the answers, one or more.
+            histories: histories whose steps they are.
+            rows: rows of this rank, ``full.spread``, which are kept of each answer; None keeps all.
         """
         answers = [
             answer if rows is None else answer._replace(unknown=rows.of(answer.unknown))
@@ -348,11 +367,22 @@ class Queries(Protocol):
     def gathered(
         self, own: SnapshotSet | None, full: FullModel, group: ProcessGroup
     ) -> SnapshotSet:
-        """Answers of all ranks; some have any."""
+        """Answers of all ranks; some have any.
+
+        Args:
+            own: answers of this rank; None without any.
+            full: the full model of this rank.
+            group: the ranks.
+        """
 
 
 def queries_of(space: ParameterSpace, queries: Any) -> Queries:
-    """Queries from points, (S, P) or with names, or from paths of times and parameters."""
+    """Queries from points, (S, P) or with names, or from paths of times and parameters.
+
+    Args:
+        space: the box of the parameters.
+        queries: points, (S, P) or with names, or paths of times and parameters.
+    """
     if _are_paths(queries):
         paths: Queries = registry.tool("histories", "a set of snapshots along paths")(queries)
         return paths
@@ -424,7 +454,13 @@ class SingleParameters:
     def gathered(
         self, own: SnapshotSet | None, full: FullModel, group: ProcessGroup
     ) -> SnapshotSet:
-        """See :class:`Queries`."""
+        """See :class:`Queries`.
+
+        Args:
+            own: answers of this rank; None without any.
+            full: the full model of this rank.
+            group: the ranks.
+        """
         return _concatenated([answers for answers in group.gathered(own) if answers is not None])
 
 
@@ -458,6 +494,12 @@ def spread_snapshots(
     Each rank has a serial full model and the same queries; the ranks share the folder of the store.
     If a query fails on any rank, all ranks raise, unless ``lost`` records it, on all ranks. If the
     full model itself is distributed over the ranks, all of them solve one query after another.
+
+    Args:
+        full: full model of this rank, or one that the ranks share.
+        queries: the same queries on all ranks, see :func:`compute_snapshots`.
+        comm: communicator or group of the ranks.
+        progress, store, settings, lost: see :func:`compute_snapshots`.
     """
     group = group_of(comm)
     if full.group.size > 1:
@@ -486,7 +528,19 @@ NOWHERE: Any = None
 
 
 def check_of_problem(name: str, solutions: object, problem: ContactProblem) -> SnapshotSet:
-    """Return solutions; raise ReductionError for invalid ones, or those of another problem."""
+    """Check solutions.
+
+    Args:
+        name: name of the solutions, for the message.
+        solutions: the solutions.
+        problem: the contact problem.
+
+    Returns:
+        The same solutions.
+
+    Raises:
+        ReductionError: for invalid solutions, or those of another problem.
+    """
     if not isinstance(solutions, SnapshotSet):
         raise ReductionError(
             f"{name} = {solutions!r} must be a SnapshotSet, what compute_snapshots returns"

@@ -1,5 +1,6 @@
-"""Snapshots on disk: one plain file per answer, at a parameter or a step of a history, so that
-nothing is solved twice.
+"""Snapshots on disk, so that nothing is solved twice.
+
+One plain file per answer, at a parameter or a step of a history.
 
 The name of a file is a fingerprint of the problem and the query, and its header has both: files of
 another problem are never read. The query of a history's step is the whole path up to it with the
@@ -38,8 +39,11 @@ if TYPE_CHECKING:
 
 
 def add_to(digest: Any, parts: Sequence[object]) -> None:
-    """Update a digest with arrays, sparse or not, numbers and texts, and lists of these, to the
-    last bit.
+    """Update a digest with values, to the last bit.
+
+    Args:
+        digest: digest of :mod:`hashlib`.
+        parts: arrays, sparse or not, numbers and texts, and lists of these.
     """
     for entry in parts:
         for value in entry if isinstance(entry, tuple | list) else (entry,):
@@ -107,8 +111,9 @@ times their size.
 
 
 class StoredLaws:
-    """Memory of laws of bodies in files: what the facet ``store`` of a plug-in makes of a full
-    equilibrium.
+    """Memory of laws of bodies in files.
+
+    The facet ``store`` of a plug-in makes it of a full equilibrium.
 
     The methods here are those of elastic bodies, which remember nothing. ``layout`` has the types
     and sizes of the arrays of an answer, by name, and ``sizes`` the values of these sizes.
@@ -121,8 +126,9 @@ class StoredLaws:
         self._problem = problem
 
     def fingerprint(self) -> list[object]:
-        """Arrays, numbers and texts that identify the laws, to which a digest is updated by
-        :func:`add_to`.
+        """Arrays, numbers and texts that identify the laws.
+
+        A digest is updated with them by :func:`add_to`.
         """
         return []
 
@@ -139,8 +145,11 @@ class StoredLaws:
         return {}
 
     def residual(self, answer: Answer, forces: float) -> float:
-        """Largest relative residual; ``forces`` is their norm at previous steps, the scale for
-        unloaded bodies.
+        """Largest relative residual of an answer.
+
+        Args:
+            answer: the answer.
+            forces: norm of the forces at previous steps, the scale for unloaded bodies.
         """
         problem = self._problem.at(answer.parameter)
         theta = self._problem.amplitudes(answer.parameter)
@@ -201,8 +210,9 @@ class SnapshotStore:
         self.found = 0
 
     def load(self, point: np.ndarray) -> Answer | None:
-        """Load the answer at a parameter; None, with a warning for a damaged file, if it is not
-        there.
+        """Load the answer at a parameter; None if it is not there.
+
+        For a damaged file None too, with a warning.
         """
         point = np.array(point, dtype=float, ndmin=1)
         return self.load_query(point, self.query_at(point))
@@ -216,8 +226,11 @@ class SnapshotStore:
         return None
 
     def judged(self, answer: Answer, *, aloud: bool = True) -> Answer | None:
-        """The given answer if it is a solution, else None, with a warning if ``aloud``.
-        Collective.
+        """The given answer if it is a solution, else None. Collective.
+
+        Args:
+            answer: the answer.
+            aloud: warn of a damaged file.
         """
         query = self.query_at(answer.parameter)
         with self._damage_reported(answer.parameter, query, aloud):
@@ -240,17 +253,22 @@ class SnapshotStore:
         return self._fingerprint.hex()
 
     def query_at(self, point: np.ndarray) -> list[float | str]:
-        """Query of a point: its values, and those of non-affine amplitudes and of laws with
-        formulas there.
+        """Query of a point.
+
+        Returns:
+            Its values, and those of non-affine amplitudes and of laws with formulas there.
         """
         nonaffine = [amplitude(point) for amplitude in self._problem.amplitudes.nonaffine]
         numbers = [float(value) for pair in nonaffine for values in pair for value in values]
         return [*point.tolist(), *numbers, *self.laws.query(point)]
 
     def load_query(self, point: np.ndarray, query: list, forces: float = 0.0) -> Answer | None:
-        """Answer to a query, checked with ``forces`` as in :class:`StoredLaws`.
+        """Answer to a query, checked; None if it is not there.
 
-        None if it is not there.
+        Args:
+            point: parameter, (P,).
+            query: the query.
+            forces: see :meth:`StoredLaws.residual`.
         """
         with self._damage_reported(point, query):
             answer = self._read(point, query)
@@ -263,8 +281,9 @@ class SnapshotStore:
     def _damage_reported(
         self, point: np.ndarray, query: list, aloud: bool = True
     ) -> Iterator[None]:
-        """Warn of a file without a valid answer instead of raising, and continue after the
-        block.
+        """Warn of a file without a valid answer instead of raising.
+
+        The program continues after the block.
         """
         try:
             yield
@@ -299,7 +318,15 @@ class SnapshotStore:
         self.found += 1
 
     def save_query(self, answer: Answer, query: list) -> None:
-        """Store the answer to a query; FileError if its file cannot be written."""
+        """Store the answer to a query.
+
+        Args:
+            answer: the answer.
+            query: the query.
+
+        Raises:
+            FileError: if its file cannot be written.
+        """
         values = {name: getattr(answer, name) for name in _LAYOUT}
         values |= self.laws.arrays(answer)
         values |= self._law.stored(answer.memory)
@@ -349,8 +376,9 @@ class SnapshotStore:
 
 
 def _digest_of(full: FullModel) -> bytes:
-    """Fingerprint of every bit of a problem and its laws, and of the version of the package that
-    solves it.
+    """Fingerprint of every bit of a problem and its laws.
+
+    The version of the package that solves it enters too.
 
     The bounds of the parameters are left out: a wider box finds the solutions of a narrower one. So
     are non-affine amplitudes: each query has their values at its point. Formulas of laws enter

@@ -49,7 +49,15 @@ def condense(
 def condensed(
     full: FullOrderModel, settings: object = None, *, fields: bool | None = None
 ) -> CondensedModel:
-    """See :func:`condense`; without the check of strains."""
+    """See :func:`condense`; without the check of strains.
+
+    Args:
+        full: the full model.
+        settings, fields: see :func:`condense`.
+
+    Raises:
+        NotOfferedError, ReductionError: see :func:`condense`.
+    """
     full.problem.require_parts("condensation")
     kind_of(full).require_linear(
         "a condensation of these is made of histories, hhr.train(scene, paths).condense()"
