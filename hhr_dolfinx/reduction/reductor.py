@@ -54,6 +54,7 @@ the same scene.
 
 Prepared = TypeVar("Prepared")
 Facts = TypeVar("Facts")
+Candidate = TypeVar("Candidate")
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,7 +160,7 @@ class Reductor(ABC, Generic[Prepared]):
         """
         return task  # type: ignore[return-value]
 
-    def levels(self, task: Task) -> Iterable[Any]:
+    def levels(self, task: Task) -> Iterable[object]:
         """Levels of the attempts, coarse ones first."""
         return (0,)
 
@@ -201,7 +202,9 @@ class Outcome:
 
 
 def outcomes(
-    candidates: Iterable[Any], make: Callable[[Any], Any], refusals: tuple[type[HHRError], ...]
+    candidates: Iterable[Candidate],
+    make: Callable[[Candidate], object],
+    refusals: tuple[type[HHRError], ...],
 ) -> Iterator[Outcome]:
     """The loop over attempts: the result of each, or the error that refused it.
 

@@ -136,7 +136,7 @@ class StoredLaws:
         """Digests of what laws with formulas do at a point, (P,)."""
         return []
 
-    def arrays(self, answer: Answer) -> dict[str, Any]:
+    def arrays(self, answer: Answer) -> dict[str, np.ndarray]:
         """Memory of an answer as arrays, by the names of the layout."""
         return {}
 
