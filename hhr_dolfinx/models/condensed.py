@@ -80,7 +80,7 @@ class CondensedModel(KeptModel):
     def _answered(
         self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool
     ) -> Answer:
-        """From the critical region of the nearest statuses if it holds there.
+        """Answer of the critical region of the nearest statuses if it holds there.
 
         Else by the active set.
         """

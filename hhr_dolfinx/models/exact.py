@@ -92,7 +92,7 @@ class ExactFields(_Exact):
         return self.floats
 
     def _unknown(self, answer: Answer, theta: Theta) -> np.ndarray:
-        """From the answer if that has fields."""
+        """Unknown of the answer if that has fields; otherwise it is computed."""
         return (
             answer.unknown
             if answer.unknown.size

@@ -288,7 +288,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return super().stress(answer) if self.flow is None else self.flow.stress_of(answer)
 
     def estimate(self, answer: Answer) -> Estimate | None:
-        """By the bound; without one the estimate of an indicator: of the recipe, or of laws.
+        """Estimate by the bound, or by an indicator of the recipe or of laws.
 
         None without either.
         """

@@ -1,4 +1,6 @@
-"""From snapshots to a reduced model with a trust check: one list of stages for all kinds of bodies.
+"""Hyper-reduction: from snapshots to a reduced model with a trust check.
+
+One list of stages serves all kinds of bodies.
 
 Stages that a scene does not need are skipped and listed with the reason.
 """
