@@ -290,7 +290,7 @@ class HyperReduction(Reductor[Offline]):
 
         Args:
             task: input of the reduction.
-            model: the model.
+            model: model that was built.
         """
         limits = self.limits
         comparison = compared(task, model, limits, self.remedy)

@@ -42,7 +42,7 @@ def check_claim(name: str, kind: OfPoints, model: AnsweringModel, known: Snapsho
     Args:
         name: name of the reductor, for the message.
         kind: kind of the answers.
-        model: the model.
+        model: model that was built.
         known: answers of the full model.
 
     Raises:

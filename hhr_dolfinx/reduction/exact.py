@@ -63,7 +63,7 @@ class ExactCondensation(Reductor[Task]):
 
         Args:
             task: input of the reduction.
-            model: the model.
+            model: model that was built.
         """
         return None, None
 

@@ -187,7 +187,7 @@ class OfPoints:
         """Errors against validation answers, or else training ones, and the training range.
 
         Args:
-            model: the model.
+            model: model that was built.
             snapshots: training answers.
             held_out: validation answers; None if there are none.
             limits: limits of the errors; None to compare nothing.
@@ -220,7 +220,7 @@ class OfPoints:
         """Some known answers with those of a model, by which its claims are compared.
 
         Args:
-            model: the model.
+            model: model that was built.
             known: answers of the full model.
         """
         full = self.full

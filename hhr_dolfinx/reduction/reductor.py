@@ -165,7 +165,7 @@ class Reductor(ABC, Generic[Prepared]):
         return (0,)
 
     @abstractmethod
-    def attempt(self, prepared: Prepared, level: Any) -> tuple[AnsweringModel, Any]:
+    def attempt(self, prepared: Prepared, level: Any) -> tuple[AnsweringModel, object]:
         """A model, and the facts of its record.
 
         Args:
@@ -178,7 +178,7 @@ class Reductor(ABC, Generic[Prepared]):
 
         Args:
             task: input of the reduction.
-            model: the model.
+            model: model that was built.
         """
         return compared(task, model, self.limits, self.remedy)
 
@@ -270,7 +270,7 @@ def _driven(reductor: Reductor[Prepared], task: Task, prepared: Prepared) -> Any
     best: tuple[float, Outcome, list[dict[str, str]]] | None = None
     refused: list[Outcome] = []
 
-    def make(level: Any) -> tuple[Any, Any, Comparison | None]:
+    def make(level: object) -> tuple[AnsweringModel, object, Comparison | None]:
         del log.skipped[before:]
         model, facts = reductor.attempt(prepared, level)
         _check_scene(task.full, reductor, model)
@@ -338,7 +338,7 @@ def compared(
 
     Args:
         task: input of the reduction.
-        model: the model.
+        model: model that was built.
         limits: limits of the errors; None to compare nothing.
         remedy: advice for a model that is refused.
 
@@ -419,7 +419,7 @@ class SingleAttempt(Reductor[Task]):
     refusals: ClassVar[tuple[type[HHRError], ...]] = ()
     own_range: ClassVar[bool] = True
 
-    def attempt(self, prepared: Task, level: int) -> tuple[AnsweringModel, Any]:
+    def attempt(self, prepared: Task, level: int) -> tuple[AnsweringModel, None]:
         """The model that it returns.
 
         Args:
@@ -433,7 +433,7 @@ class SingleAttempt(Reductor[Task]):
 
         Args:
             task: input of the reduction.
-            model: the model.
+            model: model that was built.
         """
         return None, getattr(model, "trained", None)
 

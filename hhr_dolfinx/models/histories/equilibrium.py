@@ -65,7 +65,7 @@ class Histories(Protocol):
         """History of a model along a checked path.
 
         Args:
-            model: the model.
+            model: model that answers.
             path: times and parameters.
             settings: settings of the solution.
             known: answers to the first steps, solved before.
@@ -84,7 +84,7 @@ class Histories(Protocol):
         """Answer of a model to a point, from rest.
 
         Args:
-            model: the model.
+            model: model that answers.
             point: checked parameter, (P,).
             raise_on_failure: raise instead of returning NaN and a status.
             outside: policy outside the training range.

@@ -188,7 +188,7 @@ def solve_along(
     ``gradient`` count.
 
     Args:
-        model: the model.
+        model: model that answers.
         path: times and parameters.
         settings: settings of the history.
         known: answers to the first steps, solved before.

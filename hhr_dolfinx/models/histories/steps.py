@@ -33,7 +33,7 @@ class Steps:
         """See :class:`~hhr_dolfinx.models.histories.equilibrium.Histories`.
 
         Args:
-            model: the model.
+            model: model that answers.
             path: times and parameters.
             settings: settings of the solution.
             **how: ``known`` and ``keep``.
@@ -55,7 +55,7 @@ class Steps:
         """See :class:`~hhr_dolfinx.models.histories.equilibrium.Histories`.
 
         Args:
-            model: the model.
+            model: model that answers.
             point: checked parameter, (P,).
             raise_on_failure: raise instead of returning NaN and a status.
             outside: policy outside the training range.
@@ -73,7 +73,7 @@ class Steps:
         The law of the model remembers.
 
         Args:
-            model: the model.
+            model: model that answers.
             settings: settings of the solution.
 
         Raises:
@@ -94,7 +94,7 @@ class Steps:
         """Solver of the contact problems of a step of bodies with laws.
 
         Args:
-            model: the model.
+            model: model that answers.
             before: answer at the start of the step.
             point: parameter at its end, (P,).
             time: time of its end, in seconds.
@@ -118,7 +118,7 @@ class Steps:
         """Strength of the coupling of the rows, see :meth:`AnsweringModel.coupling`; unknown here.
 
         Args:
-            model: the model.
+            model: model that answers.
             point: parameter, (P,).
         """
         return math.nan
@@ -135,7 +135,7 @@ class UnilateralSteps(Steps):
         """Point by point.
 
         Args:
-            model: the model.
+            model: model that answers.
             path: times and parameters.
             settings: settings of the solution.
             **how: ``known`` and ``keep``.

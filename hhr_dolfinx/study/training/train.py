@@ -6,7 +6,7 @@ They are computed once, and used by many models.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -19,6 +19,7 @@ from hhr_dolfinx import registry
 from hhr_dolfinx.errors import NotOfferedError, ParameterError, StudyError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.group import ProcessGroup, group_of, share
+from hhr_dolfinx.models.answer import Path as LoadPath
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.model import KeptModel
@@ -294,7 +295,7 @@ def _bar(progress: Progress, label: str, group: ProcessGroup) -> Callable[[Itera
 
 def _answered(
     full: FullOrderModel,
-    queries: Any,
+    queries: np.ndarray | Sequence[LoadPath],
     group: ProcessGroup,
     progress: Callable[[Iterable], Iterable],
     store: SnapshotStore | None,
@@ -321,7 +322,7 @@ def _solved(
     choice = None
     if chooses_itself(queries):
 
-        def solve(points: Any) -> SnapshotSet:
+        def solve(points: np.ndarray | Sequence[LoadPath]) -> SnapshotSet:
             return spread_snapshots(full, points, group, iter, store, march, lost)
 
         bar = _bar(progress, "greedy", group)
