@@ -1,5 +1,4 @@
-"""Amplitudes of the loads of a scene, as plain data: theta(mu) = (1, theta_1(mu), ...,
-theta_T(mu)).
+"""Amplitudes of the loads of a scene, theta(mu) = (1, theta_1(mu), ..., theta_T(mu)).
 
 They are affine in the parameters, or dataclasses of numbers: a model on disk is data, and nothing
 of it is executed.
@@ -11,7 +10,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -22,7 +21,10 @@ from hhr_dolfinx.parameters import ParameterSpace, described, is_number, is_whol
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix, csr_matrix
 
-    from hhr_dolfinx.formulas import Scalar
+    from hhr_dolfinx.formulas import Formula, Scalar
+
+Numbers = TypeVar("Numbers", float, np.ndarray)
+"""A number, or an array of numbers."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +47,11 @@ class Amplitude(KnownArguments):
             )
 
     def row(self, space: ParameterSpace) -> np.ndarray:
-        """Slopes in the order of the parameters, (P,)."""
+        """Slopes in the order of the parameters, (P,).
+
+        Raises:
+            SceneError: for a name that is no parameter.
+        """
         unknown = set(self.slopes) - set(space.names)
         if unknown:
             raise SceneError(
@@ -56,8 +62,17 @@ class Amplitude(KnownArguments):
 
 
 def check_amplitude(item: Any, what: str, *, formulas: bool = False) -> None:
-    """Convert the amplitude of a frozen item: a number to a constant one, a text to a Formula if it
-    accepts these.
+    """Convert the amplitude of a frozen item.
+
+    A number becomes a constant amplitude, a text a Formula if the item accepts these.
+
+    Args:
+        item: dataclass with an ``amplitude``, such as a load.
+        what: name of the item, for the message.
+        formulas: accept formulas.
+
+    Raises:
+        SceneError: for anything else.
     """
     if is_number(item.amplitude):
         object.__setattr__(item, "amplitude", Amplitude(item.amplitude))
@@ -87,8 +102,17 @@ def check_formula(
     ends: tuple[float, float] = EVERYWHERE,
     remedy: str = FINITE,
 ) -> None:
-    """Raise SceneError for a formula of unknown parameters, or one that leaves an open interval in
-    the box.
+    """Check a formula of parameters over the box.
+
+    Args:
+        text: the formula.
+        space: the box of the parameters.
+        what: name of the value, for the message.
+        ends: open interval of the values.
+        remedy: advice for values outside it.
+
+    Raises:
+        SceneError: for unknown parameters, or a value outside the interval in the box.
     """
     from hhr_dolfinx.formulas import Scalar, check_over_box
 
@@ -100,8 +124,13 @@ def check_formula(
 
 
 def bound(amplitude: Any, space: ParameterSpace) -> Any:
-    """Bind a formula to parameters; a single number or name becomes affine: answers of affine
-    scenes are tabulated.
+    """Bind a formula to parameters.
+
+    A single number or name becomes affine: answers of affine scenes are tabulated.
+
+    Args:
+        amplitude: an amplitude, or a formula.
+        space: the box of the parameters.
     """
     # a test of the attribute does not import the module of formulas
     if not hasattr(amplitude, "variables"):
@@ -116,8 +145,7 @@ def bound(amplitude: Any, space: ParameterSpace) -> Any:
 
 
 class Theta:
-    """Amplitudes of all terms at one parameter, of which most may be zero: numbers of the given
-    terms and ``values``.
+    """Amplitudes at one parameter: numbers of some terms and ``values``; others are zero.
 
     ``matrix @ theta`` sums the columns of a matrix with one column per term, dense or sparse. It
     touches only columns of given terms, and is fastest on dense matrices in Fortran order and on
@@ -152,9 +180,8 @@ class Theta:
 class NonAffine(Protocol):
     """Amplitudes of several columns of a load that are not affine in the parameters.
 
-    A frozen dataclass of numbers.
-
-    Files and fingerprints of problems identify it by its class and its fields.
+    A frozen dataclass of numbers. Files and fingerprints of problems identify it by its class and
+    its fields.
     """
 
     @property
@@ -166,8 +193,15 @@ class NonAffine(Protocol):
 
 
 def checked_count(amplitude: object, space: ParameterSpace, owner: object) -> int:
-    """Number of columns of a non-affine amplitude of a load ``owner``, checked in the middle of the
-    box.
+    """Number of columns of a non-affine amplitude, checked in the middle of the box.
+
+    Args:
+        amplitude: the amplitude.
+        space: the box of the parameters.
+        owner: its load, for the message.
+
+    Raises:
+        SceneError: if it is no frozen dataclass with a count, or returns invalid columns or values.
     """
     if (
         isinstance(amplitude, type)
@@ -208,14 +242,14 @@ round-off 1e-11.
 def _derivative(
     amplitude: NonAffine, point: np.ndarray, space: ParameterSpace | None
 ) -> np.ndarray:
-    own = getattr(amplitude, "derivative", None)
+    derivative = getattr(amplitude, "derivative", None)
     columns, values = amplitude(point)
-    if own is not None:
-        return np.reshape(own(point), (len(values), point.size))
+    if derivative is not None:
+        return np.reshape(derivative(point), (len(values), point.size))
 
     def acting(nearby: np.ndarray) -> np.ndarray:
-        there = dict(zip(*amplitude(nearby), strict=True))
-        return np.array([there.get(column, 0.0) for column in columns])
+        by_column = dict(zip(*amplitude(nearby), strict=True))
+        return np.array([by_column.get(column, 0.0) for column in columns])
 
     if space is None:
         sizes = np.where(point == 0, 1.0, np.abs(point))
@@ -230,10 +264,14 @@ def _shapes(degree: int, s: float) -> tuple[float, ...]:
     return (1 - s, s) if degree == 1 else ((1 - s) * (1 - 2 * s), 4 * s * (1 - s), s * (2 * s - 1))
 
 
-def edge_integrals(degree: int, s: Any) -> tuple[Any, ...]:
+def edge_integrals(degree: int, s: Numbers) -> tuple[Numbers, ...]:
     """Integrals of the shape functions of an edge from 0 to s.
 
     Every query calls this with a number: no arrays.
+
+    Args:
+        degree: 1 or 2.
+        s: fraction of the length of the edge, or an array of them.
     """
     if degree == 1:
         return s - s * s / 2, s * s / 2
@@ -243,8 +281,9 @@ def edge_integrals(degree: int, s: Any) -> tuple[Any, ...]:
 
 @dataclass(frozen=True)
 class Coverage:
-    """Amplitudes of a pressure on a straight line up to the parameter ``extent``, exact for cells
-    of degree 1 or 2.
+    """Amplitudes of a pressure on a straight line up to the parameter ``extent``.
+
+    They are exact for cells of degree 1 or 2.
 
     A line of n nodes at increasing ``positions``, (n,), has E edges of 1 + degree nodes each. It
     has E columns for whole edges from its start (column e is the load on all edges before edge e)
@@ -297,8 +336,9 @@ class Coverage:
         return self.edges + len(self.positions)
 
     def _place(self, point: np.ndarray) -> tuple[int, float, float]:
-        """Edge at which the pressure ends, its length, and the fraction of it before the end, not
-        clipped.
+        """Edge at which the pressure ends, its length, and the fraction before the end.
+
+        The fraction is not clipped.
         """
         ends = self._ends
         edge = min(max(int(ends.searchsorted(point[self.extent])) - 1, 0), self.edges - 1)
@@ -307,30 +347,33 @@ class Coverage:
 
     def __call__(self, point: np.ndarray) -> tuple[list[int], list[float]]:
         """Numbers and amplitudes of the columns that act at a point."""
-        edge, length, inside = self._place(point)
-        s = min(max(inside, 0.0), 1.0)
+        edge, length, fraction = self._place(point)
+        s = min(max(fraction, 0.0), 1.0)
         amplitude = self.constant + self.slopes @ point
         weights = [
             amplitude,
-            *(amplitude * length * part for part in edge_integrals(self.degree, s)),
+            *(amplitude * length * integral for integral in edge_integrals(self.degree, s)),
         ]
         first = self.edges + self.degree * edge
         return [edge, *range(first, first + self.degree + 1)], weights
 
     def rows(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Numbers and amplitudes of the columns that act at many points, (n, P): (n, 2 + degree)
-        each.
+        """Columns that act at many points, (n, P).
+
+        Returns:
+            Numbers and amplitudes of the columns, (n, 2 + degree) each.
         """
         ends = self._ends
         edge = np.clip(ends.searchsorted(points[:, self.extent]) - 1, 0, self.edges - 1)
         lengths = np.diff(ends)[edge]
         s = np.clip((points[:, self.extent] - ends[edge]) / lengths, 0.0, 1.0)
-        parts = np.stack(
-            [np.ones(len(s)), *(lengths * part for part in edge_integrals(self.degree, s))], axis=1
+        weights = np.stack(
+            [np.ones(len(s)), *(lengths * integral for integral in edge_integrals(self.degree, s))],
+            axis=1,
         )
         first = self.edges + self.degree * edge
         columns = np.stack([edge, *(first + k for k in range(self.degree + 1))], axis=1)
-        return columns, (self.constant + points @ self.slopes)[:, None] * parts
+        return columns, (self.constant + points @ self.slopes)[:, None] * weights
 
     def derivative(self, point: np.ndarray) -> np.ndarray:
         """Derivatives of the amplitudes along the parameters, (2 + degree, P).
@@ -338,14 +381,14 @@ class Coverage:
         From the left at a node.
         """
         amplitude = self.constant + self.slopes @ point
-        _, length, inside = self._place(point)
-        s = min(max(inside, 0.0), 1.0)
-        found = np.outer(
+        _, length, fraction = self._place(point)
+        s = min(max(fraction, 0.0), 1.0)
+        derivatives = np.outer(
             np.append(1.0, length * np.array(edge_integrals(self.degree, s))), self.slopes
         )
-        if 0.0 <= inside <= 1.0:
-            found[:, self.extent] += amplitude * np.append(0.0, _shapes(self.degree, s))
-        return found
+        if 0.0 <= fraction <= 1.0:
+            derivatives[:, self.extent] += amplitude * np.append(0.0, _shapes(self.degree, s))
+        return derivatives
 
 
 RANGES = {"young": (0.0, math.inf), "poisson": (-1.0, 0.5)}
@@ -358,8 +401,9 @@ _MUST = {
 
 @dataclass(frozen=True)
 class Limits:
-    """An elastic constant, ``young`` or ``poisson``, that is a formula, and must be in its interval
-    at every point.
+    """Interval of an elastic constant that is a formula, ``young`` or ``poisson``.
+
+    The constant must be in its interval at every point.
 
     The box is checked at points only, and a model that interpolates between points never evaluates
     the formula. ``names`` are those of the parameters, in the order of a point.
@@ -386,15 +430,21 @@ class Limits:
         return Scalar(self.text, self.names)
 
     def check(self, point: np.ndarray) -> None:
-        """Raise NotSolvableError for a constant outside its interval at a point, (P,)."""
+        """Check the constant at a point, (P,).
+
+        Raises:
+            NotSolvableError: if it is outside its interval.
+        """
         low, high = self.ends
         value = self.scalar.value(point)
         if not low < value < high:
             raise NotSolvableError(self._refused(value, point))
 
     def check_many(self, points: np.ndarray) -> None:
-        """Raise NotSolvableError for a constant outside its interval at any of many points, (n,
-        P).
+        """Check the constant at many points, (n, P).
+
+        Raises:
+            NotSolvableError: if it is outside its interval at any of them.
         """
         if len(points) == 1:  # quicker: forces of one answer ask for it
             return self.check(points[0])
@@ -405,18 +455,19 @@ class Limits:
             raise NotSolvableError(self._refused(values[bad[0]], points[bad[0]]))
 
     def _refused(self, value: float, point: np.ndarray) -> str:
-        what, must = _MUST[self.constant]
-        place = described(self.names, point)
+        constant, must = _MUST[self.constant]
+        location = described(self.names, point)
         return (
-            f"{what} {self.text[:60]} is {value:g} at {place}, and must {must}: change it, or "
-            "narrow the box"
+            f"{constant} {self.text[:60]} is {value:g} at {location}, and must {must}: change it, "
+            "or narrow the box"
         )
 
 
 @dataclass(frozen=True)
 class Amplitudes:
-    """All amplitudes of a scene: affine ones, constant + slopes @ mu, then non-affine ones, of
-    several terms each.
+    """All amplitudes of a scene.
+
+    Affine ones, constant + slopes @ mu, come first, then non-affine ones, of several terms each.
     """
 
     #: constant, slopes: of the affine ones, (1 + T0,) and (1 + T0, P); the first is the 1 of the
@@ -431,7 +482,12 @@ class Amplitudes:
     space: ParameterSpace | None = None
 
     def faults_for(self, space: ParameterSpace, terms: int) -> Iterator[str]:
-        """Faults of amplitudes from a file for given parameters and number of terms, 1 + T."""
+        """Faults of amplitudes from a file.
+
+        Args:
+            space: the box of the parameters.
+            terms: number of terms, 1 + T.
+        """
         if self.constant[0] != 1 or self.slopes[0].any():
             yield "the first amplitude must be the constant 1"
         if any(getattr(value, "names", space.names) != space.names for value in self.nonaffine):
@@ -444,33 +500,41 @@ class Amplitudes:
 
     @classmethod
     def collect(
-        cls, amplitudes: Sequence[Any], space: ParameterSpace, limits: tuple[Limits, ...] = ()
+        cls,
+        amplitudes: Sequence[Amplitude | Formula | NonAffine],
+        space: ParameterSpace,
+        limits: tuple[Limits, ...] = (),
     ) -> Amplitudes:
-        """Stack the leading constant 1, the affine amplitudes, and the non-affine ones, each in
-        their order.
+        """Stack the constant 1, the affine amplitudes, and the non-affine ones.
+
+        Args:
+            amplitudes: amplitudes of all terms; those of a kind keep their order.
+            space: the box of the parameters.
+            limits: elastic constants that are checked at each point.
         """
-        given = [bound(amplitude, space) for amplitude in amplitudes]
-        affine = [amplitude for amplitude in given if isinstance(amplitude, Amplitude)]
-        others = tuple(amplitude for amplitude in given if not isinstance(amplitude, Amplitude))
+        converted = [bound(amplitude, space) for amplitude in amplitudes]
+        affine = [amplitude for amplitude in converted if isinstance(amplitude, Amplitude)]
+        nonaffine = tuple(
+            amplitude for amplitude in converted if not isinstance(amplitude, Amplitude)
+        )
         constant = np.array([1.0] + [amplitude.constant for amplitude in affine])
         slopes = np.array(
             [np.zeros(len(space.names)), *(amplitude.row(space) for amplitude in affine)]
         )
-        known = all(hasattr(amplitude, "derivative") for amplitude in others)
-        return cls(constant, slopes, others, limits, None if known else space)
+        differentiable = all(hasattr(amplitude, "derivative") for amplitude in nonaffine)
+        return cls(constant, slopes, nonaffine, limits, None if differentiable else space)
 
     @cached_property
     def firsts(self) -> list[int]:
-        """Number of the first term of each non-affine amplitude, followed by the number of all
-        terms.
-        """
+        """Number of the first term of each non-affine amplitude, then that of all terms."""
         return np.cumsum(
             [self.constant.size, *(amplitude.count for amplitude in self.nonaffine)]
         ).tolist()
 
     def __call__(self, point: np.ndarray) -> Theta:
-        """Theta at a checked point; SceneError for columns of other amplitudes, NotSolvableError
-        outside a limit.
+        """Theta at a checked point.
+
+        SceneError for columns of other amplitudes, NotSolvableError outside a limit.
         """
         for limit in self.limits:
             limit.check(point)
@@ -495,9 +559,9 @@ class Amplitudes:
 
     def dense(self, point: np.ndarray) -> np.ndarray:
         """θ at a checked point with the zeros of terms that do not act, (1 + T,)."""
-        given = self(point)
+        acting = self(point)
         theta = np.zeros(self.firsts[-1])
-        theta[given.terms] = given.values
+        theta[acting.terms] = acting.values
         return theta
 
     def of_many(self, points: np.ndarray) -> np.ndarray | csr_matrix:
@@ -521,24 +585,30 @@ class Amplitudes:
             entries = np.hstack(values)
             starts = np.arange(len(points) + 1) * columns.shape[1]
         else:
-            given = [self(point) for point in points]
+            thetas = [self(point) for point in points]
             columns, entries = (
-                np.concatenate([getattr(theta, part) for theta in given])
-                for part in Theta.__slots__
+                np.concatenate([getattr(theta, attribute) for theta in thetas])
+                for attribute in Theta.__slots__
             )
-            starts = np.cumsum([0, *(theta.values.size for theta in given)])
+            starts = np.cumsum([0, *(theta.values.size for theta in thetas)])
         return csr_matrix(
             (entries.ravel(), columns.ravel(), starts), shape=(len(points), self.firsts[-1])
         )
 
     def sum_columns(self, matrix: np.ndarray | csc_matrix, points: np.ndarray) -> np.ndarray:
-        """``matrix @ theta`` at every point, (n, len(points))."""
+        """``matrix @ theta`` at every point, (n, len(points)).
+
+        Args:
+            matrix: columns of each term, (n, 1 + T).
+            points: parameters, (S, P).
+
+        Returns:
+            The sums, (n, S).
+        """
         return np.stack([matrix @ self(point) for point in points], axis=1)
 
     def slopes_at(self, point: np.ndarray) -> tuple[slice | np.ndarray, np.ndarray]:
-        """Terms that act at a checked point, and derivatives of their amplitudes along the
-        parameters, (k, P).
-        """
+        """Terms that act at a checked point, and the derivatives of their amplitudes, (k, P)."""
         if not self.nonaffine:
             return slice(None), self.slopes
         terms = list(range(len(self.slopes)))
@@ -551,40 +621,46 @@ class Amplitudes:
         return np.array(terms), np.vstack(values)
 
     def least(self, columns: np.ndarray, space: ParameterSpace) -> tuple[np.ndarray, np.ndarray]:
-        """Smallest value of each sum ``columns @ theta`` in a box, (m,), and the point where it is
-        taken, (m, P).
+        """Smallest value of each sum ``columns @ theta`` in a box.
 
-        An affine sum, a row of ``columns`` (m, 1 + T) with affine terms alone, is smallest at a
-        corner. Others are evaluated at the corners and at random points.
+        An affine sum, a row of ``columns`` with affine terms alone, is smallest at a corner. Others
+        are evaluated at the corners and at random points.
+
+        Args:
+            columns: coefficients of the sums, (m, 1 + T).
+            space: the box of the parameters.
+
+        Returns:
+            The values, (m,), and the points where they are taken, (m, P).
         """
         affine = columns[:, : self.constant.size]
         slopes = affine @ self.slopes
         points = np.where(slopes > 0, space.lower, space.upper)
         values = affine @ self.constant + np.einsum("mp,mp->m", slopes, points)
-        others = np.flatnonzero(columns[:, self.constant.size :].any(axis=1))
-        if others.size:
+        nonaffine = np.flatnonzero(columns[:, self.constant.size :].any(axis=1))
+        if nonaffine.size:
             from hhr_dolfinx.formulas import box_samples  # scenes without formulas do not load it
 
             samples = box_samples(space)
-            sums = replace(self, limits=()).sum_columns(columns[others], samples)
-            values[others] = sums.min(axis=1)
-            points[others] = samples[sums.argmin(axis=1)]
+            sums = replace(self, limits=()).sum_columns(columns[nonaffine], samples)
+            values[nonaffine] = sums.min(axis=1)
+            points[nonaffine] = samples[sums.argmin(axis=1)]
         return values, points
 
     def idle(self, space: ParameterSpace) -> tuple[str, ...]:
         """Names of parameters on which no amplitude depends.
 
-        non-affine ones are evaluated at random points.
+        Non-affine ones are evaluated at random points.
         """
         used = self.slopes.any(axis=0)
         points = space.random(64, seed=0)
-        for place in np.flatnonzero(~used):
+        for index in np.flatnonzero(~used):
             changed = points.copy()
-            changed[:, place] = np.roll(points[:, place], 1)
-            used[place] = any(
-                not np.array_equal(one, two)
+            changed[:, index] = np.roll(points[:, index], 1)
+            used[index] = any(
+                not np.array_equal(before, after)
                 for amplitude in self.nonaffine
                 for pair in zip(points, changed, strict=True)
-                for one, two in zip(*map(amplitude, pair), strict=True)
+                for before, after in zip(*map(amplitude, pair), strict=True)
             )
-        return tuple(name for name, known in zip(space.names, used, strict=True) if not known)
+        return tuple(name for name, acts in zip(space.names, used, strict=True) if not acts)

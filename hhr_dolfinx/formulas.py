@@ -41,7 +41,7 @@ def coordinate_names(hypothesis: str) -> tuple[str, ...]:
     return {"axisymmetric": ("r", "z"), "solid": ("x", "y", "z")}.get(hypothesis, ("x", "y"))
 
 
-def _chosen(choose: Callable) -> Callable[..., Any]:
+def _chosen(choose: Callable[..., np.ndarray]) -> Callable[..., np.ndarray]:
     return lambda x, y: np.where(choose(np.real(x), np.real(y)), x, y)
 
 
@@ -73,11 +73,11 @@ def _power(a: Any, b: Any) -> Any:
         with np.errstate(all="ignore"):
             slope = np.where(exponent == 0, 0.0, exponent * base ** (exponent - 1))
             return base**exponent + 1j * slope * np.imag(a)
-    found = a**b
+    power = a**b
     return (
         math.nan
-        if isinstance(found, complex) and isinstance(a, float) and isinstance(b, float)
-        else found
+        if isinstance(power, complex) and isinstance(a, float) and isinstance(b, float)
+        else power
     )
 
 
@@ -121,7 +121,7 @@ class Formula(Rebuilt):
 
     @cached_property
     def _parsed(self) -> tuple[_Evaluate, tuple[str, ...]]:
-        what = f"the formula {self.text[:80]!r}"
+        label = f"the formula {self.text[:80]!r}"
         names: dict[str, None] = {}
         try:
             tree = ast.parse(self.text.strip(), mode="eval").body
@@ -137,19 +137,19 @@ class Formula(Rebuilt):
                 ]
             if level > DEEPEST_FORMULA:
                 raise SceneError(
-                    f"{what} nests more than {DEEPEST_FORMULA} operations: put parts of a "
+                    f"{label} nests more than {DEEPEST_FORMULA} operations: put parts of a "
                     f"long sum in "
                     "brackets"
                 )
-            return _compiled(tree, names, what), tuple(names)
+            return _compiled(tree, names, label), tuple(names)
         except SceneError:
             raise
         except SyntaxError as error:
             raise SceneError(
-                f"{what} cannot be read: {error.msg}. Write numbers without units: '2 * E'"
+                f"{label} cannot be read: {error.msg}. Write numbers without units: '2 * E'"
             ) from None
         except (RecursionError, MemoryError, ValueError) as error:
-            raise SceneError(f"{what} cannot be read: {error}") from None
+            raise SceneError(f"{label} cannot be read: {error}") from None
 
     @cached_property
     def _calls(self) -> bool:
@@ -177,8 +177,14 @@ class Formula(Rebuilt):
 
 
 def formula_of(value: Any, what: str) -> Formula:
-    """A number or a text as a formula; SceneError for anything else, naming its purpose
-    ``what``.
+    """A number or a text as a formula.
+
+    Args:
+        value: number, text or formula.
+        what: name of the value, for the message.
+
+    Raises:
+        SceneError: for anything else.
     """
     if is_number(value):
         return Formula(repr(float(value)))
@@ -197,8 +203,9 @@ def formula_of(value: Any, what: str) -> Formula:
 
 @dataclass(frozen=True)
 class Scalar(Rebuilt):
-    """A formula of the parameters of a scene, ``names``: an amplitude of a single column, or a
-    factor in K.
+    """Formula of the parameters of a scene, ``names``.
+
+    An amplitude of a single column, or a factor in K.
     """
 
     text: str
@@ -231,35 +238,34 @@ class Scalar(Rebuilt):
         """Value at a point, (P,); NaN outside its domain."""
         # numbers of Python are several times as fast as those of numpy, and complex where numpy
         # returns NaN
-        value = self.formula({name: float(point[place]) for name, place in self._places})
+        value = self.formula({name: float(point[index]) for name, index in self._places})
         return math.nan if isinstance(value, complex) else float(value)
 
     def values(self, points: np.ndarray) -> np.ndarray:
         """Values at many points, (n, P): (n,); NaN outside its domain."""
         with np.errstate(all="ignore"):
-            found = self.formula({name: points[:, place] for name, place in self._places})
-        return np.broadcast_to(np.asarray(found, dtype=float), len(points))
+            result = self.formula({name: points[:, index] for name, index in self._places})
+        return np.broadcast_to(np.asarray(result, dtype=float), len(points))
 
     def derivative(self, point: np.ndarray) -> np.ndarray:
         """Derivatives along the parameters at a point, exact to round-off, (P,)."""
-        found = np.zeros(len(self.names))
-        values = {name: complex(point[place]) for name, place in self._places}
-        for name, place in self._places:
+        derivatives = np.zeros(len(self.names))
+        values = {name: complex(point[index]) for name, index in self._places}
+        for name, index in self._places:
             changed = self.formula(values | {name: values[name] + 1j * IMAGINARY_STEP})
-            found[place] = np.imag(changed) / IMAGINARY_STEP
-        return found
+            derivatives[index] = np.imag(changed) / IMAGINARY_STEP
+        return derivatives
 
     def __call__(self, point: np.ndarray) -> tuple[list[int], list[float]]:
-        """Column and value as a non-affine amplitude, see
-        :class:`~hhr_dolfinx.amplitudes.NonAffine`.
-        """
+        """Column and value, see :class:`~hhr_dolfinx.amplitudes.NonAffine`."""
         return [0], [self.value(point)]
 
 
 @dataclass(frozen=True)
 class Modulus(Rebuilt):
-    """Amplitude of one part of a stiffness: the factor of the body, its Young's modulus, times that
-    of this part.
+    """Amplitude of one part of a stiffness.
+
+    The factor of the body, its Young's modulus, times the factor of this part.
     """
 
     factor: str
@@ -290,18 +296,27 @@ class Modulus(Rebuilt):
 
     def derivative(self, point: np.ndarray) -> np.ndarray:
         """Derivatives along the parameters, (P,)."""
-        factor = self.factor_scalar
-        rest = self.rest_scalar
-        return factor.value(point) * rest.derivative(point) + rest.value(point) * factor.derivative(
+        factor_scalar = self.factor_scalar
+        rest_scalar = self.rest_scalar
+        return factor_scalar.value(point) * rest_scalar.derivative(point) + rest_scalar.value(
             point
-        )
+        ) * factor_scalar.derivative(point)
 
 
 def check_over_box(
     scalar: Scalar, space: ParameterSpace, what: str, low: float, high: float, remedy: str
 ) -> None:
-    """Raise SceneError for a scalar that is not in (low, high) at corners, 256 points between, and
-    on dense lines.
+    """Check a scalar at corners of the box, 256 points between, and on dense lines.
+
+    Args:
+        scalar: the scalar.
+        space: the box of the parameters.
+        what: name of the value, for the message.
+        low, high: ends of the open interval of its values.
+        remedy: advice for a value outside it.
+
+    Raises:
+        SceneError: for a value outside the interval, or a point beyond a table.
     """
     for point in (*box_samples(space), *_doubtful(scalar, space, low, high)):
         try:
@@ -317,7 +332,12 @@ def check_over_box(
 
 
 def box_samples(space: ParameterSpace, count: int = 256) -> np.ndarray:
-    """Corners of the box, its middle, and random points, for checks over the whole box, (n, P)."""
+    """Corners of the box, its middle, and random points, for checks over the whole box, (n, P).
+
+    Args:
+        space: the box of the parameters.
+        count: number of random points.
+    """
     ends = np.array([space.lower, space.upper], dtype=float)
     dimension = len(space.names)
     bits = np.arange(2 ** min(dimension, 10))
@@ -328,8 +348,9 @@ def box_samples(space: ParameterSpace, count: int = 256) -> np.ndarray:
 
 
 def _doubtful(scalar: Scalar, space: ParameterSpace, low: float, high: float) -> np.ndarray:
-    """First of many points along its parameters at which a scalar leaves (low, high), (1, P), or
-    (0, P) without one.
+    """First point at which a scalar leaves (low, high), (1, P), or (0, P) without one.
+
+    Many points along its parameters are tried.
     """
     points = space.lines([space.names.index(name) for name in scalar.formula.variables])
     try:
@@ -394,7 +415,7 @@ def _called(
 def _table(inner: list[_Evaluate], what: str) -> _Evaluate:
     try:
         with np.errstate(all="ignore"):
-            numbers = [float(item({})) for item in inner[1:]]
+            numbers = [float(entry({})) for entry in inner[1:]]
     except (KeyError, ArithmeticError):
         raise SceneError(f"the table of {what} must hold numbers behind its variable") from None
     at = np.array(numbers[::2])
@@ -408,14 +429,14 @@ def _table(inner: list[_Evaluate], what: str) -> _Evaluate:
     variable = inner[0]
     slopes = np.diff(values) / np.diff(at)
 
-    def evaluate(given: Values) -> Any:
-        x = np.asarray(variable(given))
+    def evaluate(arguments: Values) -> Any:
+        x = np.asarray(variable(arguments))
         real = np.real(x)
         slack = 1e-9 * (at[-1] - at[0])
-        outside = (real < at[0] - slack) | (real > at[-1] + slack)
-        if outside.any():
+        beyond = (real < at[0] - slack) | (real > at[-1] + slack)
+        if beyond.any():
             raise ParameterError(
-                f"{real[outside].ravel()[0]:g} is outside the table from {at[0]:g} to {at[-1]:g}"
+                f"{real[beyond].ravel()[0]:g} is outside the table from {at[0]:g} to {at[-1]:g}"
             )
         piece = np.clip(np.searchsorted(at, real, side="right") - 1, 0, len(slopes) - 1)
         return values[piece] + slopes[piece] * (x - at[piece])

@@ -120,7 +120,11 @@ class Traction(KnownArguments):
         check_amplitude(self, f"the traction on tag {self.tag}", formulas=True)
 
     def terms(self, assembler: Assembler) -> list[Term]:
-        """One vector."""
+        """One vector.
+
+        Raises:
+            SceneError: if the direction does not have the dimension of the mesh.
+        """
         (dim,) = assembler.test.ufl_shape
         if len(self.direction) != dim:
             raise SceneError(
@@ -180,7 +184,11 @@ class PartialPressure(KnownArguments):
             )
 
     def check(self, parameters: ParameterSpace) -> None:
-        """Raise SceneError for an extent that is no parameter."""
+        """Check that the extent is a parameter.
+
+        Raises:
+            SceneError: if it is none.
+        """
         if self.extent not in parameters.names:
             raise SceneError(
                 f"the partial pressure on tag {self.tag} extends up to '{self.extent}': it must "
@@ -188,8 +196,13 @@ class PartialPressure(KnownArguments):
             )
 
     def terms(self, assembler: Assembler) -> list[Term]:
-        """Columns in the order of :class:`~hhr_dolfinx.amplitudes.Coverage`."""
-        whole = _unit_pressure(assembler, self.tag)
+        """Columns in the order of :class:`~hhr_dolfinx.amplitudes.Coverage`.
+
+        Raises:
+            SceneError: if the line is not straight along the axis or not in one piece, or for a
+                mesh in space.
+        """
+        nodal_forces = _unit_pressure(assembler, self.tag)
         line = assembler.surface(self.tag)
         degree = 1 if line.quadratic is None else 2
         self._check_line(line.points, assembler.hypothesis)
@@ -199,16 +212,16 @@ class PartialPressure(KnownArguments):
         lengths = np.diff(positions[::degree])
         edges = np.arange(lengths.size)
         of_edges = csc_matrix((nodes.size, lengths.size))
-        for place, part in enumerate(edge_integrals(degree, 1.0)):
+        for number, integral in enumerate(edge_integrals(degree, 1.0)):
             of_edges += csc_matrix(
-                (part * lengths, (degree * edges + place, edges)), shape=of_edges.shape
+                (integral * lengths, (degree * edges + number, edges)), shape=of_edges.shape
             )
         nodal = np.asarray(of_edges.sum(axis=1)).ravel()
-        whole = whole.reshape(-1, 2)[nodes]
+        nodal_forces = nodal_forces.reshape(-1, 2)[nodes]
         # force of a unit pressure per unit length: the same at every node of a straight line along
         # an axis
-        force = whole.sum(axis=0) / nodal.sum()
-        if np.abs(whole - nodal[:, None] * force).max() > 1e-9 * np.abs(whole).max():
+        force = nodal_forces.sum(axis=0) / nodal.sum()
+        if np.abs(nodal_forces - nodal[:, None] * force).max() > 1e-9 * np.abs(nodal_forces).max():
             ends = positions[[0, -1]]
             start, end = np.where(
                 np.abs(ends) > 1e-12 * np.abs(ends).max(), ends, 0.0
@@ -229,24 +242,25 @@ class PartialPressure(KnownArguments):
         return [Term(coverage, hstack([before, at_nodes]))]
 
     def _check_line(self, points: np.ndarray, hypothesis: str) -> None:
-        """Raise SceneError unless nodes, (n, dim), form a straight line along the axis in the
-        plane.
+        """Check that nodes, (n, dim), form a straight line along the axis in the plane.
+
+        Raises SceneError otherwise.
         """
-        what = f"the partial pressure on tag {self.tag}"
+        label = f"the partial pressure on tag {self.tag}"
         if points.shape[1] != 2:
             raise SceneError(
-                f"{what} needs a mesh in the plane: in space, write a load of your own with terms"
+                f"{label} needs a mesh in the plane: in space, write a load of your own with terms"
             )
         extents = np.ptp(points, axis=0)
         if extents[1 - self.axis] > 1e-9 * extents[self.axis]:
             raise SceneError(
-                f"{what} acts along axis {self.axis}, and its line is not straight along it: it "
+                f"{label} acts along axis {self.axis}, and its line is not straight along it: it "
                 f"extends over {extents[0]:.6g} along axis 0 and {extents[1]:.6g} along axis 1. "
                 f"Set its axis to {extents.argmax()}, or tag a straight line"
             )
         if hypothesis == "axisymmetric" and self.axis == 0:
             raise SceneError(
-                f"{what} acts along the radius of an axisymmetric scene, where its area is not "
+                f"{label} acts along the radius of an axisymmetric scene, where its area is not "
                 "linear in its extent: only lines along axis 1 are supported"
             )
 
@@ -260,15 +274,20 @@ def _unit_pressure(assembler: Assembler, tag: Tag) -> np.ndarray:
 def checked_terms(load: Load, assembler: Assembler) -> list[Term]:
     """Terms of a load with columns in the format csc, without zeros.
 
-    Raise SceneError for an invalid one.
+    Args:
+        load: the load.
+        assembler: interface of the finite element model.
+
+    Raises:
+        SceneError: for terms, amplitudes or columns that are invalid.
     """
     terms = load.terms(assembler)
     if not isinstance(terms, Sequence) or not all(isinstance(term, Term) for term in terms):
         raise SceneError(f"the terms of {load!r} must be a list of Term, and are {terms!r}")
-    given = [(bound(term.amplitude, assembler.parameters), term.columns) for term in terms]
+    bound_terms = [(bound(term.amplitude, assembler.parameters), term.columns) for term in terms]
     return [
         Term(amplitude, _checked_columns(load, amplitude, columns, assembler))
-        for amplitude, columns in given
+        for amplitude, columns in bound_terms
     ]
 
 
@@ -283,9 +302,9 @@ class Terms:
     def __init__(self, space: ParameterSpace, **groups: Sequence[Term]):
         self._space = space
         listed = [
-            (name, place, Term(bound(term.amplitude, space), csc_matrix(term.columns)))
+            (name, index, Term(bound(term.amplitude, space), csc_matrix(term.columns)))
             for name, terms in groups.items()
-            for place, term in enumerate(terms)
+            for index, term in enumerate(terms)
         ]
         self._listed = sorted(listed, key=lambda item: not isinstance(item[2].amplitude, Amplitude))
 
@@ -298,21 +317,28 @@ class Terms:
     def columns(
         self, group: str, rows: int, others: Sequence[csc_matrix] | None = None
     ) -> csc_matrix:
-        """Columns of a group, each at the index of its term, zero elsewhere, in the format csc,
-        (rows, 1 + T).
+        """Columns of a group, each at the index of its term, zero elsewhere, csc, (rows, 1 + T).
 
-        ``others`` take the place of the columns of the terms, in the order of the group.
+        Args:
+            group: name of the group.
+            rows: number of rows.
+            others: columns that replace those of the terms, in the order of the group.
         """
-        parts = [csc_matrix((rows, 1))]
-        for name, place, term in self._listed:
+        blocks = [csc_matrix((rows, 1))]
+        for name, index, term in self._listed:
             if name == group:
-                parts.append(term.columns if others is None else others[place])
+                blocks.append(term.columns if others is None else others[index])
             else:
-                parts.append(csc_matrix((rows, term.columns.shape[1])))
-        return csc_matrix(hstack(parts))
+                blocks.append(csc_matrix((rows, term.columns.shape[1])))
+        return csc_matrix(hstack(blocks))
 
 
-def _checked_columns(load: Load, amplitude: Any, columns: Any, assembler: Assembler) -> csc_matrix:
+def _checked_columns(
+    load: Load,
+    amplitude: Amplitude | NonAffine,
+    columns: np.ndarray | csc_matrix,
+    assembler: Assembler,
+) -> csc_matrix:
     count = (
         1
         if isinstance(amplitude, Amplitude)

@@ -33,11 +33,14 @@ class Memory(Mapping[str, Any]):
         return Memory(**{**self._parts, **more})
 
     def counted(self) -> dict[str, int]:
-        """Numbers that a line on the answer shows, by name, of the parts that have a method
-        ``counted``.
+        """Numbers that a line on the answer shows, by name.
+
+        They are those of the variables that have a method ``counted``.
         """
-        counts = [part.counted() for part in self._parts.values() if hasattr(part, "counted")]
-        return {name: number for part in counts for name, number in part.items()}
+        counts = [
+            variable.counted() for variable in self._parts.values() if hasattr(variable, "counted")
+        ]
+        return {name: number for count in counts for name, number in count.items()}
 
     def __reduce__(self) -> tuple:
         return rebuilt, (Memory, self._parts)

@@ -1,5 +1,6 @@
-"""Outputs of a scene: numbers by name, each with the rule to compute it from forces and
-displacement.
+"""Outputs of a scene: numbers by name.
+
+Each has the rule to compute it from forces and displacement.
 
 A user-defined output is one class with a name, a unit and a method ``prepared``, see
 :class:`Output`. Forces and areas are those of the whole turn in axisymmetry, and per unit depth in
@@ -53,23 +54,31 @@ class ModelProbe:
         return self.problem.block_size
 
     def conditions(self, output: OfContact) -> np.ndarray:
-        """Numbers of the conditions of pressures of the contact of an output, (c,)."""
+        """Numbers of the conditions of pressures of the contact of an output, (c,).
+
+        Raises:
+            SceneError: if the scene has no such contact, or none of its conditions moves.
+        """
         contacts = len(self.scene.contacts)
         if output.contact >= contacts:
             raise SceneError(
                 f"output '{output.name}' names contact {output.contact}, and the scene has "
                 f"{contacts}: name one of {', '.join(map(str, range(contacts))) or 'none'}"
             )
-        found = self.problem.pressing_of(output.contact)
-        if not found.size:
+        conditions = self.problem.pressing_of(output.contact)
+        if not conditions.size:
             raise SceneError(
                 f"output '{output.name}' names contact {output.contact}, of which no condition "
                 "moves: name another"
             )
-        return found
+        return conditions
 
     def loaded(self, output: OfContact) -> tuple[np.ndarray, np.ndarray]:
-        """Conditions of a contact with a positive area, and their areas, (c,) each."""
+        """Conditions of a contact with a positive area, and their areas, (c,) each.
+
+        Raises:
+            SceneError: if no condition of the contact has an area.
+        """
         conditions = self.conditions(output)
         conditions = conditions[self.problem.contact_areas[conditions] > 0]
         if not conditions.size:
@@ -79,9 +88,11 @@ class ModelProbe:
         return conditions, self.problem.contact_areas[conditions]
 
     def at_place(self, output: Any, points: np.ndarray) -> np.ndarray:
-        """Numbers of the points, (n, dim), of ``base`` nearest to the place of an output.
+        """Numbers of the points nearest to the place of an output; several if they coincide.
 
-        Several if they coincide.
+        Args:
+            output: output with a ``place``.
+            points: points of ``base``, (n, dim).
 
         Raises:
             SceneError: for a place farther from all of them than the length of a cell.
@@ -114,15 +125,23 @@ class ModelProbe:
         return np.flatnonzero(entries)
 
     def on_cells(self, found: Functional, cells: np.ndarray) -> Functional:
-        """The functional of an output whose rows are strains of cells, which shapes may move."""
+        """The functional of an output whose rows are strains of cells, which shapes may move.
+
+        Args:
+            found: functional of the output.
+            cells: numbers of the cells.
+        """
         return found
 
     def nodal_forces(self, output: OfContact) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
-        """Conditions of a contact, positions of the nodes of its first surface, and the forces on
-        them.
+        """Forces of a contact on the nodes of its first surface.
 
-        These are -B^T λ on the body of the slave, including friction: (c,), (n, dim), sparse (c, n
-        dim). Of a condition that several contacts state each has its share.
+        These are -B^T λ on the body of the slave, including friction. Of a condition that several
+        contacts state each has its share.
+
+        Returns:
+            Conditions of the contact, (c,), positions of the nodes, (n, dim), and the forces on
+            them, sparse (c, n dim).
         """
         self.conditions(output)
         shares = self.problem.shares
@@ -146,8 +165,10 @@ class Output(Protocol):
         """Unit of its value, as text."""
 
     def prepared(self, probe: ModelProbe) -> Functional:
-        """The output as plain data; SceneError if the model lacks a contact, a body or a node of
-        it.
+        """The output as plain data.
+
+        Raises:
+            SceneError: if the model lacks a contact, a body or a node of it.
         """
 
 
@@ -168,12 +189,12 @@ class NamedOutput(KnownArguments):
         for name in self.vectors:
             value = getattr(self, name)
             if value is not None:
-                items = as_tuple(f"{name} of output '{self.name}'", value)
-                if not items or not all(is_number(item) for item in items):
+                components = as_tuple(f"{name} of output '{self.name}'", value)
+                if not components or not all(is_number(component) for component in components):
                     raise SceneError(
                         f"output '{self.name}': {name} = {value!r} must hold finite numbers"
                     )
-                object.__setattr__(self, name, tuple(float(item) for item in items))
+                object.__setattr__(self, name, tuple(float(component) for component in components))
 
 
 @dataclass(frozen=True)
@@ -221,8 +242,9 @@ class ContactForce(OfContact):
 
 @dataclass(frozen=True)
 class ContactMoment(OfContact):
-    """Component of the moment of a contact on the body of its first surface, the slave, including
-    friction.
+    """Component of the moment of a contact on the body of its first surface, the slave.
+
+    Friction is included.
 
     Attributes:
         about: reference point of the moment.
@@ -235,7 +257,11 @@ class ContactMoment(OfContact):
     axis: tuple[float, ...] | None = None
 
     def prepared(self, probe: ModelProbe) -> Functional:
-        """Functional of this output, see :class:`Output`."""
+        """Functional of this output, see :class:`Output`.
+
+        Raises:
+            SceneError: in axisymmetry, or for a point or axis of another dimension.
+        """
         if probe.scene.hypothesis == "axisymmetric":
             raise SceneError(
                 f"output '{self.name}': the moment of an axisymmetric contact without friction "
@@ -253,8 +279,9 @@ class ContactMoment(OfContact):
 
 @dataclass(frozen=True)
 class ContactWidth(OfContact):
-    """Area under load of a contact: a width per unit depth in the plane, the area of the whole turn
-    in axisymmetry.
+    """Area under load of a contact.
+
+    A width per unit depth in the plane, the area of the whole turn in axisymmetry.
 
     Nodes with less than a thousandth of the largest pressure of the contact do not count. The area
     changes by steps of a cell; its derivatives are zero except for those of the shape of the cells.
@@ -332,7 +359,12 @@ class DisplacementAt(NamedOutput):
             )
 
     def prepared(self, probe: ModelProbe) -> Functional:
-        """Functional of this output, see :class:`Output`."""
+        """Functional of this output, see :class:`Output`.
+
+        Raises:
+            SceneError: for a component that the mesh does not have, or a place far from all nodes
+                or near to several ones.
+        """
         problem = probe.problem
         dim = probe.dimension
         if self.component >= dim:
@@ -341,26 +373,26 @@ class DisplacementAt(NamedOutput):
             )
         nodes = np.arange(len(problem.points)) if self.tag is None else probe.nodes(self.tag)
         points = probe.base.points[nodes]
-        found = nodes[probe.at_place(self, points)]
-        if found.size > 1:
+        nearest = nodes[probe.at_place(self, points)]
+        if nearest.size > 1:
             # bodies in contact have nodes at the same point, which may separate
             tags = [
                 body.tag
                 for body in probe.scene.bodies
-                if np.isin(found, probe.nodes(body.tag)).any()
+                if np.isin(nearest, probe.nodes(body.tag)).any()
             ]
-            node = probe.base.points[found[0]][:dim]
+            node = probe.base.points[nearest[0]][:dim]
             near = tuple(
                 float(f"{value:.6g}")
                 for value in np.where(np.abs(node) > 1e-9 * np.abs(points).max(), node, 0)
             )
             remedy = f"move the place to one of them, such as {near}"
             raise SceneError(
-                f"output '{self.name}': {found.size} nodes, of bodies {tags}, are equally near to "
-                f"the place {self.place}: "
+                f"output '{self.name}': {nearest.size} nodes, of bodies {tags}, are equally near "
+                f"to the place {self.place}: "
                 + (f"name the body, tag=..., or {remedy}" if len(tags) > 1 else remedy)
             )
-        dof = dim * found[0] + self.component
+        dof = dim * nearest[0] + self.component
         return Linear.of(
             self.name,
             self.unit,
@@ -395,7 +427,16 @@ class LinearForm(NamedOutput):
 
 
 def place_of(output: NamedOutput, name: str, dim: int) -> np.ndarray:
-    """A vector of an output, (dim,)."""
+    """A vector of an output, (dim,).
+
+    Args:
+        output: the output.
+        name: name of the field.
+        dim: dimension of the mesh.
+
+    Raises:
+        SceneError: if it does not have ``dim`` components.
+    """
     value = getattr(output, name)
     if value is None or len(value) != dim:
         raise SceneError(
@@ -405,7 +446,16 @@ def place_of(output: NamedOutput, name: str, dim: int) -> np.ndarray:
 
 
 def unit_vector(output: NamedOutput, name: str, dim: int) -> np.ndarray:
-    """A vector of an output, normalised to length 1."""
+    """A vector of an output, normalised to length 1, (dim,).
+
+    Args:
+        output: the output.
+        name: name of the field.
+        dim: dimension of the mesh.
+
+    Raises:
+        SceneError: if it is zero, or does not have ``dim`` components.
+    """
     vector = place_of(output, name, dim)
     length = np.linalg.norm(vector)
     if length == 0:
@@ -416,19 +466,24 @@ def unit_vector(output: NamedOutput, name: str, dim: int) -> np.ndarray:
 
 
 def no_axis(output: Any) -> None:
-    """Raise SceneError for an axis in the plane."""
+    """Refuse an axis in the plane.
+
+    Raises:
+        SceneError: if the output has an axis.
+    """
     if output.axis is not None:
         raise SceneError(f"output '{output.name}': an axis is for meshes in space, leave it out")
 
 
 def _area_under_load(output: OfContact, probe: ModelProbe) -> Loaded:
-    """Area under load of the contact of an output, which has a share in conditions that others
-    state too.
+    """Area under load of the contact of an output.
+
+    The contact has a share in conditions that others state too.
     """
     conditions, areas = probe.loaded(output)
     shares = probe.problem.shares_of(output.contact)[conditions]
-    given = output.name, output.unit, *no_rows(), conditions, areas, 0.0, 1.0
-    return Loaded(*given) if (shares == 1.0).all() else LoadedShare(*given, shares * areas)
+    arguments = output.name, output.unit, *no_rows(), conditions, areas, 0.0, 1.0
+    return Loaded(*arguments) if (shares == 1.0).all() else LoadedShare(*arguments, shares * areas)
 
 
 def no_rows() -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:

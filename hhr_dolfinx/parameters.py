@@ -1,6 +1,4 @@
-"""The parameters of a scene: the box in which it is solved, and checks of numbers, names and
-tags.
-"""
+"""Parameters of a scene: the box, and checks of numbers, names and tags."""
 
 from __future__ import annotations
 
@@ -50,12 +48,25 @@ def is_number(value: object) -> bool:
 
 
 def is_whole(value: object, least: int) -> bool:
-    """True for an integer of at least ``least``; 2.0 and True are none."""
+    """True for an integer of at least ``least``; 2.0 and True are none.
+
+    Args:
+        value: value to check.
+        least: smallest integer that is accepted.
+    """
     return isinstance(value, Integral) and not isinstance(value, bool) and int(value) >= least
 
 
 def as_tuple(name: str, value: object) -> tuple:
-    """Convert a list or an array to a tuple; raise SceneError for a single item."""
+    """Convert a list or an array to a tuple.
+
+    Args:
+        name: name of the value, for the message.
+        value: list, tuple or array.
+
+    Raises:
+        SceneError: for a single item.
+    """
     if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
         raise SceneError(
             f"{name} must be a tuple, and is {value!r}: write ({type(value).__name__}(...),) for "
@@ -76,13 +87,29 @@ class Place(Protocol):
 
 
 def check_place(what: str, place: object) -> None:
-    """Raise SceneError for what is neither a tag nor a :class:`Place`."""
+    """Check a place of a mesh.
+
+    Args:
+        what: name of its owner, for the message.
+        place: a tag, or a :class:`Place`.
+
+    Raises:
+        SceneError: for anything else.
+    """
     if not hasattr(place, "nodes"):
         check_tag(what, place)
 
 
 def check_tag(what: str, tag: object) -> None:
-    """Raise SceneError for an invalid tag of a mesh."""
+    """Check a tag of a mesh.
+
+    Args:
+        what: name of its owner, for the message.
+        tag: the tag.
+
+    Raises:
+        SceneError: if it is no number from 0 on and no name.
+    """
     if not is_whole(tag, 0) and not (isinstance(tag, str) and tag.strip()):
         raise SceneError(
             f"the tag {tag!r} of a {what} must be an integer or a name, as in the mesh"
@@ -132,26 +159,49 @@ def _filled(values: Any) -> Any:
 
 
 def has_names(table: Any) -> bool:
-    """True for a table whose columns have names, and for a list or tuple whose first row has
-    them.
+    """True for a table whose columns have names.
+
+    For a list or tuple also if its first row has them.
     """
     first = table[:1] if isinstance(table, list | tuple) else ()
     return any(named_values(rows) is not None for rows in (table, *first))
 
 
 def described(names: Sequence[str], point: np.ndarray) -> str:
-    """Values of some parameters in words, for messages."""
+    """Values of some parameters in words, for messages.
+
+    Args:
+        names: names of the parameters.
+        point: their values, (P,).
+    """
     return ", ".join(f"{name} = {value:g}" for name, value in zip(names, point, strict=True))
 
 
 def check_pair_index(what: str, index: object) -> None:
-    """Raise SceneError for an index that is none of a contact pair."""
+    """Check an index of a contact pair.
+
+    Args:
+        what: name of its owner, for the message.
+        index: the index.
+
+    Raises:
+        SceneError: if it is no integer from 0 on.
+    """
     if not is_whole(index, 0):
         raise SceneError(f"{what} must be the place of a pair in Scene.contacts, 0 for the first")
 
 
 def check_count_and_seed(what: str, count: object, seed: object) -> None:
-    """Raise ParameterError for an invalid number of points, or an invalid seed."""
+    """Check a number of points and a seed.
+
+    Args:
+        what: name of their owner, for the message.
+        count: number of points.
+        seed: seed of a generator.
+
+    Raises:
+        ParameterError: if the count is not positive, or the seed negative.
+    """
     if not is_whole(count, 1) or not is_whole(seed, 0):
         raise ParameterError(
             f"{what}: the count must be a positive integer, the seed an integer that is not "
@@ -174,21 +224,23 @@ class ParameterSpace(KnownArguments):
     upper: tuple[float, ...]
 
     def __post_init__(self):
-        for part, kind, what in (
+        for attribute, kind, content in (
             ("names", str, "names"),
             ("lower", Real, "numbers"),
             ("upper", Real, "numbers"),
         ):
-            value = getattr(self, part)
+            value = getattr(self, attribute)
             if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
                 raise SceneError(
-                    f"{part} = {value!r} of a parameter space must be a tuple: for one parameter, "
-                    f"({value!r},)"
+                    f"{attribute} = {value!r} of a parameter space must be a tuple: for one "
+                    f"parameter, ({value!r},)"
                 )
-            items = as_tuple(part, value)
-            if not all(isinstance(item, kind) for item in items):
-                raise SceneError(f"{part} = {value!r} of a parameter space must hold {what}")
-            object.__setattr__(self, part, items)
+            entries = as_tuple(attribute, value)
+            if not all(isinstance(entry, kind) for entry in entries):
+                raise SceneError(
+                    f"{attribute} = {value!r} of a parameter space must hold {content}"
+                )
+            object.__setattr__(self, attribute, entries)
         if len(set(self.names)) < len(self.names):
             raise SceneError(
                 f"a parameter is named twice in {self.names}: each needs a name of its own"
@@ -204,9 +256,9 @@ class ParameterSpace(KnownArguments):
             )
         bounds = np.array([self.lower, self.upper], dtype=float)
         if not (bounds[0] < bounds[1]).all():
-            place = int((~(bounds[0] < bounds[1])).argmax())
-            name = self.names[place]
-            low, high = bounds[:, place].tolist()
+            index = int((~(bounds[0] < bounds[1])).argmax())
+            name = self.names[index]
+            low, high = bounds[:, index].tolist()
             remedy = (
                 "swap them"
                 if low > high
@@ -236,27 +288,32 @@ class ParameterSpace(KnownArguments):
         part: float,
         axes: Iterable[int] | None = None,
     ) -> np.ndarray:
-        """Derivatives of a function, (P,) -> (n,), along some or all parameters by differences, (n,
-        axes).
+        """Derivatives of a function along parameters by differences, (n, axes).
 
-        ``part`` is the step over the size of the box. Differences are central, or one-sided with
-        three points if an end of the box is nearer than a step: the error of both is of second
-        order in the step.
+        Differences are central, or one-sided with three points if an end of the box is nearer than
+        a step: the error of both is of second order in the step.
+
+        Args:
+            value: the function, (P,) -> (n,).
+            point: parameter, (P,).
+            part: step over the size of the box.
+            axes: numbers of the parameters; None for all.
         """
         columns = []
-        for place in range(point.size) if axes is None else axes:
-            step = part * (self.upper[place] - self.lower[place])
+        for axis in range(point.size) if axes is None else axes:
+            step = part * (self.upper[axis] - self.lower[axis])
             total: Any = 0.0
-            for steps, weight in self._weights(point[place], step, place):
+            for steps, weight in self._weights(point[axis], step, axis):
                 nearby = point.copy()
-                nearby[place] += steps * step
+                nearby[axis] += steps * step
                 total = total + weight * value(nearby)
             columns.append(total / step)
         return np.stack(columns, axis=1)
 
     def _weights(self, here: float, step: float, place: int) -> tuple[tuple[float, float], ...]:
-        """Steps and weights of the derivative at ``here`` of the parabola through points inside the
-        box.
+        """Steps and weights of the derivative at ``here`` of a parabola.
+
+        The parabola goes through points inside the box.
         """
         if here - step < self.lower[place]:
             return ((0, -1.5), (1, 2.0), (2, -0.5))
@@ -270,8 +327,9 @@ class ParameterSpace(KnownArguments):
         return np.mean([self.lower, self.upper], axis=0)
 
     def point(self, mu: PointLike) -> np.ndarray:
-        """Convert a number, a sequence or values by name, see :func:`named_values`, to a checked
-        point, (P,).
+        """Convert a number, a sequence or values by name to a checked point, (P,).
+
+        See :func:`named_values` for values by name.
 
         Raises:
             ParameterError: for a wrong length, a missing name, NaN, or a value outside the box.
@@ -302,19 +360,19 @@ class ParameterSpace(KnownArguments):
                 raise ParameterError(self._complaint(point))
         return point
 
-    def _complaint(self, point):
-        found = list(zip(self.names, point, self.lower, self.upper, strict=True))
-        strange = [f"{name} = {value:g}" for name, value, *_ in found if not np.isfinite(value)]
+    def _complaint(self, point: np.ndarray) -> str:
+        rows = list(zip(self.names, point, self.lower, self.upper, strict=True))
+        strange = [f"{name} = {value:g}" for name, value, *_ in rows if not np.isfinite(value)]
         if strange:
-            box = ", ".join(f"{name} in [{low:g}, {high:g}]" for name, _, low, high in found)
+            box = ", ".join(f"{name} in [{low:g}, {high:g}]" for name, _, low, high in rows)
             return f"{', '.join(strange)} is not finite: give a number inside {box}"
-        outside = [
+        beyond = [
             f"{name} = {value:g} is outside [{low:g}, {high:g}]"
-            for name, value, low, high in found
+            for name, value, low, high in rows
             if not low <= value <= high
         ]
         return (
-            "; ".join(outside)
+            "; ".join(beyond)
             + ": choose a value inside, or widen the parameter space, and train small models anew"
         )
 
@@ -340,8 +398,13 @@ class ParameterSpace(KnownArguments):
         return [_filled(named[name]) for name in self.names]
 
     def table(self, rows: PointsLike, least: int = 0) -> np.ndarray:
-        """Convert ``least`` rows or more, or columns or rows with names, to numbers, (S, P), inside
-        the box or not.
+        """Convert rows, or columns or rows with names, to numbers, (S, P).
+
+        They may lie outside the box.
+
+        Args:
+            rows: the table.
+            least: smallest number of rows.
 
         Raises:
             ParameterError: for another shape, names that do not match, or values that are no
@@ -384,9 +447,9 @@ class ParameterSpace(KnownArguments):
         """
         points = self.table(table, least=1)
         low, high = np.transpose(self._box)
-        inside = ((points >= low) & (points <= high)).all(axis=1)  # False for NaN
-        if not inside.all():
-            row = int((~inside).argmax())
+        within = ((points >= low) & (points <= high)).all(axis=1)  # False for NaN
+        if not within.all():
+            row = int((~within).argmax())
             raise ParameterError(f"row {row}: {self._complaint(points[row])}")
         return points
 
@@ -396,20 +459,24 @@ class ParameterSpace(KnownArguments):
         Raises:
             ParameterError: if there is not one positive count for each parameter.
         """
-        given = list(counts) if isinstance(counts, Sequence | np.ndarray) else [counts]
-        if len(given) != len(self.names) or not all(is_whole(count, 1) for count in given):
+        checked = list(counts) if isinstance(counts, Sequence | np.ndarray) else [counts]
+        if len(checked) != len(self.names) or not all(is_whole(count, 1) for count in checked):
             raise ParameterError(
                 f"counts {counts!r} of a grid must be {len(self.names)} positive integers, one "
                 f"for each of {self.names}"
             )
         axes = [
             np.linspace(low, high, count)
-            for low, high, count in zip(self.lower, self.upper, given, strict=True)
+            for low, high, count in zip(self.lower, self.upper, checked, strict=True)
         ]
         return np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
 
     def random(self, count: int, seed: int) -> np.ndarray:
         """Uniform random points of the box, (count, P), the same for the same seed.
+
+        Args:
+            count: number of points.
+            seed: seed of the generator.
 
         Raises:
             ParameterError: if the count is not positive or the seed negative.
@@ -418,24 +485,28 @@ class ParameterSpace(KnownArguments):
         return np.random.default_rng(seed).uniform(self.lower, self.upper, (count, len(self.names)))
 
     def lines(self, places: Sequence[int], count: int = 3) -> np.ndarray:
-        """Points on lines along parameters, ``LINE_POINTS`` on each: the first through the
-        middle, others random, (n, P).
+        """Points on lines along parameters, ``LINE_POINTS`` on each, (n, P).
+
+        The first line of each parameter is through the middle, others are random.
+
+        Args:
+            places: indices of the parameters.
+            count: number of lines along each.
         """
         ends = np.array([self.lower, self.upper], dtype=float)
         middle = ends.mean(axis=0)
         bases = np.vstack([middle, self.random(count - 1, seed=1)]) if count > 1 else middle[None]
-        found = np.tile(np.repeat(bases, LINE_POINTS, axis=0), (len(places), 1, 1))
-        for points, place in zip(found, places, strict=True):
-            points[:, place] = np.tile(
-                np.linspace(ends[0, place], ends[1, place], LINE_POINTS), count
-            )
-        return found.reshape(-1, len(self.names))
+        samples = np.tile(np.repeat(bases, LINE_POINTS, axis=0), (len(places), 1, 1))
+        for points, axis in zip(samples, places, strict=True):
+            points[:, axis] = np.tile(np.linspace(ends[0, axis], ends[1, axis], LINE_POINTS), count)
+        return samples.reshape(-1, len(self.names))
 
 
 def check_counts(**given: tuple[object, int]) -> None:
-    """Raise StudyError for a value that is no integer from its least value to 2^32.
+    """Check integers, each given by name with its least value.
 
-    Both are given by name.
+    Raises:
+        StudyError: for a value that is no integer from its least value to 2^32.
     """
     for name, (value, least) in given.items():
         if not is_whole(value, least) or int(value) >= 2**32:  # type: ignore[call-overload]

@@ -1,6 +1,4 @@
-"""Samplings of training points: space-filling points of a box, by scipy's quasi-random
-sequences.
-"""
+"""Samplings of training points: quasi-random sequences of SciPy that fill a box."""
 
 from __future__ import annotations
 
@@ -39,15 +37,15 @@ class _Sampling:
             ParameterError: for the corners of a box of more than ten parameters.
         """
         lower, upper = np.array([space.lower, space.upper], dtype=float)
-        inside = lower + self._unit(len(space.names)) * (upper - lower)
+        samples = lower + self._unit(len(space.names)) * (upper - lower)
         if not self.corners:
-            return inside
+            return samples
         if len(space.names) > 10:
             raise ParameterError(
                 f"a box of {len(space.names)} parameters has too many corners: leave them out"
             )
         bits = np.indices((2,) * len(space.names)).reshape(len(space.names), -1).T
-        return np.vstack([np.where(bits, upper, lower), inside])
+        return np.vstack([np.where(bits, upper, lower), samples])
 
     def _unit(self, dimension: int) -> np.ndarray:
         raise NotImplementedError
@@ -62,8 +60,8 @@ class Sobol(_Sampling):
 
         # SciPy warns of counts that are no power of 2, which lose balance; training does not need
         # it
-        whole = 1 << (self.count - 1).bit_length()
-        return qmc.Sobol(dimension, seed=self.seed).random(whole)[: self.count]
+        balanced = 1 << (self.count - 1).bit_length()
+        return qmc.Sobol(dimension, seed=self.seed).random(balanced)[: self.count]
 
 
 @dataclass(frozen=True)

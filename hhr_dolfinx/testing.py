@@ -1,5 +1,6 @@
-"""Conformance checks: each holds a part that you wrote to the contract of its seam, on two small
-pressed blocks.
+"""Conformance checks of user-defined parts on two small pressed blocks.
+
+Each holds a part that you wrote to the contract of its seam.
 
 A check takes the part, or a function without arguments that makes it, and raises
 :class:`ConformanceError` with one sentence that says what is wrong and what to do. The blocks need
@@ -54,14 +55,20 @@ Check = TypeVar("Check", bound=Callable[..., None])
 
 
 def blaming(check: Check) -> Check:
-    """Make the part, and name it if its code, or a check of the package on it, raises anything."""
+    """Make the part, and name it in any error of its code or of a check on it.
+
+    Raises:
+        ConformanceError: by the returned check, for any error.
+    """
 
     @wraps(check)
     def checked(part: object, *given: Any, **settings: Any) -> None:
-        made = part() if isinstance(part, FunctionType) and not signature(part).parameters else part
-        name = getattr(made, "__name__", type(made).__name__)
+        instance = (
+            part() if isinstance(part, FunctionType) and not signature(part).parameters else part
+        )
+        name = getattr(instance, "__name__", type(instance).__name__)
         try:
-            check(made, *given, **settings)
+            check(instance, *given, **settings)
         except ConformanceError as error:
             raise ConformanceError(f"{name}: {error}") from None
         except Exception as error:  # code of anybody
@@ -71,18 +78,27 @@ def blaming(check: Check) -> Check:
 
 
 def require(fits: bool | np.bool_, message: str, *given: Any) -> None:
-    """Raise ConformanceError with a message, filled in, unless something fits."""
+    """Require a condition of a part.
+
+    Args:
+        fits: True if the condition holds.
+        message: format of the message.
+        *given: values of the format.
+
+    Raises:
+        ConformanceError: if it does not hold.
+    """
     if not fits:
         raise ConformanceError(message.format(*given))
 
 
 def __getattr__(name: str) -> Any:
     """Check that a plug-in adds, one of its ``checks``."""
-    places = registry.parts("checks")
-    if name not in places:
-        why = registry.remedy("checks", name) or ", and no installed plug-in adds it"
-        raise AttributeError(f"module '{__name__}' has no attribute {name!r}{why}")
-    return registry.load(places[name][0])
+    import_paths = registry.parts("checks")
+    if name not in import_paths:
+        reason = registry.remedy("checks", name) or ", and no installed plug-in adds it"
+        raise AttributeError(f"module '{__name__}' has no attribute {name!r}{reason}")
+    return registry.load(import_paths[name][0])
 
 
 def from_file(value: object) -> Any:
@@ -94,6 +110,6 @@ def classes_in(value: object) -> set[type]:
     """Classes of a dataclass and of all in it."""
     if is_dataclass(value):
         return {type(value)}.union(
-            *(classes_in(getattr(value, item.name)) for item in fields(value))
+            *(classes_in(getattr(value, attribute.name)) for attribute in fields(value))
         )
     return set().union(*map(classes_in, value)) if isinstance(value, tuple) else set()

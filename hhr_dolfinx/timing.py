@@ -8,10 +8,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from typing import Any
+from typing import TypeVar
 
 from hhr_dolfinx.one_thread import one_thread
 
+Result = TypeVar("Result")
 logger = logging.getLogger(__name__)
 now = time.perf_counter
 """Seconds of a clock that only runs on."""
@@ -30,7 +31,12 @@ It may raise to stop the run.
 
 
 def unannounced(stage: str, share: float) -> None:
-    """Default of announcements: do nothing."""
+    """Default of announcements: do nothing.
+
+    Args:
+        stage: name of the stage.
+        share: fraction that is done.
+    """
 
 
 @dataclass
@@ -43,11 +49,16 @@ class StageLog:
 
     times: dict[str, float] = field(default_factory=dict)
     skipped: list[dict[str, str]] = field(default_factory=list)
-    refused: list[dict[str, Any]] = field(default_factory=list)
+    refused: list[dict[str, object]] = field(default_factory=list)
 
     @contextmanager
     def stage(self, name: str, announce: Announce = unannounced) -> Iterator[None]:
-        """Time the block under a name, and announce its start."""
+        """Time the block under a name, and announce its start.
+
+        Args:
+            name: name of the stage.
+            announce: called with the name and 0.
+        """
         logger.info("%s begins", name)
         announce(name, 0.0)
         start = now()
@@ -63,19 +74,34 @@ class StageLog:
         logger.info("%s", what)
 
     def skip(self, stage: str, why: str) -> None:
-        """Record a stage that is not needed."""
+        """Record a stage that is not needed.
+
+        Args:
+            stage: name of the stage.
+            why: reason.
+        """
         self.skipped.append({"stage": stage, "why": why})
         logger.debug("%s is left out: %s", stage, why)
 
     def refuse(self, why: str, **attempt: object) -> None:
-        """Record that an attempt, such as ``layers=2``, was refused."""
+        """Record that an attempt, such as ``layers=2``, was refused.
+
+        Args:
+            why: reason.
+            **attempt: level of the attempt, by name.
+        """
         self.refused.append({**attempt, "why": why})
         shown = ", ".join(f"{name} {value}" for name, value in attempt.items())
         logger.info("the model of %s is refused: %s", shown, why)
 
 
-def timed(call: Callable[[], Any], repetitions: int = 1) -> tuple[Any, float]:
-    """Last result of a call, and its mean time in seconds, on one thread."""
+def timed(call: Callable[[], Result], repetitions: int = 1) -> tuple[Result, float]:
+    """Last result of a call, and its mean time in seconds, on one thread.
+
+    Args:
+        call: function to time.
+        repetitions: number of calls.
+    """
     with one_thread:
         start = now()
         for _ in range(repetitions):

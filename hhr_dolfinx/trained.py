@@ -1,6 +1,4 @@
-"""Training range of a reduced model, stored with it as numbers, and the check of queries against
-it.
-"""
+"""Training range of a reduced model, as numbers, and the check of queries against it."""
 
 from __future__ import annotations
 
@@ -29,7 +27,11 @@ was found harmless.
 
 
 def check_outside(outside: object) -> None:
-    """Raise ParameterError if ``outside`` is not one of :data:`OUTSIDE`, before it is needed."""
+    """Check the policy ``outside`` before it is needed.
+
+    Raises:
+        ParameterError: if it is not one of :data:`OUTSIDE`.
+    """
     if outside not in OUTSIDE:
         raise ParameterError(f"outside = {outside!r} is unknown, one of {', '.join(OUTSIDE)}")
 
@@ -37,7 +39,15 @@ def check_outside(outside: object) -> None:
 def announce(message: str, outside: str) -> None:
     """Warn of a query outside the training range, refuse it, or ignore it.
 
-    ``outside`` is one of :data:`OUTSIDE`.
+    Args:
+        message: text of the warning or error.
+        outside: one of :data:`OUTSIDE`.
+
+    Raises:
+        OutsideTrainingError: if ``outside`` is ``refuse``.
+
+    Warns:
+        OutsideTrainingWarning: if it is ``warn``.
     """
     check_outside(outside)
     if outside == "refuse":
@@ -69,7 +79,12 @@ class TrainedRange:
 
     @classmethod
     def of(cls, points: np.ndarray, space: ParameterSpace) -> TrainedRange:
-        """The range of training points, (S, P); round-off of the box counts as inside."""
+        """The range of training points, (S, P); round-off of the box counts as inside.
+
+        Args:
+            points: training points, (S, P).
+            space: the box of the parameters.
+        """
         lower = points.min(axis=0)
         upper = points.max(axis=0)
         margin = RANGE_MARGIN * (upper - lower) + 1e-9 * (
@@ -94,7 +109,15 @@ class TrainedRange:
         )
 
     def check(self, point: np.ndarray, outside: str) -> None:
-        """Check a point against the range; see :func:`announce`."""
+        """Check a point against the range; see :func:`announce`.
+
+        Args:
+            point: parameter, (P,).
+            outside: one of :data:`OUTSIDE`.
+
+        Raises:
+            OutsideTrainingError: if the point is outside and ``outside`` is ``refuse``.
+        """
         complaint = self.complaint(point)
         if complaint:
             announce(

@@ -37,13 +37,13 @@ class Units:
     stress: str = "Pa"
 
     def __post_init__(self) -> None:
-        for what, unit, known in (
+        for quantity, unit, units in (
             ("length", self.length, LENGTHS),
             ("stress", self.stress, STRESSES),
         ):
-            if unit not in known:
+            if unit not in units:
                 raise SceneError(
-                    f"the unit {unit!r} of {what} is unknown: take one of {', '.join(known)}"
+                    f"the unit {unit!r} of {quantity} is unknown: take one of {', '.join(units)}"
                 )
 
     @property
@@ -85,21 +85,21 @@ class Units:
         stress = length = 0
         for sign, symbol, exponent in re.findall(r"([/*·\s]*)([A-Za-z]+)\^?([\d²³]?)", unit):
             power = (-1 if "/" in sign else 1) * int((exponent or "1").translate(_EXPONENTS))
-            for known, of_stress, of_length in (
+            for units, of_stress, of_length in (
                 (LENGTHS, 0, 1),
                 (STRESSES, 1, 0),
                 (FORCES, 1, 2),
                 (_WORK, 1, 3),
             ):
-                if symbol in known:
-                    size *= known[symbol] ** power
+                if symbol in units:
+                    size *= units[symbol] ** power
                     stress += of_stress * power
                     length += of_length * power
                     break
             else:
                 return None
-        own = STRESSES[self.stress] ** stress * LENGTHS[self.length] ** length
-        if abs(size - own) <= 1e-6 * own:
+        expected = STRESSES[self.stress] ** stress * LENGTHS[self.length] ** length
+        if abs(size - expected) <= 1e-6 * expected:
             return None
         powers = ((self.stress, stress), (self.length, length))
         return " ".join(

@@ -63,7 +63,12 @@ class Solutions(Protocol):
 
 
 def force_floor(problem: ContactProblem, training: Solutions) -> float:
-    """Force norm below which a relative dual error is meaningless."""
+    """Force norm below which a relative dual error is meaningless.
+
+    Args:
+        problem: the contact problem.
+        training: training answers.
+    """
     floor = FORCE_FLOOR * float(np.linalg.norm(training.forces, axis=0).max())
     return floor if training.histories else max(floor, round_off_force(problem, training))
 
@@ -71,11 +76,15 @@ def force_floor(problem: ContactProblem, training: Solutions) -> float:
 def least_sizes(
     problem: ContactProblem, schur: np.ndarray, forces: np.ndarray | None
 ) -> np.ndarray:
-    """S norm, Euclidean norm and peak pressure of forces below which relative errors of them are
-    meaningless, (3,).
+    """Smallest sizes of contact forces that relative errors divide by, (3,).
 
-    A thousandth of the largest training force, (N_lambda, S); zero without training. S is that of
-    the middle of the box.
+    S norm, Euclidean norm and peak pressure: a thousandth of the largest training force; zero
+    without training.
+
+    Args:
+        problem: the contact problem.
+        schur: S in the middle of the box, (N_lambda, N_lambda).
+        forces: training forces, (N_lambda, S); None without training.
     """
     if forces is None:
         return np.zeros(3)
@@ -94,6 +103,10 @@ def round_off_force(problem: ContactProblem, solutions: Solutions) -> float:
 
     U is the whole displacement: loads F - K lift include the reaction to a rigid motion, compared
     with which all contact forces would be noise, while K U includes only its round-off.
+
+    Args:
+        problem: the contact problem.
+        solutions: answers whose internal forces give the scale.
     """
     # some of the largest and some evenly chosen solutions give the scale of all
     count = solutions.displacements.shape[1]
@@ -132,12 +145,17 @@ def contact_residuals(
     displacement: np.ndarray,
     forces: np.ndarray,
     theta: Theta,
-    opened: object = 0.0,
+    opened: float | np.ndarray = 0.0,
 ) -> Residuals:
-    """Residuals of (1.21) for a displacement, lift included, (N,), and forces, (N_lambda,), as
-    returned to a user.
+    """Residuals of (1.21) for an answer as it is returned to a user.
 
-    ``opened`` is the part of the gaps that the memory of a law adds, see :meth:`ContactLaw.opened`.
+    Args:
+        problem: the contact problem at the parameter.
+        displacement: displacement, lift included, (N,).
+        forces: contact forces, (N_lambda,).
+        theta: amplitudes at the parameter.
+        opened: part of the gaps that the memory of a law adds, (N_lambda,), see
+            :meth:`ContactLaw.opened`.
     """
     homogeneous = displacement - problem.lifts @ theta
     load = problem.loads @ theta
@@ -155,8 +173,10 @@ def contact_residuals(
         load
     ):  # nothing presses: forces are zero but for round-off
         scale = norm(load)
-    left = residual * rows.of(problem.free)
-    imbalance = float(np.sqrt(rows.sum(left @ left))) / scale if scale > 0 else 0.0
+    free_residual = residual * rows.of(problem.free)
+    imbalance = (
+        float(np.sqrt(rows.sum(free_residual @ free_residual))) / scale if scale > 0 else 0.0
+    )
     return Residuals(imbalance, *slack_residuals(problem, homogeneous, forces, theta, opened))
 
 
@@ -165,9 +185,17 @@ def slack_residuals(
     homogeneous: np.ndarray,
     forces: np.ndarray,
     theta: Theta,
-    opened: object = 0.0,
-) -> tuple:
-    """``(penetration, sign)`` of :class:`Residuals` for a displacement less its lift, (N,)."""
+    opened: float | np.ndarray = 0.0,
+) -> tuple[float, float]:
+    """``(penetration, sign)`` of :class:`Residuals` for a displacement less its lift, (N,).
+
+    Args:
+        problem: the contact problem at the parameter.
+        homogeneous: displacement less its lift, (N,).
+        forces: contact forces, (N_lambda,).
+        theta: amplitudes at the parameter.
+        opened: see :func:`contact_residuals`.
+    """
     gaps = problem.gaps @ theta + opened
     motion = problem.contact @ homogeneous
     # a closed pair does not move: relative to its round-off every penetration would be large
@@ -175,17 +203,20 @@ def slack_residuals(
     pressing = problem.pressing  # other forces have any sign, and their rows no gap
     penetration = 0.0
     for pair in np.unique(problem.contact_pairs):
-        inside = (problem.contact_pairs == pair) & pressing
-        length = max(np.abs(gaps[inside]).max(), np.abs(motion[inside]).max(), least)
-        depth = (motion - gaps)[inside].max()
+        of_pair = (problem.contact_pairs == pair) & pressing
+        length = max(np.abs(gaps[of_pair]).max(), np.abs(motion[of_pair]).max(), least)
+        depth = (motion - gaps)[of_pair].max()
         penetration = max(penetration, float(depth / length) if length > 0 else 0.0)
     largest = np.abs(forces).max()
     return penetration, max(0.0, float(-forces[pressing].min() / largest)) if largest > 0 else 0.0
 
 
 def mass_norm(problem: ContactProblem, field: np.ndarray) -> float:
-    """L2 norm of a field, (N,), whose values are all on each of the ranks that share the Gram
-    matrix by rows.
+    """L2 norm of a field.
+
+    Args:
+        problem: the contact problem, whose Gram matrix the ranks may share by rows.
+        field: all of its values, on each rank, (N,).
     """
     mass_times = problem.node_mass @ field.reshape(-1, problem.block_size)  # components do not meet
     square = problem.spread.sum(problem.spread.of(field) @ mass_times.ravel())
@@ -202,12 +233,23 @@ def relative_error(
 
     If both the reference and the floor are zero the error is 0 for an exact answer and infinite
     otherwise.
+
+    Args:
+        approximation: approximate vector, (n,).
+        reference: exact vector, (n,).
+        gram: Gram matrix of the norm, (n, n); None for the Euclidean norm.
+        floor: smallest denominator, in the unit of the norm.
     """
     return of_size(norm(approximation - reference, gram), max(norm(reference, gram), floor))
 
 
 def of_size(error: float, size: float) -> float:
-    """Error relative to a size; of size zero it is 0 for an exact answer and infinite otherwise."""
+    """Error relative to a size; of size zero it is 0 for an exact answer and infinite otherwise.
+
+    Args:
+        error: norm of the error.
+        size: norm of the exact answer.
+    """
     if size == 0:
         return 0.0 if error == 0 else np.inf
     return error / size
@@ -217,6 +259,14 @@ def energy_minimum(problem: ContactProblem, displacement: np.ndarray, theta: The
     """Potential energy a(u, u)/2 - l(u) of thesis (1.10), in the unit of energy of the scene.
 
     With U = U0 + L θ, (N,), J = U^T K U / 2 - F^T U, where F acts on all dofs.
+
+    Args:
+        problem: the contact problem.
+        displacement: displacement, lift included, (N,).
+        theta: amplitudes at the parameter.
+
+    Raises:
+        NotOfferedError: if K is not a sum of known parts.
     """
     problem.require_parts()
     unknown = displacement - problem.lifts @ theta
@@ -225,10 +275,8 @@ def energy_minimum(problem: ContactProblem, displacement: np.ndarray, theta: The
     )
 
 
-def summary(values: object) -> dict:
-    """Median, 95th percentile and maximum of errors or times over all points, without
-    exclusions.
-    """
+def summary(values: Sequence[float] | np.ndarray) -> dict[str, float]:
+    """Median, 95th percentile and maximum of errors or times, without exclusions."""
     values = np.asarray(values, dtype=float)
     # order statistics: an infinite error stays infinite and does not become NaN
     median, p95 = np.percentile(values, [50, 95], method="higher")
@@ -241,7 +289,15 @@ def summary(values: object) -> dict:
 
 
 def norm(vector: np.ndarray, gram: csr_matrix | None = None) -> float:
-    """Norm of a vector by a Gram matrix, Euclidean if None."""
+    """Norm of a vector by a Gram matrix, Euclidean if None.
+
+    Args:
+        vector: vector, (n,).
+        gram: Gram matrix, (n, n); None for the Euclidean norm.
+
+    Raises:
+        SceneError: if the Gram matrix has another number of rows, as on several ranks.
+    """
     if gram is not None and gram.shape[0] != vector.size:
         raise SceneError(
             f"the Gram matrix has {gram.shape[0]} rows for {vector.size} dofs: where ranks share "

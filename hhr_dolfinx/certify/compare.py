@@ -41,8 +41,11 @@ class Comparison:
 
     @classmethod
     def of(cls, rows: Sequence[Row], names: Sequence[str] = ()) -> Comparison:
-        """Comparison from one row per point or path; ``names`` are those of further errors in
-        them.
+        """Comparison from one row per point or path.
+
+        Args:
+            rows: label, errors of displacement and forces, and further errors of each.
+            names: names of the further errors.
         """
         labels, primal, dual, *errors = zip(*rows, strict=True)
         further = {name: np.array(column) for name, column in zip(names, errors, strict=True)}
@@ -53,11 +56,17 @@ def compare_points(full: FullModel, model: Model, solutions: Solutions, floor: f
     """Errors of fields and forces everywhere at known solutions.
 
     A point that fails has infinite errors, and so does the force if two starts lead to two
-    solutions. ``floor`` is the force norm below which a relative error is meaningless.
+    solutions.
+
+    Args:
+        full: the full model.
+        model: the model that is compared.
+        solutions: answers of the full model.
+        floor: force norm below which a relative error is meaningless.
     """
     problem = full.problem
     rows: list[Row] = []
-    for point, own, forces in zip(
+    for point, homogeneous, forces in zip(
         solutions.points, solutions.displacements.T, solutions.forces.T, strict=True
     ):
         label = problem.parameters.described(point)
@@ -65,17 +74,21 @@ def compare_points(full: FullModel, model: Model, solutions: Solutions, floor: f
         try:
             answer = model.solve(point, outside="ignore")
             displacement = answer.displacement()
-            found = answer.forces()
+            forces_of_model = answer.forces()
             unaided = model.solve(point, start=None, outside="ignore").multipliers
         except HHRError:
             rows.append((label, math.inf, math.inf))
             continue
-        exact = problem.spread.whole(own) + problem.lifts @ theta
+        exact = problem.spread.whole(homogeneous) + problem.lifts @ theta
         size = mass_norm(problem, exact)
-        off = mass_norm(problem, displacement - exact)
-        primal = off / size if size > 0 else (math.inf if off > 0 else 0.0)
+        difference = mass_norm(problem, displacement - exact)
+        primal = difference / size if size > 0 else (math.inf if difference > 0 else 0.0)
         one_answer = relative_error(unaided, answer.multipliers, floor=floor) <= ONE_ANSWER
         rows.append(
-            (label, primal, relative_error(found, forces, floor=floor) if one_answer else math.inf)
+            (
+                label,
+                primal,
+                relative_error(forces_of_model, forces, floor=floor) if one_answer else math.inf,
+            )
         )
     return Comparison.of(rows)

@@ -52,9 +52,7 @@ class Stability:
 
     @property
     def distortion(self) -> float:
-        """Factor by which restricting the domain to the RID increases the condition number of the
-        stiffness.
-        """
+        """Condition number of K~ over that of the stiffness projected on the whole domain."""
         return self.cond_K / self.cond_whole
 
 
@@ -67,12 +65,18 @@ def singular_range(matrix: np.ndarray) -> tuple[float, float]:
 def inf_sup(
     rows: np.ndarray, primal_gram: np.ndarray | None = None, dual_gram: np.ndarray | None = None
 ) -> float:
-    """Inf-sup constant of b(v, q) = q^T rows gamma with the given Gram matrices (identity if None).
+    """Inf-sup constant of b(v, q) = q^T rows gamma with the given Gram matrices.
 
-    The rows are (m, ell), for example B~; the matrices, symmetric and positive definite, (ell, ell)
-    and (m, m), or the diagonal of the latter, (m,). It is 0 if there are more rows than columns,
-    since some q is then orthogonal to all v; NaN if a Gram matrix is not positive definite to
-    round-off, so that double precision cannot decide.
+    Args:
+        rows: matrix of the form, (m, ell), for example B~.
+        primal_gram: Gram matrix of v, symmetric and positive definite, (ell, ell); None for the
+            identity.
+        dual_gram: Gram matrix of q, (m, m), or its diagonal, (m,); None for the identity.
+
+    Returns:
+        The constant. It is 0 if there are more rows than columns, since some q is then orthogonal
+        to all v. It is NaN if a Gram matrix is not positive definite to round-off, so that double
+        precision cannot decide.
     """
     if rows.shape[0] > rows.shape[1]:
         return 0.0
@@ -86,8 +90,13 @@ def inf_sup(
 def assess(
     problem: ContactProblem, basis: np.ndarray, sets: IndexSets, reduced: ReducedProblem
 ) -> Stability:
-    """Compute all constants of a reduced model, with local rows of its modes if they are
-    distributed.
+    """Compute all constants of a reduced model.
+
+    Args:
+        problem: the contact problem.
+        basis: modes, or the local rows of distributed ones, (own, ell).
+        sets: index sets of the RID.
+        reduced: the projected arrays.
     """
     smallest, largest = row_range(reduced.contact_test)
     kappas = [
@@ -99,8 +108,8 @@ def assess(
     reduced = reduced.held
     low, high = singular_range(reduced.stiffness)
     rows = problem.spread
-    whole = rows.sum(basis.T @ (problem.stiffness_of_rows @ basis))
-    whole_low, whole_high = singular_range(whole)
+    galerkin = rows.sum(basis.T @ (problem.stiffness_of_rows @ basis))
+    galerkin_low, galerkin_high = singular_range(galerkin)
     test = basis[rows.mine(sets.A)]
     definite = math.nan
     if low > 0:
@@ -114,9 +123,9 @@ def assess(
         sigma_max=largest,
         contact_definite=definite,
         cond_K=high / low if low > 0 else math.inf,
-        cond_whole=whole_high / whole_low if whole_low > 0 else math.inf,
+        cond_whole=galerkin_high / galerkin_low if galerkin_low > 0 else math.inf,
         norm_K=high,
-        euclidean=constants_of(reduced, *(rows.sum(part.T @ part) for part in (test, basis))),
+        euclidean=constants_of(reduced, *(rows.sum(modes.T @ modes) for modes in (test, basis))),
     )
 
 
@@ -135,10 +144,13 @@ def constants_of(
     trial_gram: np.ndarray,
     dual_gram: np.ndarray | None = None,
 ) -> Constants:
-    """Constants for the Gram matrices of modes truncated outside A and of whole modes, (ell, ell)
-    each.
+    """Constants of a reduced model for some Gram matrices.
 
-    ``dual_gram`` is that of forces, (m, m) or its diagonal, (m,); None for the identity.
+    Args:
+        reduced: the projected arrays.
+        test_gram: Gram matrix of the modes truncated outside A, (ell, ell).
+        trial_gram: Gram matrix of the whole modes, (ell, ell).
+        dual_gram: Gram matrix of forces, (m, m), or its diagonal, (m,); None for the identity.
     """
     return Constants(
         inf_sup(reduced.contact_test, test_gram, dual_gram),

@@ -1,5 +1,4 @@
-"""Trust check of a reduced model: stability constants, and errors on solutions that are not in
-training.
+"""Trust check of a reduced model: stability constants, and errors on validation solutions.
 
 Perfect inf-sup constants are necessary and not sufficient; cond(K~) and validation solutions are
 more reliable.
@@ -89,16 +88,16 @@ class TrustLimits:
 
     def __post_init__(self) -> None:
         """Raise ReductionError for invalid limits, and for warnings above the limit of refusal."""
-        for item in fields(self):
-            value: Any = getattr(self, item.name)
-            signed = item.name == "warn_definite"
+        for attribute in fields(self):
+            value: Any = getattr(self, attribute.name)
+            signed = attribute.name == "warn_definite"
             least = -math.inf if signed else 0.0
             if not isinstance(value, Real) or isinstance(value, bool) or not float(value) >= least:
                 raise ReductionError(
-                    f"{item.name} = {value!r} of TrustLimits must be a "
+                    f"{attribute.name} = {value!r} of TrustLimits must be a "
                     f"number{'' if signed else ', not negative'}: math.inf for no limit"
                 )
-        limits = {item.name: getattr(self, item.name) for item in fields(self)}
+        limits = {attribute.name: getattr(self, attribute.name) for attribute in fields(self)}
         for name, refuse in limits.items():
             warned = name.replace("refuse_", "warn_")
             if refuse < limits.get(warned, 0.0) < math.inf:
@@ -111,8 +110,11 @@ class TrustLimits:
     def judged(
         self, comparison: Comparison
     ) -> Iterator[tuple[str, np.ndarray, float, float, float]]:
-        """Names and values of errors, limits of their 95th percentile (refused, warned of), and of
-        the worst.
+        """Names and values of errors with their limits.
+
+        Returns:
+            Name, values, limits of the 95th percentile (refused, warned of) and limit of the worst
+            value of each error.
         """
         yield "displacement", comparison.primal, self.refuse_primal, self.warn_primal, math.inf
         yield "contact force", comparison.dual, self.refuse_dual, self.warn_dual, self.warn_worst
@@ -127,8 +129,15 @@ class TrustLimits:
 
 
 def check_loads_seen(problem: ContactProblem, sets: IndexSets, points: np.ndarray) -> None:
-    """Raise UnseenLoadError if a load that is nonzero at a training point, (S, P), does not reach
-    the RID.
+    """Check that each load of the training reaches the RID.
+
+    Args:
+        problem: the contact problem.
+        sets: index sets of the RID.
+        points: training points, (S, P).
+
+    Raises:
+        UnseenLoadError: if a load that is nonzero at a training point does not reach the RID.
     """
     acting = np.zeros(problem.loads.shape[1], dtype=bool)
     for point in points:
@@ -150,9 +159,17 @@ MORE_LAYERS = "add RID layers (in Python, hhr.Recipe(domain=hhr.Rid(layers=4)))"
 def check_solvable(
     stability: Stability, problem: ContactProblem | None = None, sets: IndexSets | None = None
 ) -> None:
-    """Raise NotSolvableError if the rows of B~1 or B~2 are dependent, thesis (1.67), (5.24)-(5.25).
+    """Check that the rows of B~1 and of B~2 are independent, thesis (1.67), (5.24)-(5.25).
 
     The message names equivalent conditions if the problem and the RID are given.
+
+    Args:
+        stability: constants of the reduced model.
+        problem: the contact problem, for the message; None if unknown.
+        sets: index sets of the RID, for the message; None if unknown.
+
+    Raises:
+        NotSolvableError: if rows are dependent.
     """
     if not (math.isinf(stability.kappa_B) or math.isinf(stability.kappa_B_2)):
         return
@@ -189,23 +206,21 @@ def _twins(problem: ContactProblem, sets: IndexSets) -> str:
     directions = normalised(normals)
     nodes = problem.contact_slaves[sets.A_lambda]
     alike = (nodes[:, None] == nodes) & (directions @ directions.T > 1 - EQUAL_NORMALS)
-    one, other = (sets.A_lambda[ends] for ends in np.nonzero(np.triu(alike, k=1)))
-    if not one.size:
+    first, second = (sets.A_lambda[ends] for ends in np.nonzero(np.triu(alike, k=1)))
+    if not first.size:
         return ""
-    pairs = problem.contact_pairs[[one[0], other[0]]]
-    place = np.round(problem.contact_points[one[0]], 6).tolist()
+    pairs = problem.contact_pairs[[first[0], second[0]]]
+    coordinates = np.round(problem.contact_points[first[0]], 6).tolist()
     return (
-        f"contacts {pairs[0]} and {pairs[1]} hold the same node along the same normal, at {place} "
-        f"and {one.size} places in all: more modes seldom tell their forces apart. Leave out the "
-        "one that never closes, or take a condensed model, which needs no modes "
+        f"contacts {pairs[0]} and {pairs[1]} hold the same node along the same normal, at "
+        f"{coordinates} and {first.size} places in all: more modes seldom tell their forces apart. "
+        "Leave out the one that never closes, or take a condensed model, which needs no modes "
         "(Training.condense; exact_condensation where the stiffness is constant)"
     )
 
 
 def _parallel_rows(contact: csr_matrix) -> int:
-    """Number of rows of a sparse matrix that are a positive multiple of a later row, to
-    round-off.
-    """
+    """Number of rows that are a positive multiple of a later row, to round-off."""
     lengths = np.sqrt(np.asarray(contact.multiply(contact).sum(axis=1)).ravel())
     units = csr_matrix(diags(1 / np.where(lengths > 0, lengths, 1.0)) @ contact)
     alike = triu(units @ units.T, k=1).tocoo()
@@ -213,7 +228,18 @@ def _parallel_rows(contact: csr_matrix) -> int:
 
 
 def check_stability(stability: Stability, limits: TrustLimits) -> None:
-    """Raise UnstableModelError if a constant is beyond its limit, and warn if it is close to it."""
+    """Check the stability constants of a model against limits.
+
+    Args:
+        stability: constants of the model.
+        limits: limits of refusals and warnings.
+
+    Raises:
+        UnstableModelError: if a constant is beyond its limit.
+
+    Warns:
+        StabilityWarning: if a constant is close to its limit.
+    """
     advice = f"{MORE_LAYERS}, or keep fewer modes (a larger POD tolerance)"
     distorted = not stability.distortion <= limits.refuse_distortion
     if distorted and not stability.cond_K <= limits.refuse_cond_K:
@@ -250,11 +276,20 @@ OF_A_RID = f"{MORE_LAYERS}, train on more points, or change the POD tolerance"
 def check_comparison(
     comparison: Comparison, limits: TrustLimits, remedy: str | Mapping[str, str] = OF_A_RID
 ) -> None:
-    """Raise UnstableModelError if the 95th percentile of an error is beyond its limit, and warn if
-    it is close to it.
+    """Check the errors of a model against limits.
 
-    The worst point is named; a warning is given if its force error is beyond a separate limit. The
-    remedy depends on the kind of model, and on the error if there is one for each.
+    The worst point is named; a warning is given if its force error is beyond a separate limit.
+
+    Args:
+        comparison: errors against the full order.
+        limits: limits of refusals and warnings.
+        remedy: advice for the kind of model, or advice by the name of the error.
+
+    Raises:
+        UnstableModelError: if the 95th percentile of an error is beyond its limit.
+
+    Warns:
+        StabilityWarning: if it is close to its limit.
     """
     for name, values, refuse, doubtful, doubtful_worst in limits.judged(comparison):
         # an order statistic: failed points do not make it NaN
@@ -278,7 +313,12 @@ def check_comparison(
 
 
 def warn_of_no_contact(problem: ContactProblem, snapshots: Solutions) -> None:
-    """Warn of a training without contact."""
+    """Warn of a training without contact.
+
+    Args:
+        problem: the contact problem.
+        snapshots: training answers.
+    """
     if not snapshots.any_contact(problem):
         _warn(
             "no training solution has contact: the model knows nothing of contact forces. Check "
@@ -290,7 +330,13 @@ def warn_of_no_contact(problem: ContactProblem, snapshots: Solutions) -> None:
 def warn_of_few_held_out(
     held_out: Solutions | None, least: int = FEW, advice: str = f"at least {FEW}"
 ) -> None:
-    """Warn of no or few validation solutions."""
+    """Warn of no or few validation solutions.
+
+    Args:
+        held_out: validation answers; None if there are none.
+        least: number of answers below which a warning is given.
+        advice: advice for the message.
+    """
     if held_out is None:
         warning = (
             "no solutions were kept out of training: the model is compared with its own training "
@@ -307,8 +353,7 @@ def warn_of_few_held_out(
 
 
 def warn_of_gaps_in_training(points: np.ndarray) -> None:
-    """Warn of training points, (S, P), that leave much of their box empty, such as those of a
-    diagonal.
+    """Warn of training points, (S, P), that leave much of their box empty, as a diagonal does.
 
     Distances count in steps between the different values of each parameter. On a grid, and for
     random points, no part of the box is farther from the training than training points are from
@@ -316,13 +361,15 @@ def warn_of_gaps_in_training(points: np.ndarray) -> None:
     """
     counts = np.array([np.unique(column).size for column in points.T])
     widths = np.ptp(points, axis=0)
-    kept = widths > 0
-    if len(points) < 3 or not kept.any():
+    varied = widths > 0
+    if len(points) < 3 or not varied.any():
         return
-    scaled = (points[:, kept] - points[:, kept].min(axis=0)) / widths[kept] * (counts[kept] - 1)
+    scaled = (
+        (points[:, varied] - points[:, varied].min(axis=0)) / widths[varied] * (counts[varied] - 1)
+    )
     tree = cKDTree(scaled)
     apart = tree.query(scaled, k=2)[0][:, 1].max()
-    anywhere = np.random.default_rng(0).uniform(0.0, counts[kept] - 1, (500, int(kept.sum())))
+    anywhere = np.random.default_rng(0).uniform(0.0, counts[varied] - 1, (500, int(varied.sum())))
     empty = float(np.mean(tree.query(anywhere)[0] > EMPTY * apart))
     if empty > EMPTY_SHARE:
         _warn(
@@ -339,6 +386,10 @@ def warn_of_moduli_unseen(problem: ContactProblem, points: np.ndarray) -> None:
     A spike is narrower than the distance of training points, so that validation points miss it.
     Moduli are numbers, and are evaluated densely along each of their parameters, with the others in
     the middle.
+
+    Args:
+        problem: the contact problem.
+        points: training points, (S, P).
     """
     space = problem.parameters
     scalars = [
@@ -347,18 +398,18 @@ def warn_of_moduli_unseen(problem: ContactProblem, points: np.ndarray) -> None:
         for scalar in (modulus.factor_scalar, modulus.rest_scalar)
     ]
     for scalar in dict.fromkeys(scalars):
-        places = [space.names.index(name) for name in scalar.formula.variables]
-        everywhere = space.lines(places, 1)
+        indices = [space.names.index(name) for name in scalar.formula.variables]
+        samples = space.lines(indices, 1)
         with np.errstate(divide="ignore"):
-            seen, there = (np.log(np.abs(scalar.values(where))) for where in (points, everywhere))
-        if not (places and np.isfinite(seen).all() and np.isfinite(there).all()):
+            seen, sampled = (np.log(np.abs(scalar.values(where))) for where in (points, samples))
+        if not (indices and np.isfinite(seen).all() and np.isfinite(sampled).all()):
             continue
-        beyond = np.maximum(there - seen.max(), seen.min() - there)
+        beyond = np.maximum(sampled - seen.max(), seen.min() - sampled)
         worst = int(beyond.argmax())
         if beyond[worst] > max(UNSEEN * np.ptp(seen), UNSEEN_LEAST):
             _warn(
-                f"the modulus {scalar.text[:80]} is {scalar.value(everywhere[worst]):.3g} at "
-                f"{space.described(everywhere[worst])}, and {np.exp(seen.min()):.3g} to "
+                f"the modulus {scalar.text[:80]} is {scalar.value(samples[worst]):.3g} at "
+                f"{space.described(samples[worst])}, and {np.exp(seen.min()):.3g} to "
                 f"{np.exp(seen.max()):.3g} at all training points: it changes faster than they "
                 "are close, and answers there are outside what was trained. Train there too, or "
                 "smooth the formula",

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.models.answer_mesh import AnswerMesh
     from hhr_dolfinx.models.estimates import Estimate, Estimates
-    from hhr_dolfinx.models.functionals.functional import Outputs
+    from hhr_dolfinx.models.functionals.functional import AllOutputs, Outputs
     from hhr_dolfinx.models.gradient import Gradient
     from hhr_dolfinx.parameters import PointLike, PointsLike
 
@@ -41,8 +41,9 @@ CheckedStart = str | np.ndarray | None
 
 
 class Meshed(Protocol):
-    """Full model as answers use it, or the mesh that lies beside a model file: pressures and
-    pictures need it.
+    """Full model as answers use it, or the mesh that lies beside a model file.
+
+    Pressures and pictures need it.
     """
 
     def areas(self, mu: PointLike) -> np.ndarray:
@@ -56,8 +57,9 @@ class Meshed(Protocol):
 
 
 class Completion(Protocol):
-    """Completes the fields of bodies with laws, from the places where a model evaluates the laws to
-    the whole mesh.
+    """Completes the fields of bodies with laws on the whole mesh.
+
+    A model evaluates the laws at some places only.
     """
 
     kind: ClassVar[str]  #: kind of its estimates, see Estimate
@@ -90,25 +92,45 @@ class InterfaceCompletion(Protocol):
         """Law of the RID, with the row numbers of the RID."""
 
     def forces(self, inside: np.ndarray, point: np.ndarray) -> np.ndarray:
-        """Forces on all conditions from those of the RID, (m,), at a point, (N_lambda,)."""
+        """Forces on all conditions from those of the RID, (N_lambda,).
+
+        Args:
+            inside: forces on the conditions of the RID, (m,).
+            point: parameter, (P,).
+        """
 
     def completed(
         self, inside: np.ndarray, active: np.ndarray, point: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """These forces, and statuses of all conditions from those of the RID, (m,) bool."""
+        """Forces, (N_lambda,), and statuses, (N_lambda,) bool, of all conditions.
+
+        Args:
+            inside: forces on the conditions of the RID, (m,).
+            active: statuses of these, (m,) bool.
+            point: parameter, (P,).
+        """
 
     def force_changes(
         self, inside: np.ndarray, changes: np.ndarray, point: np.ndarray
     ) -> np.ndarray:
-        """Derivatives of :meth:`forces`, (N_lambda, P), from those of the RID, (m, P)."""
+        """Derivatives of :meth:`forces`, (N_lambda, P).
+
+        Args:
+            inside: forces on the conditions of the RID, (m,).
+            changes: derivatives of these, (m, P).
+            point: parameter, (P,).
+        """
 
     def indicated(
         self, inside: np.ndarray, slack: np.ndarray, scale: np.ndarray, memory: Memory
     ) -> float:
-        """Estimated relative error of forces, from those in the RID, (m,), slacks of all,
-        (N_lambda,), and the memory.
+        """Estimated relative error of forces.
 
-        ``scale`` is the length by which the gap of each is measured, (N_lambda,).
+        Args:
+            inside: forces on the conditions of the RID, (m,).
+            slack: slack of all conditions, (N_lambda,).
+            scale: length by which the gap of each condition is measured, (N_lambda,).
+            memory: memory of the answer.
         """
 
     def differences(self, problem: ContactProblem) -> str:
@@ -130,7 +152,7 @@ class ModelFields:
     flow: Completion | None = None  #: completes the fields of bodies with laws
     #: completes forces and memory of a law of interfaces in hyper-reduced models
     interface: InterfaceCompletion | None = None
-    functionals: Any = None  #: outputs of the scene
+    functionals: AllOutputs | None = None  #: outputs of the scene
     unbounded: str = ""  #: reason why errors are not estimated, for models without an estimate
     exact: ClassVar[bool] = False  #: whether the model has no reduction error
 
@@ -153,19 +175,35 @@ class ModelFields:
         if self.bound is not None:
             return self.bound.kind
         of_laws = "" if self.flow is None else self.flow.kind
-        known = {"indicator": self.indicator, of_laws: self.flow, FORCES_INDICATOR: self.interface}
-        return next((kind for kind, own in known.items() if own is not None), "")
+        estimators = {
+            "indicator": self.indicator,
+            of_laws: self.flow,
+            FORCES_INDICATOR: self.interface,
+        }
+        return next((kind for kind, estimator in estimators.items() if estimator is not None), "")
 
     def displacement(self, answer: Answer) -> np.ndarray:
-        """Displacement, lift included, (N,)."""
+        """Displacement, lift included, (N,).
+
+        Raises:
+            NotImplementedError: in this base class.
+        """
         raise NotImplementedError
 
     def forces(self, answer: Answer) -> np.ndarray:
-        """Contact forces on the whole contact surface, (N_lambda,)."""
+        """Contact forces on the whole contact surface, (N_lambda,).
+
+        Raises:
+            NotImplementedError: in this base class.
+        """
         raise NotImplementedError
 
     def stress(self, answer: Answer) -> np.ndarray:
-        """Stress in Kelvin's notation, (places, components)."""
+        """Stress in Kelvin's notation, (places, components).
+
+        Raises:
+            NotImplementedError: in this base class.
+        """
         raise NotImplementedError
 
     def estimate(self, answer: Answer) -> Estimate | None:
@@ -243,8 +281,8 @@ class Answer(NamedTuple):
         """
         if name in self.memory:
             return self.memory[name]
-        if (place := registry.asked_of_answers().get(name)) is not None:
-            return partial(registry.loaded(place), self)
+        if (import_path := registry.asked_of_answers().get(name)) is not None:
+            return partial(registry.loaded(import_path), self)
         if name.startswith("_") or name not in registry.memories():
             raise AttributeError(
                 f"an answer has no {name!r}; it remembers {', '.join(self.memory) or 'nothing'}"
@@ -252,23 +290,23 @@ class Answer(NamedTuple):
         return None
 
     def remembering(self, **parts: Any) -> Answer:
-        """The same answer with further parts of its memory, by name."""
+        """Answer with further parts of its memory, by name."""
         return self._replace(memory=self.memory | parts)
 
     def facts(self) -> dict[str, str]:
         """See :class:`~hhr_dolfinx.models.shown.Shown`."""
-        found = {"parameter": f"at {point_of(self.parameter)}"}
+        facts = {"parameter": f"at {point_of(self.parameter)}"}
         if not math.isnan(self.time):
-            found["time"] = f"t = {self.time:.6g} s"
-        found["status"] = (
+            facts["time"] = f"t = {self.time:.6g} s"
+        facts["status"] = (
             f"{self.status.name.lower().replace('_', ' ')} after "
             f"{counted(self.iterations, 'iteration')}"
         )
         if self.note:
-            found["path"] = f"of {self.note}"
+            facts["path"] = f"of {self.note}"
         touching = int(np.count_nonzero(self.active))
-        found["contact"] = f"{touching} of {counted(len(self.active), 'contact condition')} active"
-        return found
+        facts["contact"] = f"{touching} of {counted(len(self.active), 'contact condition')} active"
+        return facts
 
     def __repr__(self) -> str:
         return line("Answer", self.facts())
@@ -295,10 +333,10 @@ class Answer(NamedTuple):
         return self.fields.forces(self)
 
     def pressure(self, full: Meshed | None = None) -> np.ndarray:
-        """Contact pressure at each condition of the whole surface: nodal forces over tributary
-        areas, (N_lambda,).
+        """Contact pressure at each condition of the whole surface, (N_lambda,).
 
-        Other conditions than those of pressures have tractions. Conditions without an area are NaN.
+        Nodal forces over tributary areas. Other conditions than those of pressures have tractions.
+        Conditions without an area are NaN.
 
         Args:
             full: the full model, whose mesh has the areas; not needed in the process that built the
@@ -337,17 +375,18 @@ class Answer(NamedTuple):
         return draw(self, path, self._meshed(full, "a picture needs the mesh"))
 
     def _meshed(self, full: Meshed | None, why: str) -> Meshed:
-        found = self.fields.full if full is None else full
-        if found is None:
+        meshed = self.fields.full if full is None else full
+        if meshed is None:
             raise NotOfferedError(
                 f"a model that was copied or read from a file has no mesh, and {why}: give the "
                 "full model, full=hhr.FullOrderModel(scene)"
             )
-        return found
+        return meshed
 
     def stress(self) -> np.ndarray:
-        """Stress on the whole mesh, Kelvin's notation: at cell midpoints, or where laws of bodies
-        are evaluated.
+        """Stress on the whole mesh in Kelvin's notation, (places, components).
+
+        At cell midpoints, or where laws of bodies are evaluated.
         """
         return self.fields.stress(self)
 
@@ -356,12 +395,12 @@ class Answer(NamedTuple):
 
         Outputs that an undetermined motion changes have no bound.
         """
-        found = self.fields.estimate(self)
-        if found is None or self.undetermined is None:
-            return found
+        estimate = self.fields.estimate(self)
+        if estimate is None or self.undetermined is None:
+            return estimate
         open_ = kernels().undetermined_outputs(self)
-        return found._replace(
-            outputs={name: error for name, error in found.outputs.items() if name not in open_}
+        return estimate._replace(
+            outputs={name: error for name, error in estimate.outputs.items() if name not in open_}
         )
 
     def outputs(self) -> Outputs:
@@ -411,8 +450,9 @@ class History(Shown):
 
     @property
     def time_error(self) -> np.ndarray:
-        """Estimated error of the time steps up to the end of each, see :attr:`Answer.time_error`,
-        (steps,).
+        """Estimated error of the time steps up to the end of each, (steps,).
+
+        See :attr:`Answer.time_error`.
         """
         return np.array([answer.time_error for answer in self.answers])
 
@@ -435,21 +475,21 @@ class History(Shown):
 
         Another model that marches along it has the same time errors.
         """
-        found = self.path[:1]
+        path = self.path[:1]
         for answer in self.answers:
-            time, point = found[-1]
+            time, point = path[-1]
             shares = [(end - time) / (answer.time - time) for end in answer.ends]
             between = [point + share * (answer.parameter - point) for share in shares]
-            found += [*zip(answer.ends, between, strict=True), (answer.time, answer.parameter)]
-        return found
+            path += [*zip(answer.ends, between, strict=True), (answer.time, answer.parameter)]
+        return path
 
     def thinned(self, times: Sequence[float]) -> History:
-        """The same history with the answers at some of its times alone."""
-        kept = set(times)
-        places = [place for place, answer in enumerate(self.answers) if answer.time in kept]
-        answers = [self.answers[place] for place in places]
+        """History with the answers at some of its times alone."""
+        selected = set(times)
+        indices = [index for index, answer in enumerate(self.answers) if answer.time in selected]
+        answers = [self.answers[index] for index in indices]
         return replace(
-            self, answers=answers, signs=[self.signs[place] for place in places if self.signs]
+            self, answers=answers, signs=[self.signs[index] for index in indices if self.signs]
         )
 
     @property
@@ -514,14 +554,17 @@ class SeveralAnswers(Shown):
         Raises:
             HHRError: if the scene has none.
         """
-        found = [answer.outputs() for answer in self]
-        return {name: np.array([outputs[name] for outputs in found]) for name in found[0].keys()}
+        singles = [answer.outputs() for answer in self]
+        return {
+            name: np.array([outputs[name] for outputs in singles]) for name in singles[0].keys()
+        }
 
 
 @dataclass(frozen=True, repr=False)
 class ListedAnswers(SeveralAnswers):
-    """Answers found one by one, each with all its parts: memory of laws, fields of a local
-    model.
+    """Answers found one by one.
+
+    Each has all of its attributes: memory of laws, fields of a local model.
     """
 
     answers: tuple[Answer, ...]  #: one or more
@@ -546,8 +589,9 @@ class ListedAnswers(SeveralAnswers):
 
 
 class Model(Protocol):
-    """Interface of all models (full, reduced, condensed, baseline) that studies, checks and users
-    rely on.
+    """Interface of all models: full, reduced, condensed, baseline.
+
+    Studies, checks and users rely on it.
     """
 
     def solve(
@@ -583,7 +627,7 @@ class Model(Protocol):
             otherwise.
         """
 
-    def march(self, path: Any, settings: Any = ...) -> History:
+    def march(self, path: Path, settings: Any = ...) -> History:
         """Answer a load path from its state at rest.
 
         Args:
@@ -600,7 +644,14 @@ class Model(Protocol):
 def one_by_one(
     model: Any, table: PointsLike, raise_on_failure: bool, outside: str
 ) -> ListedAnswers:
-    """Answers of a model that has no faster way, point by point."""
+    """Answers of a model that has no faster way, point by point.
+
+    Args:
+        model: a model, see :class:`~hhr_dolfinx.models.model.AnsweringModel`.
+        table: parameters, (n, P).
+        raise_on_failure: raise at the first point without a solution.
+        outside: see :meth:`Model.solve`.
+    """
     points = model.parameters.points(table)
     return ListedAnswers(
         tuple(
@@ -613,19 +664,29 @@ def one_by_one(
 def outcome(
     answer: Answer, raise_on_failure: bool, advice: Mapping[Status, str] = MappingProxyType({})
 ) -> Answer:
-    """The answer if it converged; otherwise the answer with NaN, so that no iterate passes for a
-    solution.
+    """The answer if it converged; otherwise an answer of NaN, or an error.
+
+    No iterate passes for a solution.
+
+    Args:
+        answer: answer of a search, converged or not.
+        raise_on_failure: raise instead of returning NaN.
+        advice: remedy for each status, for the message.
+
+    Raises:
+        NotSolvableError: for a singular or unrestrained problem, or one that is not finite.
+        ConvergenceError: if the search did not converge.
     """
     if answer.status is Status.CONVERGED:
         return answer
     if raise_on_failure:
         unsolvable = answer.status in (Status.SINGULAR, Status.NOT_FINITE, Status.ADRIFT)
         kind = NotSolvableError if unsolvable else ConvergenceError
-        why = ": ".join(
+        reason = ": ".join(
             [answer.status.value, *([advice[answer.status]] if answer.status in advice else [])]
         )
-        place = np.ravel(answer.parameter).tolist()
-        raise kind(f"no solution at {place} after {answer.iterations} iterations: {why}")
+        point = np.ravel(answer.parameter).tolist()
+        raise kind(f"no solution at {point} after {answer.iterations} iterations: {reason}")
     nothing = np.full_like(answer.unknown, np.nan), np.full_like(answer.multipliers, np.nan)
     return answer._replace(unknown=nothing[0], multipliers=nothing[1])
 
@@ -636,7 +697,14 @@ def unanswered(
     fields: ModelFields,
     status: Status = Status.UNDEFINED,
 ) -> Answer:
-    """An answer of NaN, for a model with these numbers of unknowns and conditions."""
+    """An answer of NaN.
+
+    Args:
+        parameter: mu, (P,).
+        sizes: numbers of unknowns and of conditions of the model.
+        fields: fields of the model.
+        status: reason why there is no answer.
+    """
     unknowns, conditions = sizes
     nothing = (
         np.full(unknowns, np.nan),
@@ -647,16 +715,23 @@ def unanswered(
 
 
 def found_as(
-    found: Statuses, parameter: np.ndarray, unknown: np.ndarray, fields: ModelFields
+    statuses: Statuses, parameter: np.ndarray, unknown: np.ndarray, fields: ModelFields
 ) -> Answer:
-    """Answer from the result of the active set and the unknown under its forces."""
+    """Answer from the result of the active set and the unknown under its forces.
+
+    Args:
+        statuses: result of the active set.
+        parameter: mu, (P,).
+        unknown: unknown of the model under these forces.
+        fields: fields of the model.
+    """
     return Answer(
         parameter,
         unknown,
-        found.forces,
-        found.active,
-        found.iterations,
-        found.status,
-        found.cycled,
+        statuses.forces,
+        statuses.active,
+        statuses.iterations,
+        statuses.status,
+        statuses.cycled,
         fields,
     )

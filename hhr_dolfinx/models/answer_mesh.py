@@ -1,6 +1,4 @@
-"""Mesh and contact surface of a scene as plain arrays, for figures and files of the fields of
-answers.
-"""
+"""Mesh and contact surface of a scene as plain arrays, for figures and files of fields."""
 
 from __future__ import annotations
 
@@ -48,7 +46,11 @@ class AnswerMesh:
     von_mises: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None
 
     def nodal(self, displacement: np.ndarray) -> np.ndarray:
-        """A displacement, (N,), node by node, (n, dim); NotOfferedError for one of another mesh."""
+        """A displacement, (N,), node by node, (n, dim).
+
+        Raises:
+            NotOfferedError: for a displacement on another mesh.
+        """
         if displacement.size != self.points.size:
             raise NotOfferedError(
                 f"the displacement has {displacement.size} dofs and the mesh of '{self.name}' "

@@ -44,21 +44,30 @@ class ForceScale:
 
 
 def estimates_of(kind: str, errors: np.ndarray, least: np.ndarray) -> Estimates:
-    """Estimates of n answers; a relative error is infinite if the exact answer may be zero and the
-    error is not.
+    """Estimates of n answers.
 
-    Errors, and denominators of relative ones, are those of displacement and forces in energy, of
-    forces in the Euclidean norm, and of pressures, (4, n) each.
+    A relative error is infinite if the exact answer may be zero and the error is not.
+
+    Args:
+        kind: kind of the estimates, see :class:`~hhr_dolfinx.models.estimates.Estimate`.
+        errors: errors of displacement and forces in energy, of forces in the Euclidean norm, and of
+            pressures, (4, n).
+        least: denominators of the relative errors, in the same order, (4, n).
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = np.where(errors == 0, 0.0, errors / np.maximum(least, 0.0))
     return Estimates(kind, *errors[:2], *shares[:2], *errors[2:], *shares[2:])
 
 
-def lengths(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Square roots of products of rows, (..., m): (...,)."""
+def lengths(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Square roots of products of rows, (..., m): (...,).
+
+    Args:
+        first: rows, (..., m).
+        second: rows, (..., m), such as a Gram matrix times the first ones.
+    """
     # products of matrices have a fifth of the overhead of sums by indices
-    return np.sqrt(np.maximum((one[..., None, :] @ other[..., None])[..., 0, 0], 0.0))
+    return np.sqrt(np.maximum((first[..., None, :] @ second[..., None])[..., 0, 0], 0.0))
 
 
 Thetas: TypeAlias = "Theta | np.ndarray | csr_matrix"
@@ -66,7 +75,12 @@ Thetas: TypeAlias = "Theta | np.ndarray | csr_matrix"
 
 
 def driven(matrix: np.ndarray, theta: Thetas) -> np.ndarray:
-    """Columns of a matrix, (k, 1 + T), times θ of each answer, (n, 1 + T) or one Theta: (n, k)."""
+    """Columns of a matrix, (k, 1 + T), times θ of each answer, (n, 1 + T) or one Theta: (n, k).
+
+    Args:
+        matrix: columns of each term, (k, 1 + T).
+        theta: θ of each answer, (n, 1 + T), or one Theta.
+    """
     return (matrix @ theta)[None] if isinstance(theta, Theta) else np.asarray(theta @ matrix.T)
 
 
@@ -77,25 +91,34 @@ class BoundThere(Protocol):
         """Slack of the fields in equilibrium with forces, (n, m)."""
 
     def completed(self, own: np.ndarray, outside: Any) -> np.ndarray:
-        """Forces on all conditions, (n, m), from those inside, (n, k), by the result of
-        :meth:`Bound.prepared`.
+        """Forces on all conditions, (n, m): those outside close their gaps.
 
-        The other forces close their gaps.
+        Args:
+            own: forces on the conditions inside, (n, k).
+            outside: result of :meth:`Bound.prepared`.
         """
 
     def force_changes(
         self, forces: np.ndarray, outside: Any, gradient: Gradient, changes: np.ndarray
     ) -> np.ndarray:
-        """Derivatives of completed forces, (m,), of one answer, (m, P), at constant statuses.
+        """Derivatives of the completed forces of one answer at constant statuses, (m, P).
 
-        ``gradient`` has those of the forces inside, ``changes`` are those of θ, (1 + T, P).
+        Args:
+            forces: completed forces, (m,).
+            outside: result of :meth:`Bound.prepared`.
+            gradient: derivatives of the forces inside.
+            changes: derivatives of θ, (1 + T, P).
         """
 
     def of(
         self, unknown: np.ndarray, forces: np.ndarray, slack: Callable[[], np.ndarray]
     ) -> Estimates:
-        """Errors of fields of γ, (n, ell), with slack (n, m), and of the returned forces, (n,
-        m).
+        """Errors of fields and forces of n answers.
+
+        Args:
+            unknown: γ, (n, ell).
+            forces: returned forces, (n, m).
+            slack: returns the slack of the fields, (n, m).
         """
 
 
@@ -125,15 +148,18 @@ class Bound(Protocol):
         """Data that complete forces from those of the conditions ``inside``."""
 
     def at(self, points: np.ndarray, theta: Thetas) -> BoundThere:
-        """Bound at the parameters of some answers, (n, P), with θ, (n, 1 + T), sparse or not.
+        """Bound at the parameters of n answers.
 
-        Or one Theta for one.
+        Args:
+            points: parameters, (n, P).
+            theta: θ of each, (n, 1 + T), sparse or not, or one Theta for one answer.
         """
 
 
 class Response(Protocol):
-    """The displacement as a function of loads and all contact forces, for a bound that knows the
-    exact ones.
+    """Displacement as a function of loads and contact forces.
+
+    A bound that knows the exact forces uses it.
     """
 
     @property
@@ -152,8 +178,12 @@ class ResponseWithin(Protocol):
     """Coordinates of forces in the columns of a displacement, (c,)."""
 
     def coordinates(self, answer: Answer, there: Any, forces: np.ndarray) -> np.ndarray:
-        """Coordinates, (c,), of an answer with forces on all conditions, (m,), and the bound at its
-        point.
+        """Coordinates of an answer, (c,).
+
+        Args:
+            answer: the answer.
+            there: the bound at its point, see :class:`BoundThere`.
+            forces: forces on all conditions, (m,).
         """
 
     def changes(
@@ -163,8 +193,13 @@ class ResponseWithin(Protocol):
         of_forces: Callable[[], np.ndarray],
         of_theta: np.ndarray,
     ) -> np.ndarray:
-        """Derivatives of the coordinates, (c, P), from those of θ, (1 + T, P), and, on request, of
-        forces, (m, P).
+        """Derivatives of the coordinates, (c, P).
+
+        Args:
+            there: the bound at the point, see :class:`BoundThere`.
+            forces: forces on all conditions, (m,).
+            of_forces: returns the derivatives of the forces, (m, P).
+            of_theta: derivatives of θ, (1 + T, P).
         """
 
 
@@ -175,7 +210,12 @@ class OutputBound(Protocol):
         """True if an output has an estimate."""
 
     def least_of(self, functionals: Functionals, name: str) -> float:
-        """Smallest denominator of the relative error of an output."""
+        """Smallest denominator of the relative error of an output.
+
+        Args:
+            functionals: outputs of the scene.
+            name: name of the output.
+        """
 
     def fits(self, functionals: Functionals) -> bool:
         """True if these can be estimates of some outputs."""
@@ -183,8 +223,13 @@ class OutputBound(Protocol):
     def errors(
         self, fields: Any, answer: Answer, forces: np.ndarray, exact: np.ndarray
     ) -> dict[str, float]:
-        """Errors of outputs by name, of an answer with these forces, (m,), and the exact ones,
-        (m,).
+        """Errors of the outputs of an answer, by name.
+
+        Args:
+            fields: fields of the model.
+            answer: the answer.
+            forces: its forces on all conditions, (m,).
+            exact: exact forces, (m,).
         """
 
 

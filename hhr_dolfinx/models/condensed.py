@@ -80,14 +80,14 @@ class CondensedModel(KeptModel):
     def _answered(
         self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool
     ) -> Answer:
-        """From the critical region of the nearest statuses if it holds there.
+        """Answer of the critical region of the nearest statuses if it holds there.
 
         Else by the active set.
         """
         if isinstance(start, str):
-            known = None if self._regions is None else self._regions(point, self.fields)
-            if known is not None:
-                return differentiated(self.eliminated(point), known) if gradient else known
+            tabulated = None if self._regions is None else self._regions(point, self.fields)
+            if tabulated is not None:
+                return differentiated(self.eliminated(point), tabulated) if gradient else tabulated
             start = self.known.start(point)
         return answer_of(
             self.eliminated(point), point, start, self._pairs, self.fields, gradient=gradient
@@ -105,6 +105,7 @@ class CondensedModel(KeptModel):
         Faster per point the more there are.
 
         Args:
+            points: parameters, (n, P).
             raise_on_failure: raise at the first point without a solution, or go on with NaN and a
                 status.
             outside: see :meth:`Model.solve`.
@@ -114,15 +115,21 @@ class CondensedModel(KeptModel):
         checked = self.parameters.points(points)
         outside = self._checked_outside(outside)
         if self._limit is not None:
-            inside = ((checked >= self._limit.lower) & (checked <= self._limit.upper)).all(axis=1)
-            for point in checked[~inside]:
+            within = ((checked >= self._limit.lower) & (checked <= self._limit.upper)).all(axis=1)
+            for point in checked[~within]:
                 self._limit.check(point, outside)
         return self.eliminated.answers(self, checked, raise_on_failure)
 
     def from_contact(
         self, contact: CondensedContact, point: np.ndarray, raise_on_failure: bool
     ) -> Answer:
-        """Answer to a point from its contact problem; starts from the nearest training statuses."""
+        """Answer to a point from its contact problem; starts from the nearest training statuses.
+
+        Args:
+            contact: contact problem of the point.
+            point: parameter, (P,).
+            raise_on_failure: raise instead of returning NaN and a status.
+        """
         answer = answer_of(contact, point, self.known.start(point), self._pairs, self.fields)
         return outcome(answer, raise_on_failure, self.advice)
 
@@ -145,7 +152,8 @@ class CondensedModel(KeptModel):
 
     @property
     def tabulated(self) -> bool:
-        """True if critical regions are tabulated: amplitudes are affine, and the tables not too
-        large.
+        """True if critical regions are tabulated.
+
+        Amplitudes are then affine, and the tables not too large.
         """
         return self._regions is not None

@@ -46,8 +46,9 @@ class LinearDisplacement(ABC):
         """Derivatives of x, (c, P)."""
 
     def _all_force_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
-        """Derivatives of all contact forces, (N_lambda, P), for derivatives of θ, ``changes``, (1 +
-        T, P).
+        """Derivatives of all contact forces, (N_lambda, P).
+
+        ``changes`` are the derivatives of θ, (1 + T, P).
         """
         assert answer.gradient is not None
         return answer.gradient.multipliers
@@ -71,7 +72,12 @@ class LinearDisplacement(ABC):
         return self._per_coordinate(rows), self._terms(rows)
 
     def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
-        """Rows of the outputs times the displacement, (K,), for amplitudes (1 + T,)."""
+        """Rows of the outputs times the displacement, (K,), for amplitudes (1 + T,).
+
+        Args:
+            answer: the answer.
+            theta: amplitudes at its parameter, (1 + T,).
+        """
         per_coordinate, per_term = self._measures
         return per_coordinate @ self._coordinates(answer) + per_term @ theta
 
@@ -80,8 +86,11 @@ class LinearDisplacement(ABC):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of all contact forces, (N_lambda, P), and of these products, (K, P).
 
-        ``changes`` are those of the amplitudes, (1 + T, P); the answer has a gradient. If no output
-        depends on forces, their derivatives are left out.
+        If no output depends on forces, their derivatives are left out.
+
+        Args:
+            answer: the answer, with a gradient.
+            changes: derivatives of the amplitudes, (1 + T, P).
         """
         per_coordinate, per_term = self._measures
         forces = (
@@ -96,17 +105,27 @@ class LinearDisplacement(ABC):
         ) + per_term @ changes
 
     def coordinates(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
-        """x and amplitudes of imposed displacements, on which rows of outputs act where shapes are
-        parameters.
+        """x and the amplitudes of imposed displacements.
+
+        Rows of outputs act on these if shapes are parameters.
+
+        Args:
+            answer: the answer.
+            theta: amplitudes at its parameter, (1 + T,).
         """
         return np.concatenate([self._coordinates(answer), theta[self.functionals.lifted]])
 
     def coordinate_changes(
         self, answer: Answer, changes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all forces and of these coordinates."""
+        """Derivatives of all forces and of these coordinates.
+
+        Args:
+            answer: the answer, with a gradient.
+            changes: derivatives of the amplitudes, (1 + T, P).
+        """
         forces = self._all_force_changes(answer, changes)
-        if not any(item.count for item in self.functionals.items):
+        if not any(functional.count for functional in self.functionals.items):
             return forces, np.zeros((0, answer.parameter.size))
         return forces, np.vstack(
             [self._coordinate_changes(answer, changes), changes[self.functionals.lifted]]

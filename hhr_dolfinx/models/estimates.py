@@ -23,12 +23,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Real
 from types import MappingProxyType
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from hhr_dolfinx.errors import NoBoundWarning, ParameterError
 from hhr_dolfinx.warn import warn
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.functionals.functional import AllOutputs
 
 NO_OUTPUTS: Mapping[str, float] = {}
 """Outputs of a model without outputs, or without estimates of them."""
@@ -88,6 +91,10 @@ class Estimate(NamedTuple):
     def indicated(cls, value: float, kind: str = "indicator") -> Estimate:
         """Estimate by an indicator, as a relative error; errors of pressures are infinite.
 
+        Args:
+            value: relative error, not negative.
+            kind: ``indicator``, :data:`STRESS_INDICATOR` or :data:`FORCES_INDICATOR`.
+
         Raises:
             ParameterError: for a value that is no relative error: not a number, NaN, or negative.
         """
@@ -103,11 +110,20 @@ class Estimate(NamedTuple):
         return cls(kind, math.inf, math.inf, value, value, forces_euclid_relative=forces)
 
     @classmethod
-    def exact(cls, functionals: Any) -> Estimate:
+    def exact(cls, functionals: AllOutputs | None) -> Estimate:
         """Estimate of an answer without an error, with the outputs of a scene, or None."""
-        items = () if functionals is None else functionals.items
+        outputs = () if functionals is None else functionals.items
         return cls(
-            "bound", 0.0, 0.0, 0.0, 0.0, {item.name: 0.0 for item in items}, 0.0, 0.0, 0.0, 0.0
+            "bound",
+            0.0,
+            0.0,
+            0.0,
+            0.0,
+            {output.name: 0.0 for output in outputs},
+            0.0,
+            0.0,
+            0.0,
+            0.0,
         )
 
     def shown(self, outputs: Mapping[str, str] = MappingProxyType({})) -> dict[str, float]:
@@ -152,10 +168,17 @@ class Estimates:
         together: int,
         bounded: Callable[[np.ndarray], Estimates],
     ) -> Estimates:
-        """Estimates of the converged answers, (n,) bool, in blocks of rows; NaN for the others."""
+        """Estimates of the converged answers, in blocks of rows; NaN for the others.
+
+        Args:
+            kind: kind of the estimates, see :class:`Estimate`.
+            solved: True for each converged answer, (n,) bool.
+            together: rows of a block.
+            bounded: returns the estimates of some rows, by their numbers.
+        """
         rows = np.flatnonzero(solved)
         blocks = [rows[first : first + together] for first in range(0, rows.size, together)]
-        return cls._filled({kind}, len(solved), [(some, bounded(some)) for some in blocks])
+        return cls._filled({kind}, len(solved), [(block, bounded(block)) for block in blocks])
 
     def __len__(self) -> int:
         return len(self.primal)
@@ -176,47 +199,54 @@ class Estimates:
     @classmethod
     def of(cls, found: Sequence[Estimate | None]) -> Estimates | None:
         """Join estimates of single answers; None if there are none."""
-        rows = [(np.arange(k, k + 1), one) for k, one in enumerate(found) if one is not None]
-        kinds = {one.kind for _, one in rows}
+        rows = [
+            (np.arange(k, k + 1), estimate)
+            for k, estimate in enumerate(found)
+            if estimate is not None
+        ]
+        kinds = {estimate.kind for _, estimate in rows}
         if not kinds:
             return None
-        bounds = [NO_OUTPUTS if one is None else one.outputs for one in found]
+        bounds = [NO_OUTPUTS if estimate is None else estimate.outputs for estimate in found]
         return replace(cls._filled(kinds, len(found), rows), outputs_of=bounds.__getitem__)
 
     @classmethod
     def joined(
         cls, parts: Sequence[tuple[np.ndarray, Estimates | None]], count: int
     ) -> Estimates | None:
-        """Join estimates of parts of ``count`` answers, each with the indices of its answers.
+        """Join estimates of parts of many answers; None without any.
 
-        None without any.
+        Args:
+            parts: indices and estimates of the answers of each part.
+            count: number of all answers.
         """
-        known = [(rows, part) for rows, part in parts if part is not None]
-        if not known:
+        estimated = [(rows, estimates) for rows, estimates in parts if estimates is not None]
+        if not estimated:
             return None
-        places = {
-            row: (part, k)
-            for rows, part in known
+        sources = {
+            row: (estimates, k)
+            for rows, estimates in estimated
             for k, row in enumerate(np.arange(count)[rows].tolist())
         }
 
         def outputs_of(row: int) -> Mapping[str, float]:
-            part, k = places.get(row, (None, 0))
-            return NO_OUTPUTS if part is None else part.outputs_of(k)
+            estimates, k = sources.get(row, (None, 0))
+            return NO_OUTPUTS if estimates is None else estimates.outputs_of(k)
 
         return replace(
-            cls._filled({part.kind for _, part in known}, count, known), outputs_of=outputs_of
+            cls._filled({estimates.kind for _, estimates in estimated}, count, estimated),
+            outputs_of=outputs_of,
         )
 
     @classmethod
     def _filled(
-        cls, kinds: set[str], count: int, parts: Sequence[tuple[np.ndarray, Any]]
+        cls, kinds: set[str], count: int, parts: Sequence[tuple[np.ndarray, Estimate | Estimates]]
     ) -> Estimates:
         """Estimates with attributes at some indices, NaN elsewhere."""
         numbers = np.full((len(ESTIMATE_NUMBERS), count), np.nan)
-        for rows, part in parts:
+        for rows, estimates in parts:
             for row, name in zip(numbers, ESTIMATE_NUMBERS, strict=True):
-                row[rows] = getattr(part, name)
+                row[rows] = getattr(estimates, name)
         return cls(" and ".join(sorted(kinds)), *numbers)
 
 
@@ -254,15 +284,16 @@ FALLBACK_ERRORS = ("forces", "pressure", "displacement")
 
 
 def known_error(fields: Any) -> str:
-    """Description of the errors that are estimated for answers with some fields, or the reason why
-    there are none.
+    """Description of the errors that are estimated, or the reason why there are none.
+
+    The argument are the fields of answers.
     """
     kind = fields.estimated
     if fields.bound is not None:
-        known, others = _outputs(fields)
-        outputs = f"; outputs {', '.join(known)}" if known else ""
+        bounded, unbounded = _outputs(fields)
+        outputs = f"; outputs {', '.join(bounded)}" if bounded else ""
         return f"{HOW[kind]}: {NORMS}{outputs}" + (
-            f". No bound of {', '.join(others)}" if others else ""
+            f". No bound of {', '.join(unbounded)}" if unbounded else ""
         )
     if fields.indicator is not None:
         return "indicator of the recipe: follows errors as far as it is made to, without a proof"
@@ -280,51 +311,62 @@ def known_error(fields: Any) -> str:
 
 def _outputs(fields: Any) -> tuple[list[str], list[str]]:
     """Names of the outputs with a bound, and of those without."""
-    items = () if fields.functionals is None else fields.functionals.items
+    functionals = () if fields.functionals is None else fields.functionals.items
     bounds = fields.output_bound
-    known = [item.name for item in items if bounds is not None and bounds.knows(item)]
-    return known, [item.name for item in items if item.name not in known]
+    bounded = [
+        functional.name
+        for functional in functionals
+        if bounds is not None and bounds.knows(functional)
+    ]
+    return bounded, [
+        functional.name for functional in functionals if functional.name not in bounded
+    ]
 
 
 def warn_unbounded(fields: Any) -> None:
     """Warn if bounds were requested and the model has none: its errors remain unknown."""
-    why = fields.unbounded
-    if why and why != NOT_ASKED and fields.bound is None:
+    reason = fields.unbounded
+    if reason and reason != NOT_ASKED and fields.bound is None:
         warn(
-            f"nothing is known of the errors of these answers: {why}. They were compared with "
+            f"nothing is known of the errors of these answers: {reason}. They were compared with "
             "answers held out, and may be far off between them: hold out more, or ask the full "
             "model where it counts",
             NoBoundWarning,
         )
 
 
-def check_asked(fields: Any, of: Any) -> None:
-    """Check an error by its name: None, one of :data:`FALLBACK_ERRORS`, or the name of an
-    output with a bound.
+def check_asked(fields: Any, of: object) -> None:
+    """Check an error by its name.
+
+    Args:
+        fields: fields of the model.
+        of: None, one of :data:`FALLBACK_ERRORS`, or the name of an output with a bound.
 
     Raises:
         ParameterError: for another name, or an output without a bound, with the reason.
     """
     if fields.estimated == FORCES_INDICATOR:
         check_of_forces(of)
-    known, others = _outputs(fields)
-    check_word([*known, *others], of)
-    if of in others and of not in FALLBACK_ERRORS:
-        why = "it reads more of the displacement than there is room for"
+    bounded, unbounded = _outputs(fields)
+    check_word([*bounded, *unbounded], of)
+    if of in unbounded and of not in FALLBACK_ERRORS:
+        reason = "it reads more of the displacement than there is room for"
         if fields.output_bound is None:
-            why = (
+            reason = (
                 "outputs have one only where the stiffness does not depend on parameters and all "
                 "bodies are held"
             )
         raise ParameterError(
-            f"there is no estimate of the error of output {of!r}: {why}. Take "
-            f"{', '.join([*FALLBACK_ERRORS, *known])}"
+            f"there is no estimate of the error of output {of!r}: {reason}. Take "
+            f"{', '.join([*FALLBACK_ERRORS, *bounded])}"
         )
 
 
 def check_of_forces(of: object) -> None:
-    """Raise ParameterError for an error that the indicator of forces of a hyper-reduced model does
-    not cover.
+    """Check that the indicator of forces of a hyper-reduced model covers an error.
+
+    Raises:
+        ParameterError: for another error than ``forces``.
     """
     if of != "forces":
         raise ParameterError(
@@ -334,8 +376,15 @@ def check_of_forces(of: object) -> None:
 
 
 def check_word(outputs: Sequence[str], of: object) -> None:
-    """Raise ParameterError unless it is None, one of :data:`FALLBACK_ERRORS`, or the name of an
-    output."""
+    """Check the name of an error.
+
+    Args:
+        outputs: names of the outputs.
+        of: None, one of :data:`FALLBACK_ERRORS`, or the name of an output.
+
+    Raises:
+        ParameterError: for another name.
+    """
     if of is not None and not (isinstance(of, str) and of in (*FALLBACK_ERRORS, *outputs)):
         raise ParameterError(
             f"of = {of!r} is no error that is known here: give "
@@ -386,15 +435,15 @@ def relative_errors(many: Any, of: str | None, known: Estimates | None = None) -
         singles = [(answer, answer.estimate()) for answer in many]
         return np.array(
             [
-                math.nan if one is None else relative_error(answer, one, of)
-                for answer, one in singles
+                math.nan if estimate is None else relative_error(answer, estimate, of)
+                for answer, estimate in singles
             ]
         )
-    found = many.estimates() if known is None else known
-    if found is None:
+    estimates = many.estimates() if known is None else known
+    if estimates is None:
         return None
     return (
-        np.maximum(found.primal_relative, found.dual_relative)
+        np.maximum(estimates.primal_relative, estimates.dual_relative)
         if of is None
-        else getattr(found, RELATIVE_ERRORS[of])
+        else getattr(estimates, RELATIVE_ERRORS[of])
     )

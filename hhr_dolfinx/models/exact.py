@@ -1,6 +1,4 @@
-"""Fields of exact condensation: under given contact forces the displacement is a linear map of
-forces and loads.
-"""
+"""Fields of exact condensation: the displacement is a linear map of forces and loads."""
 
 from __future__ import annotations
 
@@ -64,8 +62,9 @@ class _Exact(Rebuilt, LinearDisplacement, ElasticFields):
 
 @dataclass(frozen=True)
 class ExactFields(_Exact):
-    """Fields of exact condensation with K^-1 B^T, see
-    :class:`hhr_dolfinx.models.answer.ModelFields`.
+    """Fields of exact condensation with K^-1 B^T.
+
+    See :class:`hhr_dolfinx.models.answer.ModelFields`.
     """
 
     amplitudes: Amplitudes  #: θ as a function of the parameters
@@ -93,7 +92,7 @@ class ExactFields(_Exact):
         return self.floats
 
     def _unknown(self, answer: Answer, theta: Theta) -> np.ndarray:
-        """From the answer if that has fields."""
+        """Unknown of the answer if that has fields; otherwise it is computed."""
         return (
             answer.unknown
             if answer.unknown.size
@@ -113,8 +112,9 @@ class ExactFields(_Exact):
 
 @dataclass(frozen=True)
 class SolvedFields(_Exact):
-    """Fields of exact condensation whose K^-1 B^T exceeds the memory: a displacement takes one full
-    solve.
+    """Fields of exact condensation whose K^-1 B^T does not fit in memory.
+
+    A displacement takes one full solve.
 
     Parts without a comment are those of :class:`ExactFields`.
     """

@@ -73,19 +73,32 @@ class Guard:
         """Check an answer of the full model."""
 
     def check(self, full: FullModel, *sets: Any) -> None:
-        """Check sets of answers, :class:`~hhr_dolfinx.snapshots.records.SnapshotSet` or None."""
+        """Check sets of answers.
+
+        Args:
+            full: the full model.
+            *sets: :class:`~hhr_dolfinx.snapshots.records.SnapshotSet` or None each.
+        """
 
     def corners(self, full: FullModel, model: Checked) -> Checked:
         """Check a model in corners of its parameter range.
 
         The model, with a limit if it is off there.
+
+        Args:
+            full: the full model.
+            model: the model to check.
+
+        Returns:
+            The model, with a limit if it is off there.
         """
         return model
 
 
 class FullModel(AnsweringModel, ElasticFields):
-    """The full-order model: solves points and paths, completes its own answers, and lends its
-    factors.
+    """The full-order model.
+
+    It solves points and paths, completes its own answers, and lends its factors.
     """
 
     scene: Any  #: messages need its name
@@ -156,10 +169,10 @@ class FullModel(AnsweringModel, ElasticFields):
         """
         if not rows.shape[0]:
             return np.zeros((0, self.conditions))
-        own = csr_matrix(rows)[:, self.problem.rows]
+        local = csr_matrix(rows)[:, self.problem.rows]
         if self.stiffness.has_response:
-            return self.spread.sum(own @ self.stiffness.response)
-        return self.problem.contact_rows_times(self.stiffness.columns(csc_matrix(own.T))).T
+            return self.spread.sum(local @ self.stiffness.response)
+        return self.problem.contact_rows_times(self.stiffness.columns(csc_matrix(local.T))).T
 
     @property
     def per_force(self) -> np.ndarray:
@@ -176,7 +189,12 @@ class FullModel(AnsweringModel, ElasticFields):
         return self.stiffness.response
 
     def solve_many(self, points: PointsLike, **how: Any) -> SeveralAnswers:
-        """Answer many parameters, see :meth:`AnsweringModel.solve_many`; the same on all ranks."""
+        """Answer many parameters, see :meth:`AnsweringModel.solve_many`; the same on all ranks.
+
+        Args:
+            points: parameters, (n, P).
+            **how: see :meth:`AnsweringModel.solve_many`.
+        """
         self.agree("solve_many", lambda: self.parameters.points(points), **how)
         return super().solve_many(points, **how)
 
@@ -190,8 +208,11 @@ class FullModel(AnsweringModel, ElasticFields):
     ) -> History:
         """Answer a path from rest, see :meth:`Model.march`.
 
-        ``known`` are answers to its first steps, solved before; ``keep`` is called with each new
-        one.
+        Args:
+            path: times and parameters.
+            settings: settings of the solution.
+            known: answers to the first steps, solved before.
+            keep: called with each new answer.
         """
         checked: Path = []
 
@@ -220,8 +241,15 @@ class FullModel(AnsweringModel, ElasticFields):
         return self.group.size > 1
 
     def agree(self, call: str, points: Callable[[], np.ndarray], **how: Any) -> None:
-        """Raise RankError on all ranks if they call it differently: at points, (n, P), or at times
-        too, (n, 1 + P).
+        """Compare the calls of all ranks.
+
+        Args:
+            call: name of the method.
+            points: returns its points, (n, P), or points with their times, (n, 1 + P).
+            **how: further arguments of the call.
+
+        Raises:
+            RankError: on all ranks, if they call it differently.
         """
         if self.group.size == 1:
             return
@@ -239,8 +267,8 @@ class FullModel(AnsweringModel, ElasticFields):
                 else f"{call} at {len(table)} points, the last {last}"
             )
             values = (
-                item if isinstance(item, np.ndarray) else f"{name}={item!r}"
-                for name, item in how.items()
+                value if isinstance(value, np.ndarray) else f"{name}={value!r}"
+                for name, value in how.items()
             )
             return [words, table, *values]
 
@@ -248,14 +276,15 @@ class FullModel(AnsweringModel, ElasticFields):
 
     @abstractmethod
     def gathered(self) -> FullModel:
-        """The same model with all rows on each rank, where the ranks share the factors.
-        Collective.
-        """
+        """Full model with all rows on each rank, where the ranks share factors. Collective."""
 
     @abstractmethod
     def stress_of(self, displacement: np.ndarray, mu: PointLike | None = None) -> np.ndarray:
-        """Elastic stress of a displacement, (N,), at cell midpoints in Kelvin's notation, (cells,
-        components).
+        """Elastic stress at cell midpoints in Kelvin's notation, (cells, components).
+
+        Args:
+            displacement: displacement, lift included, (N,).
+            mu: parameter, for its moduli; None for the middle of the box.
         """
 
     @abstractmethod
@@ -263,8 +292,9 @@ class FullModel(AnsweringModel, ElasticFields):
         """See :class:`~hhr_dolfinx.models.answer.Meshed`. Collective."""
 
     def areas(self, mu: PointLike) -> np.ndarray:
-        """Tributary areas of the contact conditions at a parameter, on which shapes may depend,
-        (N_lambda,).
+        """Tributary areas of the contact conditions at a parameter, (N_lambda,).
+
+        Shapes may depend on it.
         """
         shaped = self.problem.reshaped
         return (self.problem if shaped is None else shaped(self.parameters.point(mu))).contact_areas
@@ -282,7 +312,14 @@ class FullModel(AnsweringModel, ElasticFields):
         *,
         anew: bool = False,
     ) -> FreeCholesky:
-        """Factors of own rows of a stiffness, (n, N), with an ordering for plane problems."""
+        """Factors of own rows of a stiffness, (n, N), with an ordering for plane problems.
+
+        Args:
+            stiffness: local rows of the matrix, (n, N).
+            plane: name of the ordering for plane problems.
+            last: dofs between which K^-1 is needed, increasing; None for none.
+            anew: True if factors are made for every parameter.
+        """
 
 
 def plain_outputs(full: FullModel) -> Functionals | None:

@@ -45,7 +45,13 @@ class Gradient(NamedTuple):
 
 
 def grazing(active: np.ndarray, forces: np.ndarray, slack: np.ndarray) -> np.ndarray:
-    """Conditions about to change their status, (m,) bool."""
+    """Conditions about to change their status, (m,) bool.
+
+    Args:
+        active: statuses, (m,) bool.
+        forces: contact forces, (m,).
+        slack: slack, (m,).
+    """
     near = (
         CHANGING_STATUS * np.abs(forces).max(initial=0.0),
         CHANGING_STATUS * np.abs(slack).max(initial=0.0),

@@ -1,5 +1,6 @@
-"""Many parameters at once: points of equal statuses share factors, and are solved by products of
-matrices.
+"""Many parameters at once.
+
+Points of equal statuses share factors, and are solved by products of matrices.
 """
 
 from __future__ import annotations
@@ -44,12 +45,17 @@ class ManyAnswers(SeveralAnswers):
     fields: ModelFields  #: completes the answers
 
     def __getitem__(self, k: int) -> Answer:
-        own = self.points[k], self.unknown[k], self.multipliers[k], self.active[k]
-        return Answer(*own, int(self.iterations[k]), self.status[k], False, self.fields)
+        row = self.points[k], self.unknown[k], self.multipliers[k], self.active[k]
+        return Answer(*row, int(self.iterations[k]), self.status[k], False, self.fields)
 
     @classmethod
     def of(cls, answers: list[Answer], fields: ModelFields) -> ManyAnswers:
-        """Array form of answers found one by one, one or more."""
+        """Array form of answers found one by one, one or more.
+
+        Args:
+            answers: answers found one by one, one or more.
+            fields: fields of the model.
+        """
         points, unknown, forces, active = (
             np.array([getattr(answer, name) for answer in answers])
             for name in ("parameter", "unknown", "multipliers", "active")
@@ -60,14 +66,14 @@ class ManyAnswers(SeveralAnswers):
 
     def take(self, rows: np.ndarray) -> ManyAnswers:
         """Answers of some rows, given by numbers or a mask."""
-        own = self.points[rows], self.unknown[rows], self.multipliers[rows], self.active[rows]
+        selected = self.points[rows], self.unknown[rows], self.multipliers[rows], self.active[rows]
         status = [self.status[k] for k in np.arange(len(self))[rows].tolist()]
-        return ManyAnswers(*own, status, self.iterations[rows], self.fields)
+        return ManyAnswers(*selected, status, self.iterations[rows], self.fields)
 
     def estimates(self) -> Estimates | None:
         """Error estimates, as :meth:`Answer.estimate`; None if the model has none."""
-        found = self.fields.estimates(self)
-        return super().estimates() if found is None else found
+        estimates = self.fields.estimates(self)
+        return super().estimates() if estimates is None else estimates
 
 
 @dataclass(frozen=True, repr=False)
@@ -84,18 +90,21 @@ class PartedAnswers(SeveralAnswers):
 
     @classmethod
     def of(cls, parts: list[tuple[np.ndarray, SeveralAnswers]], model: np.ndarray) -> PartedAnswers:
-        """Combine the answers of each model to its rows, one or more, and the numbers of the models
-        by row.
+        """Combine the answers of each model to its rows.
+
+        Args:
+            parts: rows and answers of each model, one or more.
+            model: number of the model of each row, (n,) int.
         """
-        places = [rows for rows, _ in parts]
+        indices = [rows for rows, _ in parts]
         points, iterations = (
-            _at_places(places, [getattr(many, name) for _, many in parts])
+            _at_places(indices, [getattr(many, name) for _, many in parts])
             for name in ("points", "iterations")
         )
         status = {
-            row: found
+            row: search_status
             for rows, many in parts
-            for row, found in zip(rows.tolist(), many.status, strict=True)
+            for row, search_status in zip(rows.tolist(), many.status, strict=True)
         }
         return cls(
             points, model, [status[row] for row in range(len(model))], iterations, tuple(parts)
@@ -104,9 +113,9 @@ class PartedAnswers(SeveralAnswers):
     def __getitem__(self, k: int) -> Answer:
         k = range(len(self))[k]
         for rows, many in self.parts:
-            place = int(np.searchsorted(rows, k))
-            if place < rows.size and rows[place] == k:
-                return many[place]
+            index = int(np.searchsorted(rows, k))
+            if index < rows.size and rows[index] == k:
+                return many[index]
         raise IndexError(k)
 
     def forces(self) -> np.ndarray:
@@ -119,16 +128,18 @@ class PartedAnswers(SeveralAnswers):
 
     def outputs(self) -> dict[str, np.ndarray]:
         """See :meth:`ManyAnswers.outputs`."""
-        found = [many.outputs() for _, many in self.parts]
-        return {name: self._gathered([outputs[name] for outputs in found]) for name in found[0]}
+        per_model = [many.outputs() for _, many in self.parts]
+        return {
+            name: self._gathered([outputs[name] for outputs in per_model]) for name in per_model[0]
+        }
 
     def _gathered(self, values: list[np.ndarray]) -> np.ndarray:
         return _at_places([rows for rows, _ in self.parts], values)
 
 
-def _at_places(places: list[np.ndarray], values: list[np.ndarray]) -> np.ndarray:
+def _at_places(indices: list[np.ndarray], values: list[np.ndarray]) -> np.ndarray:
     """Values of parts, (k, ...) each, in the order of all rows; each row belongs to one part."""
-    return np.concatenate(values)[np.argsort(np.concatenate(places))]
+    return np.concatenate(values)[np.argsort(np.concatenate(indices))]
 
 
 # blocks of a hundred conditions: two threads beside another process took 20 times as long, measured
@@ -142,10 +153,17 @@ def answers_by_statuses(
     points: np.ndarray,
     raise_on_failure: bool,
 ) -> ManyAnswers:
-    """Answers of a condensed model of constant stiffness to checked points, (n, P).
+    """Answers of a condensed model of constant stiffness to many points.
 
-    ``response`` is the free slack followed by the free unknown, (m + n, 1 + T). The model solves
-    the points whose batch does not converge.
+    The model solves the points whose batch does not converge.
+
+    Args:
+        model: the :class:`~hhr_dolfinx.models.condensed.CondensedModel`.
+        amplitudes: θ as a function of the parameters.
+        responses: S and the responses to forces.
+        response: free slack followed by the free unknown, (m + n, 1 + T).
+        points: checked parameters, (n, P).
+        raise_on_failure: raise at the first point without a solution.
     """
     schur = responses.schur
     per_force = responses.primal_per_force
@@ -154,14 +172,14 @@ def answers_by_statuses(
     theta = amplitudes.of_many(points)
     free_slack = np.asarray(theta @ response[:m].T)
     active = _starts(model.known, schur, points, free_slack)
-    forces, iterations, left = settled(schur, free_slack, active)
+    forces, iterations, unconverged = settled(schur, free_slack, active)
     unknown = np.empty((n, len(response) - m))
     status = [Status.CONVERGED] * n
     for first in range(0, n, POINTS_AT_ONCE):
         block = slice(first, first + POINTS_AT_ONCE)
         unknown[block] = theta[block] @ response[m:].T
         unknown[block] -= forces[block] @ per_force.T
-    for k in left:
+    for k in unconverged:
         answer = model.solve(
             points[k], start=active[k].copy(), raise_on_failure=raise_on_failure, outside="ignore"
         )

@@ -1,5 +1,6 @@
-"""Common base of all models: checks points, starts and training range, and raises or warns on
-failures.
+"""Common base of all models.
+
+It checks points, starts and training range, and raises or warns on failures.
 
 Each kind of model implements ``_answered`` for a checked point. Models of bodies with laws have an
 ``equilibrium``, which answers paths.
@@ -64,6 +65,10 @@ NEAREST = "nearest"
 def checked_start(start: Start, conditions: int) -> CheckedStart:
     """Check the start of a search: ``nearest``, None, or statuses.
 
+    Args:
+        start: start of a search, as a user gives it.
+        conditions: number of conditions of the model, m.
+
     Raises:
         ParameterError: for another word, or statuses that are not bool or not one for each
             condition.
@@ -75,9 +80,9 @@ def checked_start(start: Start, conditions: int) -> CheckedStart:
     except ValueError:  # rows of several lengths
         statuses = np.array(repr(start))
     if statuses.dtype != bool or statuses.shape != (conditions,):
-        given = repr(start) if statuses.ndim == 0 else f"{statuses.dtype} of shape {statuses.shape}"
+        shown = repr(start) if statuses.ndim == 0 else f"{statuses.dtype} of shape {statuses.shape}"
         raise ParameterError(
-            f"start = {given} is unknown: 'nearest', None for a cold start, or statuses "
+            f"start = {shown} is unknown: 'nearest', None for a cold start, or statuses "
             f"({conditions},) bool"
         )
     return statuses
@@ -88,7 +93,12 @@ NOTHING: Mapping[str, float] = MappingProxyType({})
 
 
 def warn_undetermined(parameters: ParameterSpace, answer: Answer) -> None:
-    """Warn of rigid motions of an answer that contact does not determine."""
+    """Warn of rigid motions of an answer that contact does not determine.
+
+    Args:
+        parameters: the box, for the names.
+        answer: answer with undetermined motions.
+    """
     warn(
         f"neither loads nor contact determine how far {kernels().undetermined_motions(answer)} at "
         f"{parameters.described(answer.parameter)}: the answer is that of least motion, and "
@@ -99,8 +109,9 @@ def warn_undetermined(parameters: ParameterSpace, answer: Answer) -> None:
 
 
 class AnsweringModel(Shown):
-    """Base of all kinds of models; each implements its solution, and may override methods by faster
-    ones.
+    """Base of all kinds of models.
+
+    Each implements its solution, and may override methods by faster ones.
 
     Attributes:
         parameters: the box of the parameters.
@@ -127,19 +138,19 @@ class AnsweringModel(Shown):
     def facts(self) -> dict[str, str]:
         """See :class:`~hhr_dolfinx.models.shown.Shown`."""
         names = self.parameters.names
-        own = self.own_conditions
-        every = self.conditions
-        kept = (
-            counted(every, "contact condition")
-            if own == every
-            else f"{own} of {every} contact conditions"
+        solved = self.own_conditions
+        conditions = self.conditions
+        contact = (
+            counted(conditions, "contact condition")
+            if solved == conditions
+            else f"{solved} of {conditions} contact conditions"
         )
         unknowns = self.sizes[0]
         return {
             "parameters": f"{counted(len(names), 'parameter')} "
             f"({', '.join(names[:SHOWN_NUMBERS])})",
             **({"unknowns": counted(unknowns, "unknown")} if unknowns else {}),
-            "contact": kept,
+            "contact": contact,
             "errors": "exact"
             if self.fields.exact
             else f"errors: {self.fields.estimated or 'unknown'}",
@@ -154,13 +165,14 @@ class AnsweringModel(Shown):
     def estimating(self) -> AnsweringModel:
         """Model whose error estimates its answers carry.
 
-        Itself, but for models that combine others.
+        It is the model itself, but for models that combine others.
         """
         return self
 
     def columns(self, many: Iterable[Answer]) -> dict[str, np.ndarray]:
-        """Further columns of a table of n of its answers by head, (n,) each; the same heads of
-        none. Usually none.
+        """Further columns of a table of n answers by head, (n,) each; usually none.
+
+        The heads are the same without any answer.
         """
         return {}
 
@@ -185,8 +197,9 @@ class AnsweringModel(Shown):
 
     @property
     def rows_at_once(self) -> int:
-        """Rows of a table to answer at once: more are not faster, and are lost if a run is
-        killed.
+        """Rows of a table to answer at once.
+
+        More are not faster, and are lost if a run is killed.
         """
         return ROWS_AT_ONCE
 
@@ -197,20 +210,16 @@ class AnsweringModel(Shown):
 
     @property
     def histories(self) -> Histories:
-        """What answers its paths: the equilibrium of bodies with laws, or the law of its contact
-        conditions.
-        """
+        """Solver of paths: equilibrium of bodies with laws, or the law of contact conditions."""
         return self.equilibrium or steps_of(self.law)
 
     @property
     def known_error(self) -> str:
-        """One line on the errors that the answers of this model have, or the reason why they have
-        none.
-        """
+        """One line on the errors of answers of this model, or the reason why they have none."""
         from hhr_dolfinx.models.estimates import known_error
 
-        known = known_error(self.fields)
-        return self.histories.known_error(known)
+        description = known_error(self.fields)
+        return self.histories.known_error(description)
 
     def solve(
         self,
@@ -225,19 +234,31 @@ class AnsweringModel(Shown):
         """Answer one parameter, see :meth:`~hhr_dolfinx.models.answer.Model.solve`.
 
         Models of bodies with laws make one step from rest; ``start`` is checked, but not used.
-        ``step`` are further arguments of this step, see :meth:`Equilibrium.one_step`. With friction
-        ``converged=True`` refines the path.
+
+        Args:
+            mu: number, sequence or mapping by name.
+            start: start of the search, or statuses, (m,) bool.
+            raise_on_failure: raise instead of returning NaN and a status.
+            outside: policy outside the training range.
+            gradient: compute the derivatives along the parameters.
+            **step: further arguments of a step, see :meth:`Equilibrium.one_step`. With friction
+                ``converged=True`` refines the path.
+
+        Raises:
+            ParameterError: if ``mu`` or ``start`` is invalid, or parameters are given as keywords.
+            NotOfferedError: for arguments of a step if all bodies are elastic.
+            OutsideTrainingError, NotSolvableError, ConvergenceError: see there.
         """
         if mu is NOTHING or (step and not step.keys().isdisjoint(self.parameters.names)):
-            given = ", ".join(
+            example = ", ".join(
                 f"{name!r}: {step.get(name, '...')}" for name in self.parameters.names
             )
             raise ParameterError(
-                f"parameters are one argument, a mapping by their names: solve({{{given}}})"
+                f"parameters are one argument, a mapping by their names: solve({{{example}}})"
             )
         if self.shared:
-            how = {"start": start, "outside": outside, "gradient": gradient, **step}
-            self.agree("solve", lambda: self.parameters.point(mu)[None], **how)
+            arguments = {"start": start, "outside": outside, "gradient": gradient, **step}
+            self.agree("solve", lambda: self.parameters.point(mu)[None], **arguments)
         point = self.parameters.point(mu)
         outside = self._checked_outside(outside)
         checked = NEAREST if start is NEAREST else self._checked_start(start)
@@ -267,14 +288,29 @@ class AnsweringModel(Shown):
         return False
 
     def agree(self, call: str, points: Callable[[], np.ndarray], **how: Any) -> None:
-        """Compare the calls of ranks that have a model together; here each has its own."""
+        """Compare the calls of ranks that have a model together; here each has its own.
+
+        Args:
+            call: name of the method.
+            points: returns its points, (n, P).
+            **how: further arguments of the call.
+        """
 
     def check_range(self, point: np.ndarray, outside: str) -> None:
-        """Warn of, or refuse, a point, (P,), outside the training range; here the whole box."""
+        """Warn of, or refuse, a point, (P,), outside the training range; here the whole box.
+
+        Args:
+            point: parameter, (P,).
+            outside: ``warn``, ``refuse`` or ``ignore``.
+        """
 
     def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
-        """Elimination along one path: the contact problem of each point, (P,), without its primal
-        unknown.
+        """Elimination along one path: the contact problem of each point, (P,).
+
+        The problem has no primal unknown.
+
+        Raises:
+            NotOfferedError: if the model has no contact problem of its own.
         """
         raise NotOfferedError(
             f"{type(self).__name__} knows no contact problem of a point for itself"
@@ -290,8 +326,12 @@ class AnsweringModel(Shown):
         return forces[law.pressing(len(forces))]
 
     def follow(self, path: Path, settings: MarchSettings, **how: Any) -> History:
-        """History along a checked path; ``how``: see
-        :class:`~hhr_dolfinx.models.histories.equilibrium.Histories`.
+        """History along a checked path.
+
+        Args:
+            path: times and parameters.
+            settings: settings of the solution.
+            **how: see :class:`~hhr_dolfinx.models.histories.equilibrium.Histories`.
         """
         return self.histories.march(self, path, settings, **how)
 
@@ -300,7 +340,12 @@ class AnsweringModel(Shown):
         return self
 
     def unanswered(self, point: np.ndarray, status: Status = Status.UNDEFINED) -> Answer:
-        """An answer of NaN to a checked point, (P,)."""
+        """An answer of NaN to a checked point, (P,).
+
+        Args:
+            point: checked parameter, (P,).
+            status: reason why there is no answer.
+        """
         return unanswered(point, self.sizes, self.fields, status)
 
     def increments(self, settings: MarchSettings) -> Any:
@@ -308,11 +353,11 @@ class AnsweringModel(Shown):
         return steps_of(self.law).increments(self, settings)
 
     def coupling(self, mu: PointLike) -> float:
-        """Strength of the coupling of contact conditions by their law: below one, each increment
-        has one answer.
+        """Strength of the coupling of contact conditions by their law.
 
-        From one on there may be several, and the search finds one of them. Zero for unilateral
-        contact. NaN if unknown, as for bodies with rigid motions or laws, or an unsymmetric S.
+        Below one, each increment has one answer. From one on there may be several, and the search
+        finds one of them. Zero for unilateral contact. NaN if unknown, as for bodies with rigid
+        motions or laws, or an unsymmetric S.
         """
         return steps_of(self.law).coupling(self, self.parameters.point(mu))
 
@@ -355,6 +400,11 @@ class AnsweringModel(Shown):
         """Answer many parameters, (n, P), one by one.
 
         Models of bodies with laws make one step from rest for each.
+
+        Args:
+            points: parameters, (n, P).
+            raise_on_failure: raise at the first point without a solution.
+            outside: see :meth:`solve`.
         """
         return one_by_one(self, points, raise_on_failure, self._checked_outside(outside))
 
@@ -362,12 +412,21 @@ class AnsweringModel(Shown):
         """Answer a path, from rest if bodies have laws.
 
         See :meth:`~hhr_dolfinx.models.answer.Model.march`.
+
+        Args:
+            path: times in seconds and parameters, the first ones at rest.
+            settings: settings of the solution.
         """
         checked = checked_path(self.parameters, path)
         return self.follow(checked, settings)
 
     def outputs(self, mu: PointLike = NOTHING, *, gradient: bool = False, **how: Any) -> Outputs:
-        """Outputs of the scene at one parameter; ``how`` are further arguments of :meth:`solve`.
+        """Outputs of the scene at one parameter.
+
+        Args:
+            mu: number, sequence or mapping by name.
+            gradient: compute the derivatives along the parameters.
+            **how: further arguments of :meth:`solve`.
 
         Raises:
             HHRError: if the scene has none; for others see :meth:`solve`.
@@ -390,7 +449,12 @@ class KeptModel(AnsweringModel):
     offline: Any = None
 
     def check_range(self, point: np.ndarray, outside: str) -> None:
-        """See :class:`AnsweringModel`."""
+        """See :class:`AnsweringModel`.
+
+        Args:
+            point: parameter, (P,).
+            outside: ``warn``, ``refuse`` or ``ignore``.
+        """
         if self._limit is not None:
             self._limit.check(point, outside)
 
@@ -412,10 +476,10 @@ class KeptModel(AnsweringModel):
         return rebuilt, (type(self), self._arguments())
 
     def changed(self, **parts: Any) -> Self:
-        """The same model with some arguments replaced, by their names."""
-        own = type(self)(**(self._arguments() | parts))
-        own.offline = parts.get("offline", self.offline)
-        return own
+        """Model with some arguments replaced, by their names."""
+        model = type(self)(**(self._arguments() | parts))
+        model.offline = parts.get("offline", self.offline)
+        return model
 
     @classmethod
     def from_file(cls, **parts: Any) -> Self:
@@ -431,8 +495,8 @@ class KeptModel(AnsweringModel):
         """The model without its indicator, which is code."""
         if self.fields.indicator is None:
             return self
-        why = "its indicator stayed behind, a file holds no code"
-        return self.changed(fields=replace(self.fields, indicator=None, unbounded=why))
+        reason = "its indicator stayed behind, a file holds no code"
+        return self.changed(fields=replace(self.fields, indicator=None, unbounded=reason))
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Faults of a model whose parts are valid, given the sizes that they share."""
@@ -458,5 +522,5 @@ class KeptModel(AnsweringModel):
                 f"{self.parameters.names}"
             )
         if self.fields.functionals is not None:
-            places = 0 if self.fields.flow is None else self.fields.flow.places
-            self.fields.functionals.check(self.parameters, self.conditions, places)
+            count = 0 if self.fields.flow is None else self.fields.flow.places
+            self.fields.functionals.check(self.parameters, self.conditions, count)

@@ -35,9 +35,7 @@ if TYPE_CHECKING:
 
 
 class _Fit(NamedTuple):
-    """A non-negative fit: weights of the training forces, the matrix and target fitted, and the
-    open gaps in it.
-    """
+    """Non-negative fit of training forces: weights, matrix, target, and open gaps."""
 
     weights: np.ndarray
     matrix: np.ndarray
@@ -107,8 +105,9 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return len(self.gaps)
 
     def _surface(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """``gaps`` and ``contact_basis`` at a point, (P,): the same where no parameter changes the
-        shape.
+        """``gaps`` and ``contact_basis`` at a point, (P,).
+
+        They are constant if no parameter changes the shape.
         """
         return self.gaps, self.contact_basis
 
@@ -117,14 +116,15 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return driven(self.gaps, theta) - unknown @ self.contact_basis.T
 
     def _coordinates(self, answer: Answer) -> np.ndarray:
-        """Coordinates of the columns of the displacement, (c,): gamma, or a function of all
-        forces.
+        """Coordinates of the columns of the displacement, (c,).
+
+        They are gamma, or a function of all forces.
         """
         if self.response is None or not answer.converged:
             return answer.unknown if self.response is None else np.full(self.basis.shape[1], np.nan)
-        there = self._bound_at(answer)
-        forces = there.completed(answer.multipliers[None], self._outside)[0]
-        return self._responding.coordinates(answer, there, forces)
+        bound_at = self._bound_at(answer)
+        forces = bound_at.completed(answer.multipliers[None], self._outside)[0]
+        return self._responding.coordinates(answer, bound_at, forces)
 
     @cached_property
     def _responding(self) -> ResponseWithin:
@@ -134,20 +134,19 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
 
     @cached_property
     def _lifted(self) -> tuple[np.ndarray, np.ndarray]:
-        """Numbers of the terms with a lift, and their columns, dense, since sparse ones take 5
-        us.
+        """Numbers of the terms with a lift, and their columns.
+
+        Dense, since sparse ones take 5 us.
         """
         lifted = np.flatnonzero(np.diff(self.lifts.tocsc().indptr))
         return lifted, self.lifts[:, lifted].toarray(order="F")
 
     @cached_property
     def _parts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Conditions outside the RID, and the snapshots split into the fitted and the penalised
-        part.
-        """
+        """Conditions outside the RID, and the fitted and penalised rows of the snapshots."""
         assert self.force_snapshots is not None
-        outside = np.setdiff1d(np.arange(len(self.gaps)), self.A_lambda)
-        return outside, self.force_snapshots[self.A_lambda], self.force_snapshots[outside]
+        outer = np.setdiff1d(np.arange(len(self.gaps)), self.A_lambda)
+        return outer, self.force_snapshots[self.A_lambda], self.force_snapshots[outer]
 
     @cached_property
     def _outside(self) -> Any:
@@ -156,8 +155,9 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return self.bound.prepared(self.A_lambda)
 
     def displacement(self, answer: Answer) -> np.ndarray:
-        """Displacement V gamma + lift, thesis (1.69), or a function of loads and forces, see
-        ``response``, (N,).
+        """Displacement V gamma + lift, thesis (1.69), (N,).
+
+        With a ``response`` it is a function of loads and forces.
         """
         field = self.basis @ self._coordinates(answer)
         if self.response is not None:
@@ -198,11 +198,11 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
             nnls,
         )  # imported here: loading a model is faster without, and few answers need it
 
-        outside, fitted, penalised = self._parts
+        outer, fitted, penalised = self._parts
         theta = self.amplitudes(answer.parameter)
         gaps, contact_basis = self._surface(answer.parameter)
-        slack = gaps[outside] @ theta - contact_basis[outside] @ answer.unknown
-        open_gap = np.maximum(slack, 0.0) / self.gap_scale[outside]
+        slack = gaps[outer] @ theta - contact_basis[outer] @ answer.unknown
+        open_gap = np.maximum(slack, 0.0) / self.gap_scale[outer]
         matrix = np.vstack([fitted, open_gap[:, None] * penalised])
         target = np.concatenate([answer.multipliers, np.zeros(open_gap.size)])
         try:
@@ -217,8 +217,9 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return _Fit(weights, matrix, target, open_gap)
 
     def _all_force_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
-        """Derivatives of all forces, (N_lambda, P), with a constant set of combined training
-        forces.
+        """Derivatives of all forces, (N_lambda, P).
+
+        The set of combined training forces is constant.
 
         The weights solve a least-squares problem whose matrix M changes with the open gaps: M^T M
         w' = M'^T (t - M w) + M^T (t' - M' w).
@@ -230,23 +231,23 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
                 answer.multipliers, gradient.multipliers, answer.parameter
             )
         if self.force_snapshots is None:
-            there = self._bound_at(answer)
-            own = answer.multipliers[None]
-            return there.force_changes(
-                there.completed(own, self._outside)[0], self._outside, gradient, changes
+            bound_at = self._bound_at(answer)
+            inner = answer.multipliers[None]
+            return bound_at.force_changes(
+                bound_at.completed(inner, self._outside)[0], self._outside, gradient, changes
             )
-        outside, _, penalised = self._parts
+        outer, _, penalised = self._parts
         fit = self._fitted(answer)
         used = np.flatnonzero(fit.weights)
-        slack = self._slack_changes(answer, changes, outside)
-        opening = slack * (fit.open_gap > 0)[:, None] / self.gap_scale[outside][:, None]
+        slack = self._slack_changes(answer, changes, outer)
+        opening = slack * (fit.open_gap > 0)[:, None] / self.gap_scale[outer][:, None]
         combined = penalised @ fit.weights
         m = len(self.A_lambda)
-        left = fit.target[m:] - fit.open_gap * combined
+        misfit = fit.target[m:] - fit.open_gap * combined
         orthogonal, triangle = np.linalg.qr(fit.matrix[:, used])
         right = np.vstack([gradient.multipliers, -opening * combined[:, None]])
         turned = solve_triangular(
-            triangle, penalised[:, used].T @ (opening * left[:, None]), trans="T"
+            triangle, penalised[:, used].T @ (opening * misfit[:, None]), trans="T"
         )
         weights = solve_triangular(triangle, orthogonal.T @ right + turned)
         forces = self.force_snapshots[:, used] @ weights
@@ -274,19 +275,20 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         assert answer.gradient is not None
         if self.response is None:
             return answer.gradient.unknown
-        there = self._bound_at(answer)
+        bound_at = self._bound_at(answer)
         return self._responding.changes(
-            there, self.forces(answer), lambda: self._all_force_changes(answer, changes), changes
+            bound_at, self.forces(answer), lambda: self._all_force_changes(answer, changes), changes
         )
 
     def stress(self, answer: Answer) -> np.ndarray:
-        """Stress in Kelvin's notation, in cell middles, or at all places where laws of bodies are
-        evaluated.
+        """Stress in Kelvin's notation, (places, components).
+
+        At cell midpoints, or where laws of bodies are evaluated.
         """
         return super().stress(answer) if self.flow is None else self.flow.stress_of(answer)
 
     def estimate(self, answer: Answer) -> Estimate | None:
-        """By the bound; without one the estimate of an indicator: of the recipe, or of laws.
+        """Estimate by the bound, or by an indicator of the recipe or of laws.
 
         None without either.
         """
@@ -295,25 +297,28 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         if self.bound is None:
             return self._indicated(answer)
         theta = self.amplitudes(answer.parameter)
-        there: Any = self.bound.at(answer.parameter[None], theta)
+        bound_at: Any = self.bound.at(answer.parameter[None], theta)
         if self.force_snapshots is None:
-            forces = there.completed(answer.multipliers[None], self._outside)
+            forces = bound_at.completed(answer.multipliers[None], self._outside)
         else:
             forces = np.maximum(self.forces(answer), 0.0)[None]
         unknown = answer.unknown[None]
-        found = there.of(unknown, forces, lambda: self._slack(theta, unknown))[0]
+        estimate = bound_at.of(unknown, forces, lambda: self._slack(theta, unknown))[0]
         if self.output_bound is None:
-            return found
-        exact = there.exact(forces)
+            return estimate
+        exact = bound_at.exact(forces)
         if not exact.found[0]:
-            return found
-        return found._replace(
+            return estimate
+        return estimate._replace(
             outputs=self.output_bound.errors(self, answer, forces[0], exact.forces[0])
         )
 
     def indicating(self, answer: Answer) -> tuple[np.ndarray, np.ndarray, np.ndarray, Memory]:
-        """Forces in the RID, slack of all conditions, scale of gaps, memory: input of an indicator
-        of forces.
+        """Input of an indicator of forces.
+
+        Returns:
+            Forces in the RID, (m,), slack of all conditions, (N_lambda,), scale of gaps,
+            (N_lambda,), and memory.
         """
         gaps, contact_basis = self._surface(answer.parameter)
         slack = (
@@ -329,24 +334,25 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
 
         def bounded(rows: np.ndarray) -> Estimates:
             theta = self.amplitudes.of_many(many.points[rows])
-            there = bound.at(many.points[rows], theta)
-            forces = there.completed(many.multipliers[rows], self._outside)
+            bound_at = bound.at(many.points[rows], theta)
+            forces = bound_at.completed(many.multipliers[rows], self._outside)
             unknown = many.unknown[rows]
-            return there.of(unknown, forces, partial(self._slack, theta, unknown))
+            return bound_at.of(unknown, forces, partial(self._slack, theta, unknown))
 
-        found = Estimates.by_blocks(bound.kind, many.converged, bound.together, bounded)
+        estimates = Estimates.by_blocks(bound.kind, many.converged, bound.together, bounded)
         if self.output_bound is None:
-            return found
+            return estimates
 
         def outputs_of(k: int) -> Mapping[str, float]:
-            one = many[k].estimate()
-            return NO_OUTPUTS if one is None else one.outputs
+            estimate = many[k].estimate()
+            return NO_OUTPUTS if estimate is None else estimate.outputs
 
-        return replace(found, outputs_of=outputs_of)
+        return replace(estimates, outputs_of=outputs_of)
 
     def _indicated(self, answer: Answer) -> Estimate | None:
-        """Estimate of an indicator: a user-defined one, that of a law of interfaces, or of laws of
-        bodies.
+        """Estimate of an indicator.
+
+        It is user-defined, or that of a law of interfaces or of laws of bodies.
         """
         if self.indicator is not None:
             return Estimate.indicated(self.indicator(answer))

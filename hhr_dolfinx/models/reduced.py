@@ -1,5 +1,6 @@
-"""The hybrid hyper-reduced (HHR) model (1.61), (5.23): small arrays, of elastic bodies and bodies
-with laws.
+"""Hybrid hyper-reduced (HHR) model, (1.61), (5.23).
+
+Small arrays, of elastic bodies and bodies with laws.
 
 It needs neither DOLFINx nor gmsh nor PETSc: a model read from a file runs on any machine with NumPy
 and SciPy, and what the plug-in of its laws needs.
@@ -55,7 +56,14 @@ class ReducedLaws(Protocol):
         fields: Reconstruction,
         trained: Trained | None,
     ) -> Equilibrium:
-        """Equilibrium of gamma: answers paths."""
+        """Equilibrium of gamma: answers paths.
+
+        Args:
+            problem: the projected arrays.
+            parameters: the box of the parameters.
+            fields: completes the answers.
+            trained: training range; None if it is unknown.
+        """
 
     def faults_of(self, model: ReducedModel) -> Iterator[str]:
         """Faults of arrays that do not fit their model."""
@@ -153,9 +161,7 @@ class ReducedModel(KeptModel):
 
     @classmethod
     def from_file(cls, **parts: Any) -> Self:
-        """Rebuild from a file, with LAPACK's factors, so that answers are the same on all
-        machines.
-        """
+        """Rebuild from a file, with LAPACK's factors: answers are the same on all machines."""
         return cls(**parts, factorise=LapackLU)
 
     def _answered(
@@ -170,6 +176,11 @@ class ReducedModel(KeptModel):
         """Answer many parameters, (n, P), see :meth:`CondensedModel.solve_many`.
 
         One by one with laws.
+
+        Args:
+            points: parameters, (n, P).
+            raise_on_failure: raise at the first point without a solution.
+            outside: see :meth:`Model.solve`.
         """
         if self.eliminated is None or self.by_paths:
             return super().solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
@@ -182,8 +193,9 @@ class ReducedModel(KeptModel):
         return super().contacts() if self.eliminated is None else self.eliminated.contacts()
 
     def _without_gamma(self) -> CondensedModel:
-        """The model with gamma eliminated: once, or for each parameter if the stiffness depends on
-        it.
+        """The model with gamma eliminated.
+
+        Once, or for each parameter if the stiffness depends on it.
         """
         if self.known is None:
             raise ReductionError(

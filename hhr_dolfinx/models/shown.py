@@ -13,30 +13,48 @@ SHOWN_NUMBERS = 8
 
 
 def point_of(values: Sequence[float] | np.ndarray, names: Sequence[str] = ()) -> str:
-    """A point of the box, with the names of parameters if they are known: ``push=3e+07,
-    pull=1e+07``.
+    """Text of a point of the box: ``push=3e+07, pull=1e+07``.
+
+    Args:
+        values: parameters, (P,).
+        names: names of the parameters, if they are known.
     """
     numbers = [f"{float(value):.6g}" for value in list(values)[:SHOWN_NUMBERS]]
-    left = ["..."] if len(values) > SHOWN_NUMBERS else []
+    ellipsis = ["..."] if len(values) > SHOWN_NUMBERS else []
     if len(names) == len(values):
         return ", ".join(
-            [*(f"{name}={number}" for name, number in zip(names, numbers, strict=False)), *left]
+            [*(f"{name}={number}" for name, number in zip(names, numbers, strict=False)), *ellipsis]
         )
-    return f"({', '.join([*numbers, *left])})"
+    return f"({', '.join([*numbers, *ellipsis])})"
 
 
 def counted(number: int, what: str) -> str:
-    """A number with its noun, in the plural if necessary."""
+    """A number with its noun, in the plural if necessary.
+
+    Args:
+        number: how many.
+        what: noun in the singular.
+    """
     return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def line(title: str, facts: Mapping[str, str]) -> str:
-    """Line of ``repr``: the title and the facts."""
+    """Line of ``repr``: the title and the facts.
+
+    Args:
+        title: name of the value.
+        facts: facts by name.
+    """
     return f"<{title}: {', '.join(facts.values())}>"
 
 
 def table(title: str, facts: Mapping[str, str]) -> str:
-    """HTML table for notebooks."""
+    """HTML table for notebooks.
+
+    Args:
+        title: name of the value.
+        facts: facts by name.
+    """
     rows = "".join(
         f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in facts.items()
     )

@@ -1,6 +1,4 @@
-"""Starts of the active set: statuses of a training parameter, extrapolated along its
-derivatives.
-"""
+"""Starts of the active set: training statuses, extrapolated along their derivatives."""
 
 from __future__ import annotations
 
@@ -34,12 +32,12 @@ class KnownStatuses(Rebuilt):
     @classmethod
     def of_answers(cls, answers: Iterable[Answer]) -> KnownStatuses | None:
         """Statuses of the answers that converged; None without any."""
-        found = [answer for answer in answers if answer.converged]
-        if not found:
+        converged = [answer for answer in answers if answer.converged]
+        if not converged:
             return None
         return cls(
             *(
-                np.array([getattr(answer, name) for answer in found])
+                np.array([getattr(answer, name) for answer in converged])
                 for name in ("parameter", "active")
             )
         )
@@ -51,8 +49,7 @@ class KnownStatuses(Rebuilt):
 
     @cached_property
     def distances(self) -> tuple[np.ndarray, np.ndarray]:
-        """Offsets and directions of |x - p|^2 / 2, without the part that is equal for all
-        candidates x.
+        """Offsets and directions of |x - p|^2 / 2, without the part equal for all candidates x.
 
         The parameters, whose units differ, are scaled by their widths.
         """
@@ -118,8 +115,8 @@ class LinearStarts(KnownStatuses):
         offsets, directions = self.distances
         active = np.empty((len(points), self.margins.shape[1]), dtype=bool)
         for first in range(0, len(points), SLOPES_AT_ONCE):
-            part = points[first : first + SLOPES_AT_ONCE]
-            near = (offsets - part @ directions.T).argmin(axis=1)
-            change = np.einsum("nmp,np->nm", self.slopes[near], part - self.points[near])
+            block = points[first : first + SLOPES_AT_ONCE]
+            near = (offsets - block @ directions.T).argmin(axis=1)
+            change = np.einsum("nmp,np->nm", self.slopes[near], block - self.points[near])
             active[first : first + SLOPES_AT_ONCE] = self.margins[near] + change > 0
         return active

@@ -1,5 +1,6 @@
-"""Reduced and condensed models on disk: plain arrays and numbers with a version and a checksum,
-nothing to execute.
+"""Reduced and condensed models on disk.
+
+Files have plain arrays and numbers, a version and a checksum, and nothing to execute.
 
 One format holds all kinds of models: a tree of values in the header, and arrays by their paths in
 this tree, see :mod:`hhr_dolfinx.plain`. The declarations of the fields of a class are the checks of
@@ -11,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -63,7 +63,7 @@ MODULES = {
 }
 """Classes of the core that a file may contain, by their modules.
 
-a module is imported when a file needs it.
+A module is imported when a file needs it.
 """
 PLACES = {
     name: f"hhr_dolfinx.{module}:{name}"
@@ -74,8 +74,9 @@ PLACES = {
 
 
 class Kinds(dict[str, type]):
-    """Classes that a file may contain, loaded when they are needed: of the core, of plug-ins, and
-    user-defined ones.
+    """Classes that a file may contain, loaded when they are needed.
+
+    They are those of the core, those of plug-ins, and user-defined ones.
     """
 
     def __init__(self, known: Iterable[type] = ()):
@@ -95,13 +96,16 @@ class Kinds(dict[str, type]):
 
 
 def save_model(path: str | Path, model: KeptModel) -> None:
-    """Write a model, the result of build, condense or a training of local models, as one ``.npz``
-    file.
+    """Write a model as one ``.npz`` file.
 
-    An existing file is replaced only by a complete one. The file omits the parts that need the mesh
-    or are code: the stress of elastic bodies, an indicator, the record of how the model was made.
-    User-defined laws and amplitudes must be frozen dataclasses of numbers, see
-    :mod:`hhr_dolfinx.plain`.
+    The model is the result of build, condense or a training of local models. An existing file is
+    replaced only by a complete one. The file omits the parts that need the mesh or are code: the
+    stress of elastic bodies, an indicator, the record of how the model was made. User-defined laws
+    and amplitudes must be frozen dataclasses of numbers, see :mod:`hhr_dolfinx.plain`.
+
+    Args:
+        path: the file.
+        model: the model.
 
     Raises:
         NotOfferedError: for a model that needs a mesh, or an object that is no model.
@@ -113,13 +117,15 @@ def save_model(path: str | Path, model: KeptModel) -> None:
         ModelFileWarning: if the model has an indicator.
     """
     if not isinstance(model, KeptModel):
-        known = isinstance(model, AnsweringModel)
-        why = model.instead if known else "it is no model, give what build or condense returns"
-        raise NotOfferedError(f"a {type(model).__name__} cannot be kept in a file: {why}")
+        is_model = isinstance(model, AnsweringModel)
+        reason = (
+            model.instead if is_model else "it is no model, give what build or condense returns"
+        )
+        raise NotOfferedError(f"a {type(model).__name__} cannot be kept in a file: {reason}")
     plain = model.for_file()
     if plain is not model:
-        why = "the indicator stays behind: answers of the model read from it have no estimate"
-        warn(f"{path} holds no code, {why}", ModelFileWarning)
+        reason = "the indicator stays behind: answers of the model read from it have no estimate"
+        warn(f"{path} holds no code, {reason}", ModelFileWarning)
     try:
         tree, arrays = as_plain(plain, Kinds())
         write_arrays(
@@ -129,7 +135,7 @@ def save_model(path: str | Path, model: KeptModel) -> None:
         raise ModelFileError(f"this model cannot be kept in {path}: {error}") from error
 
 
-def load_model(path: str | Path, known: Iterable[type] = ()) -> Any:
+def load_model(path: str | Path, known: Iterable[type] = ()) -> KeptModel:
     """Read a model written by :func:`save_model`.
 
     Needs, and loads, neither DOLFINx nor PETSc nor MPI.
@@ -202,9 +208,12 @@ def _meant(folder: Path) -> str:
 
 
 def check_answers(model: KeptModel) -> None:
-    """Raise FileContentError for a model that fails in the middle of its box.
+    """Solve a model in the middle of its box.
 
     Histories may have no answer there.
+
+    Raises:
+        FileContentError: if the model fails there.
     """
     with ignored(Warning), np.errstate(all="ignore"):
         for member in model.members:
@@ -213,9 +222,9 @@ def check_answers(model: KeptModel) -> None:
             except HHRError:
                 raise
             except Exception as error:  # user-defined classes may raise anything
-                why = f"{type(error).__name__}: {error}"
+                reason = f"{type(error).__name__}: {error}"
                 raise FileContentError(
-                    f"its parts do not go together, or a class of a plug-in fails: {why}"
+                    f"its parts do not go together, or a class of a plug-in fails: {reason}"
                 ) from error
 
 

@@ -1,4 +1,6 @@
-"""From snapshots to a reduced model with a trust check: one list of stages for all kinds of bodies.
+"""Hyper-reduction: from snapshots to a reduced model with a trust check.
+
+One list of stages serves all kinds of bodies.
 
 Stages that a scene does not need are skipped and listed with the reason.
 """
@@ -7,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -32,6 +34,8 @@ from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.trained import Trained
 from hhr_dolfinx.warn import repeat
+
+Result = TypeVar("Result")
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,8 +75,13 @@ class Offline:
         """Records every stage."""
         return self.task.log
 
-    def once(self, name: str, compute: Callable[[], Any]) -> Any:
-        """A result that a stage computes in the first attempt only."""
+    def once(self, name: str, compute: Callable[[], Result]) -> Result:
+        """A result that a stage computes in the first attempt only.
+
+        Args:
+            name: name of the result.
+            compute: computes it.
+        """
         if name not in self.computed:
             self.computed[name] = compute()
         return self.computed[name]
@@ -101,8 +110,8 @@ class Draft:
     @property
     def facts(self) -> HyperFacts:
         """Facts of the model."""
-        made = self.basis, self.sets, self.stability, self.enrichment, self.further
-        return HyperFacts(self.shared.recipe, self.layers, *made)
+        attributes = self.basis, self.sets, self.stability, self.enrichment, self.further
+        return HyperFacts(self.shared.recipe, self.layers, *attributes)
 
 
 def usual_recipe(full: FullModel) -> Recipe:
@@ -171,14 +180,17 @@ def build(
 def not_by_rows(
     kind: OfPoints, snapshots: SnapshotSet | None = None, recipe: Recipe | None = None
 ) -> str:
-    """Reason why a distributed problem is not reduced by rows, with snapshots or a recipe.
-
-    Empty if it is.
+    """Reason why a distributed problem is not reduced by rows; empty if it is.
 
     Decomposition, projection, enrichment and bounds use only sums over the ranks.
+
+    Args:
+        kind: kind of the answers.
+        snapshots: training answers; None to leave them out of account.
+        recipe: recipe of the reduction; None to leave it out of account.
     """
-    if why := kind.not_by_rows():
-        return why
+    if reason := kind.not_by_rows():
+        return reason
     if snapshots is not None and snapshots.histories:
         return "it is trained on histories"
     if recipe is not None and not recipe.by_rows:
@@ -187,7 +199,11 @@ def not_by_rows(
 
 
 def check_recipe(recipe: object) -> None:
-    """Raise ReductionError for an invalid recipe."""
+    """Check a recipe.
+
+    Raises:
+        ReductionError: for a class, or a value that is no recipe.
+    """
     if isinstance(recipe, type):
         raise ReductionError(
             f"{recipe.__name__} is a class, give a value of it: {recipe.__name__}(...)"
@@ -229,7 +245,12 @@ class HyperReduction(Reductor[Offline]):
         return range(domain.layers, max(domain.layers, domain.most_layers) + 1)
 
     def prepare(self, task: Task, before: Offline | None = None) -> Offline:
-        """Basis, nodes of the RID and reconstruction."""
+        """Basis, nodes of the RID and reconstruction.
+
+        Args:
+            task: input of the reduction.
+            before: data of another task; not used.
+        """
         full, log, snapshots = task.full, task.log, task.snapshots
         problem = full.problem
         recipe: Recipe = self.recipe
@@ -248,24 +269,34 @@ class HyperReduction(Reductor[Offline]):
             nodes = chosen_nodes(problem, snapshots, recipe, basis)
         with log.stage("reconstruction", task.announce):
             completion = ReconstructionData.of(problem, snapshots)
-        for stage, why in task.kind.skipped(recipe):
-            log.skip(stage, why)
+        for stage, reason in task.kind.skipped(recipe):
+            log.skip(stage, reason)
         return Offline(task, snapshots, recipe, basis, nodes, completion)
 
     def attempt(self, prepared: Offline, level: int) -> tuple[ReducedModel, HyperFacts]:
-        """All stages, with a constant number of layers."""
+        """All stages, with a constant number of layers.
+
+        Args:
+            prepared: data that all attempts share.
+            level: layers of cells.
+        """
         draft = Draft(prepared, level)
-        for place in stages_of(prepared.full, self.recipe):
-            registry.load(place)(draft)
+        for import_path in stages_of(prepared.full, self.recipe):
+            registry.load(import_path)(draft)
         return draft.model, draft.facts
 
     def compare(self, task: Task, model: ReducedModel) -> tuple[Comparison | None, Trained | None]:
-        """Errors against known answers."""
+        """Errors against known answers.
+
+        Args:
+            task: input of the reduction.
+            model: model that was built.
+        """
         limits = self.limits
-        found = compared(task, model, limits, self.remedy)
+        comparison = compared(task, model, limits, self.remedy)
         if limits is not None:
             task.kind.warn_of_estimates(model.fields)
-        return found
+        return comparison
 
 
 _HERE = "hhr_dolfinx.reduction.build"
@@ -293,31 +324,35 @@ STAGES = (
 
 
 def stages_of(full: FullModel, recipe: Recipe) -> list[str]:
-    """Places of the stages of an attempt, in their order.
+    """Import paths of the stages of an attempt, in their order.
 
     Of those after the same stage the ones of plug-ins first.
+
+    Args:
+        full: the full model.
+        recipe: the recipe.
 
     Raises:
         ReductionError: for a stage that comes after one that is not there.
     """
-    every = (
+    stages = (
         *(stage for plugin in registry.installed().values() for stage in plugin.stages),
         *STAGES,
     )
-    wanted = [stage for stage in every if registry.wants(stage, full, recipe)]
+    wanted = [stage for stage in stages if registry.wants(stage, full, recipe)]
 
-    def from_here(place: str) -> Iterator[str]:
+    def from_here(stage_path: str) -> Iterator[str]:
         for stage in wanted:
-            if stage.after == place:
+            if stage.after == stage_path:
                 yield stage.place
                 yield from from_here(stage.place)
 
-    found = list(from_here(""))
-    if lost := [stage for stage in wanted if stage.place not in found]:
+    order = list(from_here(""))
+    if lost := [stage for stage in wanted if stage.place not in order]:
         raise ReductionError(
             f"the stage {lost[0].place} comes after {lost[0].after}, which is no stage here"
         )
-    return found
+    return order
 
 
 def choose_domain(draft: Draft) -> None:
@@ -364,7 +399,7 @@ def assess_projection(draft: Draft) -> None:
 
 
 def check_constants(draft: Draft) -> None:
-    """The same within the limits of the recipe."""
+    """Check the stability constants against the limits of the recipe."""
     trust = draft.shared.recipe.trust
     assert trust is not None
     check_stability(draft.stability, trust)
@@ -376,14 +411,14 @@ def reconstruct(draft: Draft) -> None:
     full = shared.full
     recipe = shared.recipe
     problem = full.problem
-    found = bound_of(shared.task, recipe, draft.basis)
+    bounding = bound_of(shared.task, recipe, draft.basis)
     with shared.log.stage("reconstruction", shared.task.announce):
-        cone = (recipe.cone or found.bound is None) and shared.task.kind.cone
+        cone = (recipe.cone or bounding.bound is None) and shared.task.kind.cone
         draft.fields = replace(
-            shared.completion.reconstruction(problem, found.columns, draft.sets, cone=cone),
-            bound=found.bound,
-            unbounded=found.unbounded,
-            response=found.response,
+            shared.completion.reconstruction(problem, bounding.columns, draft.sets, cone=cone),
+            bound=bounding.bound,
+            unbounded=bounding.unbounded,
+            response=bounding.response,
             stress_of=full.stress_of,
             functionals=plain_outputs(full),
             full=full,
@@ -394,17 +429,18 @@ def reconstruct(draft: Draft) -> None:
 
 
 def assemble(draft: Draft) -> None:
-    """The model, with the range and the statuses of the training, as far as they are known before
-    its check.
+    """The model, with the range and the statuses of the training.
+
+    Both are as far as they are known before its check.
     """
     shared = draft.shared
     kind = shared.task.kind
-    known = kind.starts(shared.snapshots, draft.sets.A_lambda)
+    statuses = kind.starts(shared.snapshots, draft.sets.A_lambda)
     with shared.log.stage("online_arrays", shared.task.announce):
         trained = kind.range_of(shared.snapshots)
         space = shared.full.parameters
         draft.model = ReducedModel(
-            draft.reduced, space, draft.fields, trained, known=known, **draft.parts
+            draft.reduced, space, draft.fields, trained, known=statuses, **draft.parts
         )
 
 
@@ -416,20 +452,26 @@ def start_along(draft: Draft) -> None:
         from hhr_dolfinx.reduction.starts import linear_starts
 
         with draft.shared.log.stage("online_arrays", draft.shared.task.announce):
-            known = linear_starts(
+            statuses = linear_starts(
                 inner.eliminated, inner.known.points, inner.pairs, inner.known.active
             )
-            draft.model = model.changed(known=known)
+            draft.model = model.changed(known=statuses)
 
 
 def independent(
     problem: ContactProblem, sets: IndexSets, reduced: ReducedProblem
 ) -> tuple[IndexSets, ReducedProblem]:
-    """A RID and its projection without conditions that others repeat."""
-    kept = problem.distinct[sets.A_lambda]
-    if not kept.all():
+    """A RID and its projection without conditions that others repeat.
+
+    Args:
+        problem: the contact problem.
+        sets: index sets of the RID.
+        reduced: its projected arrays.
+    """
+    distinct = problem.distinct[sets.A_lambda]
+    if not distinct.all():
         per_row = {
-            name: getattr(reduced, name)[kept]
+            name: getattr(reduced, name)[distinct]
             for name in ("contact_test", "contact_trial", "gaps", "pairs")
         }
         reduced = replace(reduced, **per_row)

@@ -1,5 +1,6 @@
-"""Claims of models, compared where they are made: exactness and bounds are no properties of a
-class.
+"""Comparison of models with their claims of exactness and of bounds.
+
+A claim is a property of a model, not of its class.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from hhr_dolfinx.certify.accuracy import mass_norm
 from hhr_dolfinx.errors import ClaimError, NotOfferedError
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.full import FullModel
+from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.reduction.kinds import EXACT_MODEL, OfPoints
 from hhr_dolfinx.snapshots.records import SnapshotSet
 
@@ -30,12 +32,18 @@ ANSWERED = list[tuple[Answer, Answer | None, str]]
 """Answers of the full model, those of a model or None if it has none, and where."""
 
 
-def check_claim(name: str, kind: OfPoints, model: Any, known: SnapshotSet) -> None:
-    """Compare a model that calls itself exact, or says bounds, with some answers of the full one.
+def check_claim(name: str, kind: OfPoints, model: AnsweringModel, known: SnapshotSet) -> None:
+    """Compare a model that calls itself exact, or has bounds, with some full answers.
 
     Displacements and loads of the contact forces, B^T λ, are compared with a claim of exactness:
     forces of equivalent conditions, and displacements of bodies with rigid motions, may have
     several values.
+
+    Args:
+        name: name of the reductor, for the message.
+        kind: kind of the answers.
+        model: model that was built.
+        known: answers of the full model.
 
     Raises:
         ClaimError: if they differ by more than round-off, or an error exceeds its bound.
@@ -70,7 +78,7 @@ def _check_exact(name: str, full: FullModel, limit: float, pairs: ANSWERED) -> N
 def _check_bounds(name: str, full: FullModel, pairs: ANSWERED) -> None:
     """Compare errors with their bounds.
 
-    round-off is that of the largest of the answers in each norm.
+    Round-off is that of the largest of the answers in each norm.
     """
     errors = [
         (_errors(full, exact, answer), answer.estimate(), label)
@@ -79,25 +87,25 @@ def _check_bounds(name: str, full: FullModel, pairs: ANSWERED) -> None:
     ]
     largest: dict[str, float] = {}
     for row, _, _ in errors:
-        for what, (_, size) in row.items():
-            largest[what] = max(largest.get(what, 0.0), size)
+        for quantity, (_, size) in row.items():
+            largest[quantity] = max(largest.get(quantity, 0.0), size)
     for row, estimate, label in errors:
         if estimate is None or estimate.kind != BOUND:
             continue
-        for what, (error, size) in row.items():
+        for quantity, (error, size) in row.items():
             bound = (
-                estimate.outputs.get(what, np.inf)
-                if what not in BOUNDED
-                else getattr(estimate, BOUNDED[what])
+                estimate.outputs.get(quantity, np.inf)
+                if quantity not in BOUNDED
+                else getattr(estimate, BOUNDED[quantity])
             )
-            compared = [(what, error, bound, largest[what])]
-            if what in BOUNDED and size > LIGHT * largest[what]:
-                relative = getattr(estimate, f"{BOUNDED[what]}_relative")
-                compared.append((f"{what}, relative", error / size, relative, 1.0))
-            for said, off, most, scale in compared:
+            compared = [(quantity, error, bound, largest[quantity])]
+            if quantity in BOUNDED and size > LIGHT * largest[quantity]:
+                relative = getattr(estimate, f"{BOUNDED[quantity]}_relative")
+                compared.append((f"{quantity}, relative", error / size, relative, 1.0))
+            for title, off, most, scale in compared:
                 if not off <= (1 + EXACT_MODEL) * most + EXACT_MODEL * scale:
                     raise ClaimError(
-                        f"{name}: its model says a bound of {most:.3g} of the {said}, and the "
+                        f"{name}: its model says a bound of {most:.3g} of the {title}, and the "
                         f"error is {off:.3g} at {label}: say 'estimate' or 'indicator' as the "
                         "kind of the estimate, or bound more"
                     )
@@ -115,12 +123,13 @@ BOUNDED = {
 
 
 def _errors(full: FullModel, exact: Answer, answer: Answer) -> dict[str, tuple[float, float]]:
-    """Errors of an answer and sizes of the exact one, by the names of :data:`BOUNDED`, and of
-    outputs.
+    """Errors of an answer and sizes of the exact one, by name.
+
+    The names are those of :data:`BOUNDED`, and of outputs.
     """
     problem = full.problem.at(exact.parameter)
     rows = problem.spread
-    found: dict[str, tuple[float, float]] = {}
+    errors: dict[str, tuple[float, float]] = {}
     with suppress(NotOfferedError):  # a model of forces alone
         fields = [answer.displacement() - exact.displacement(), exact.displacement()]
         stiffness = (
@@ -130,7 +139,7 @@ def _errors(full: FullModel, exact: Answer, answer: Answer) -> dict[str, tuple[f
         )
         energies = [rows.sum(rows.of(field) @ (stiffness @ field)) for field in fields]
         error, size = np.sqrt(np.maximum(energies, 0.0))
-        found["displacement in energy"] = error, size
+        errors["displacement in energy"] = error, size
     off = answer.forces() - exact.forces()
     # forces of equivalent conditions have several values; sizes of all answers are the scale of
     # round-off
@@ -138,33 +147,33 @@ def _errors(full: FullModel, exact: Answer, answer: Answer) -> dict[str, tuple[f
         problem.contact.T @ exact.forces()
     ):
         off = np.zeros_like(off)
-    found["contact forces"] = float(np.linalg.norm(off)), float(np.linalg.norm(exact.forces()))
+    errors["contact forces"] = float(np.linalg.norm(off)), float(np.linalg.norm(exact.forces()))
     per_area = np.divide(
         1.0, problem.contact_areas, out=np.zeros(len(off)), where=problem.contact_areas > 0
     )
-    found["pressure"] = (
+    errors["pressure"] = (
         float(np.abs(off * per_area).max()),
         float(np.abs(exact.forces() * per_area).max()),
     )
     if full.functionals is not None:
         with suppress(NotOfferedError):
             values = exact.outputs().values
-            said = answer.outputs().values
-            found |= {
-                key: (abs(said[key] - values[key]), abs(values[key]))
-                for key in said.keys() & values.keys()
+            approximate = answer.outputs().values
+            errors |= {
+                key: (abs(approximate[key] - values[key]), abs(values[key]))
+                for key in approximate.keys() & values.keys()
             }
-    return found
+    return errors
 
 
 def _user_defined(full: FullModel, point: np.ndarray) -> csr_matrix:
     """Local rows of K of a system without parts at a point, (own, N)."""
-    found: Any = full.system.stiffness(point)
-    matrix: csr_matrix = found.matrix
+    stiffness: Any = full.system.stiffness(point)
+    matrix: csr_matrix = stiffness.matrix
     return matrix
 
 
-def _part(off: float, sizes: Sequence[Any]) -> float:
+def _part(off: float, sizes: Sequence[float | np.ndarray]) -> float:
     """Error over the largest of some vectors or norms."""
     largest = max(float(np.linalg.norm(size)) for size in sizes)
     return off / largest if largest > 0 else (0.0 if off == 0 else np.inf)

@@ -1,5 +1,6 @@
-"""Reconstruction of whole fields from reduced answers, thesis section 1.4.6, and the bounds of
-their errors.
+"""Reconstruction of whole fields from reduced answers, thesis section 1.4.6.
+
+Bounds of their errors are here too.
 """
 
 from __future__ import annotations
@@ -37,7 +38,12 @@ class ReconstructionData:
 
     @classmethod
     def of(cls, problem: ContactProblem, snapshots: SnapshotSet) -> ReconstructionData:
-        """Data from training answers."""
+        """Data from training answers.
+
+        Args:
+            problem: the contact problem.
+            snapshots: training answers.
+        """
         # the scale of the gaps of a pair is the largest gap or relative motion of its bodies, not
         # the largest slack: if contact never opens in training the slack is round-off, and relative
         # to it all gaps would count as open
@@ -47,8 +53,8 @@ class ReconstructionData:
         ).max(axis=1)
         scale = np.ones(sizes.size)
         for pair in np.unique(problem.contact_pairs):
-            inside = problem.contact_pairs == pair
-            scale[inside] = sizes[inside].max() or 1.0
+            of_pair = problem.contact_pairs == pair
+            scale[of_pair] = sizes[of_pair].max() or 1.0
         return cls(snapshots.forces, scale)
 
     @cached_property
@@ -59,9 +65,15 @@ class ReconstructionData:
     def reconstruction(
         self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets, *, cone: bool = True
     ) -> Reconstruction:
-        """Fields of one reduced model; without the ``cone`` of (1.70) a bound completes forces.
+        """Fields of one reduced model.
 
         The result has all rows of the columns, (N, c), on all ranks: each evaluates by itself.
+
+        Args:
+            problem: the contact problem.
+            basis: columns of the displacement, (own, c).
+            sets: index sets of the RID.
+            cone: combine training forces by (1.70); otherwise a bound completes forces.
         """
         return Reconstruction(
             amplitudes=problem.amplitudes,
@@ -77,36 +89,42 @@ class ReconstructionData:
 
 
 def spanning_rays(columns: np.ndarray, tolerance: float) -> np.ndarray:
-    """Select non-negative columns, (m, S), whose non-negative combinations contain all of them, (m,
-    S').
+    """Select non-negative columns whose non-negative combinations contain all of them.
 
     Linear independence is not enough for (1.70): a snapshot that is a difference of others lies
     outside their cone. The most independent columns come first; half of the columns outside their
-    cone are added at a time. A distance from the cone up to ``tolerance``, relative to the norm of
-    a column, counts as inside.
+    cone are added at a time.
+
+    Args:
+        columns: non-negative columns, (m, S).
+        tolerance: distance from the cone, relative to the norm of a column, that counts as inside.
+
+    Returns:
+        The selected columns, (m, S').
     """
     lengths = np.linalg.norm(columns, axis=0)
-    left = np.flatnonzero(lengths > 0)
-    if left.size == 0:
+    remaining = np.flatnonzero(lengths > 0)
+    if remaining.size == 0:
         return np.zeros((columns.shape[0], 0))
     rays = columns / np.where(lengths > 0, lengths, 1.0)
-    _, triangle, order = linalg.qr(rays[:, left], mode="economic", pivoting=True)
+    _, triangle, order = linalg.qr(rays[:, remaining], mode="economic", pivoting=True)
     sizes = np.abs(np.diag(triangle))
-    kept = left[order[: int((sizes > tolerance * sizes[0]).sum())]]
-    left = np.setdiff1d(left, kept)
-    while left.size:
-        distances = np.array([_distance(rays[:, kept], rays[:, k]) for k in left])
-        left = left[distances > tolerance]
+    selected = remaining[order[: int((sizes > tolerance * sizes[0]).sum())]]
+    remaining = np.setdiff1d(remaining, selected)
+    while remaining.size:
+        distances = np.array([_distance(rays[:, selected], rays[:, k]) for k in remaining])
+        remaining = remaining[distances > tolerance]
         distances = distances[distances > tolerance]
-        farthest = np.argsort(-distances)[: (left.size + 1) // 2]
-        kept = np.append(kept, left[farthest])
-        left = np.delete(left, farthest)
-    return np.ascontiguousarray(columns[:, np.sort(kept)])
+        farthest = np.argsort(-distances)[: (remaining.size + 1) // 2]
+        selected = np.append(selected, remaining[farthest])
+        remaining = np.delete(remaining, farthest)
+    return np.ascontiguousarray(columns[:, np.sort(selected)])
 
 
 def _distance(cone: np.ndarray, ray: np.ndarray) -> float:
-    """Distance of a ray from a cone; infinite if the search does not converge: the ray is then
-    added to the cone.
+    """Distance of a ray from a cone.
+
+    Infinite if the search does not converge: the ray is then added to the cone.
     """
     try:
         # scipy's limit of three rounds for each ray is too small for hundreds of nearly parallel
@@ -117,27 +135,32 @@ def _distance(cone: np.ndarray, ray: np.ndarray) -> float:
 
 
 def bound_of(task: Task, recipe: Recipe, basis: np.ndarray) -> Bounding:
-    """Bounds for a recipe, with a basis, (own, ell).
+    """Bounds for a recipe; none if they are not requested or not proved, with a log entry.
 
-    None if not requested or not proved, with a log entry.
+    Args:
+        task: input of the reduction.
+        recipe: the recipe.
+        basis: modes, (own, ell).
     """
     if not recipe.bound or recipe.indicator is not None:
         return Bounding(None, basis, unbounded=NOT_ASKED)
-    if why := task.kind.unbounded:
-        return Bounding(None, basis, unbounded=why)
+    if reason := task.kind.unbounded:
+        return Bounding(None, basis, unbounded=reason)
     full, log, announce = task.full, task.log, task.announce
     assert task.snapshots is not None  # checked
     try:
         with log.stage("bound", announce):
-            for given in [
-                given for plugin in registry.installed().values() for given in plugin.bounds
+            for registered in [
+                registered
+                for plugin in registry.installed().values()
+                for registered in plugin.bounds
             ]:
-                if registry.wants(given, full):
-                    prove = registry.load(given.place)
-                    made: Bounding = prove(
+                if registry.wants(registered, full):
+                    prove = registry.load(registered.place)
+                    bounding: Bounding = prove(
                         full, basis, task.snapshots.forces, cone=recipe.cone, announce=announce
                     )
-                    return made
+                    return bounding
             raise BoundError("no installed plug-in knows the errors of its answers")
     except BoundError as error:
         log.skip("bound", str(error))

@@ -1,5 +1,6 @@
-"""Enrichment of the primal basis by finite element functions of the contact nodes, thesis section
-3.4.1, Alg. 3.1.
+"""Enrichment of the primal basis, thesis section 3.4.1, Alg. 3.1.
+
+The basis gets finite element functions of the contact nodes.
 
 A candidate is the normal displacement of the slave node of one contact condition of the RID: its
 partner on the other body would change B~ by the same column. If two conditions share a slave node
@@ -61,14 +62,19 @@ class Enrichment:
 def enrich(
     problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_max: float
 ) -> Enrichment:
-    """Add finite element functions until kappa(B~1) <= ``kappa_max``, greedily, Alg. 3.1 and
-    section 5.2.5.
+    """Add finite element functions until kappa(B~1) <= ``kappa_max``, greedily, Alg. 3.1.
 
-    While rows are dependent no column lowers kappa; then the candidate that lies farthest from the
-    range of B~ is added, which raises the rank. The singular values of a candidate come from a
-    rank-one update of B~ B~^T, without forming its basis. That update has the length of a candidate
-    outside the basis only to the root of round-off. So the chosen one is orthogonalised exactly,
-    and left out if nothing remains of it.
+    See section 5.2.5 too. While rows are dependent no column lowers kappa; then the candidate that
+    lies farthest from the range of B~ is added, which raises the rank. The singular values of a
+    candidate come from a rank-one update of B~ B~^T, without forming its basis. That update has the
+    length of a candidate outside the basis only to the root of round-off. So the chosen one is
+    orthogonalised exactly, and left out if nothing remains of it.
+
+    Args:
+        problem: the contact problem.
+        basis: orthonormal modes, (own, ell).
+        sets: index sets of the RID.
+        kappa_max: condition number down to which functions are added; infinite for none.
 
     Raises:
         ReductionError: if the basis moves imposed dofs, breaks constraints, or is not orthonormal.
@@ -77,48 +83,50 @@ def enrich(
         problem, sets.A_c, _candidates(problem, sets)
     )  # they vanish outside
     read = np.union1d(sets.A_c_tilde, support)
-    every = problem.contact[sets.A_lambda]
-    images = every[:, support] @ candidates
+    contact_rows = problem.contact[sets.A_lambda]
+    images = contact_rows[:, support] @ candidates
     columns = GrowingColumns(
         np.zeros((len(basis), 0))
     )  # after those of the basis, which is not copied
     rows = problem.spread
     # B~1 and B~2; a candidate has the same image in both
     tables = [
-        _Table.of(problem, every[:, part], basis, part, images)
-        for part in (sets.A_c, sets.A_c_tilde)
+        _Table.of(problem, contact_rows[:, dofs], basis, dofs, images)
+        for dofs in (sets.A_c, sets.A_c_tilde)
     ]
     squares = np.sum(candidates**2, axis=0)
     weights = rows.at(basis, support).T @ candidates
-    left = np.flatnonzero(squares > 0)
+    pool = np.flatnonzero(squares > 0)
     added = []
     left_out = []
     kappas = [rows.first(_kappa(tables))]
     stalled = False
     while kappas[-1] > kappa_max:
         # length of each candidate minus its part in the basis
-        lengths = np.sqrt(np.maximum(squares[left] - np.sum(weights[:, left] ** 2, axis=0), 0.0))
-        left_out.extend(left[lengths <= DISTINCT])
-        left = left[lengths > DISTINCT]
+        lengths = np.sqrt(np.maximum(squares[pool] - np.sum(weights[:, pool] ** 2, axis=0), 0.0))
+        left_out.extend(pool[lengths <= DISTINCT])
+        pool = pool[lengths > DISTINCT]
         lengths = lengths[lengths > DISTINCT]
-        if left.size == 0:
+        if pool.size == 0:
             break
-        best = rows.first(_best(tables, images[:, left], weights[:, left], lengths, left))
-        chosen = left[best]
-        left = np.delete(left, best)
+        best = rows.first(_best(tables, images[:, pool], weights[:, pool], lengths, pool))
+        chosen = pool[best]
+        pool = np.delete(pool, best)
         function = rows.of(np.bincount(support, candidates[:, chosen], rows.count))
         column = _outside((basis, columns.all), function, weights[:, chosen], rows)
         if column is None:
             left_out.append(chosen)
             continue
-        there = rows.at(column, read)
-        tables = [table.grown(there[np.searchsorted(read, table.part)], chosen) for table in tables]
+        values = rows.at(column, read)
+        tables = [
+            table.grown(values[np.searchsorted(read, table.part)], chosen) for table in tables
+        ]
         kappa = rows.first(_kappa(tables))
         if kappa >= kappas[-1] and math.isfinite(kappas[-1]):
             stalled = True
             break
         columns.append(column)
-        weights = np.vstack([weights, there[np.searchsorted(read, support)] @ candidates])
+        weights = np.vstack([weights, values[np.searchsorted(read, support)] @ candidates])
         added.append(chosen)
         kappas.append(kappa)
     basis = np.column_stack([basis, columns.all]) if added else basis
@@ -130,11 +138,18 @@ def enrich(
 def check_basis(
     problem: ContactProblem, basis: np.ndarray, whose: str = "the enriched basis"
 ) -> None:
-    """Raise ReductionError for a basis that moves imposed dofs, breaks constraints, or is not
-    orthonormal.
+    """Check a basis: imposed dofs, constraints, orthonormal columns.
 
-    Each process has local rows of it, (own, ell). With dofs that follow others V must be T V: the
-    equations, the residual of laws and the displacement of an answer read different dofs of it.
+    With dofs that follow others V must be T V: the equations, the residual of laws and the
+    displacement of an answer read different dofs of it.
+
+    Args:
+        problem: the contact problem.
+        basis: local rows of the basis, (own, ell).
+        whose: name of the basis, for the message.
+
+    Raises:
+        ReductionError: if it moves imposed dofs, breaks constraints, or is not orthonormal.
     """
     rows = problem.spread
     imposed = rows.largest(
@@ -162,8 +177,9 @@ def check_basis(
 def _outside(
     parts: tuple[np.ndarray, np.ndarray], column: np.ndarray, along: np.ndarray, rows: Rows
 ) -> np.ndarray | None:
-    """Unit function orthogonal to a basis, in two blocks, (own, ell) each, that adds a column to
-    its span, (own,).
+    """Unit function orthogonal to a basis that adds a column to its span, (own,).
+
+    The basis comes in two blocks, (own, ell) each.
 
     None if that lies inside. The column has unit length and is changed; ``along`` are its products
     with the basis.
@@ -173,20 +189,26 @@ def _outside(
         # twice is enough: the first pass leaves round-off of the original length, not of the
         # remainder
     ):
-        for part, own in zip(parts, np.split(along, [parts[0].shape[1]]), strict=True):
-            column -= part @ own
+        for block, products in zip(parts, np.split(along, [parts[0].shape[1]]), strict=True):
+            column -= block @ products
         length = math.sqrt(rows.sum(column @ column))
         if length <= DISTINCT:
             return None
         column /= length
         if length > LENGTH_LEFT:
             break
-        along = rows.sum(np.concatenate([part.T @ column for part in parts]))
+        along = rows.sum(np.concatenate([block.T @ column for block in parts]))
     return column
 
 
 def record_enrichment(enrichment: Enrichment, kappa_max: float, log: StageLog) -> None:
-    """Log whether there was an enrichment, why it stopped early, and the conditions left out."""
+    """Log whether there was an enrichment, why it stopped early, and the conditions left out.
+
+    Args:
+        enrichment: the enriched basis.
+        kappa_max: condition number that was requested.
+        log: log of the stages.
+    """
     kappa = enrichment.kappas[-1]
     if count := len(enrichment.left_out):
         named = ", ".join(str(number) for number in enrichment.left_out[:5]) + ", ..." * (count > 5)
@@ -198,8 +220,8 @@ def record_enrichment(enrichment: Enrichment, kappa_max: float, log: StageLog) -
             ),
         )
     if kappa > kappa_max:
-        why = "no function lowers it further" if enrichment.stalled else "no function is left"
-        log.skip("further_enrichment", f"kappa(B~) = {kappa:.2f} > {kappa_max:g}, but {why}")
+        reason = "no function lowers it further" if enrichment.stalled else "no function is left"
+        log.skip("further_enrichment", f"kappa(B~) = {kappa:.2f} > {kappa_max:g}, but {reason}")
     elif not len(enrichment.added):
         log.skip("enrichment", f"kappa(B~) = {kappa:.2f} <= {kappa_max:g} and (1.67) holds")
 
@@ -207,20 +229,22 @@ def record_enrichment(enrichment: Enrichment, kappa_max: float, log: StageLog) -
 def _prolonged(
     problem: ContactProblem, dofs: np.ndarray, functions: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Dofs of functions with the dofs that follow them, (s,), and unit functions there, (s, c),
-    from (card dofs, c).
+    """Functions, (card dofs, c), with the dofs that follow theirs.
+
+    Their dofs, (s,), and unit functions on these, (s, c).
     """
     coupling = problem.prolongation.map
     if coupling is None:
         return dofs, functions
-    whole = csr_matrix(coupling[:, dofs] @ csr_matrix(functions))
-    support = np.union1d(dofs, np.flatnonzero(np.diff(whole.indptr)))
-    return support, normalised(whole[support].toarray().T).T
+    prolonged = csr_matrix(coupling[:, dofs] @ csr_matrix(functions))
+    support = np.union1d(dofs, np.flatnonzero(np.diff(prolonged.indptr)))
+    return support, normalised(prolonged[support].toarray().T).T
 
 
-def _candidates(problem, sets):
-    """Unit normal displacement of the slave node of each condition, or of its partners if that is
-    imposed or used.
+def _candidates(problem: ContactProblem, sets: IndexSets) -> np.ndarray:
+    """Unit normal displacement of the slave node of each condition.
+
+    Of its partners if that is imposed or used.
 
     It is used if another condition moves the same node in the same direction: the one without
     partners keeps it.
@@ -229,15 +253,15 @@ def _candidates(problem, sets):
     """
     rows = problem.contact[sets.A_lambda][:, sets.A_c].toarray()
     slaves = problem.contact_slaves[sets.A_lambda]
-    own = rows * (sets.A_c // problem.block_size == slaves[:, None])
-    partners = normalised(rows - own)
-    own = normalised(own)
+    on_slaves = rows * (sets.A_c // problem.block_size == slaves[:, None])
+    partners = normalised(rows - on_slaves)
+    on_slaves = normalised(on_slaves)
     lonely = ~partners.any(axis=1)
     for k in np.flatnonzero(~lonely):
-        others = np.flatnonzero((slaves == slaves[k]) & (lonely | (np.arange(slaves.size) < k)))
-        if (np.abs(own[others] @ own[k]) > 1 - DISTINCT).any():
-            own[k] = 0.0
-    return np.where(own.any(axis=1)[:, None], own, partners).T
+        rivals = np.flatnonzero((slaves == slaves[k]) & (lonely | (np.arange(slaves.size) < k)))
+        if (np.abs(on_slaves[rivals] @ on_slaves[k]) > 1 - DISTINCT).any():
+            on_slaves[k] = 0.0
+    return np.where(on_slaves.any(axis=1)[:, None], on_slaves, partners).T
 
 
 @dataclass(frozen=True)
@@ -261,28 +285,39 @@ class _Table:
         part: np.ndarray,
         images: np.ndarray,
     ) -> _Table:
-        """Table from local rows of a basis, (own, ell), and images of candidates, (m, c)."""
+        """Table from local rows of a basis, (own, ell), and images of candidates, (m, c).
+
+        Args:
+            problem: the contact problem.
+            rows: B on some dofs, (m, k).
+            basis: local rows of the basis, (own, ell).
+            part: these dofs, (k,).
+            images: images of the candidates, (m, c).
+        """
         values = rows @ problem.spread.at(basis, part)
         table = cls(problem, rows, part, values, np.zeros((0, images.shape[1])))
         return replace(table, outside=table.missing.T @ images)
 
     def grown(self, column: np.ndarray, chosen: int) -> _Table:
-        """Table with one more column of the basis, its values on these dofs, (k,), from a
-        candidate.
+        """Table with one more column of the basis, from a candidate.
 
         While the rank is too small, one direction is removed from the outside part, as in a QR
         decomposition with pivots. No singular values are needed before rows are independent.
+
+        Args:
+            column: values of the column on the dofs of the table, (k,).
+            chosen: number of the candidate.
         """
-        outside = self.outside
-        direction = outside[:, chosen]
+        images = self.outside
+        direction = images[:, chosen]
         size = np.linalg.norm(direction)
         if size > DEPENDENT_ROWS * self.problem.contact_norm:
             # Householder's reflection onto the first coordinate, which is removed then
             normal = direction / size
             normal[0] += math.copysign(1.0, normal[0])
-            outside = (outside - np.outer(normal, (2 / (normal @ normal)) * (normal @ outside)))[1:]
+            images = (images - np.outer(normal, (2 / (normal @ normal)) * (normal @ images)))[1:]
         return replace(
-            self, values=np.column_stack([self.values, self.rows @ column]), outside=outside
+            self, values=np.column_stack([self.values, self.rows @ column]), outside=images
         )
 
     @cached_property
@@ -320,8 +355,8 @@ def _kappa(tables: list[_Table]) -> float:
     """kappa(B~1); infinite unless both B~1 and B~2 have full rank."""
     if any(len(table.outside) for table in tables):  # no need for singular values
         return math.inf
-    found = [table.kappa for table in tables]
-    return found[0] if all(map(math.isfinite, found)) else math.inf
+    kappas = [table.kappa for table in tables]
+    return kappas[0] if all(map(math.isfinite, kappas)) else math.inf
 
 
 def _best(
@@ -329,17 +364,18 @@ def _best(
     images: np.ndarray,
     weights: np.ndarray,
     lengths: np.ndarray,
-    left: np.ndarray,
+    pool: np.ndarray,
 ) -> int:
-    """Index of the best of the candidates ``left``: it raises a rank that is missing, or lowers
-    kappa(B~1) most.
+    """Index of the best of the candidates ``pool``.
+
+    It raises a rank that is missing, or lowers kappa(B~1) most.
 
     They have images, (m, c), products with the basis, (ell, c), and lengths outside the basis,
     (c,).
     """
     for table in tables:
         if len(table.outside):
-            return int((np.linalg.norm(table.outside[:, left], axis=0) / lengths).argmax())
+            return int((np.linalg.norm(table.outside[:, pool], axis=0) / lengths).argmax())
     new = [(images - table.values @ weights) / lengths for table in tables]
     for table, columns in zip(tables, new, strict=True):
         missing = table.missing
@@ -351,7 +387,9 @@ def _best(
     return int(np.argmax(smallest / largest))
 
 
-def _extremes_after_update(squares, weights):
+def _extremes_after_update(
+    squares: np.ndarray, weights: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Smallest and largest eigenvalue of diag(squares) + z z^T for each column z^2 of ``weights``.
 
     They are roots of the secular equation 1 + sum_i z_i^2 / (d_i - x) = 0: the smallest lies
@@ -359,7 +397,13 @@ def _extremes_after_update(squares, weights):
     all columns at once.
     """
 
-    def root(low, high):
+    def root(low: np.ndarray, high: np.ndarray) -> np.ndarray:
+        """Root of the secular equation between two bounds, (c,).
+
+        Args:
+            low: lower bounds, (c,).
+            high: upper bounds, (c,).
+        """
         for _ in range(60):
             middle = 0.5 * (low + high)
             with np.errstate(divide="ignore", invalid="ignore"):

@@ -1,5 +1,6 @@
-"""Exact condensation on the contact conditions: the rival without reduction error while the
-stiffness is constant.
+"""Exact condensation on the contact conditions.
+
+The baseline without reduction error while the stiffness is constant.
 """
 
 from __future__ import annotations
@@ -34,7 +35,12 @@ class ExactCondensation(Reductor[Task]):
 
     @classmethod
     def usual(cls, settings: Any, *, fields: bool | None) -> ExactCondensation:
-        """See :meth:`~hhr_dolfinx.reduction.reductor.Reductor.usual`; settings have no effect."""
+        """See :meth:`~hhr_dolfinx.reduction.reductor.Reductor.usual`; settings have no effect.
+
+        Args:
+            settings: without effect.
+            fields: compute displacements with each answer; None for False.
+        """
         return cls(bool(fields))
 
     def not_by_rows(self, task: Task) -> str:
@@ -42,13 +48,23 @@ class ExactCondensation(Reductor[Task]):
         return "contact alone holds bodies" if task.full.problem.held_by_contact else ""
 
     def attempt(self, prepared: Task, level: int) -> tuple[CondensedModel, None]:
-        """The model."""
-        full = prepared.full
-        known = prepared.kind.statuses(prepared.snapshots, lambda: _known_statuses(full))
-        return exact_condensation(full, known, field=self.field), None
+        """The model.
 
-    def compare(self, task: Task, model: Any) -> tuple[None, None]:
-        """Nothing: the driver compares the claim of exactness."""
+        Args:
+            prepared: input of the reduction.
+            level: not used.
+        """
+        full = prepared.full
+        statuses = prepared.kind.statuses(prepared.snapshots, lambda: _known_statuses(full))
+        return exact_condensation(full, statuses, field=self.field), None
+
+    def compare(self, task: Task, model: CondensedModel) -> tuple[None, None]:
+        """Nothing: the driver compares the claim of exactness.
+
+        Args:
+            task: input of the reduction.
+            model: model that was built.
+        """
         return None, None
 
 
@@ -66,6 +82,11 @@ def exact_condensation(
         known: statuses of the training points, (S, N_lambda).
         field: compute the displacement with each answer; without it only when it is asked for, and
             a query costs less.
+
+    Raises:
+        SceneError: if the stiffness depends on parameters, the statuses are not those of the scene,
+            or ranks share bodies that contact alone holds.
+        ReductionError: for bodies with laws.
     """
     problem = full.problem
     rows = problem.spread
@@ -94,17 +115,19 @@ def exact_condensation(
         )
     free = rows.whole(full.per_load)
     # only with the field is it known how far bodies moved that contact holds
-    kept = full.keeps_columns and rows.all_here
-    field = (field and kept) or floats
+    has_columns = full.keeps_columns and rows.all_here
+    field = (field and has_columns) or floats
     responses = Responses(
         free_primal=free if field else free[:0],
         primal_per_force=full.per_force if field else np.zeros((0, conditions)),
         free_slack=problem.gaps - problem.contact @ free,
         schur=full.schur,
     )
-    if kept or floats:
-        rest = free, problem.block_size, floats, full.stress_of, plain_outputs(full), full
-        fields: Any = ExactFields(problem.amplitudes, problem.lifts, full.per_force, *rest)
+    if has_columns or floats:
+        arguments = free, problem.block_size, floats, full.stress_of, plain_outputs(full), full
+        fields: ExactFields | SolvedFields = ExactFields(
+            problem.amplitudes, problem.lifts, full.per_force, *arguments
+        )
     else:
         fields = _solved_fields(full, free)
     if floats and problem.kernel is not None:
@@ -123,8 +146,8 @@ def _solved_fields(full: FullModel, free: np.ndarray) -> SolvedFields:
     rows = csr_matrix((0, problem.free.size)) if outputs is None else csr_matrix(outputs.rows)
     read = rows if full.has_room(rows.shape[0]) else rows[:0]
     solved = np.ascontiguousarray(-full.pressed(read)), full.pushed_everywhere
-    rest = *solved, full.stress_of, outputs, full
-    return SolvedFields(problem.amplitudes, problem.lifts, free, problem.block_size, *rest)
+    arguments = *solved, full.stress_of, outputs, full
+    return SolvedFields(problem.amplitudes, problem.lifts, free, problem.block_size, *arguments)
 
 
 def _known_statuses(full: FullModel) -> KnownStatuses:

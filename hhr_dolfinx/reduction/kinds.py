@@ -77,8 +77,9 @@ class OfPoints:
         return ""
 
     def trains_on(self, family: object) -> bool:
-        """True if a search can train its models on points, ``family`` None, or on paths of a
-        family.
+        """True if a search can train its models on points, or on paths of a family.
+
+        Points have the family None.
         """
         return True
 
@@ -86,23 +87,39 @@ class OfPoints:
         """Raise ReductionError for ``what``, which needs linear bodies, where bodies have laws."""
 
     def require_completion(self) -> None:
-        """Raise NotOfferedError for a law of contacts that hyper-reduced models cannot complete
-        outside the RID.
+        """Refuse a law of contacts that hyper-reduced models cannot complete outside the RID.
+
+        Raises:
+            NotOfferedError: for such a law.
         """
 
     def check(self, name: str, solutions: object) -> SnapshotSet:
-        """Raise ReductionError for solutions, called ``name``, of another problem or of other
-        laws.
+        """Check solutions.
+
+        Args:
+            name: name of the solutions, for the message.
+            solutions: the solutions.
+
+        Returns:
+            The same solutions.
+
+        Raises:
+            ReductionError: for solutions of another problem, or of other laws.
         """
-        known = check_of_problem(name, solutions, self.full.problem)
-        if known.states:
+        checked = check_of_problem(name, solutions, self.full.problem)
+        if checked.states:
             raise ReductionError(
                 f"bodies of {name} have laws, and none of the model do: they are of another scene"
             )
-        return known
+        return checked
 
     def warn_of_training(self, snapshots: SnapshotSet, held_out: SnapshotSet | None) -> None:
-        """Warn of deficits in training and validation that no check of a model can find."""
+        """Warn of deficits in training and validation that no check of a model can find.
+
+        Args:
+            snapshots: training answers.
+            held_out: validation answers; None if there are none.
+        """
         warn_of_gaps_in_training(snapshots.points)
         warn_of_moduli_unseen(self.full.problem, snapshots.points)
         warn_of_no_contact(self.full.problem, snapshots)
@@ -116,27 +133,43 @@ class OfPoints:
     def condensed_from(
         self, snapshots: SnapshotSet, held_out: SnapshotSet | None
     ) -> tuple[SnapshotSet | None, SnapshotSet | None, bool | None]:
-        """Answers for a model of all contact conditions and for its check, and whether it needs
-        fields, None if not.
+        """Answers for a model of all contact conditions.
+
+        Args:
+            snapshots: training answers.
+            held_out: validation answers; None if there are none.
+
+        Returns:
+            Answers for the model and for its check, and whether it needs fields; None if it does
+            not.
         """
         return snapshots, held_out, None
 
     def with_corners(self, model: Checked) -> Checked:
-        """A model whose strains in corners of the box are checked, with a limit where they are too
-        large.
+        """A model whose strains in corners of the box are checked.
+
+        It has a limit where they are too large.
         """
         return self.full.strains.corners(self.full, model)
 
     def statuses(
         self, snapshots: SnapshotSet | None, found: Callable[[], KnownStatuses]
     ) -> KnownStatuses:
-        """Statuses from which an exact model starts: those of training, or else what ``found``
-        returns.
+        """Statuses from which an exact model starts.
+
+        Args:
+            snapshots: training answers; None if there are none.
+            found: returns statuses if there is no training.
         """
         return found() if snapshots is None else snapshots.known_statuses()
 
     def starts(self, snapshots: SnapshotSet, conditions: np.ndarray) -> KnownStatuses | None:
-        """Statuses of the conditions of a RID from which a reduced model starts."""
+        """Statuses of the conditions of a RID from which a reduced model starts.
+
+        Args:
+            snapshots: training answers.
+            conditions: conditions of the RID, (m,).
+        """
         return snapshots.known_statuses(conditions)
 
     def range_of(self, snapshots: SnapshotSet) -> Trained | None:
@@ -151,15 +184,24 @@ class OfPoints:
         limits: TrustLimits | None,
         remedy: str | Mapping[str, str],
     ) -> tuple[Comparison | None, Trained | None]:
-        """Errors against validation answers, or else against training, checked, and the training
-        range.
+        """Errors against validation answers, or else training ones, and the training range.
+
+        Args:
+            model: model that was built.
+            snapshots: training answers.
+            held_out: validation answers; None if there are none.
+            limits: limits of the errors; None to compare nothing.
+            remedy: advice for a model that is refused.
+
+        Raises:
+            UnstableModelError: if an error is beyond its limit.
         """
         trained: Trained | None = getattr(model, "trained", None)
         if limits is None:
             return None, trained
         if held_out is None:
-            every = max(1, len(snapshots.points) // MOST_TRAINING_COMPARED)
-            held_out = snapshots.take(np.arange(0, len(snapshots.points), every))
+            stride = max(1, len(snapshots.points) // MOST_TRAINING_COMPARED)
+            held_out = snapshots.take(np.arange(0, len(snapshots.points), stride))
         comparison = compare_points(
             self.full, model, held_out, force_floor(self.full.problem, snapshots)
         )
@@ -175,18 +217,30 @@ class OfPoints:
         return EXACT_MODEL
 
     def pairs(self, model: Model, known: SnapshotSet) -> Answered:
-        """Some known answers with those of a model, by which its claims are compared."""
+        """Some known answers with those of a model, by which its claims are compared.
+
+        Args:
+            model: model that was built.
+            known: answers of the full model.
+        """
         full = self.full
         problem = full.problem
         count = len(known.points)
-        for place in np.unique(np.linspace(0, count - 1, min(count, MOST_SURE)).astype(int)):
-            point = known.points[place]
-            unknown = problem.spread.whole(known.displacements[:, place])
-            parts = known.forces[:, place], known.active[:, place], 0, Status.CONVERGED, False, full
+        for column in np.unique(np.linspace(0, count - 1, min(count, MOST_SURE)).astype(int)):
+            point = known.points[column]
+            unknown = problem.spread.whole(known.displacements[:, column])
+            attributes = (
+                known.forces[:, column],
+                known.active[:, column],
+                0,
+                Status.CONVERGED,
+                False,
+                full,
+            )
             answer = None
             with suppress(HHRError):
                 answer = model.solve(point, outside="ignore")
-            yield Answer(point, unknown, *parts), answer, problem.parameters.described(point)
+            yield Answer(point, unknown, *attributes), answer, problem.parameters.described(point)
 
     def residuals(self, answer: Answer) -> Residuals:
         """Residuals of an answer of any model: equilibrium, gaps, signs."""
@@ -205,9 +259,9 @@ def kind_of(full: FullModel) -> OfPoints:
         NotOfferedError: for laws of bodies without the facet ``reduction``, and for laws of
             contacts without a plug-in that has the tool ``reduction``.
     """
-    made: Callable[[FullModel], OfPoints] = OfPoints
+    kind: Callable[[FullModel], OfPoints] = OfPoints
     if full.equilibrium is not None:
-        made = facet_of(full.equilibrium, "reduction", "a reduced model of bodies that have laws")
+        kind = facet_of(full.equilibrium, "reduction", "a reduced model of bodies that have laws")
     elif full.law.plugin:
-        made = registry.tool("reduction", f"a reduced model of contacts with {full.law.name}")
-    return made(full)
+        kind = registry.tool("reduction", f"a reduced model of contacts with {full.law.name}")
+    return kind(full)

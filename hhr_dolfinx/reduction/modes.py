@@ -1,5 +1,6 @@
-"""Modes of snapshots: proper orthogonal decomposition, thesis (1.49)-(1.54), and empirical
-interpolation, Alg. 1.2.
+"""Modes of snapshots.
+
+Proper orthogonal decomposition, thesis (1.49)-(1.54), and empirical interpolation, Alg. 1.2.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ def pod(
     gram: csr_matrix | None = None,
     rows: Rows | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Leading left singular vectors that leave out less than ``tolerance`` of the squared sum,
-    (1.53).
+    """Leading left singular vectors, (1.53).
+
+    They leave out less than ``tolerance`` of the squared sum.
 
     Args:
         snapshots: (N, S), one column per snapshot.
@@ -66,8 +68,9 @@ def pod(
 def _decomposed(
     snapshots: np.ndarray, gram: csr_matrix | None, rows: Rows
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Left singular vectors, singular values, and the relative size below which these are
-    round-off.
+    """Left singular vectors, singular values, and their round-off.
+
+    The latter is the relative size below which values are round-off.
 
     With a Gram matrix by the method of snapshots, whose squares lose half of the digits.
     """

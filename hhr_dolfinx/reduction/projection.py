@@ -1,5 +1,7 @@
-"""The reduced integration domain (RID) with its index sets, thesis sections 1.4.3 and 5.2.3, and
-the Petrov-Galerkin projection of the contact problem on it, (1.61) and (5.23).
+"""The reduced integration domain (RID) and the projection on it.
+
+Index sets of thesis sections 1.4.3 and 5.2.3, and the Petrov-Galerkin projection of the contact
+problem, (1.61) and (5.23).
 
 A RID is *closed* if every contact condition that acts on a dof of A belongs to A_lambda. Only then
 the equations tested on A include all the forces that the full model has there. One missing
@@ -10,7 +12,7 @@ part of the interface (figure 5.3a).
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags, issparse, vstack
@@ -28,11 +30,18 @@ with other modes.
 
 
 def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> ReducedProblem:
-    """Petrov-Galerkin projection of (1.21) on a basis V, (own, ell), and a closed RID, thesis
-    (1.61), (5.23).
+    """Petrov-Galerkin projection of (1.21) on a basis and a closed RID, thesis (1.61), (5.23).
 
     The test functions are the modes cut off outside A; the trial functions are the whole modes. A
     Galerkin projection of K with restricted multipliers would be inconsistent.
+
+    Args:
+        problem: the contact problem.
+        basis: V, (own, ell).
+        sets: index sets of the RID.
+
+    Raises:
+        ReductionError: if the RID is not closed.
     """
     opened = open_conditions(problem, sets)
     if opened.size:
@@ -48,9 +57,11 @@ def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Redu
     if problem.moduli:
         weights = problem.weights(problem.middle)
         lifts = np.stack([modes.tested(term) for term in problem.lift_terms])
-        parts = np.stack([modes.projected(term) for term in problem.stiffness_terms])
-        terms = ReducedTerms(parts, lifts, loads + np.tensordot(weights, lifts, 1), problem.moduli)
-        stiffness = np.tensordot(weights, parts, 1)
+        matrices = np.stack([modes.projected(term) for term in problem.stiffness_terms])
+        terms = ReducedTerms(
+            matrices, lifts, loads + np.tensordot(weights, lifts, 1), problem.moduli
+        )
+        stiffness = np.tensordot(weights, matrices, 1)
     else:
         stiffness = modes.projected(problem.own_stiffness)
 
@@ -58,8 +69,8 @@ def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Redu
 
     def moved(dofs: np.ndarray) -> np.ndarray:
         """The rows times the modes on some dofs alone, (m, ell)."""
-        own = shared.mine(dofs)
-        return shared.sum(rows[:, own + problem.first] @ basis[own])
+        local = shared.mine(dofs)
+        return shared.sum(rows[:, local + problem.first] @ basis[local])
 
     reduced = ReducedProblem(
         stiffness=stiffness,
@@ -79,14 +90,12 @@ def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Redu
 
 
 class Modes(Protocol):
-    """Modes as test functions on some dofs, A, and as trial functions on these and those around
-    them, I.
-    """
+    """Modes as test functions on dofs A, and as trial functions on A and the dofs I around."""
 
     def projected(self, stiffness: csr_matrix) -> np.ndarray:
         """V^T K V, tested on A, (ell, ell)."""
 
-    def tested(self, columns: Any) -> np.ndarray:
+    def tested(self, columns: np.ndarray | csr_matrix) -> np.ndarray:
         """Columns of dofs, dense or sparse, (N, k), tested by the modes: (ell, k)."""
 
 
@@ -107,61 +116,70 @@ class _Modes:
         # rows and columns of K are not copied for most of a mesh
         cut = np.zeros(len(basis), dtype=bool)
         cut[self._support] = True
-        own = self._moved_by(stiffness, cut)
-        few = own.size * 2 <= basis.shape[1] and own.size * len(basis) <= COPIED
-        own = own if few else np.arange(basis.shape[1])
-        trial = basis[:, own] if few else basis
-        found = np.zeros((basis.shape[1], basis.shape[1]))
-        for first in range(0, own.size, MODES_AT_ONCE):
-            part = slice(first, first + MODES_AT_ONCE)
-            found[np.ix_(own, own[part])] = self._test_by(
-                trial, stiffness @ (cut[:, None] * trial[:, part])
+        moving = self._moved_by(stiffness, cut)
+        few = moving.size * 2 <= basis.shape[1] and moving.size * len(basis) <= COPIED
+        moving = moving if few else np.arange(basis.shape[1])
+        trial = basis[:, moving] if few else basis
+        product = np.zeros((basis.shape[1], basis.shape[1]))
+        for first in range(0, moving.size, MODES_AT_ONCE):
+            block = slice(first, first + MODES_AT_ONCE)
+            product[np.ix_(moving, moving[block])] = self._test_by(
+                trial, stiffness @ (cut[:, None] * trial[:, block])
             )
-        return found
+        return product
 
     def _moved_by(self, stiffness: csr_matrix, cut: np.ndarray) -> np.ndarray:
-        """Numbers of the modes that are non-zero on the dofs of a matrix: often a part of K is that
-        of one body.
+        """Numbers of the modes that are non-zero on the dofs of a matrix.
+
+        Often a part of K is that of one body.
         """
         # a row of zeros times random numbers is zero; any other row gives zero with probability
         # zero
         rows = cut & (stiffness @ np.random.default_rng(0).standard_normal(len(cut)) != 0)
-        parts = [
+        blocks = [
             slice(first, first + MODES_AT_ONCE)
             for first in range(0, self._basis.shape[1], MODES_AT_ONCE)
         ]
         return np.flatnonzero(
-            np.concatenate([(self._basis[:, part] != 0)[rows].any(axis=0) for part in parts])
+            np.concatenate([(self._basis[:, block] != 0)[rows].any(axis=0) for block in blocks])
         )
 
-    def tested(self, columns: Any) -> np.ndarray:
+    def tested(self, columns: np.ndarray | csr_matrix) -> np.ndarray:
         return (
             self._test.T @ columns[self._rows]
             if self._test is not None
             else self._test_by(self._basis, columns)
         )
 
-    def _test_by(self, modes: np.ndarray, columns: Any) -> np.ndarray:
-        """Columns of dofs tested by given modes on the whole mesh, (N, r), if most rows are in A:
-        (r, k).
+    def _test_by(self, modes: np.ndarray, columns: np.ndarray | csr_matrix) -> np.ndarray:
+        """Columns of dofs tested by modes on the whole mesh, (N, r): (r, k).
+
+        Used if most rows are in A.
         """
-        outside = np.ones(len(modes), dtype=bool)
-        outside[self._rows] = False
+        untested = np.ones(len(modes), dtype=bool)
+        untested[self._rows] = False
         if issparse(columns):
-            inside = diags((~outside).astype(float))
-            return np.ascontiguousarray((csr_matrix((inside @ columns).T) @ modes).T)
-        return modes.T @ np.where(outside[:, None], 0.0, columns)
+            selection = diags((~untested).astype(float))
+            return np.ascontiguousarray((csr_matrix((selection @ columns).T) @ modes).T)
+        return modes.T @ np.where(untested[:, None], 0.0, columns)
 
 
 def reduced_domain(problem: ContactProblem, nodes: np.ndarray, layers: int = 0) -> IndexSets:
-    """Closed union of the supports of the given nodes and of the nodes they face, thesis (1.55),
-    section 5.2.3.
+    """Closed RID around some nodes and the nodes they face, thesis (1.55), section 5.2.3.
 
     A node of a contact surface brings in the slaves of its conditions and the nodes these face, so
     that gaps can be computed inside the RID (figure 1.13b). The given nodes stay in A: if closing
     the RID would remove one, the RID grows until it does not. If every row overlaps the next
-    (double pass, standard mortar multipliers) that ends with the whole contact surface. ``layers``
-    of cells are added around the union. Of the problem only its connectivity is used.
+    (double pass, standard mortar multipliers) that ends with the whole contact surface. Of the
+    problem only its connectivity is used.
+
+    Args:
+        problem: the contact problem.
+        nodes: numbers of the nodes, (n,).
+        layers: layers of cells added around the union of their supports.
+
+    Raises:
+        ReductionError: if no contact condition lies inside.
     """
     nodes_of_cells = problem.cell_nodes
     count = len(problem.points)
@@ -187,27 +205,32 @@ def reduced_domain(problem: ContactProblem, nodes: np.ndarray, layers: int = 0) 
         cells = incidence @ reached > 0
         for _ in range(layers):
             cells = incidence @ (incidence.T @ cells) > 0
-        inside = incidence.T @ ~cells == 0
+        inner = incidence.T @ ~cells == 0
         # until no condition whose slave lies outside acts on the others
-        while (touched := inside & (rows.T @ ~inside[slaves] > 0)).any():
-            inside = inside & ~touched
-        lost = wanted & ~inside
+        while (touched := inner & (rows.T @ ~inner[slaves] > 0)).any():
+            inner = inner & ~touched
+        lost = wanted & ~inner
         if not lost.any():
-            return _index_sets(problem, cells[: len(nodes_of_cells)], inside)
+            return _index_sets(problem, cells[: len(nodes_of_cells)], inner)
         wanted[slaves[rows @ lost > 0]] = True
 
 
 def open_conditions(problem: ContactProblem, sets: IndexSets) -> np.ndarray:
-    """Contact conditions outside A_lambda that act on A; a closed RID has none (section 5.2.3)."""
+    """Contact conditions outside A_lambda that act on A; a closed RID has none (section 5.2.3).
+
+    Args:
+        problem: the contact problem.
+        sets: index sets of the RID.
+    """
     acting = np.unique(problem.contact[:, sets.A].nonzero()[0])
     return np.setdiff1d(acting, sets.A_lambda)
 
 
-def _index_sets(problem, cells, inside) -> IndexSets:
-    in_A = np.repeat(inside, problem.block_size) & problem.free
+def _index_sets(problem: ContactProblem, cells: np.ndarray, inner: np.ndarray) -> IndexSets:
+    in_A = np.repeat(inner, problem.block_size) & problem.free
     # an imposed slave whose masters lie outside would give a row of zeros in B~1
     acts = abs(problem.contact) @ in_A.astype(float) > 0
-    in_A_lambda = problem.law.kept_with(inside[problem.contact_slaves] & acts, problem.contact)
+    in_A_lambda = problem.law.kept_with(inner[problem.contact_slaves] & acts, problem.contact)
     if not in_A_lambda.any():
         raise ReductionError(
             "no contact condition lies inside the reduced integration domain: "
@@ -215,8 +238,8 @@ def _index_sets(problem, cells, inside) -> IndexSets:
         )
     in_A_c_tilde = abs(problem.contact[in_A_lambda]).T @ np.ones(in_A_lambda.sum()) > 0
     rows = problem.spread
-    own = rows.of(in_A)
-    in_I = ~in_A & (rows.sum(abs(problem.own_stiffness[own]).T @ np.ones(own.sum())) > 0)
+    local = rows.of(in_A)
+    in_I = ~in_A & (rows.sum(abs(problem.own_stiffness[local]).T @ np.ones(local.sum())) > 0)
     masks = (cells, in_A, in_A_lambda, in_A & in_A_c_tilde, in_A_c_tilde, in_I)
     return IndexSets(*(np.flatnonzero(mask) for mask in masks))
 
@@ -238,9 +261,16 @@ def load_nodes(problem: ContactProblem) -> np.ndarray:
 
 
 def checked_nodes(nodes: np.ndarray, count: int, what: str = "the zone") -> np.ndarray:
-    """Node numbers, (n,), that ``what`` has chosen of ``count``.
+    """Check the nodes that a step has chosen, (n,).
 
-    A mask of all nodes is accepted too.
+    Args:
+        nodes: node numbers, or a mask of all nodes.
+        count: number of nodes of the mesh.
+        what: name of the step, for the message.
+
+    Raises:
+        ReductionError: for a mask of another length, values that are no numbers of nodes, or nodes
+            that are not in the mesh.
     """
     if nodes.dtype == bool:
         if nodes.shape != (count,):
@@ -256,9 +286,9 @@ def checked_nodes(nodes: np.ndarray, count: int, what: str = "the zone") -> np.n
         raise ReductionError(
             f"{what} holds a 0 or 1 for each node: make it a mask of bool, or return node numbers"
         )
-    outside = nodes[(nodes < 0) | (nodes >= count)]
-    if outside.size:
+    unknown = nodes[(nodes < 0) | (nodes >= count)]
+    if unknown.size:
         raise ReductionError(
-            f"node {outside[0]} of {what} is not in the mesh, whose nodes are 0 to {count - 1}"
+            f"node {unknown[0]} of {what} is not in the mesh, whose nodes are 0 to {count - 1}"
         )
     return nodes.astype(np.int64).ravel()

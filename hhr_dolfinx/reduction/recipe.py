@@ -53,9 +53,9 @@ def _sizes(columns: np.ndarray, gram: csr_matrix | None, rows: Rows) -> np.ndarr
 
 def _cut(columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
     """Columns with zeros outside some rows."""
-    found = np.zeros_like(columns)
-    found[rows] = columns[rows]
-    return found
+    result = np.zeros_like(columns)
+    result[rows] = columns[rows]
+    return result
 
 
 class Basis(Protocol):
@@ -65,7 +65,12 @@ class Basis(Protocol):
     """
 
     def modes(self, problem: ContactProblem, snapshots: SnapshotSet) -> np.ndarray:
-        """V with orthonormal columns, most important first, zero on imposed dofs, (N, ell)."""
+        """V with orthonormal columns, most important first, zero on imposed dofs, (N, ell).
+
+        Args:
+            problem: the contact problem.
+            snapshots: training answers.
+        """
 
 
 class NodeChoice(Protocol):
@@ -77,7 +82,13 @@ class NodeChoice(Protocol):
     def nodes(
         self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray
     ) -> np.ndarray:
-        """Numbers of nodes, (n,)."""
+        """Numbers of nodes, (n,).
+
+        Args:
+            problem: the contact problem.
+            snapshots: training answers.
+            basis: V, (own, ell).
+        """
 
 
 class Indicator(Protocol):
@@ -86,7 +97,13 @@ class Indicator(Protocol):
     def prepared(
         self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets
     ) -> Callable[[Answer], float]:
-        """Function from an answer to its estimate, with all offline work done."""
+        """Function from an answer to its estimate, with all offline work done.
+
+        Args:
+            problem: the contact problem.
+            basis: V, (own, ell).
+            sets: index sets of the RID.
+        """
 
 
 def _on_rows(*steps: object) -> bool:
@@ -120,11 +137,11 @@ class Truncated:
                 f"tolerance = {self.tolerance} of {type(self).__name__} must lie in (0, 1): it is "
                 "the part of the snapshots left out"
             )
-        for item in fields(self):
-            value = getattr(self, item.name)
-            if item.type in (bool, "bool") and not isinstance(value, bool):
+        for attribute in fields(self):
+            value = getattr(self, attribute.name)
+            if attribute.type in (bool, "bool") and not isinstance(value, bool):
                 raise ReductionError(
-                    f"{item.name} = {value!r} of {type(self).__name__} must be True or False"
+                    f"{attribute.name} = {value!r} of {type(self).__name__} must be True or False"
                 )
 
 
@@ -154,7 +171,12 @@ class Pod(Truncated):
             )
 
     def modes(self, problem: ContactProblem, snapshots: SnapshotSet) -> np.ndarray:
-        """The leading modes, (N, ell)."""
+        """The leading modes, (N, ell).
+
+        Args:
+            problem: the contact problem.
+            snapshots: training answers.
+        """
         return self.of_columns(problem, snapshots.displacements)
 
     def of_columns(
@@ -163,15 +185,31 @@ class Pod(Truncated):
         """Modes of any displacements, (N, S).
 
         Processes share the bodies of a decomposition by body.
+
+        Args:
+            problem: the contact problem.
+            columns: displacements, (N, S).
+            group: processes that share the bodies.
+
+        Raises:
+            ReductionError: if no displacement is nonzero, or see
+                :func:`~hhr_dolfinx.reduction.modes.pod`.
         """
         rows = problem.spread
-        gram: Any = None  # the Euclidean norm
+        gram: csr_matrix | None = None  # the Euclidean norm
         if self.norm != "euclidean":
             gram = problem.stiffness_of_rows if self.norm == "energy" else rows.matrix(problem.mass)
         weights = _weights(_sizes(columns, gram, rows)) if self.relative else None
 
-        def decomposed(own: np.ndarray, gram: csr_matrix | None, rows: Rows | None) -> np.ndarray:
-            return pod(own if weights is None else own * weights, self.tolerance, gram, rows)[0]
+        def decomposed(block: np.ndarray, gram: csr_matrix | None, rows: Rows | None) -> np.ndarray:
+            """Modes of some rows of the columns.
+
+            Args:
+                block: rows of the displacements, (k, S).
+                gram: Gram matrix of these rows, (k, k); None for the Euclidean norm.
+                rows: local rows; None if all are on this rank.
+            """
+            return pod(block if weights is None else block * weights, self.tolerance, gram, rows)[0]
 
         if not self.by_body:
             return decomposed(columns, gram, rows)
@@ -192,11 +230,11 @@ class Pod(Truncated):
             return decomposed(columns[dofs], None if gram is None else gram[dofs][:, dofs], None)
 
         modes = group.shared_out(len(bodies), of_body, "decomposing displacements")
-        ends = np.cumsum([0, *(own.shape[1] for own in modes)])
-        found = np.zeros((len(columns), ends[-1]))
-        for dofs, own, (first, last) in zip(bodies, modes, pairwise(ends), strict=True):
-            found[dofs, first:last] = own
-        return found
+        ends = np.cumsum([0, *(block.shape[1] for block in modes)])
+        basis = np.zeros((len(columns), ends[-1]))
+        for dofs, block, (first, last) in zip(bodies, modes, pairwise(ends), strict=True):
+            basis[dofs, first:last] = block
+        return basis
 
 
 @dataclass(frozen=True)
@@ -217,7 +255,13 @@ class Deim:
     def nodes(
         self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray
     ) -> np.ndarray:
-        """See :class:`NodeChoice`."""
+        """See :class:`NodeChoice`.
+
+        Args:
+            problem: the contact problem.
+            snapshots: training answers.
+            basis: V, (own, ell).
+        """
         modes = basis if self.pod is None else self.pod.modes(problem, snapshots)
         return deim(modes, problem.spread) // problem.block_size
 
@@ -229,8 +273,9 @@ class Deim:
 
 @dataclass(frozen=True)
 class ForceDeim(Truncated):
-    """Slave nodes of the contact conditions that DEIM picks on a POD of the contact forces, section
-    1.4.3.
+    """Slave nodes of the contact conditions that DEIM picks, section 1.4.3.
+
+    DEIM acts on a POD of the contact forces.
 
     Attributes:
         relative: divide the forces of each snapshot by the norm of its displacement first.
@@ -242,8 +287,14 @@ class ForceDeim(Truncated):
     def nodes(
         self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray
     ) -> np.ndarray:
-        """See :class:`NodeChoice`; without contact in training one node, since a RID needs at
-        least one condition.
+        """See :class:`NodeChoice`; without contact in training one slave node.
+
+        A RID needs at least one condition.
+
+        Args:
+            problem: the contact problem.
+            snapshots: training answers.
+            basis: not used.
         """
         if not snapshots.any_contact(problem):
             return problem.contact_slaves[:1]
@@ -260,7 +311,12 @@ class LoadNodes:
     def nodes(
         self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray
     ) -> np.ndarray:
-        """See :func:`~hhr_dolfinx.reduction.projection.load_nodes`."""
+        """See :func:`~hhr_dolfinx.reduction.projection.load_nodes`.
+
+        Args:
+            problem: the contact problem.
+            snapshots, basis: not used.
+        """
         return load_nodes(problem)
 
 
@@ -284,7 +340,12 @@ class Zone:
     def nodes(
         self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray
     ) -> np.ndarray:
-        """See :class:`NodeChoice`."""
+        """See :class:`NodeChoice`.
+
+        Args:
+            problem: the contact problem.
+            snapshots, basis: not used.
+        """
         return checked_nodes(np.asarray(self.choose(problem)), len(problem.points))
 
 
@@ -335,17 +396,18 @@ class _Named(type):
     """Class with named recipes of plug-ins, such as that for a law of interfaces."""
 
     def __getattr__(cls, name: str) -> Any:
-        places = {} if name.startswith("_") else registry.named("recipes")
-        if name not in places:
-            why = registry.remedy("recipes", name) or ", and no installed plug-in adds it"
-            raise AttributeError(f"there is no recipe {name!r}{why}")
-        return registry.load(places[name])
+        import_paths = {} if name.startswith("_") else registry.named("recipes")
+        if name not in import_paths:
+            reason = registry.remedy("recipes", name) or ", and no installed plug-in adds it"
+            raise AttributeError(f"there is no recipe {name!r}{reason}")
+        return registry.load(import_paths[name])
 
 
 @dataclass(frozen=True)
 class Recipe(metaclass=_Named):
-    """Steps of a reduction; the defaults gave the best errors for their time on the elastic
-    pellet-cladding scene.
+    """Steps of a reduction.
+
+    The defaults gave the best errors for their time on the elastic pellet-cladding scene.
 
     Attributes:
         basis: of the displacements.
@@ -389,8 +451,13 @@ class Recipe(metaclass=_Named):
 
     @classmethod
     def thesis(cls, tolerance: float, **changes: Any) -> Recipe:
-        """The recipe of the thesis: plain snapshots, no DEIM of forces, no layers, no growth,
-        kappa_max 10, (1.70).
+        """Recipe of the thesis.
+
+        Plain snapshots, no DEIM of forces, no layers, no growth, kappa_max 10, (1.70).
+
+        Args:
+            tolerance: epsilon of the POD, (1.53).
+            **changes: steps that replace those of the thesis, by name.
         """
         nodes = Deim(), LoadNodes()
         plain: dict[str, Any] = {
@@ -407,14 +474,14 @@ class Recipe(metaclass=_Named):
         return self.indicator is None and _on_rows(self.basis, *self.nodes)
 
     def as_it_is(self) -> Recipe:
-        """The same recipe without any check and without growth, to measure its result."""
+        """Recipe without any check and without growth, to measure its result."""
         return replace(
             self, trust=None, domain=replace(self.domain, most_layers=self.domain.layers)
         )
 
     def described(self) -> dict[str, Any]:
         """Steps and their numbers as plain values, for a report; functions by their names."""
-        return {item.name: _plain(getattr(self, item.name)) for item in fields(self)}
+        return {attribute.name: _plain(getattr(self, attribute.name)) for attribute in fields(self)}
 
 
 def _plain(value: object) -> Any:
@@ -423,7 +490,7 @@ def _plain(value: object) -> Any:
             name: _plain(getattr(value, name)) for name in value.__dataclass_fields__
         }
     if isinstance(value, tuple):
-        return [_plain(item) for item in value]
+        return [_plain(element) for element in value]
     if isinstance(value, np.generic):
         return value.item()
     return (
@@ -434,19 +501,32 @@ def _plain(value: object) -> Any:
 
 
 def _prolonged(problem: ContactProblem, basis: np.ndarray) -> np.ndarray:
-    """T V of a basis, (own, ell), orthonormal again if a user-defined step does not know of the
-    constraints.
+    """T V of a basis, (own, ell).
+
+    Orthonormal again if a user-defined step does not know of the constraints.
     """
     rows = problem.spread
-    kept = problem.prolonged(basis)
-    moved = rows.largest(np.abs(kept - basis).max(axis=1, initial=0.0))[1]
-    return rows.orthonormal(kept)[0] if moved > MODE_ROUND_OFF else kept
+    prolonged = problem.prolonged(basis)
+    moved = rows.largest(np.abs(prolonged - basis).max(axis=1, initial=0.0))[1]
+    return rows.orthonormal(prolonged)[0] if moved > MODE_ROUND_OFF else prolonged
 
 
-def basis_of(step: Any, problem: ContactProblem, snapshots: SnapshotSet) -> np.ndarray:
+def basis_of(step: Basis, problem: ContactProblem, snapshots: SnapshotSet) -> np.ndarray:
     """Basis of a step, which may be user-defined, in the form of the equations.
 
     The kernel of K comes first.
+
+    Args:
+        step: the basis of a recipe, which may be user-defined.
+        problem: the contact problem.
+        snapshots: training answers.
+
+    Returns:
+        V, (own, ell).
+
+    Raises:
+        ReductionError: for modes of another shape, that are not finite, or that differ between
+            ranks; or see :func:`~hhr_dolfinx.reduction.enrichment.check_basis`.
     """
     rows = problem.spread
     kernel = problem.kernel
@@ -474,17 +554,25 @@ def basis_of(step: Any, problem: ContactProblem, snapshots: SnapshotSet) -> np.n
 def chosen_nodes(
     problem: ContactProblem, snapshots: SnapshotSet, recipe: Recipe, basis: np.ndarray
 ) -> np.ndarray:
-    """Numbers of the nodes around which the RID of a recipe is built, also by user-defined
-    choices.
+    """Numbers of the nodes around which the RID of a recipe is built, (n,).
+
+    Args:
+        problem: the contact problem.
+        snapshots: training answers.
+        recipe: the recipe, whose choices may be user-defined.
+        basis: V, (own, ell).
+
+    Raises:
+        ReductionError: for invalid nodes, or nodes that differ between ranks.
     """
-    found = [
+    choices = [
         checked_nodes(
             np.asarray(step.nodes(problem, snapshots, basis)), len(problem.points), repr(step)
         )
         for step in recipe.nodes
     ]
     holding = [] if problem.kernel is None else [problem.contact_slaves[problem.kernel.holding()]]
-    nodes = np.unique(np.concatenate([*found, *holding]))
+    nodes = np.unique(np.concatenate([*choices, *holding]))
     if not problem.spread.alike(nodes.tobytes()):
         raise ReductionError(
             "a step of the recipe chose other nodes on other ranks: choose the same of the whole "

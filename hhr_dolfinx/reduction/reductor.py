@@ -54,6 +54,7 @@ the same scene.
 
 Prepared = TypeVar("Prepared")
 Facts = TypeVar("Facts")
+Candidate = TypeVar("Candidate")
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +126,9 @@ class Reductor(ABC, Generic[Prepared]):
     def usual(cls, settings: Any, *, fields: bool | None) -> Reductor:
         """The reductor of ``condense(settings)``.
 
-        ``fields`` are displacements, None if it may choose.
+        Args:
+            settings: settings of the condensation; None for the defaults.
+            fields: compute displacements; None if the reductor may choose.
 
         Raises:
             NotOfferedError: if its models do not keep all contact conditions.
@@ -144,34 +147,46 @@ class Reductor(ABC, Generic[Prepared]):
         """Refuse what it is not for, before anything is computed."""
 
     def not_by_rows(self, task: Task) -> str:
-        """Reason why it needs all rows of a distributed problem on each rank; empty if it does
-        not.
-        """
+        """Reason why it needs all rows of a distributed problem on each rank; else empty."""
         return "its reductor does not say that it reduces by rows"
 
     def prepare(self, task: Task, before: Prepared | None = None) -> Prepared:
-        """Data that all attempts share; ``before`` was prepared for another task of the same full
-        model.
+        """Data that all attempts share.
+
+        Args:
+            task: input of the reduction.
+            before: data that were prepared for another task of the same full model; None without
+                any.
         """
         return task  # type: ignore[return-value]
 
-    def levels(self, task: Task) -> Iterable[Any]:
+    def levels(self, task: Task) -> Iterable[object]:
         """Levels of the attempts, coarse ones first."""
         return (0,)
 
     @abstractmethod
-    def attempt(self, prepared: Prepared, level: Any) -> tuple[AnsweringModel, Any]:
-        """A model, and the facts of its record."""
+    def attempt(self, prepared: Prepared, level: Any) -> tuple[AnsweringModel, object]:
+        """A model, and the facts of its record.
+
+        Args:
+            prepared: data that all attempts share.
+            level: level of the attempt.
+        """
 
     def compare(self, task: Task, model: Any) -> tuple[Comparison | None, Trained | None]:
-        """Errors against known answers, checked, and the training range."""
+        """Errors against known answers, checked, and the training range.
+
+        Args:
+            task: input of the reduction.
+            model: model that was built.
+        """
         return compared(task, model, self.limits, self.remedy)
 
     def off(self, comparison: Comparison | None) -> float:
-        """Largest error over its target; above 1 the next level is tried, and the best model is
-        returned.
+        """Largest error over its target; above 1 the next level is tried.
 
-        0 by default: the first level that is not refused ends the attempts.
+        The best model is returned. 0 by default: the first level that is not refused ends the
+        attempts.
         """
         return 0.0
 
@@ -187,11 +202,18 @@ class Outcome:
 
 
 def outcomes(
-    candidates: Iterable[Any], make: Callable[[Any], Any], refusals: tuple[type[HHRError], ...]
+    candidates: Iterable[Candidate],
+    make: Callable[[Candidate], object],
+    refusals: tuple[type[HHRError], ...],
 ) -> Iterator[Outcome]:
     """The loop over attempts: the result of each, or the error that refused it.
 
     The caller stops or takes the next.
+
+    Args:
+        candidates: levels, or recipes.
+        make: makes the model of one candidate.
+        refusals: errors that refuse a candidate; others are raised.
     """
     for candidate in candidates:
         outcome = Outcome(candidate)
@@ -208,11 +230,16 @@ def outcomes(
 
 def _of_scene(outcome: Outcome) -> list[Warned]:
     """Warnings of the scene."""
-    return [said for said in outcome.warnings if issubclass(said.category, OF_SCENE)]
+    return [warning for warning in outcome.warnings if issubclass(warning.category, OF_SCENE)]
 
 
 def made(reductor: Reductor[Prepared], task: Task, before: Prepared | None = None) -> Any:
     """The model of a reductor.
+
+    Args:
+        reductor: the reductor.
+        task: input of the reduction.
+        before: see :meth:`Reductor.prepare`.
 
     Raises:
         ReductionError: for a task from which it can build no model.
@@ -226,8 +253,10 @@ def made(reductor: Reductor[Prepared], task: Task, before: Prepared | None = Non
     reductor.check(task)
     if not reductor.own_range and reductor.limits is not None and task.snapshots is not None:
         task.kind.warn_of_training(task.snapshots, task.held_out)
-    if not task.full.spread.all_here and (why := reductor.not_by_rows(task)):
-        task.log.skip("rows of ranks", f"each rank has all rows of all matrices and answers: {why}")
+    if not task.full.spread.all_here and (reason := reductor.not_by_rows(task)):
+        task.log.skip(
+            "rows of ranks", f"each rank has all rows of all matrices and answers: {reason}"
+        )
         full, snapshots, held_out = everywhere(task.full, task.snapshots, task.held_out)
         task = replace(task, full=full, snapshots=snapshots, held_out=held_out)
     with task.full.problem.group.together(f"reducing scene '{task.full.scene.name}'"):
@@ -241,15 +270,15 @@ def _driven(reductor: Reductor[Prepared], task: Task, prepared: Prepared) -> Any
     best: tuple[float, Outcome, list[dict[str, str]]] | None = None
     refused: list[Outcome] = []
 
-    def make(level: Any) -> tuple[Any, Any, Comparison | None]:
+    def make(level: object) -> tuple[AnsweringModel, object, Comparison | None]:
         del log.skipped[before:]
         model, facts = reductor.attempt(prepared, level)
         _check_scene(task.full, reductor, model)
         _check_claim(reductor, task, model)
         comparison, trained = reductor.compare(task, model)
-        known = task.snapshots
-        if trained is None and not (reductor.own_range or known is None or known.histories):
-            trained = TrainedRange.of(known.points, task.full.parameters)
+        training = task.snapshots
+        if trained is None and not (reductor.own_range or training is None or training.histories):
+            trained = TrainedRange.of(training.points, task.full.parameters)
         if (
             isinstance(model, KeptModel)
             and "trained" in model.kept
@@ -272,7 +301,7 @@ def _driven(reductor: Reductor[Prepared], task: Task, prepared: Prepared) -> Any
             f"errors are {off:.2g} times what is small enough",
             **{reductor.level: outcome.candidate},
         )
-    repeat(said for outcome in refused for said in _of_scene(outcome))
+    repeat(warning for outcome in refused for warning in _of_scene(outcome))
     if best is None:
         error = refused[-1].error if refused else None
         raise error or ReductionError(f"{type(reductor).__name__} has no levels")
@@ -286,20 +315,35 @@ def _driven(reductor: Reductor[Prepared], task: Task, prepared: Prepared) -> Any
 
 
 def everywhere(full: FullModel, *sets: SnapshotSet | None) -> tuple[Any, ...]:
-    """Gather a distributed full model and its answers, so that each rank has all rows.
-    Collective.
+    """Gather a distributed full model and its answers, all rows on each rank. Collective.
+
+    Args:
+        full: the full model.
+        *sets: answers of it, or None each.
     """
     return full.gathered(), *(
-        None if item is None else item.gathered(full.problem) for item in sets
+        None if answers is None else answers.gathered(full.problem) for answers in sets
     )
 
 
 def compared(
-    task: Task, model: Any, limits: TrustLimits | None, remedy: str | Mapping[str, str] = OF_A_RID
+    task: Task,
+    model: KeptModel,
+    limits: TrustLimits | None,
+    remedy: str | Mapping[str, str] = OF_A_RID,
 ) -> tuple[Comparison | None, Trained | None]:
     """Errors against validation answers, or else against training, checked, and the training range.
 
     The training range of a model of load paths is known only after it has solved the known paths.
+
+    Args:
+        task: input of the reduction.
+        model: model that was built.
+        limits: limits of the errors; None to compare nothing.
+        remedy: advice for a model that is refused.
+
+    Raises:
+        UnstableModelError: if an error is beyond its limit.
     """
     if task.snapshots is None:
         return None, model.trained
@@ -307,32 +351,32 @@ def compared(
         return task.kind.compared(model, task.snapshots, task.held_out, limits, remedy)
 
 
-def _name_of(reductor: Any) -> str:
+def _name_of(reductor: Reductor) -> str:
     return type(getattr(reductor, "given", reductor)).__name__
 
 
-def _check_scene(full: FullModel, reductor: Any, found: Any) -> None:
+def _check_scene(full: FullModel, reductor: Reductor, model: object) -> None:
     """Raise ReductionError for a result that is no model of the scene of the full one."""
     name = f"{_name_of(reductor)} made"
-    if not isinstance(found, AnsweringModel):
-        raise ReductionError(f"{name} {found!r}: it must return a model")
-    own = found.parameters.names, found.conditions
+    if not isinstance(model, AnsweringModel):
+        raise ReductionError(f"{name} {model!r}: it must return a model")
+    returned = model.parameters.names, model.conditions
     conditions = len(full.problem.gaps)
-    if own != (full.parameters.names, conditions):
+    if returned != (full.parameters.names, conditions):
         raise ReductionError(
-            f"{name} a model of the parameters {own[0]} and {own[1]} contact conditions, and the "
-            f"full model has {full.parameters.names} and {conditions}: it must return one of the "
-            "same scene"
+            f"{name} a model of the parameters {returned[0]} and {returned[1]} contact "
+            f"conditions, and the full model has {full.parameters.names} and {conditions}: "
+            "it must return one of the same scene"
         )
-    law = found.law if found.fields.interface is None else found.fields.interface.whole
-    if law.plugins != full.law.plugins or (found.equilibrium is None) != (full.equilibrium is None):
+    law = model.law if model.fields.interface is None else model.fields.interface.whole
+    if law.plugins != full.law.plugins or (model.equilibrium is None) != (full.equilibrium is None):
         raise ReductionError(
             f"{name} a model that leaves out laws of scene '{full.scene.name}', of its contacts "
             f"({full.law.name}) or of its bodies: it must know them, or refuse the scene"
         )
 
 
-def _check_claim(reductor: Any, task: Task, model: Any) -> None:
+def _check_claim(reductor: Reductor, task: Task, model: AnsweringModel) -> None:
     """Compare what a model claims with validation answers, or else with training.
 
     Exactness with fresh answers.
@@ -340,18 +384,19 @@ def _check_claim(reductor: Any, task: Task, model: Any) -> None:
     if isinstance(model, FullModel):
         return
     full = task.full
-    known = task.held_out
-    if known is None and (not model.fields.exact or full.by_paths):
-        known = task.snapshots
-    elif known is None and task.sure:
-        known = _fresh(full, task.sure)
-    if known is not None:
-        check_claim(_name_of(reductor), task.kind, model, known)
+    references = task.held_out
+    if references is None and (not model.fields.exact or full.by_paths):
+        references = task.snapshots
+    elif references is None and task.sure:
+        references = _fresh(full, task.sure)
+    if references is not None:
+        check_claim(_name_of(reductor), task.kind, model, references)
 
 
 def _fresh(full: FullModel, count: int) -> SnapshotSet:
-    """Full answers at random points; at more of them if none of the first has an answer, as beyond
-    a limit load.
+    """Full answers at random points.
+
+    At more of them if none of the first has an answer, as beyond a limit load.
 
     Raises:
         ConvergenceError: if none has one.
@@ -364,8 +409,9 @@ def _fresh(full: FullModel, count: int) -> SnapshotSet:
 
 @dataclass(frozen=True)
 class SingleAttempt(Reductor[Task]):
-    """An object with ``reduced(full, snapshots, held_out)`` alone: one attempt, which checks its
-    model by itself.
+    """An object with ``reduced(full, snapshots, held_out)`` alone.
+
+    One attempt, which checks its model by itself.
     """
 
     given: Any
@@ -373,16 +419,26 @@ class SingleAttempt(Reductor[Task]):
     refusals: ClassVar[tuple[type[HHRError], ...]] = ()
     own_range: ClassVar[bool] = True
 
-    def attempt(self, prepared: Task, level: int) -> tuple[AnsweringModel, Any]:
-        """The model that it returns."""
+    def attempt(self, prepared: Task, level: int) -> tuple[AnsweringModel, None]:
+        """The model that it returns.
+
+        Args:
+            prepared: input of the reduction.
+            level: not used.
+        """
         return self.given.reduced(prepared.full, prepared.snapshots, prepared.held_out), None
 
-    def compare(self, task: Task, model: Any) -> tuple[None, Any]:
-        """Nothing is compared."""
+    def compare(self, task: Task, model: AnsweringModel) -> tuple[None, Trained | None]:
+        """Nothing is compared.
+
+        Args:
+            task: input of the reduction.
+            model: model that was built.
+        """
         return None, getattr(model, "trained", None)
 
 
-def as_reductor(given: Any) -> Reductor | None:
+def as_reductor(given: object) -> Reductor | None:
     """A reductor, or an object with ``reduced``; None for anything else."""
     if isinstance(given, Reductor):
         return given
@@ -402,15 +458,16 @@ OWN = (
 
 
 def ways(full: FullModel) -> list[Way]:
-    """Reductors for a full model, which are not loaded yet: first those that keep all contact
-    conditions.
+    """Reductors for a full model, not loaded yet.
+
+    Those that keep all contact conditions come first.
     """
-    every = (
+    candidates = (
         *OWN,
         *(way for plugin in registry.installed().values() for way in plugin.reductors.values()),
     )
     return sorted(
-        (way for way in every if registry.wants(way, full)), key=lambda way: not way.condenses
+        (way for way in candidates if registry.wants(way, full)), key=lambda way: not way.condenses
     )
 
 

@@ -27,14 +27,19 @@ def linear_starts(
     group: ProcessGroup = ALONE,
     announce: Announce = unannounced,
 ) -> LinearStarts:
-    """Starts from answers at some points, (S, P), with derivatives.
+    """Starts from answers at some points, with derivatives.
 
-    Points without an answer are left out.
+    Points without an answer are left out. Without tabulated answers, searches often take a second
+    equality problem: on the pellet 57 of 100 do, and 10 of 100 with derivatives.
 
-    Without tabulated answers, searches often take a second equality problem: on the pellet 57 of
-    100 do, and 10 of 100 with derivatives. ``pairs`` are those of the conditions, (m,); a search
-    starts from ``active``, (S, m) bool, or the signs of the free slack. ``announce`` is called with
-    the share of the points that are done.
+    Args:
+        eliminated: makes the contact problem of a point.
+        points: parameters, (S, P).
+        pairs: number of the contact pair of each condition, (m,); None for one pair.
+        active: statuses from which the searches start, (S, m) bool; None for the signs of the free
+            slack.
+        group: processes that share the points.
+        announce: called with the share of the points that are done.
 
     Raises:
         ReductionError: if no point has an answer.
@@ -56,10 +61,10 @@ def linear_starts(
         )
         return point, answer.active, margins, changes
 
-    every = group.shared_out(len(points), start_at, "finding starts")
-    found = [item for item in every if item is not None]
-    if not found:
+    results = group.shared_out(len(points), start_at, "finding starts")
+    solved = [result for result in results if result is not None]
+    if not solved:
         raise ReductionError(
             "no point of the box has an answer: contact rows are dependent, or the box is empty"
         )
-    return LinearStarts(*(np.array(part) for part in zip(*found, strict=True)))
+    return LinearStarts(*(np.array(column) for column in zip(*solved, strict=True)))

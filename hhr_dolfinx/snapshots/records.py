@@ -1,5 +1,6 @@
-"""Snapshots: full-order answers at training parameters or along training paths, thesis sections
-1.4.2 and 6.2.3.
+"""Snapshots: full-order answers for training, thesis sections 1.4.2 and 6.2.3.
+
+They belong to training parameters, or to steps of training paths.
 
 Queries without an answer, for example beyond a limit load, are left out with a warning. The
 held-out points, at which a reduced model is checked, are random, or near parameters with light
@@ -12,7 +13,7 @@ import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -38,14 +39,17 @@ if TYPE_CHECKING:
     from hhr_dolfinx.snapshots.store import SnapshotStore
 
 
+Query = TypeVar("Query")
+
 NAMED = 5
 """Largest count of queries without an answer that a warning names."""
 
 
 @dataclass
 class Lost:
-    """Queries without an answer, for example beyond a limit load: the label of each, and the
-    reason.
+    """Queries without an answer, for example beyond a limit load.
+
+    Each has a label and a reason.
     """
 
     failures: list[tuple[str, str]] = field(default_factory=list)
@@ -59,13 +63,19 @@ class Lost:
             self.failures.append((label, str(error)))
 
     def warn(self, count: int, least: int, kind: str) -> None:
-        """Warn of the first failures among ``count`` queries.
+        """Warn of the first failures among some queries.
 
-        ConvergenceError if fewer than ``least`` are left.
+        Args:
+            count: number of queries.
+            least: number of answers that are needed.
+            kind: name of the queries, in the plural.
+
+        Raises:
+            ConvergenceError: if fewer than ``least`` are left.
         """
         if not self.failures:
             return
-        named = "; ".join(f"{label}: {why}" for label, why in self.failures[:NAMED])
+        named = "; ".join(f"{label}: {reason}" for label, reason in self.failures[:NAMED])
         more = f"; and {len(self.failures) - NAMED} more" if len(self.failures) > NAMED else ""
         message = (
             f"{len(self.failures)} of {count} {kind} have no answer and are left out: {named}{more}"
@@ -96,8 +106,12 @@ with errors of 70 % were accepted.
 
 
 def uniform_points(space: ParameterSpace, number: int, seed: int) -> np.ndarray:
-    """Held-out points that depend only on the seed of a training: four fifths of ``number``, (k,
-    P).
+    """Held-out points that depend only on the seed of a training, (k, P).
+
+    Args:
+        space: the box of the parameters.
+        number: number of held-out points, of which these are four fifths.
+        seed: seed of the training.
     """
     return space.random(number - int(GRAZING_SHARE * number), seed + HELD_OUT_SEED)
 
@@ -105,11 +119,16 @@ def uniform_points(space: ParameterSpace, number: int, seed: int) -> np.ndarray:
 def held_out_points(
     problem: ContactProblem, training: SnapshotSet, number: int, seed: int
 ) -> np.ndarray:
-    """Held-out points for the trust check, (number, P): uniform in the box, the last fifth near
-    light contact, if any.
+    """Held-out points for the trust check, (number, P).
 
-    These lie within one spacing of the training points from the solutions with the smallest forces
-    above round-off.
+    Uniform in the box, the last fifth near light contact, if any. These lie within one spacing of
+    the training points from the solutions with the smallest forces above round-off.
+
+    Args:
+        problem: the contact problem.
+        training: training answers.
+        number: number of points.
+        seed: seed of the training.
     """
     space = problem.parameters
     sizes = np.linalg.norm(training.forces, axis=0)
@@ -179,12 +198,14 @@ class SnapshotSet(Shown):
     ) -> SnapshotSet:
         """Make a set of answers of a full model, one column each.
 
-        ``rows`` are those of a full model of several ranks, ``full.spread``: of each answer the
-        local ones are kept.
+        Args:
+            answers: the answers, one or more.
+            histories: histories whose steps they are.
+            rows: rows of this rank, ``full.spread``, which are kept of each answer; None keeps all.
         """
         answers = [
-            item if rows is None else item._replace(unknown=rows.of(item.unknown))
-            for item in answers
+            answer if rows is None else answer._replace(unknown=rows.of(answer.unknown))
+            for answer in answers
         ]
         names = ("unknown", "multipliers", "active")
         unknown, forces, active = (
@@ -218,9 +239,9 @@ class SnapshotSet(Shown):
             [answer for history in histories for answer in history.answers], histories
         )
 
-    def take(self, columns: Any) -> SnapshotSet:
+    def take(self, columns: np.ndarray | slice) -> SnapshotSet:
         """Select columns, with repetitions if any, as answers at single parameters."""
-        unknown, forces, active = (part[:, columns] for part in self._columns())
+        unknown, forces, active = (array[:, columns] for array in self._columns())
         chosen = np.arange(len(self.points))[columns]
         states = tuple(self.states[k] for k in chosen) if self.states else ()
         return SnapshotSet(self.points[columns], unknown, forces, active, states)
@@ -252,7 +273,7 @@ class SnapshotSet(Shown):
             return SnapshotSet.of_histories([*self.histories, *others.histories])
         return _concatenated([self, others])
 
-    def known_statuses(self, conditions: Any = slice(None)) -> KnownStatuses:
+    def known_statuses(self, conditions: np.ndarray | slice = slice(None)) -> KnownStatuses:
         """Statuses of some conditions as initial statuses of further queries."""
         return KnownStatuses(self.points, np.ascontiguousarray(self.active[conditions].T))
 
@@ -268,10 +289,12 @@ class SnapshotSet(Shown):
 
 def _concatenated(parts: Sequence[SnapshotSet]) -> SnapshotSet:
     unknown, forces, active = (
-        np.concatenate(item, axis=1)
-        for item in zip(*(part._columns() for part in parts), strict=True)
+        np.concatenate(arrays, axis=1)
+        for arrays in zip(*(answers._columns() for answers in parts), strict=True)
     )
-    return SnapshotSet(np.concatenate([part.points for part in parts]), unknown, forces, active)
+    return SnapshotSet(
+        np.concatenate([answers.points for answers in parts]), unknown, forces, active
+    )
 
 
 def compute_snapshots(
@@ -300,18 +323,20 @@ def compute_snapshots(
         ConvergenceError, NotSolvableError: if a query has no answer; with ``lost``, if no query has
             one.
     """
-    given = queries_of(full.parameters, queries)
+    checked = queries_of(full.parameters, queries)
     return _some(
-        given.solved(SnapshotSolver(full, progress, store, settings, lost)), lost, len(given)
+        checked.solved(SnapshotSolver(full, progress, store, settings, lost)), lost, len(checked)
     )
 
 
-def _some(found: SnapshotSet | None, lost: Lost | None, count: int) -> SnapshotSet:
-    if found is None:
+def _some(answers: SnapshotSet | None, lost: Lost | None, count: int) -> SnapshotSet:
+    if answers is None:
         assert lost is not None
-        label, why = lost.failures[0]
-        raise ConvergenceError(f"none of {count} queries has an answer; the first, {label}: {why}")
-    return found
+        label, reason = lost.failures[0]
+        raise ConvergenceError(
+            f"none of {count} queries has an answer; the first, {label}: {reason}"
+        )
+    return answers
 
 
 def _are_paths(queries: object) -> bool:
@@ -342,14 +367,25 @@ class Queries(Protocol):
     def gathered(
         self, own: SnapshotSet | None, full: FullModel, group: ProcessGroup
     ) -> SnapshotSet:
-        """Answers of all ranks; some have any."""
+        """Answers of all ranks; some have any.
+
+        Args:
+            own: answers of this rank; None without any.
+            full: the full model of this rank.
+            group: the ranks.
+        """
 
 
 def queries_of(space: ParameterSpace, queries: Any) -> Queries:
-    """Queries from points, (S, P) or with names, or from paths of times and parameters."""
+    """Queries from points, (S, P) or with names, or from paths of times and parameters.
+
+    Args:
+        space: the box of the parameters.
+        queries: points, (S, P) or with names, or paths of times and parameters.
+    """
     if _are_paths(queries):
-        made: Queries = registry.tool("histories", "a set of snapshots along paths")(queries)
-        return made
+        paths: Queries = registry.tool("histories", "a set of snapshots along paths")(queries)
+        return paths
     return SingleParameters(space.points(queries))
 
 
@@ -363,7 +399,7 @@ class SnapshotSolver:
     settings: MarchSettings
     lost: Lost | None
 
-    def in_step(self, items: Iterable[Any]) -> Iterator[Any]:
+    def in_step(self, items: Iterable[Query]) -> Iterator[Query]:
         """Items with the progress bar of the user, on all ranks together."""
         return self.full.group.in_step(lambda: self.progress(items), PROGRESS)
 
@@ -418,8 +454,14 @@ class SingleParameters:
     def gathered(
         self, own: SnapshotSet | None, full: FullModel, group: ProcessGroup
     ) -> SnapshotSet:
-        """See :class:`Queries`."""
-        return _concatenated([part for part in group.gathered(own) if part is not None])
+        """See :class:`Queries`.
+
+        Args:
+            own: answers of this rank; None without any.
+            full: the full model of this rank.
+            group: the ranks.
+        """
+        return _concatenated([answers for answers in group.gathered(own) if answers is not None])
 
 
 def _stored(full: FullModel, store: SnapshotStore, point: np.ndarray) -> Answer | None:
@@ -438,7 +480,7 @@ def _stored(full: FullModel, store: SnapshotStore, point: np.ndarray) -> Answer 
 
 def spread_snapshots(
     full: FullModel,
-    queries: Any,
+    queries: PointsLike | Sequence[Path],
     comm: Comm | ProcessGroup,
     progress: Progress = iter,
     store: SnapshotStore | None = None,
@@ -452,25 +494,33 @@ def spread_snapshots(
     Each rank has a serial full model and the same queries; the ranks share the folder of the store.
     If a query fails on any rank, all ranks raise, unless ``lost`` records it, on all ranks. If the
     full model itself is distributed over the ranks, all of them solve one query after another.
+
+    Args:
+        full: full model of this rank, or one that the ranks share.
+        queries: the same queries on all ranks, see :func:`compute_snapshots`.
+        comm: communicator or group of the ranks.
+        progress, store, settings, lost: see :func:`compute_snapshots`.
     """
     group = group_of(comm)
     if full.group.size > 1:
         return compute_snapshots(full, queries, progress, store, settings, lost)
-    given = queries_of(full.parameters, queries)
-    group.agreed("a training", given.asked)
-    own: Any = None
+    checked = queries_of(full.parameters, queries)
+    group.agreed("a training", checked.asked)
+    local: SnapshotSet | None = None
     with group.each("solving for snapshots"):
         # consecutive queries on one rank, so that each one starts from a near solution
-        mine = share(len(given), group.number, group.size)
+        mine = share(len(checked), group.number, group.size)
         if mine:
-            own = given.part(mine).solved(SnapshotSolver(full, progress, store, settings, lost))
+            local = checked.part(mine).solved(SnapshotSolver(full, progress, store, settings, lost))
     if group.size == 1:
-        return _some(own, lost, len(given))
+        return _some(local, lost, len(checked))
     if lost is not None:
-        lost.failures = [item for items in group.gathered(lost.failures) for item in items]
-    if not any(group.gathered(own is not None)):
-        return _some(None, lost, len(given))
-    return given.gathered(own, full, group)
+        lost.failures = [
+            failure for failures in group.gathered(lost.failures) for failure in failures
+        ]
+    if not any(group.gathered(local is not None)):
+        return _some(None, lost, len(checked))
+    return checked.gathered(local, full, group)
 
 
 NOWHERE: Any = None
@@ -478,7 +528,19 @@ NOWHERE: Any = None
 
 
 def check_of_problem(name: str, solutions: object, problem: ContactProblem) -> SnapshotSet:
-    """Return solutions; raise ReductionError for invalid ones, or those of another problem."""
+    """Check solutions.
+
+    Args:
+        name: name of the solutions, for the message.
+        solutions: the solutions.
+        problem: the contact problem.
+
+    Returns:
+        The same solutions.
+
+    Raises:
+        ReductionError: for invalid solutions, or those of another problem.
+    """
     if not isinstance(solutions, SnapshotSet):
         raise ReductionError(
             f"{name} = {solutions!r} must be a SnapshotSet, what compute_snapshots returns"
@@ -498,8 +560,8 @@ def check_of_problem(name: str, solutions: object, problem: ContactProblem) -> S
         raise ReductionError(f"active of {name} holds {kind}: statuses are bool")
     free = problem.free if solutions.histories else problem.spread.of(problem.free)
     rows = {"displacements": free.size, "forces": len(problem.gaps), "active": len(problem.gaps)}
-    for part, size in rows.items():
-        array = getattr(solutions, part)
+    for attribute, size in rows.items():
+        array = getattr(solutions, attribute)
         wrong = (
             np.shape(array) != (size, points[0])
             or np.iscomplexobj(array)
@@ -507,8 +569,8 @@ def check_of_problem(name: str, solutions: object, problem: ContactProblem) -> S
         )
         if problem.spread.sum(float(wrong)):
             raise ReductionError(
-                f"{part} of {name} have the shape {np.shape(array)}: {size} finite real numbers "
-                f"for each of {points[0]} points are needed; are they of another mesh, or rows of "
-                "one rank, where snapshots.gathered(problem) has all?"
+                f"{attribute} of {name} have the shape {np.shape(array)}: {size} finite real "
+                f"numbers for each of {points[0]} points are needed; are they of another "
+                "mesh, or rows of one rank, where snapshots.gathered(problem) has all?"
             )
     return solutions

@@ -1,5 +1,6 @@
-"""Snapshots on disk: one plain file per answer, at a parameter or a step of a history, so that
-nothing is solved twice.
+"""Snapshots on disk, so that nothing is solved twice.
+
+One plain file per answer, at a parameter or a step of a history.
 
 The name of a file is a fingerprint of the problem and the query, and its header has both: files of
 another problem are never read. The query of a history's step is the whole path up to it with the
@@ -10,7 +11,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import astuple, fields, is_dataclass
 from pathlib import Path
@@ -37,13 +38,16 @@ if TYPE_CHECKING:
     from hhr_dolfinx.parameters import ParameterSpace
 
 
-def add_to(digest: Any, parts: list[Any]) -> None:
-    """Update a digest with arrays, sparse or not, numbers and texts, and lists of these, to the
-    last bit.
+def add_to(digest: Any, parts: Sequence[object]) -> None:
+    """Update a digest with values, to the last bit.
+
+    Args:
+        digest: digest of :mod:`hashlib`.
+        parts: arrays, sparse or not, numbers and texts, and lists of these.
     """
-    for part in parts:
-        for item in part if isinstance(part, tuple | list) else (part,):
-            for array in arrays_of(item):
+    for entry in parts:
+        for value in entry if isinstance(entry, tuple | list) else (entry,):
+            for array in arrays_of(value):
                 digest.update(bytes_of(array))
 
 
@@ -68,7 +72,7 @@ def arrays_of(item: Any) -> tuple[np.ndarray, ...]:
     )
 
 
-def parts_of(item: Any) -> list[Any]:
+def parts_of(item: object) -> list[object]:
     """Arrays, numbers and texts of a value: the fields of a dataclass, those of fields too.
 
     None of None.
@@ -76,7 +80,9 @@ def parts_of(item: Any) -> list[Any]:
     if item is None:
         return []
     if is_dataclass(item):
-        return [part for one in fields(item) for part in parts_of(getattr(item, one.name))]
+        return [
+            value for attribute in fields(item) for value in parts_of(getattr(item, attribute.name))
+        ]
     return [item]
 
 
@@ -105,8 +111,9 @@ times their size.
 
 
 class StoredLaws:
-    """Memory of laws of bodies in files: what the facet ``store`` of a plug-in makes of a full
-    equilibrium.
+    """Memory of laws of bodies in files.
+
+    The facet ``store`` of a plug-in makes it of a full equilibrium.
 
     The methods here are those of elastic bodies, which remember nothing. ``layout`` has the types
     and sizes of the arrays of an answer, by name, and ``sizes`` the values of these sizes.
@@ -118,9 +125,10 @@ class StoredLaws:
     def __init__(self, problem: ContactProblem):
         self._problem = problem
 
-    def fingerprint(self) -> list[Any]:
-        """Arrays, numbers and texts that identify the laws, to which a digest is updated by
-        :func:`add_to`.
+    def fingerprint(self) -> list[object]:
+        """Arrays, numbers and texts that identify the laws.
+
+        A digest is updated with them by :func:`add_to`.
         """
         return []
 
@@ -128,7 +136,7 @@ class StoredLaws:
         """Digests of what laws with formulas do at a point, (P,)."""
         return []
 
-    def arrays(self, answer: Answer) -> dict[str, Any]:
+    def arrays(self, answer: Answer) -> dict[str, np.ndarray]:
         """Memory of an answer as arrays, by the names of the layout."""
         return {}
 
@@ -137,8 +145,11 @@ class StoredLaws:
         return {}
 
     def residual(self, answer: Answer, forces: float) -> float:
-        """Largest relative residual; ``forces`` is their norm at previous steps, the scale for
-        unloaded bodies.
+        """Largest relative residual of an answer.
+
+        Args:
+            answer: the answer.
+            forces: norm of the forces at previous steps, the scale for unloaded bodies.
         """
         problem = self._problem.at(answer.parameter)
         theta = self._problem.amplitudes(answer.parameter)
@@ -162,8 +173,8 @@ def stored_laws(full: FullModel) -> StoredLaws:
     """Laws of the bodies of a full model, as files keep them."""
     if full.equilibrium is None:
         return StoredLaws(full.problem)
-    made: StoredLaws = facet_of(full.equilibrium, "store", "a store of snapshots")(full)
-    return made
+    laws: StoredLaws = facet_of(full.equilibrium, "store", "a store of snapshots")(full)
+    return laws
 
 
 class SnapshotStore:
@@ -199,8 +210,9 @@ class SnapshotStore:
         self.found = 0
 
     def load(self, point: np.ndarray) -> Answer | None:
-        """Load the answer at a parameter; None, with a warning for a damaged file, if it is not
-        there.
+        """Load the answer at a parameter; None if it is not there.
+
+        For a damaged file None too, with a warning.
         """
         point = np.array(point, dtype=float, ndmin=1)
         return self.load_query(point, self.query_at(point))
@@ -214,8 +226,11 @@ class SnapshotStore:
         return None
 
     def judged(self, answer: Answer, *, aloud: bool = True) -> Answer | None:
-        """The given answer if it is a solution, else None, with a warning if ``aloud``.
-        Collective.
+        """The given answer if it is a solution, else None. Collective.
+
+        Args:
+            answer: the answer.
+            aloud: warn of a damaged file.
         """
         query = self.query_at(answer.parameter)
         with self._damage_reported(answer.parameter, query, aloud):
@@ -237,18 +252,23 @@ class SnapshotStore:
         """Hexadecimal fingerprint of the problem of these answers."""
         return self._fingerprint.hex()
 
-    def query_at(self, point: np.ndarray) -> list[Any]:
-        """Query of a point: its values, and those of non-affine amplitudes and of laws with
-        formulas there.
+    def query_at(self, point: np.ndarray) -> list[float | str]:
+        """Query of a point.
+
+        Returns:
+            Its values, and those of non-affine amplitudes and of laws with formulas there.
         """
-        driven = [amplitude(point) for amplitude in self._problem.amplitudes.nonaffine]
-        numbers = [float(item) for pair in driven for part in pair for item in part]
+        nonaffine = [amplitude(point) for amplitude in self._problem.amplitudes.nonaffine]
+        numbers = [float(value) for pair in nonaffine for values in pair for value in values]
         return [*point.tolist(), *numbers, *self.laws.query(point)]
 
     def load_query(self, point: np.ndarray, query: list, forces: float = 0.0) -> Answer | None:
-        """Answer to a query, checked with ``forces`` as in :class:`StoredLaws`.
+        """Answer to a query, checked; None if it is not there.
 
-        None if it is not there.
+        Args:
+            point: parameter, (P,).
+            query: the query.
+            forces: see :meth:`StoredLaws.residual`.
         """
         with self._damage_reported(point, query):
             answer = self._read(point, query)
@@ -261,8 +281,9 @@ class SnapshotStore:
     def _damage_reported(
         self, point: np.ndarray, query: list, aloud: bool = True
     ) -> Iterator[None]:
-        """Warn of a file without a valid answer instead of raising, and continue after the
-        block.
+        """Warn of a file without a valid answer instead of raising.
+
+        The program continues after the block.
         """
         try:
             yield
@@ -297,7 +318,15 @@ class SnapshotStore:
         self.found += 1
 
     def save_query(self, answer: Answer, query: list) -> None:
-        """Store the answer to a query; FileError if its file cannot be written."""
+        """Store the answer to a query.
+
+        Args:
+            answer: the answer.
+            query: the query.
+
+        Raises:
+            FileError: if its file cannot be written.
+        """
         values = {name: getattr(answer, name) for name in _LAYOUT}
         values |= self.laws.arrays(answer)
         values |= self._law.stored(answer.memory)
@@ -321,14 +350,14 @@ class SnapshotStore:
         steps: dict[str, Any] = {}
         if "ends" in arrays:
             iterations = int(arrays["iterations"])
-            known = float(arrays["time_error"])
+            time_error = float(arrays["time_error"])
             steps = {
-                "time_error": math.nan if known == NO_TIME_ERROR else known,
+                "time_error": math.nan if time_error == NO_TIME_ERROR else time_error,
                 "ends": tuple(arrays["ends"].tolist()),
             }
         unknown, multipliers, active = (arrays[name] for name in _LAYOUT)
-        how = iterations, Status.CONVERGED, False, self._full
-        return Answer(point, unknown, multipliers, active, *how, memory=memory, **steps)
+        search = iterations, Status.CONVERGED, False, self._full
+        return Answer(point, unknown, multipliers, active, *search, memory=memory, **steps)
 
     def _header(self, query: list) -> dict:
         return {
@@ -347,8 +376,9 @@ class SnapshotStore:
 
 
 def _digest_of(full: FullModel) -> bytes:
-    """Fingerprint of every bit of a problem and its laws, and of the version of the package that
-    solves it.
+    """Fingerprint of every bit of a problem and its laws.
+
+    The version of the package that solves it enters too.
 
     The bounds of the parameters are left out: a wider box finds the solutions of a narrower one. So
     are non-affine amplitudes: each query has their values at its point. Formulas of laws enter
@@ -361,18 +391,20 @@ def _digest_of(full: FullModel) -> bytes:
     )
     problem: ContactProblem = full.problem
     problem.require_parts("a store of snapshots")
-    others = "amplitudes parameters moduli reshaped kernel whole_contact law group".split()
+    excluded = "amplitudes parameters moduli reshaped kernel whole_contact law group".split()
     local = [] if problem.spread.all_here else ["stiffness_terms", "node_mass", "first"]
-    kept = (item.name for item in fields(problem) if item.name not in (*others, *local))
-    parts = [part for name in kept for part in parts_of(getattr(problem, name))]
+    included = (
+        attribute.name for attribute in fields(problem) if attribute.name not in (*excluded, *local)
+    )
+    values = [value for name in included for value in parts_of(getattr(problem, name))]
     if local:  # rows of the large matrices, in the order of the ranks
         rows = hashlib.sha256()
         add_to(rows, [getattr(problem, name) for name in local])
-        parts += problem.group.gathered(rows.hexdigest())
-    parts += [problem.parameters.names, problem.amplitudes.constant, problem.amplitudes.slopes]
-    parts += [text for modulus in problem.moduli for text in (modulus.factor, modulus.rest)]
-    parts += [] if problem.reshaped is None else [problem.reshaped.described]
-    parts += problem.law.parts()
-    parts += stored_laws(full).fingerprint()
-    add_to(digest, parts)
+        values += problem.group.gathered(rows.hexdigest())
+    values += [problem.parameters.names, problem.amplitudes.constant, problem.amplitudes.slopes]
+    values += [text for modulus in problem.moduli for text in (modulus.factor, modulus.rest)]
+    values += [] if problem.reshaped is None else [problem.reshaped.described]
+    values += problem.law.parts()
+    values += stored_laws(full).fingerprint()
+    add_to(digest, values)
     return digest.digest()

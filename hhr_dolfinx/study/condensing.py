@@ -49,13 +49,23 @@ def condense(
 def condensed(
     full: FullOrderModel, settings: object = None, *, fields: bool | None = None
 ) -> CondensedModel:
-    """See :func:`condense`; without the check of strains."""
+    """See :func:`condense`; without the check of strains.
+
+    Args:
+        full: the full model.
+        settings, fields: see :func:`condense`.
+
+    Raises:
+        NotOfferedError, ReductionError: see :func:`condense`.
+    """
     full.problem.require_parts("condensation")
     kind_of(full).require_linear(
         "a condensation of these is made of histories, hhr.train(scene, paths).condense()"
     )
     if fields is None:
-        fields = full.functionals is not None and any(item.count for item in full.functionals.items)
+        fields = full.functionals is not None and any(
+            functional.count for functional in full.functionals.items
+        )
     if not isinstance(fields, bool):
         raise ReductionError(f"fields = {fields!r} of a condensation must be True, False, or None")
     return made(condensing(full).usual(settings, fields=fields), Task(full))

@@ -1,4 +1,4 @@
-"""Elimination of gamma from a reduced problem whose stiffness is a sum of parts with moduli.
+"""Elimination of gamma for a stiffness that is a sum of parts with moduli.
 
 Bodies joined by contact alone share no entries of K~ if each mode moves one of them. K~ then falls
 apart into blocks that are factored one by one, a quarter of the work for two of them.
@@ -132,10 +132,10 @@ class BlockElimination(Rebuilt, Elimination):
 
     def _compliance_times(self, per_force: list[np.ndarray], forces: np.ndarray) -> np.ndarray:
         """K~^-1 B~1^T times forces, (m,) or (m, k), from its columns by block."""
-        found = np.empty((len(self.problem.stiffness), *forces.shape[1:]))
+        unknown = np.empty((len(self.problem.stiffness), *forces.shape[1:]))
         for block, columns in zip(self.blocks, per_force, strict=True):
-            found[block.modes] = columns @ forces
-        return found
+            unknown[block.modes] = columns @ forces
+        return unknown
 
     def _changes(
         self,
@@ -147,15 +147,23 @@ class BlockElimination(Rebuilt, Elimination):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives from K~ gamma' = f' - K~' gamma, and those of the slack."""
         right, slack = self.problem.changes(self.amplitudes, point, weights, unknown)
-        found = np.empty_like(right)
+        changes = np.empty_like(right)
         for block, factor in zip(self.blocks, factors, strict=True):
-            found[block.modes] = dgetrs(*factor, right[block.modes])[0]
-            slack -= block.trial @ found[block.modes]
-        return slack, found
+            changes[block.modes] = dgetrs(*factor, right[block.modes])[0]
+            slack -= block.trial @ changes[block.modes]
+        return slack, changes
 
 
 def factored(block: ModeBlock, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """LU factors of a block of K~ with weights of its parts, (q,)."""
+    """LU factors of a block of K~.
+
+    Args:
+        block: the block.
+        weights: weights of its parts, (q,).
+
+    Raises:
+        SingularError: if the block is singular.
+    """
     size = block.modes.size
     lu, pivots, info = dgetrf((weights @ block.entries).reshape(size, size).T, overwrite_a=1)
     if info:
@@ -176,10 +184,10 @@ def blocks_of(problem: ReducedProblem) -> list[ModeBlock]:
 
 
 def _block(problem: ReducedProblem, terms: ReducedTerms, modes: np.ndarray) -> ModeBlock:
-    parts = terms.stiffness[:, modes][:, :, modes]
+    matrices = terms.stiffness[:, modes][:, :, modes]
     largest = np.abs(terms.stiffness).max(axis=(1, 2))
-    touching = np.flatnonzero(np.abs(parts).max(axis=(1, 2)) > COUPLING_ROUND_OFF * largest)
-    entries = np.ascontiguousarray(parts[touching].transpose(0, 2, 1)).reshape(touching.size, -1)
+    touching = np.flatnonzero(np.abs(matrices).max(axis=(1, 2)) > COUPLING_ROUND_OFF * largest)
+    entries = np.ascontiguousarray(matrices[touching].transpose(0, 2, 1)).reshape(touching.size, -1)
     test = np.asfortranarray(problem.contact_test[:, modes].T)
     return ModeBlock(
         modes, touching, entries, test, np.ascontiguousarray(problem.contact_trial[:, modes])

@@ -57,13 +57,13 @@ class ConstantElimination(Rebuilt, Elimination):
 
         ``responses`` has views of it.
         """
-        given = self.responses
-        response = np.asfortranarray(np.vstack([given.free_slack, given.free_primal]))
-        free_slack, free_primal = np.split(response, [len(given.schur)])
-        per_force = np.ascontiguousarray(given.primal_per_force)
+        responses = self.responses
+        response = np.asfortranarray(np.vstack([responses.free_slack, responses.free_primal]))
+        free_slack, free_primal = np.split(response, [len(responses.schur)])
+        per_force = np.ascontiguousarray(responses.primal_per_force)
         object.__setattr__(self, "response", response)
         object.__setattr__(
-            self, "responses", Responses(free_primal, per_force, free_slack, given.schur)
+            self, "responses", Responses(free_primal, per_force, free_slack, responses.schur)
         )
 
     #: free slack followed by the free primal unknown, (m + n, 1 + T)
@@ -71,9 +71,7 @@ class ConstantElimination(Rebuilt, Elimination):
 
     @classmethod
     def from_file(cls, **parts: Any) -> ConstantElimination:
-        """Rebuild from a file, with LAPACK's factors, so that answers are the same on all
-        machines.
-        """
+        """Rebuild from a file, with LAPACK's factors: answers are the same on all machines."""
         return cls(**parts, factorise=LapackLU)
 
     @cached_property
@@ -108,7 +106,13 @@ class ConstantElimination(Rebuilt, Elimination):
         return CriticalRegions.of(self, known)
 
     def answers(self, model: object, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
-        """Answers to many points; equal statuses share factors."""
+        """Answers to many points; equal statuses share factors.
+
+        Args:
+            model: the condensed model.
+            points: checked parameters, (n, P).
+            raise_on_failure: raise at the first point without a solution.
+        """
         from hhr_dolfinx.models.many import answers_by_statuses
 
         return answers_by_statuses(
@@ -118,8 +122,9 @@ class ConstantElimination(Rebuilt, Elimination):
 
 @dataclass(frozen=True, eq=False)
 class CriticalRegions:
-    """Affine map mu -> (forces, slacks, unknown) of each training status: values at mu = 0 and
-    slopes, or None.
+    """Affine map mu -> (forces, slacks, unknown) of each training status.
+
+    Values at mu = 0 and slopes, or None.
     """
 
     known: KnownStatuses
@@ -130,6 +135,10 @@ class CriticalRegions:
         """Regions of a constant stiffness.
 
         None if amplitudes are not affine, or tables would be too large.
+
+        Args:
+            eliminated: the elimination.
+            known: training statuses.
         """
         distinct, which = np.unique(known.active, axis=0, return_inverse=True)
         theta = eliminated.amplitudes
@@ -168,10 +177,10 @@ def _region(eliminated: ConstantElimination, active: np.ndarray, columns: np.nda
     """Affine map of some statuses."""
     m = len(active)
     try:
-        found = [eliminated.equalities(active, column) for column in columns[:m].T]
+        solutions = [eliminated.equalities(active, column) for column in columns[:m].T]
     except SingularError:  # the active set may still find a solution
         return None
-    forces, slack = (np.stack(item, axis=1) for item in zip(*found, strict=True))
+    forces, slack = (np.stack(vectors, axis=1) for vectors in zip(*solutions, strict=True))
     values = np.vstack(
         [forces, slack, columns[m:] - eliminated.responses.primal_per_force @ forces]
     )

@@ -35,13 +35,14 @@ class HasEqualities(Protocol):
 
     @property
     def equalities(self) -> SchurEqualities:
-        """See above."""
+        """Equality problems on S."""
 
 
 @dataclass(eq=False)  # one for each query: a frozen one takes a microsecond more to make
 class CondensedContact:
-    """The contact problem at one parameter without its primal unknown (n unknowns, m
-    conditions).
+    """The contact problem at one parameter without its primal unknown.
+
+    It has n unknowns and m conditions.
     """
 
     schur: np.ndarray  #: S, (m, m)
@@ -80,8 +81,9 @@ AnswerTable = Callable[[np.ndarray, ModelFields], Answer | None]
 
 
 class Elimination(ABC):
-    """Elimination of the primal unknown at any parameter; subclasses share work between
-    parameters.
+    """Elimination of the primal unknown at any parameter.
+
+    Subclasses share work between parameters.
     """
 
     shares_factors: ClassVar[bool] = (
@@ -109,7 +111,13 @@ class Elimination(ABC):
         return None
 
     def answers(self, model: object, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
-        """Answers of a model to checked points, (n, P)."""
+        """Answers of a model to checked points, (n, P).
+
+        Args:
+            model: a model of this elimination.
+            points: checked parameters, (n, P).
+            raise_on_failure: raise at the first point without a solution.
+        """
         return one_by_one(model, points, raise_on_failure, "ignore")
 
 
@@ -122,15 +130,23 @@ def answer_of(
     *,
     gradient: bool = False,
 ) -> Answer:
-    """Solve the condensed contact problem from given statuses, or with None from those of the free
-    slack.
+    """Solve the condensed contact problem.
+
+    Args:
+        contact: contact problem of the point.
+        point: parameter, (P,).
+        start: statuses from which the search starts, (m,) bool; None for the signs of the free
+            slack.
+        pairs: conditions by contact pair; None takes all for one pair.
+        fields: fields of the model.
+        gradient: compute the derivatives along the parameters.
     """
     free_slack = contact.free_slack
     start = free_slack < 0 if start is None else start
     if contact.kernel is not None:
         return contact.kernel.answer(contact, point, start, pairs, fields, gradient)
-    found = active_set(contact.equalities, free_slack, start, pairs=pairs)
-    answer = found_as(found, point, contact.unknown(found.forces), fields)
+    statuses = active_set(contact.equalities, free_slack, start, pairs=pairs)
+    answer = found_as(statuses, point, contact.unknown(statuses.forces), fields)
     return differentiated(contact, answer) if gradient else answer
 
 
@@ -139,6 +155,10 @@ def differentiated(contact: CondensedContact, answer: Answer) -> Answer:
 
     Slack(mu, lambda) = 0 is differentiated on the active set: one more right-hand side for each
     parameter.
+
+    Args:
+        contact: contact problem of the point.
+        answer: its answer.
     """
     if not answer.converged:
         return answer
@@ -175,10 +195,14 @@ class Responses:
         test: np.ndarray,
         trial: np.ndarray,
     ) -> Responses:
-        """Eliminate the unknown of K x + test^T lambda = loads θ, trial x <= gaps θ, with a factor
-        of K.
+        """Eliminate the unknown of K x + test^T lambda = loads θ, trial x <= gaps θ.
 
-        Loads are (n, 1 + T), gaps (m, 1 + T), test and trial rows (m, n).
+        Args:
+            factor: factor of K.
+            loads: loads of each term, (n, 1 + T).
+            gaps: gaps of each term, (m, 1 + T).
+            test: rows B~1, (m, n).
+            trial: rows B~2, (m, n).
         """
         free = solve_columns(factor, loads)
         per_force = solve_columns(factor, test.T)

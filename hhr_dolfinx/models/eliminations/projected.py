@@ -41,8 +41,9 @@ class ReducedTerms:
 
 @dataclass(frozen=True)
 class ReducedProblem:
-    """Find gamma and lambda >= 0 with K~ gamma + B~1^T lambda = loads θ, B~2 gamma <= gaps θ,
-    thesis (5.23).
+    """Projected contact problem, thesis (5.23).
+
+    Find gamma and lambda >= 0 with K~ gamma + B~1^T lambda = loads θ, B~2 gamma <= gaps θ.
 
     A generalised saddle point (5.27): B~1 and B~2 differ if conditions of the RID touch its
     interface; otherwise they are equal and it is (1.61).
@@ -104,22 +105,31 @@ class ReducedProblem:
     def changes(
         self, amplitudes: Amplitudes, point: np.ndarray, weights: np.ndarray, unknown: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """f' - K~' gamma, (ell, P), and derivatives of the gaps, (m, P), for weights of the parts
-        of K~, (Q,).
+        """Derivatives of the right-hand side along the parameters.
+
+        Args:
+            amplitudes: θ as a function of the parameters.
+            point: parameter, (P,).
+            weights: weights of the parts of K~, (Q,).
+            unknown: gamma, (ell,).
+
+        Returns:
+            f' - K~' gamma, (ell, P), and derivatives of the gaps, (m, P).
         """
         assert self.terms is not None
         theta = amplitudes(point)
         acting, slopes = amplitudes.slopes_at(point)
         right = self.terms.forces[:, acting] @ slopes
-        parts = zip(self.terms.stiffness, self.terms.lifts, self.terms.moduli, weights, strict=True)
-        for part, lift, modulus, weight in parts:
+        terms = zip(self.terms.stiffness, self.terms.lifts, self.terms.moduli, weights, strict=True)
+        for matrix, lift, modulus, weight in terms:
             right -= weight * (lift[:, acting] @ slopes)
-            right -= np.outer(part @ unknown + lift @ theta, modulus.derivative(point))
+            right -= np.outer(matrix @ unknown + lift @ theta, modulus.derivative(point))
         return right, self.gaps[:, acting] @ slopes
 
     def weighted(self, weights: np.ndarray) -> ReducedProblem:
-        """The problem of constant stiffness for weights of its parts, (Q,); itself without
-        parts.
+        """The problem of constant stiffness for weights of its parts, (Q,).
+
+        It is the problem itself without parts.
         """
         if self.terms is None:
             return self

@@ -1,5 +1,6 @@
-"""Named outputs of a model: numbers that depend on the contact forces, on a few rows of the
-displacement, on the point.
+"""Named outputs of a model.
+
+They are numbers that depend on contact forces, on a few rows of the displacement, and on the point.
 
 They are plain data, so that a model file keeps them, and need no field: a model multiplies the rows
 with its basis once. Derivatives are exact. At a kink, as a largest value has where two are equal,
@@ -30,8 +31,9 @@ _NOWHERE = np.zeros(0, dtype=np.int64)
 
 @dataclass(frozen=True)
 class Outputs:
-    """Values of the outputs of a scene at one parameter; read like a mapping from names to
-    numbers.
+    """Values of the outputs of a scene at one parameter.
+
+    They are read like a mapping from names to numbers.
     """
 
     values: dict[str, float]  #: by name; NaN without an answer
@@ -75,7 +77,7 @@ class _Gradient(dict[str, np.ndarray]):
 
 
 class AllOutputs(ABC):
-    """All outputs of a scene; here as they are read where no parameter changes the shape."""
+    """All outputs of a scene; here as they are read if no parameter changes the shape."""
 
     axes: Any = _NOWHERE  #: indices of the shape parameters
     items: tuple[Functional, ...]  #: one for each output, in the middle of the box
@@ -86,17 +88,35 @@ class AllOutputs(ABC):
         """Outputs on the shape at a point, (P,)."""
 
     def read(self, here: Functionals, answer: Any, theta: np.ndarray) -> np.ndarray:
-        """Rows of the outputs ``here`` times the displacement of an answer, (K,)."""
+        """Rows of the outputs times the displacement of an answer, (K,).
+
+        Args:
+            here: outputs on the shape of the answer.
+            answer: the answer.
+            theta: amplitudes at its parameter, (1 + T,).
+        """
         return answer.fields.measured(answer, theta)
 
     def read_changes(
         self, here: Functionals, answer: Any, changes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all contact forces, (N_lambda, P), and of these products, (K, P)."""
+        """Derivatives of all contact forces, (N_lambda, P), and of these products, (K, P).
+
+        Args:
+            here: outputs on the shape of the answer.
+            answer: the answer, with a gradient.
+            changes: derivatives of the amplitudes, (1 + T, P).
+        """
         return answer.fields.measured_changes(answer, changes)
 
     def along_shapes(self, here: Functionals, answer: Any, states: list[State]) -> np.ndarray:
-        """Derivatives of all outputs along the shape parameters at fixed states, (outputs, P)."""
+        """Derivatives of all outputs along the shape parameters at fixed states, (outputs, P).
+
+        Args:
+            here: outputs on the shape of the answer.
+            answer: the answer.
+            states: arguments of each output.
+        """
         return np.zeros((len(states), answer.parameter.size))
 
 
@@ -139,29 +159,41 @@ class Functional:
     entries: Annotated[Floats, "entries"]
 
     def matrix(self, size: int) -> csr_matrix:
-        """Its rows, (k, N)."""
+        """Rows of the output, (k, N)."""
         return csr_matrix((self.entries, (self.rows, self.columns)), shape=(self.count, size))
 
     def value(self, state: State) -> float:
-        """Value of the output."""
+        """Value of the output.
+
+        Raises:
+            NotImplementedError: in this base class.
+        """
         raise NotImplementedError(
             f"{type(self).__name__} must have value(state), which returns a number"
         )
 
     def slopes(self, state: State) -> Slopes:
-        """Partial derivatives of the output."""
+        """Partial derivatives of the output.
+
+        Raises:
+            NotImplementedError: in this base class.
+        """
         raise NotImplementedError(
             f"{type(self).__name__} must have slopes(state), or differentiable = False"
         )
 
     def followed(self, state: State, there: Functional, shifted: State) -> float:
-        """Value of the same output on another shape, on the smooth piece that is active at
-        ``state``.
+        """Value on another shape, on the smooth piece that is active at ``state``.
+
+        Args:
+            state: arguments on this shape.
+            there: the same output on the other shape.
+            shifted: arguments on the other shape.
         """
         return there.value(shifted)
 
     def indices(self) -> dict[str, np.ndarray]:
-        """Its indices of ``conditions`` and ``terms``, for checks."""
+        """Indices of ``conditions`` and ``terms``, for checks."""
         return {}
 
 
@@ -184,104 +216,122 @@ class Functionals(AllOutputs):
     @cached_property
     def rows(self) -> csr_matrix:
         """Rows of all outputs, concatenated, (K, N)."""
-        return csr_matrix(vstack([item.matrix(self.size) for item in self.items], format="csr"))
+        return csr_matrix(
+            vstack([functional.matrix(self.size) for functional in self.items], format="csr")
+        )
 
     @cached_property
     def places(self) -> list[slice]:
         """Rows of each output."""
-        ends = np.cumsum([0, *(item.count for item in self.items)]).tolist()
+        ends = np.cumsum([0, *(functional.count for functional in self.items)]).tolist()
         return [slice(*pair) for pair in pairwise(ends)]
 
     @cached_property
     def uses_forces(self) -> bool:
         """True if any output depends on the contact forces."""
-        return any(item.uses_forces for item in self.items)
+        return any(functional.uses_forces for functional in self.items)
 
     def check(self, space: ParameterSpace, conditions: int, gauss_points: int) -> None:
-        """Raise SceneError for parts that do not fit a model; files may be wrong."""
+        """Check that all parts fit a model: files may be wrong.
+
+        Args:
+            space: the box of the parameters.
+            conditions: number of contact conditions.
+            gauss_points: number of places where laws of bodies are evaluated.
+
+        Raises:
+            SceneError: for an output or index that does not fit.
+        """
         sizes = {
             "conditions": conditions,
             "terms": self.amplitudes.firsts[-1],
             "points": gauss_points,
         }
         point = space.middle
-        for item in self.items:
-            if not isinstance(item, Functional):
-                raise SceneError(f"{item!r} is no Functional, and an output must be one")
-            own = [("rows", item.rows, item.count), ("columns", item.columns, self.size)]
-            own += [(what, index, sizes[what]) for what, index in item.indices().items()]
-            for what, index, size in own:
+        for functional in self.items:
+            if not isinstance(functional, Functional):
+                raise SceneError(f"{functional!r} is no Functional, and an output must be one")
+            indices = [
+                ("rows", functional.rows, functional.count),
+                ("columns", functional.columns, self.size),
+            ]
+            indices += [(name, index, sizes[name]) for name, index in functional.indices().items()]
+            for name, index, size in indices:
                 if index.size and not (index.min() >= 0 and index.max() < size):
-                    raise SceneError(f"output '{item.name}' has {what} outside 0 .. {size - 1}")
+                    raise SceneError(
+                        f"output '{functional.name}' has {name} outside 0 .. {size - 1}"
+                    )
             stress = np.zeros((gauss_points, 4))
             tried = State(
                 np.ones(conditions),
-                np.ones(item.count),
+                np.ones(functional.count),
                 point,
                 np.ones(sizes["terms"]),
                 stress.copy,
             )
             try:
-                item.value(tried)
-                item.matrix(self.size)
+                functional.value(tried)
+                functional.matrix(self.size)
             except (ValueError, IndexError) as error:
                 raise SceneError(
-                    f"output '{item.name}' has arrays of sizes that do not fit: {error}"
+                    f"output '{functional.name}' has arrays of sizes that do not fit: {error}"
                 ) from None
 
 
 def outputs_of(answer: Any) -> Outputs:
     """Outputs at an answer, with derivatives if the answer has any.
 
-    HHRError for a model of a scene without outputs.
+    Raises:
+        HHRError: for a model of a scene without outputs.
     """
     fields: Any = answer.fields
-    whole: Any = fields.functionals
-    if whole is None:
+    outputs: Any = fields.functionals
+    if outputs is None:
         raise HHRError(
             "this model has no outputs: name them in the scene, Scene(..., outputs=(...,)), and "
             "build again"
         )
-    units = {item.name: item.unit for item in whole.items}
+    units = {functional.name: functional.unit for functional in outputs.items}
     if not answer.converged:
         return Outputs(dict.fromkeys(units, np.nan), units)
     point = answer.parameter
-    amplitudes = whole.amplitudes
-    functionals: Functionals = whole.at(point)
+    amplitudes = outputs.amplitudes
+    functionals: Functionals = outputs.at(point)
     theta = amplitudes.dense(point)
     forces = fields.forces(answer) if functionals.uses_forces else _NOTHING
     measured = _NOTHING
     if (
         functionals.places and functionals.places[-1].stop
     ):  # outputs of forces alone need no displacement
-        measured = whole.read(functionals, answer, theta)
-    rest = answer.stress, answer.memory
-    states = [State(forces, measured[place], point, theta, *rest) for place in functionals.places]
+        measured = outputs.read(functionals, answer, theta)
+    context = answer.stress, answer.memory
+    states = [State(forces, measured[rows], point, theta, *context) for rows in functionals.places]
     values = {
-        item.name: item.value(state) for item, state in zip(functionals.items, states, strict=True)
+        functional.name: functional.value(state)
+        for functional, state in zip(functionals.items, states, strict=True)
     }
     if answer.gradient is None:
         return Outputs(values, units, note=answer.note)
     acting, slopes = amplitudes.slopes_at(point)
     changes = np.zeros((theta.size, point.size))
     changes[acting] = slopes
-    of_forces, of_measured = whole.read_changes(functionals, answer, changes)
-    of_shape = whole.along_shapes(functionals, answer, states)
+    of_forces, of_measured = outputs.read_changes(functionals, answer, changes)
+    of_shape = outputs.along_shapes(functionals, answer, states)
     gradient = _Gradient()
     one_sided = answer.gradient.one_sided
-    for item, state, place, explicit in zip(
+    for functional, state, rows, explicit in zip(
         functionals.items, states, functionals.places, of_shape, strict=True
     ):
-        if not item.differentiable:
+        if not functional.differentiable:
             continue
-        part = item.slopes(state)
-        found = (
-            explicit + part.forces @ of_forces[part.conditions]
-            if part.conditions.size
+        partial = functional.slopes(state)
+        derivative = (
+            explicit + partial.forces @ of_forces[partial.conditions]
+            if partial.conditions.size
             else explicit
         )
-        for slope, change in ((part.measured, of_measured[place]), (part.theta, changes)):
-            found = found + slope @ change if slope.size else found
-        gradient[item.name] = found + part.point if part.point.size else found
-        one_sided = one_sided or part.kink
+        for slope, change in ((partial.measured, of_measured[rows]), (partial.theta, changes)):
+            derivative = derivative + slope @ change if slope.size else derivative
+        gradient[functional.name] = derivative + partial.point if partial.point.size else derivative
+        one_sided = one_sided or partial.kink
     return Outputs(values, units, gradient, one_sided, answer.gradient.note)

@@ -1,6 +1,4 @@
-"""Kinds of outputs: a class for each way in which a number depends on forces, displacement and
-point.
-"""
+"""Kinds of outputs: dependence of a number on forces, displacement and point."""
 
 from __future__ import annotations
 
@@ -48,19 +46,27 @@ class Linear(Functional):
         terms: np.ndarray = _NOWHERE,
         coefficients: np.ndarray = _NOTHING,
     ) -> Linear:
-        """Output from conditions and weights of their forces, one row of the displacement, (1, N),
-        and amplitudes.
+        """Output that is linear in forces, displacement and amplitudes.
+
+        Args:
+            name: name of the output.
+            unit: unit of its value, as text.
+            conditions: contact conditions, (c,).
+            weights: weights of their forces, (c,).
+            row: row of the displacement, sparse (1, N); None for none.
+            terms: numbers of the amplitudes, (t,).
+            coefficients: weights of these, (t,).
         """
         matrix = (0, _NOWHERE, _NOWHERE, _NOTHING)
         along = _NOTHING
         if row is not None:
             entries = row.tocoo()
-            own = (
+            arrays = (
                 entries.row.astype(np.int64),
                 entries.col.astype(np.int64),
                 entries.data.astype(float),
             )
-            matrix = (1, *own)
+            matrix = (1, *arrays)
             along = np.ones(1)
         forces = conditions.astype(np.int64), np.asarray(weights, dtype=float)
         return cls(
@@ -125,16 +131,22 @@ class Largest(OfPressures):
     def slopes(self, state: State) -> Slopes:
         """Slopes of the condition where the maximum is attained."""
         pressures = self.pressures(state)
-        place = int(pressures.argmax())
+        index = int(pressures.argmax())
         return Slopes(
-            self.conditions[[place]], 1 / self.areas[[place]], kink=tied(pressures, place)
+            self.conditions[[index]], 1 / self.areas[[index]], kink=tied(pressures, index)
         )
 
     def followed(self, state: State, there: Functional, shifted: State) -> float:
-        """Pressure of the condition where the maximum is attained."""
+        """Pressure of the condition where the maximum is attained.
+
+        Args:
+            state: arguments that choose the condition.
+            there: the output on the other shape.
+            shifted: arguments on the other shape.
+        """
         assert isinstance(there, Largest)
-        place = self.pressures(state).argmax()
-        return float(shifted.forces[self.conditions[place]] / there.areas[place])
+        index = self.pressures(state).argmax()
+        return float(shifted.forces[self.conditions[index]] / there.areas[index])
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +173,13 @@ class Loaded(OfPressures):
         return Slopes()
 
     def followed(self, state: State, there: Functional, shifted: State) -> float:
-        """Area on the other shape of the conditions under load."""
+        """Area on the other shape of the conditions under load.
+
+        Args:
+            state: arguments that choose the conditions.
+            there: the output on the other shape.
+            shifted: not used.
+        """
         assert isinstance(there, Loaded)
         return float(there.offset + there.factor * there.counted[self._loaded(state)].sum())
 
@@ -184,7 +202,12 @@ class LoadedShare(Loaded):
         return self.own
 
 
-def tied(values: np.ndarray, place: int) -> bool:
-    """True if another value is as large as the largest, or all are zero."""
-    largest = values[place]
+def tied(values: np.ndarray, index: int) -> bool:
+    """True if another value is as large as the largest, or all are zero.
+
+    Args:
+        values: values, (n,).
+        index: index of the largest one.
+    """
+    largest = values[index]
     return bool(np.count_nonzero(values >= largest - TIE * abs(largest)) > 1)

@@ -1,4 +1,4 @@
-"""Equilibrium of bodies whose answers depend on a path, and settings of histories.
+"""Equilibrium of bodies with laws, and settings of histories.
 
 Warnings of time steps that are too long are here too: one for each history, or one for a whole
 training.
@@ -42,7 +42,12 @@ class LawsAtPlaces(Protocol):
         """Number of these places."""
 
     def mises(self, output: StressOutput, cells: np.ndarray) -> Functional:
-        """Von Mises' stress of an output in some cells, by their numbers."""
+        """Von Mises' stress of an output in some cells.
+
+        Args:
+            output: the output.
+            cells: numbers of the cells.
+        """
 
 
 class Histories(Protocol):
@@ -59,7 +64,12 @@ class Histories(Protocol):
     ) -> History:
         """History of a model along a checked path.
 
-        ``known`` and ``keep`` as in :meth:`FullOrderModel.march`.
+        Args:
+            model: model that answers.
+            path: times and parameters.
+            settings: settings of the solution.
+            known: answers to the first steps, solved before.
+            keep: called with each new answer.
         """
 
     def one_step(
@@ -71,9 +81,15 @@ class Histories(Protocol):
         gradient: bool,
         **step: Any,
     ) -> Answer:
-        """Answer of a model to a point, (P,), from rest.
+        """Answer of a model to a point, from rest.
 
-        ``step``: further arguments of its ``solve``.
+        Args:
+            model: model that answers.
+            point: checked parameter, (P,).
+            raise_on_failure: raise instead of returning NaN and a status.
+            outside: policy outside the training range.
+            gradient: compute the derivatives along the parameters.
+            **step: further arguments of ``solve`` of the model.
         """
 
     def known_error(self, known: str) -> str:
@@ -81,8 +97,9 @@ class Histories(Protocol):
 
 
 class Equilibrium(Histories, Protocol):
-    """Equilibrium of bodies with laws, of a full or a small model: the plug-in that reads the laws
-    makes it.
+    """Equilibrium of bodies with laws, of a full or a small model.
+
+    The plug-in that reads the laws makes it.
     """
 
     @property
@@ -98,7 +115,16 @@ class FullEquilibrium(Equilibrium, LawsAtPlaces, Protocol):
 
 
 def facet_of(equilibrium: Equilibrium, word: str, what: str) -> Any:
-    """Facet of the plug-in that made an equilibrium, see :func:`hhr_dolfinx.registry.facet`."""
+    """Facet of the plug-in that made an equilibrium, see :func:`hhr_dolfinx.registry.facet`.
+
+    Args:
+        equilibrium: the equilibrium.
+        word: name of the facet.
+        what: purpose of the facet, for the message.
+
+    Raises:
+        NotOfferedError: if the plug-in does not have it.
+    """
     return registry.facet(equilibrium.reader, word, what)
 
 
@@ -108,8 +134,13 @@ _COLLECTED: ContextVar[list[float] | None] = ContextVar("time errors of a traini
 
 
 def warn_of_time_error(estimate: float, tolerance: float | None) -> None:
-    """Warn of a large time error, unless a tolerance was given, or :func:`told_once` collects the
-    warnings.
+    """Warn of a large time error.
+
+    Not if a tolerance was given, or if :func:`told_once` collects the warnings.
+
+    Args:
+        estimate: estimated time error.
+        tolerance: tolerance of the history; None without one.
     """
     collected = _COLLECTED.get()
     if collected is not None:
@@ -134,7 +165,7 @@ def told_once(what: str = "") -> Iterator[None]:
         yield
     finally:
         _COLLECTED.reset(token)
-    large = [item for item in estimates if item > ACCEPTED]
+    large = [estimate for estimate in estimates if estimate > ACCEPTED]
     if what and large:
         text = f"the time steps of {len(large)} of {len(estimates)} {what} {_said(max(large))}"
         warn(text, TimeStepWarning)

@@ -11,19 +11,27 @@ import numpy as np
 from hhr_dolfinx.errors import ParameterError
 from hhr_dolfinx.models.answer import Answer, History, Model, Path
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
-from hhr_dolfinx.parameters import ParameterSpace, named_values
+from hhr_dolfinx.parameters import ParameterSpace, PointLike, named_values
 
 
 def check_settings(settings: object) -> None:
-    """Raise ParameterError for settings of a history that are no MarchSettings."""
+    """Check the settings of a history.
+
+    Raises:
+        ParameterError: for a value that is no MarchSettings.
+    """
     if not isinstance(settings, MarchSettings):
         raise ParameterError(
             f"the settings {settings!r} of a history must be MarchSettings, or left out"
         )
 
 
-def checked_path(parameters: ParameterSpace, path: Iterable[tuple[float, Any]]) -> Path:
+def checked_path(parameters: ParameterSpace, path: Iterable[tuple[float, PointLike]]) -> Path:
     """Check a whole path before any of it is solved.
+
+    Args:
+        parameters: the box of the parameters.
+        path: times in seconds and parameters, the first ones at rest.
 
     Raises:
         ParameterError: if it is empty, a parameter is not finite or outside the box, or times do
@@ -71,8 +79,9 @@ def _pair(step: Any) -> Any:
 
 @contextmanager
 def left_with(history: History) -> Iterator[None]:
-    """Give what ends a block, a keyboard interrupt too, an attribute ``history`` with the steps
-    before.
+    """Give an error of a block the attribute ``history``, with the steps before.
+
+    A keyboard interrupt gets it too.
     """
     try:
         yield
@@ -83,13 +92,24 @@ def left_with(history: History) -> Iterator[None]:
 
 
 class Walk(Protocol):
-    """What solves the steps of one history, one after another."""
+    """Solver of the steps of one history, one after another."""
 
     def known(self, number: int, answer: Answer) -> Answer:
-        """Take in the answer of step ``number``, from 1 on, which the full model solved before."""
+        """Take in the answer of step ``number``, from 1 on, which the full model solved before.
+
+        Args:
+            number: number of the step, from 1 on.
+            answer: its answer, which the full model solved before.
+        """
 
     def solved(self, number: int, time: float, point: np.ndarray) -> Answer:
-        """Answer at the end of a step, at a time and a point, (P,)."""
+        """Answer at the end of a step, at a time and a point, (P,).
+
+        Args:
+            number: number of the step, from 1 on.
+            time: end of the step, in seconds.
+            point: parameter there, (P,).
+        """
 
 
 def walked(
@@ -101,7 +121,12 @@ def walked(
 ) -> History:
     """Answer a checked path into a history: known steps first.
 
-    ``keep`` is called with each new one.
+    Args:
+        walk: solver of the steps.
+        path: times and parameters.
+        history: history to which the answers are appended.
+        known: answers to the first steps, solved before.
+        keep: called with each new answer.
     """
     with left_with(history):
         for number, (time, point) in enumerate(path[1:], start=1):
@@ -127,12 +152,23 @@ class _PointByPoint:
         self.start: str | np.ndarray = "nearest"
 
     def known(self, number: int, answer: Answer) -> Answer:
-        """Its statuses are the next start."""
+        """Keep the statuses of an answer as the next start.
+
+        Args:
+            number: not used.
+            answer: answer of the step.
+        """
         self.start = answer.active
         return answer
 
     def solved(self, number: int, time: float, point: np.ndarray) -> Answer:
-        """Answer at a point, whatever was before."""
+        """Answer at a point, whatever was before.
+
+        Args:
+            number: not used.
+            time: end of the step, in seconds.
+            point: parameter there, (P,).
+        """
         answer = self.model.solve(point, start=self.start, outside=self.outside, **self.wanted)
         self.start = answer.active
         return answer._replace(time=time, time_error=0.0)
@@ -146,11 +182,17 @@ def solve_along(
     known: Sequence[Answer] = (),
     keep: Callable[[Answer], None] = lambda answer: None,
 ) -> History:
-    """History of an elastic model along a checked path: every point is solved from the statuses of
-    the one before.
+    """History of an elastic model along a checked path.
 
-    Of the settings ``outside`` and ``gradient`` count; ``known`` and ``keep`` as in
-    :meth:`FullOrderModel.march`.
+    Every point is solved from the statuses of the one before. Of the settings ``outside`` and
+    ``gradient`` count.
+
+    Args:
+        model: model that answers.
+        path: times and parameters.
+        settings: settings of the history.
+        known: answers to the first steps, solved before.
+        keep: called with each new answer.
     """
     check_settings(settings)
     return walked(_PointByPoint(model, settings), path, History(*path[0]), known, keep)

@@ -1,6 +1,4 @@
-"""What answers paths: the law of the contact conditions, by its facet ``steps``, or bodies with
-laws.
-"""
+"""Steps of paths: the facet ``steps`` of the law of the contact conditions."""
 
 from __future__ import annotations
 
@@ -22,8 +20,9 @@ if TYPE_CHECKING:
 
 
 class Steps:
-    """Base of the facet: what a law does not override is refused, never answered as if the law were
-    not there.
+    """Base of the facet ``steps``.
+
+    A method that a law does not override is refused, never answered as if the law were not there.
     """
 
     #: whether it completes the memory of hyper-reduced models on the whole surface; else facet
@@ -31,7 +30,17 @@ class Steps:
     completes: ClassVar[bool] = False
 
     def march(self, model: Any, path: Path, settings: MarchSettings, **how: Any) -> History:
-        """See :class:`~hhr_dolfinx.models.histories.equilibrium.Histories`."""
+        """See :class:`~hhr_dolfinx.models.histories.equilibrium.Histories`.
+
+        Args:
+            model: model that answers.
+            path: times and parameters.
+            settings: settings of the solution.
+            **how: ``known`` and ``keep``.
+
+        Raises:
+            NotOfferedError: if the law does not override it.
+        """
         raise NotOfferedError(f"histories are not built in with {model.law.name}")
 
     def one_step(
@@ -43,24 +52,57 @@ class Steps:
         gradient: bool,
         **step: Any,
     ) -> Answer:
-        """See :class:`~hhr_dolfinx.models.histories.equilibrium.Histories`."""
+        """See :class:`~hhr_dolfinx.models.histories.equilibrium.Histories`.
+
+        Args:
+            model: model that answers.
+            point: checked parameter, (P,).
+            raise_on_failure: raise instead of returning NaN and a status.
+            outside: policy outside the training range.
+            gradient: compute the derivatives along the parameters.
+            **step: further arguments of ``solve`` of the model.
+
+        Raises:
+            NotOfferedError: if the law does not override it.
+        """
         raise NotOfferedError(f"answers to single points are not built in with {model.law.name}")
 
     def increments(self, model: Any, settings: MarchSettings) -> Any:
-        """Solver of the increments of a history of elastic bodies, for a model whose law
-        remembers.
+        """Solver of the increments of a history of elastic bodies.
+
+        The law of the model remembers.
+
+        Args:
+            model: model that answers.
+            settings: settings of the solution.
+
+        Raises:
+            NotOfferedError: if the law does not override it.
         """
         raise NotOfferedError(
             f"increments of elastic bodies are not built in with {model.law.name}"
         )
 
     def step_contact(
-        self, model: Any, before: Answer, point: np.ndarray, time: float, last: Any = None
+        self,
+        model: Any,
+        before: Answer,
+        point: np.ndarray,
+        time: float,
+        last: StepContact | None = None,
     ) -> StepContact:
-        """Solver of contact problems of a step of bodies with laws, from an answer to a point,
-        (P,), at a time.
+        """Solver of the contact problems of a step of bodies with laws.
 
-        Factors of ``last``, that of another step on the same S, may serve again.
+        Args:
+            model: model that answers.
+            before: answer at the start of the step.
+            point: parameter at its end, (P,).
+            time: time of its end, in seconds.
+            last: solver of another step on the same S, whose factors may serve again; None without
+                one.
+
+        Raises:
+            NotOfferedError: if the law does not override it.
         """
         raise NotOfferedError(f"steps by linearisation are not built in with {model.law.name}")
 
@@ -73,8 +115,11 @@ class Steps:
         return lambda answer: None
 
     def coupling(self, model: object, point: np.ndarray) -> float:
-        """Strength of the coupling of the rows at a point, (P,), see
-        :meth:`AnsweringModel.coupling`; here unknown.
+        """Strength of the coupling of the rows, see :meth:`AnsweringModel.coupling`; unknown here.
+
+        Args:
+            model: model that answers.
+            point: parameter, (P,).
         """
         return math.nan
 
@@ -87,17 +132,37 @@ class UnilateralSteps(Steps):
     """Unilateral contact remembers nothing: each point of a path has its answer."""
 
     def march(self, model: Model, path: Path, settings: MarchSettings, **how: Any) -> History:
-        """Point by point."""
+        """Point by point.
+
+        Args:
+            model: model that answers.
+            path: times and parameters.
+            settings: settings of the solution.
+            **how: ``known`` and ``keep``.
+        """
         return solve_along(model, path, settings, **how)
 
     def step_contact(
-        self, model: Any, before: Answer, point: np.ndarray, time: float, last: Any = None
+        self,
+        model: Any,
+        before: Answer,
+        point: np.ndarray,
+        time: float,
+        last: StepContact | None = None,
     ) -> StepContact:
-        """By the active set."""
+        """Solver by the active set.
+
+        Args:
+            model, before, point, time, last: not used.
+        """
         return UNILATERAL_STEP
 
     def coupling(self, model: object, point: np.ndarray) -> float:
-        """None."""
+        """Zero: rows are not coupled by the law.
+
+        Args:
+            model, point: not used.
+        """
         return 0.0
 
 
@@ -105,10 +170,14 @@ _UNILATERAL = UnilateralSteps()
 
 
 def steps_of(law: ContactLaw) -> Steps:
-    """The facet of a law; NotOfferedError if its plug-in does not have it."""
+    """The facet of a law.
+
+    Raises:
+        NotOfferedError: if its plug-in does not have it.
+    """
     if not law.plugin:
         return _UNILATERAL
-    found: Steps = registry.facet(
+    steps: Steps = registry.facet(
         law.plugin, "steps", f"what contacts with {law.name} do along a path"
     )
-    return found
+    return steps

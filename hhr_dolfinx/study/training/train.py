@@ -1,11 +1,12 @@
-"""A full model with the answers to train and to check reduced models: computed once, used by many
-models.
+"""Training: a full model with the answers to train and to check reduced models.
+
+They are computed once, and used by many models.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -18,6 +19,7 @@ from hhr_dolfinx import registry
 from hhr_dolfinx.errors import NotOfferedError, ParameterError, StudyError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.group import ProcessGroup, group_of, share
+from hhr_dolfinx.models.answer import Path as LoadPath
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.model import KeptModel
@@ -51,8 +53,9 @@ def silent(label: str) -> Callable[[Iterable], Iterable]:
 
 @dataclass(frozen=True, repr=False)
 class Training(Shown):
-    """A full model with the answers to train and to check reduced models, and methods that build
-    models from them.
+    """A full model with the answers to train and to check reduced models.
+
+    Its methods build models from them.
 
     Attributes:
         full_order: the full model, on one rank or distributed over all.
@@ -84,7 +87,7 @@ class Training(Shown):
 
     @cached_property
     def everywhere(self) -> Training:
-        """The same with all rows on each rank, if the full model is distributed; else itself."""
+        """Training with all rows on each rank; itself if the full model is not distributed."""
         if self.full_order.spread.all_here:
             return self
         full, snapshots, held_out = everywhere(self.full_order, self.snapshots, self.held_out)
@@ -93,13 +96,22 @@ class Training(Shown):
     def build(
         self, recipe: object = None, *, checked: bool = True, announce: Announce = unannounced
     ) -> Any:
-        """Build a reduced model; unchecked it has no warning and no growth of its RID, so that it
-        can be measured.
+        """Build a reduced model.
 
-        Only unsolvable models are refused even then: dependent contact rows, a singular K~. None
-        takes the default recipe of the scene, or the one for which a greedy training chose. Other
-        objects are user-defined reductors, see :class:`~hhr_dolfinx.reduction.reductor.Reductor`.
-        Each stage is announced as it begins.
+        Only unsolvable models are refused without a check too: dependent contact rows, a singular
+        K~.
+
+        Args:
+            recipe: a recipe, or a user-defined reductor, see
+                :class:`~hhr_dolfinx.reduction.reductor.Reductor`. None takes the default recipe of
+                the scene, or the one for which a greedy training chose.
+            checked: check the model. Without a check it has no warning and no growth of its RID, so
+                that it can be measured.
+            announce: called with each stage as it begins.
+
+        Raises:
+            ReductionError, NotSolvableError, UnstableModelError: see
+                :func:`~hhr_dolfinx.reduction.build.build`.
         """
         if recipe is None and self.choice is not None:
             recipe = self.choice.recipe
@@ -113,13 +125,13 @@ class Training(Shown):
 
     def __getattr__(self, name: str) -> Any:
         """Method that a plug-in adds."""
-        places = registry.named("kinds") | registry.named("methods")
-        if name.startswith("_") or name not in places:
-            why = registry.remedy("kinds", name) or registry.remedy("methods", name)
+        import_paths = registry.named("kinds") | registry.named("methods")
+        if name.startswith("_") or name not in import_paths:
+            reason = registry.remedy("kinds", name) or registry.remedy("methods", name)
             raise AttributeError(
-                f"a training has no {name!r}{why or ', and no installed plug-in adds it'}"
+                f"a training has no {name!r}{reason or ', and no installed plug-in adds it'}"
             )
-        return partial(registry.load(places[name]), self)
+        return partial(registry.load(import_paths[name]), self)
 
     def condense(
         self, settings: object = None, announce: Announce = unannounced
@@ -127,9 +139,13 @@ class Training(Shown):
         """Build a model that keeps all contact conditions, with its check.
 
         For elastic bodies of constant stiffness it is exact. If the stiffness or the shape depends
-        on parameters it is interpolated, by ``GridSettings``; without settings as finely as the
-        bound of its errors, if that is small. Bodies with laws are condensed by the reductor of the
-        plug-in that reads these. Each stage is announced as it begins.
+        on parameters it is interpolated. Bodies with laws are condensed by the reductor of the
+        plug-in that reads these.
+
+        Args:
+            settings: ``GridSettings``; None interpolates as finely as the bound of the errors, if
+                that is small.
+            announce: called with each stage as it begins.
 
         Raises:
             NotOfferedError: for bodies with rigid motions whose moduli or shapes are parameters,
@@ -186,7 +202,7 @@ def train(
 
 
 def _trained(
-    scene: Scene, training: Any, held_out: Any, seed: int, folder: str | Path | None,
+    scene: Scene, training: object, held_out: object, seed: int, folder: str | Path | None,
     group: ProcessGroup,
     march: MarchSettings, progress: Progress, together: bool | None,
 ) -> Training:  # fmt: skip
@@ -205,46 +221,49 @@ def _trained(
         store = None if folder is None else SnapshotStore(folder, full)
     with log.stage("snapshots"), full.strains.paused():
         snapshots, choice = _solved(full, queries, group, progress, store, march)
-    kept = None
+    validation = None
     if apart:
         with log.stage("held_out"), full.strains.paused():
             # a number of points is chosen by forces, whose last digits may differ between machines
-            given = (
+            points = (
                 apart
                 if isinstance(apart, list)
                 else held_out_points(full.problem, snapshots, apart, seed)
             )
-            given = group.from_first(given)
-            kept = _answered(
+            points = group.from_first(points)
+            validation = _answered(
                 full,
-                given,
+                points,
                 group,
                 _bar(progress, "held out", group),
                 store,
                 march,
                 "queries held out",
             )
-    full.strains.check(full, snapshots, kept)
+    full.strains.check(full, snapshots, validation)
     # ranks of a distributed model have found the same
     counts = group.gathered(0 if store is None else store.found)
-    found = max(counts) if full.group.size > 1 else sum(counts)
-    if found:
-        total = len(snapshots.points) + (0 if kept is None else len(kept.points))
+    count = max(counts) if full.group.size > 1 else sum(counts)
+    if count:
+        total = len(snapshots.points) + (0 if validation is None else len(validation.points))
         log.skip(
             "snapshots",
-            f"{found} of {total} answers were read from {folder}: the times cover the others",
+            f"{count} of {total} answers were read from {folder}: the times cover the others",
         )
-    return Training(full, snapshots, kept, log, choice, found)
+    return Training(full, snapshots, validation, log, choice, count)
 
 
 def _full_model(
     scene: Scene, group: ProcessGroup, together: bool | None, queries: object, log: StageLog
 ) -> FullOrderModel:
-    """A full model on each rank, or one distributed over all ranks, by rows if it reduces by
-    rows.
+    """A full model on each rank, or one distributed over all ranks.
+
+    A distributed one keeps its rows if it reduces by rows.
     """
-    why = group.no_room_side_by_side(scene) if together is None else "it was asked for" * together
-    if not why or group.size == 1:
+    reason = (
+        group.no_room_side_by_side(scene) if together is None else "it was asked for" * together
+    )
+    if not reason or group.size == 1:
         with group.each(f"building the full model of scene '{scene.name}'"):
             return FullOrderModel(scene, MPI.COMM_SELF)
     if scene.shapes:
@@ -254,17 +273,17 @@ def _full_model(
         )
     log.skip(
         "problems side by side",
-        f"{group.size} ranks solve one problem after another together, since {why}",
+        f"{group.size} ranks solve one problem after another together, since {reason}",
     )
     full = FullOrderModel(scene, group.comm)
-    why = (
+    reason = (
         "a greedy training chooses its points"
         if chooses_itself(queries)
         else not_by_rows(kind_of(full))
     )
-    if full.spread.all_here or not why:
+    if full.spread.all_here or not reason:
         return full
-    log.skip("rows of ranks", f"each rank has all rows of all matrices and answers: {why}")
+    log.skip("rows of ranks", f"each rank has all rows of all matrices and answers: {reason}")
     return full.gathered()
 
 
@@ -276,7 +295,7 @@ def _bar(progress: Progress, label: str, group: ProcessGroup) -> Callable[[Itera
 
 def _answered(
     full: FullOrderModel,
-    given: Any,
+    queries: np.ndarray | Sequence[LoadPath],
     group: ProcessGroup,
     progress: Callable[[Iterable], Iterable],
     store: SnapshotStore | None,
@@ -285,9 +304,9 @@ def _answered(
 ) -> SnapshotSet:
     """Answers to queries; warns of those without one."""
     lost = Lost()
-    found = spread_snapshots(full, given, group, progress, store, march, lost)
-    lost.warn(len(given), 1, what)
-    return found
+    answers = spread_snapshots(full, queries, group, progress, store, march, lost)
+    lost.warn(len(queries), 1, what)
+    return answers
 
 
 def _solved(
@@ -303,7 +322,7 @@ def _solved(
     choice = None
     if chooses_itself(queries):
 
-        def solve(points: Any) -> SnapshotSet:
+        def solve(points: np.ndarray | Sequence[LoadPath]) -> SnapshotSet:
             return spread_snapshots(full, points, group, iter, store, march, lost)
 
         bar = _bar(progress, "greedy", group)
@@ -325,8 +344,9 @@ def _solved(
 
 
 class PartSolved(NamedTuple):
-    """Numbers of the training queries of a part, of those held out, and of answers that existed
-    already.
+    """Counts of one part of a training.
+
+    Training queries, held-out queries, and answers that existed already.
     """
 
     training: int
@@ -380,10 +400,12 @@ def train_part(
     with group.each(f"building the full model of scene '{scene.name}'"):
         full = FullOrderModel(scene, MPI.COMM_SELF)
         store = SnapshotStore(target, full)
-    others = apart if isinstance(apart, list) else uniform_points(full.parameters, apart, seed)
+    held_out_queries = (
+        apart if isinstance(apart, list) else uniform_points(full.parameters, apart, seed)
+    )
     counts = []
-    for label, given in (("snapshots", queries), ("held out", others)):
-        mine = [given[k] for k in share(len(given), number - 1, parts)]
+    for label, all_queries in (("snapshots", queries), ("held out", held_out_queries)):
+        mine = [all_queries[k] for k in share(len(all_queries), number - 1, parts)]
         counts.append(len(mine))
         if mine:
             bar = _bar(progress, label, group)
@@ -392,14 +414,27 @@ def train_part(
 
 
 def chooses_itself(training: object) -> bool:
-    """True if a training chooses its queries itself, as ``Greedy`` does, whose module others do not
-    import.
+    """True if a training chooses its queries itself, as ``Greedy`` does.
+
+    Others do not import its module.
     """
     return callable(getattr(training, "grown", None)) and not isinstance(training, type)
 
 
-def checked_training(scene: Scene, training: Any, held_out: Any, seed: Any) -> tuple[Any, Any]:
-    """Points or paths to train on; number of points, or paths, that are held out."""
+def checked_training(
+    scene: Scene, training: Any, held_out: object, seed: object
+) -> tuple[Any, Any]:
+    """Points or paths to train on; number of points, or paths, that are held out.
+
+    Args:
+        scene: the scene.
+        training: the training, see :func:`train`.
+        held_out: held-out queries, see :func:`train`.
+        seed: seed of random points.
+
+    Raises:
+        StudyError: for an invalid scene, training, number or seed.
+    """
     if not isinstance(scene, Scene):
         raise StudyError(f"{scene!r} is no scene: give a Scene")
     check_counts(seed=(seed, 0))
@@ -416,8 +451,14 @@ def checked_training(scene: Scene, training: Any, held_out: Any, seed: Any) -> t
 
 
 def training_points(scene: Scene, training: Any) -> np.ndarray:
-    """Training points, (S, P): on a regular grid for counts along each parameter, sampled, or as
-    they are given.
+    """Training points, (S, P).
+
+    Args:
+        scene: the scene.
+        training: counts along each parameter of a regular grid, a sampling, or points.
+
+    Raises:
+        StudyError: for invalid or fewer than two points.
     """
     original = training
     if isinstance(training, type):
@@ -427,11 +468,11 @@ def training_points(scene: Scene, training: Any) -> np.ndarray:
     try:
         if hasattr(training, "points"):
             training = np.asarray(training.points(scene.parameters))
-        given = has_names(training)
-        given = given or (
+        is_table = has_names(training)
+        is_table = is_table or (
             isinstance(training, np.ndarray) and (training.ndim > 1 or training.dtype.kind == "f")
         )
-        points = scene.parameters.points(training) if given else scene.parameters.grid(training)
+        points = scene.parameters.points(training) if is_table else scene.parameters.grid(training)
     except ParameterError as error:
         raise StudyError(f"training of scene '{scene.name}': {error}") from None
     if len(points) < 2:
@@ -443,20 +484,25 @@ def training_points(scene: Scene, training: Any) -> np.ndarray:
 
 
 def checked_folder(folder: str | Path) -> Path:
-    """A folder to write to, which need not exist; StudyError for an impossible one."""
+    """A folder to write to, which need not exist.
+
+    Raises:
+        StudyError: for an impossible one.
+    """
     if not isinstance(folder, str | os.PathLike):
         raise StudyError(f"the folder {folder!r} must be a path")
     path = Path(folder)
     try:
         if "\0" in str(path):  # some versions of Python would report a missing file
             raise ValueError("embedded null byte")
-        there = next((part for part in (path, *path.parents) if part.exists()), path)
+        existing = next((ancestor for ancestor in (path, *path.parents) if ancestor.exists()), path)
     except (OSError, ValueError) as error:
         raise StudyError(
             f"the folder {str(path)[:80]!r} cannot be made: {error}. Choose another name"
         ) from None
-    if there.exists() and not there.is_dir():
+    if existing.exists() and not existing.is_dir():
         raise StudyError(
-            f"the folder {path} cannot be made: {there} is a file. Choose another folder or move it"
+            f"the folder {path} cannot be made: {existing} is a file. "
+            "Choose another folder or move it"
         )
     return path
