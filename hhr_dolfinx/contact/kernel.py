@@ -17,7 +17,14 @@ if TYPE_CHECKING:
     from hhr_dolfinx.amplitudes import Amplitudes
     from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Statuses
     from hhr_dolfinx.contact.law import ContactLaw, StepContact
+    from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
+    from hhr_dolfinx.full_order.free_bodies import FreeBody
+    from hhr_dolfinx.full_order.system import SystemAt
     from hhr_dolfinx.linear.rows import Rows
+    from hhr_dolfinx.models.answer import Answer, ModelFields
+    from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination, Responses
+    from hhr_dolfinx.models.eliminations.projected import ReducedProblem
+    from hhr_dolfinx.scene import Scene
 
 
 class Kernel(Protocol):
@@ -32,36 +39,62 @@ class Kernel(Protocol):
     idle: np.ndarray  #: the same without loads and resistance, (N, l), which answers do not have
     law: ContactLaw  #: of the problem's conditions, in the form that solves for motions
 
-    def at(self, problem: Any) -> Kernel:
+    def at(self, problem: ContactProblem) -> Kernel:
         """Kernel of the problem on another shape of bodies that it does not move.
 
-        NotOfferedError if it differs.
+        Raises:
+            NotOfferedError: if it differs.
         """
 
-    def condensed(self, there: Any) -> CondensedKernel | None:
-        """The motions as unknowns of the contact problem at a point, a ``SystemAt``.
+    def condensed(self, there: SystemAt) -> CondensedKernel | None:
+        """The motions as unknowns of the contact problem at a point, ``there``.
 
         None if contact resists none.
         """
 
-    def exact(self, problem: Any, responses: Any) -> Any:
-        """``Elimination`` at a constant stiffness, by the ``Responses`` of the pinned bodies."""
+    def exact(self, problem: ContactProblem, responses: Responses) -> Elimination:
+        """``Elimination`` at a constant stiffness, by the ``Responses`` of the pinned bodies.
 
-    def beside(self, eliminated: Any) -> Any:
+        Args:
+            problem: the contact problem.
+            responses: responses of the pinned bodies to loads and contact forces.
+        """
+
+    def beside(self, eliminated: Elimination) -> Elimination:
         """``Elimination`` by one that leaves out the motions, at any stiffness."""
 
     def holding(self) -> np.ndarray:
         """Numbers of the conditions that resist the motions, (k,)."""
 
     def without(self, rows: Rows, fields: np.ndarray) -> np.ndarray:
-        """Displacements, (own, k), without the motions that contact resists."""
+        """Displacements, (own, k), without the motions that contact resists.
+
+        Args:
+            rows: rows of this rank.
+            fields: displacements, (own, k).
+        """
 
     def first(self, rows: Rows, basis: np.ndarray) -> np.ndarray:
-        """Basis, (own, ell), of these motions, the first r, and of a given one."""
+        """Basis, (own, ell), of these motions, the first r, and of a given one.
 
-    def balanced(self, problem: Any, basis: np.ndarray, sets: Any, reduced: Any) -> Any:
-        """A ``ReducedProblem``: replace the equations tested with the first r modes by the balance
-        of whole bodies.
+        Args:
+            rows: rows of this rank.
+            basis: the given basis, (own, ell).
+        """
+
+    def balanced(
+        self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets, reduced: ReducedProblem
+    ) -> ReducedProblem:
+        """Replace the equations tested with the first r modes by the balance of whole bodies.
+
+        Args:
+            problem: the full contact problem.
+            basis: modes, (N, ell), the motions first.
+            sets: index sets of the RID.
+            reduced: the reduced problem without the balance.
+
+        Returns:
+            A reduced problem with the balance.
         """
 
 
@@ -73,18 +106,32 @@ class CondensedKernel(Protocol):
     modes: np.ndarray  #: they as primal unknowns, (n, r)
 
     def drift(self, forces: np.ndarray, unknown: np.ndarray, /) -> np.ndarray:
-        """d(residual along the motions)/dμ at fixed forces and unknown, (r, P)."""
+        """d(residual along the motions)/dμ at fixed forces and unknown, (r, P).
+
+        Args:
+            forces: contact forces, (m,).
+            unknown: primal unknown, (n,).
+        """
 
     def answer(
         self,
-        contact: Any,
+        contact: CondensedContact,
         point: np.ndarray,
         start: np.ndarray,
         pairs: Pairs | None,
-        fields: Any,
+        fields: ModelFields,
         gradient: bool,
-    ) -> Any:
-        """Answer at a point, see :func:`~hhr_dolfinx.models.eliminations.elimination.answer_of`."""
+    ) -> Answer:
+        """Answer at a point, see :func:`~hhr_dolfinx.models.eliminations.elimination.answer_of`.
+
+        Args:
+            contact: the condensed contact problem at the point.
+            point: parameters, (P,).
+            start: statuses to start from, (m,) bool.
+            pairs: contact pair of each condition; None takes all for one pair.
+            fields: fields of the model, for the answer.
+            gradient: compute the derivatives along the parameters.
+        """
 
 
 class LinearisedKernel(Protocol):
@@ -101,20 +148,38 @@ class LinearisedKernel(Protocol):
         active: np.ndarray,
         pairs: Pairs | None,
     ) -> tuple[Statuses, np.ndarray]:
-        """Forces with their statuses, and the motion, (n,), under a free slack, (m,), and a
-        residual, (n,).
+        """Solve a linearised contact problem: forces with their statuses, and the motion, (n,).
+
+        Args:
+            contact: contact problems of the step.
+            free_slack: slack without contact forces, (m,).
+            residual: residual of the equilibrium, (n,).
+            unknown: unknown at the linearisation, (n,).
+            active: statuses to start from, (m,) bool.
+            pairs: contact pair of each condition; None takes all for one pair.
         """
 
     def changed(
         self, residual: np.ndarray, free_slack: np.ndarray, active: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Forces, (m,), and motion, (n,), of a small change at constant statuses."""
+        """Forces, (m,), and motion, (n,), of a small change at constant statuses.
+
+        Args:
+            residual: change of the residual, (n,).
+            free_slack: change of the free slack, (m,).
+            active: constant statuses, (m,) bool.
+        """
 
     def undetermined(
         self, forces: np.ndarray, slack: np.ndarray, holding: np.ndarray | None
     ) -> np.ndarray | None:
-        """Motions, (n, d), that forces on conditions, beside those that hold anyway, leave
-        undetermined, or None.
+        """Motions, (n, d), that the active conditions leave undetermined, or None.
+
+        Args:
+            forces: contact forces, (m,).
+            slack: slacks, (m,).
+            holding: further conditions that resist motions, such as tangential rows, (m,) bool; None
+                for none.
         """
 
 
@@ -124,12 +189,21 @@ class Kernels(Protocol):
     def linearised(
         self, equalities: SchurEqualities, contact_of_motions: np.ndarray, modes: np.ndarray
     ) -> LinearisedKernel:
-        """Motions, (n, r), with their effect on the conditions, (m, r), beside equality problems on
-        S.
+        """Motions as unknowns of the linearised contact problems.
+
+        Args:
+            equalities: equality problems on S, (m, m).
+            contact_of_motions: effect of the motions on the conditions, (m, r).
+            modes: the motions, (n, r).
         """
 
-    def of(self, scene: Any, problem: Any, bodies: Sequence[Any]) -> Kernel:
+    def of(self, scene: Scene, problem: ContactProblem, bodies: Sequence[FreeBody]) -> Kernel:
         """Kernel of a problem with these free bodies.
+
+        Args:
+            scene: the scene.
+            problem: its contact problem.
+            bodies: bodies with rigid motions.
 
         Raises:
             NotSolvableError: for motions with loads that contact does not resist, and bodies that
@@ -137,21 +211,26 @@ class Kernels(Protocol):
             SceneError: if the law of the contacts does not solve for motions.
         """
 
-    def elimination(self, problem: Any, amplitudes: Amplitudes) -> Any:
-        """``Elimination`` of a reduced problem whose first modes are motions."""
+    def elimination(self, problem: ReducedProblem, amplitudes: Amplitudes) -> Elimination:
+        """``Elimination`` of a reduced problem whose first modes are motions.
 
-    def undetermined_outputs(self, answer: Any) -> set[str]:
+        Args:
+            problem: the reduced problem.
+            amplitudes: amplitudes of its terms.
+        """
+
+    def undetermined_outputs(self, answer: Answer) -> set[str]:
         """Names of the outputs that an undetermined motion of an answer changes."""
 
-    def undetermined_motions(self, answer: Any) -> str:
+    def undetermined_motions(self, answer: Answer) -> str:
         """Description of the undetermined motions of an answer."""
 
 
 def kernels() -> Kernels:
-    """The tool.
+    """Tool ``kernel`` of the installed plug-ins.
 
     Raises:
         NotOfferedError: if no installed plug-in has it.
     """
-    found: Any = registry.tool("kernel", "a body that contact alone holds")
-    return found
+    tool: Any = registry.tool("kernel", "a body that contact alone holds")
+    return tool
