@@ -178,8 +178,8 @@ class LinearisedKernel(Protocol):
         Args:
             forces: contact forces, (m,).
             slack: slacks, (m,).
-            holding: further conditions that resist motions, such as tangential rows, (m,) bool; None
-                for none.
+            holding: further conditions that resist motions, such as tangential rows, (m,) bool;
+                None for none.
         """
 
 
