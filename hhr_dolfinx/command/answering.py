@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -87,9 +87,7 @@ def _full_of(scene: str) -> Any:
     return FullOrderModel(scene_of(scene))
 
 
-def _checked_answer(
-    full: FullOrderModel, point: dict[str, float], step: dict[str, float]
-) -> Answer:
+def _checked_answer(full: FullOrderModel, point: dict[str, float], step: dict[str, Any]) -> Answer:
     """Answer of a full model, whose strains are checked once it is there."""
     from hhr_dolfinx.snapshots.records import SnapshotSet
 

@@ -103,7 +103,7 @@ def _once() -> Callable[..., None]:
     """Handler that prints warnings as sentences, each once, on the first rank."""
     shown = set()
 
-    def show(message: object, category: object, *_: Any, **__: Any) -> None:
+    def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
         if str(message) not in shown:
             shown.add(str(message))
             _say(f"warning: {message}")

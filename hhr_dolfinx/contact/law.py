@@ -243,7 +243,7 @@ class ContactLaw:
             ParameterError: for points along which the law has no meaning.
         """
 
-    def opened(self, memory: Mapping[str, Any]) -> float | np.ndarray:
+    def opened(self, memory: Memory) -> float | np.ndarray:
         """Part of the gaps that a memory adds, (m,), as a worn depth does, or 0.
 
         Outputs of gaps are without it.
@@ -260,7 +260,7 @@ class ContactLaw:
         """Sizes that the layout names."""
         return {}
 
-    def stored(self, memory: Mapping[str, Any]) -> dict[str, Any]:
+    def stored(self, memory: Memory) -> dict[str, Any]:
         """Arrays of a memory, by the names of the layout."""
         return {}
 

@@ -209,7 +209,7 @@ class DiscreteSpace(ABC):
         selected = np.unique(nodes[held])
         return selected[selected < self.space.dofmap.index_map.size_local]
 
-    def _load_vector(self, load: object, form: ufl.Form) -> np.ndarray:
+    def _load_vector(self, load: Load | Output, form: ufl.Form) -> np.ndarray:
         """Assemble a form that is linear in v, (N,)."""
         arguments = form.arguments() if isinstance(form, ufl.Form) else ()
         try:

@@ -97,6 +97,9 @@ class Rows:
             problem: the contact problem.
             basis: local rows of the modes, (own, ell).
             sets: index sets of the RID.
+
+        Raises:
+            NotImplementedError: if all rows are local.
         """
         raise NotImplementedError  # all rows are here
 

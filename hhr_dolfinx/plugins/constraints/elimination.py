@@ -75,7 +75,7 @@ class Constraint(Protocol):
     """Interface of a constraint, an item of ``Scene.constraints``."""
 
     @property
-    def amplitude(self) -> Any:
+    def amplitude(self) -> Amplitude | Formula | str | float:
         """Amplitude of the right-hand sides, as of a displacement."""
 
     def equations(self, assembler: Assembler) -> ConstraintEquations:
@@ -275,7 +275,7 @@ def _check_kept(
     amplitudes = terms.amplitudes()
     sides = terms.columns("sides", rows.shape[0])
     sizes = [abs(rows) @ abs(term.columns) for term in imposed]
-    size = max(size, *(part.max() for part in sizes if part.nnz), 0.0)
+    size = max(size, *(products.max() for products in sizes if products.nnz), 0.0)
     for point in box_samples(scene.parameters, EQUATION_SAMPLES) if rows.shape[0] else ():
         theta = amplitudes(point)
         if np.abs(sides @ theta).max() > BROKEN * size * np.abs(theta.values).max():

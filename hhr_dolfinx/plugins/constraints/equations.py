@@ -98,11 +98,11 @@ class Equation:
                 f"terms = {self.terms!r} of an equation must be triples (place, component, "
                 "coefficient)"
             )
-        for place, component, coefficient in terms:
-            check_place("term of an equation", place)
+        for term_place, component, coefficient in terms:
+            check_place("term of an equation", term_place)
             if not is_whole(component, 0) or not is_number(coefficient) or coefficient == 0:
                 raise SceneError(
-                    f"{(place, component, coefficient)} of an equation needs a component and a "
+                    f"{(term_place, component, coefficient)} of an equation needs a component and a "
                     "coefficient"
                 )
         object.__setattr__(self, "terms", terms)

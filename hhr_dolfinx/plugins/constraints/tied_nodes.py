@@ -58,10 +58,10 @@ def without_tied(
     shares = _shares(cell_nodes, rows, pairs, tied)
     lost = tied[np.diff(shares.indptr) == 0]
     for pair in np.unique(pairs[lost]).tolist():
-        lost_of_pair = lost[pairs[lost] == pair]
+        alone = lost[pairs[lost] == pair]
         warn(
-            f"{lost_of_pair.size} nodes of contact {pair} of {tuple(scene.contacts[pair].tags)} with "
-            f"the area {rows.areas[lost_of_pair].sum():.3g} are tied to its other surface, and their "
+            f"{alone.size} nodes of contact {pair} of {tuple(scene.contacts[pair].tags)} with "
+            f"the area {rows.areas[alone].sum():.3g} are tied to its other surface, and their "
             "neighbours too: the tie bears their force, which the forces and areas of the contact "
             "leave out. Let the tie and the contact have surfaces of their own",
             SceneWarning,
@@ -72,13 +72,11 @@ def without_tied(
     weights = csr_matrix(weights[untied])
     areas = weights @ rows.areas
     # a node without an area, as on an axis, takes nothing over
-    lost_of_pair = np.where(areas[:, None] > 0, 0.0, 1.0)
+    alone = np.where(areas[:, None] > 0, 0.0, 1.0)
     scaled = diags(1 / np.where(areas > 0, areas, 1.0)) @ weights @ diags(rows.areas)
     mean = csr_matrix(
         scaled
-        + csr_matrix(
-            (lost_of_pair.ravel(), (np.arange(untied.size), untied)), shape=(untied.size, m)
-        )
+        + csr_matrix((alone.ravel(), (np.arange(untied.size), untied)), shape=(untied.size, m))
     )
     # the gap of a tied node is closed, whatever the mesh has there
     closed = np.ones(m)
