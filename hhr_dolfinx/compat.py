@@ -306,8 +306,10 @@ def linear_mesh(
     degree: int = 1,
     shares: Shares | None = None,
 ) -> Mesh:
-    r"""Make a mesh in the plane or in space.\n\nThe arguments of ``create_mesh`` changed their
-    order in 0.10. Points and cells are the union of those on all ranks.
+    """Make a mesh in the plane or in space.
+
+    The arguments of ``create_mesh`` changed their order in 0.10. Points and cells are the union of
+    those on all ranks.
 
     Args:
         comm: communicator of the mesh.
@@ -354,7 +356,9 @@ def _partitioner(comm: Comm, points: np.ndarray | None, shares: Shares | None) -
 
 
 def tags_of(mesh: Mesh, dim: int, entities: np.ndarray, values: np.ndarray) -> MeshTags:
-    r"""Tags of entities of a mesh.\n\nEntities and tags are the union of those on all ranks.
+    """Tags of entities of a mesh.
+
+    Entities and tags are the union of those on all ranks.
 
     Args:
         mesh: the mesh.

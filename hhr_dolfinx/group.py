@@ -18,9 +18,6 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Comm
     from scipy.sparse import csr_matrix
 
-    from hhr_dolfinx.linear.rows import Rows
-    from hhr_dolfinx.linear.sparse import FreeCholesky
-    from hhr_dolfinx.scene import Scene
 
 T = TypeVar("T")
 
@@ -110,8 +107,9 @@ class ProcessGroup:
         """
 
     def in_step(self, items: Callable[[], Iterable[T]], task: str) -> Iterator[T]:
-        r"""Iterate over the same items on all processes.\n\nIf code of the user that wraps them
-        fails on one process, all raise.
+        """Iterate over the same items on all processes.
+
+        If code of the user that wraps them fails on one process, all raise.
 
         Args:
             items: returns the items.
@@ -138,16 +136,14 @@ class ProcessGroup:
         """
         return [work(number) for number in range(count)]
 
-    def no_room_side_by_side(self, scene: Scene) -> str:
+    def no_room_side_by_side(self, scene: Any) -> str:
         """Reason why full models, one for each process, exceed the memory of a machine.
 
         Empty if they fit.
         """
         return ""
 
-    def shared_factors(
-        self, factors: FreeCholesky, rows: slice, own: csr_matrix, whole: csr_matrix
-    ) -> FreeCholesky:
+    def shared_factors(self, factors: Any, rows: slice, own: csr_matrix, whole: csr_matrix) -> Any:
         """Factors of a matrix of which each process has all rows.
 
         Args:
@@ -167,7 +163,7 @@ class ProcessGroup:
         low_rank: float | None,
         last: np.ndarray | None,
         rows: slice | None = None,
-    ) -> FreeCholesky:
+    ) -> Any:
         """``FreeCholesky`` that the processes share, of a matrix of which each has all rows.
 
         Args:
@@ -183,7 +179,7 @@ class ProcessGroup:
         """
         raise NotImplementedError  # one process makes its own
 
-    def rows(self, own: slice, count: int) -> Rows:
+    def rows(self, own: slice, count: int) -> Any:
         """``Rows`` of tables of which each process has some rows.
 
         Args:

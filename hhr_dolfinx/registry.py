@@ -18,13 +18,10 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from hhr_dolfinx.errors import NotOfferedError, PluginWarning, SceneError
 from hhr_dolfinx.warn import warn
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.full import FullModel
 
 GROUP = "hhr_dolfinx.plugins"
 """Group of entry points of plug-ins."""
@@ -438,7 +435,7 @@ def offered(word: str) -> Any | None:
     return None if path is None else load(path)
 
 
-def write_companions(full: FullModel, folder: Path) -> None:
+def write_companions(full: object, folder: Path) -> None:
     """Write the files of plug-ins next to a model in a folder.
 
     Collective over the ranks of the full model.

@@ -37,8 +37,9 @@ each other.
 
 
 def warn(message: str, category: type[Warning]) -> None:
-    r"""Warn for the line that called the package.\n\nA block that ignores or collects the warning
-    comes first.
+    """Warn for the line that called the package.
+
+    A block that ignores or collects the warning comes first.
 
     Args:
         message: the message.

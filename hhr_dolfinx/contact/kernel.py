@@ -18,13 +18,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Statuses
     from hhr_dolfinx.contact.law import ContactLaw, StepContact
     from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
-    from hhr_dolfinx.full_order.free_bodies import FreeBody
-    from hhr_dolfinx.full_order.system import SystemAt
     from hhr_dolfinx.linear.rows import Rows
-    from hhr_dolfinx.models.answer import Answer, ModelFields
-    from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination, Responses
-    from hhr_dolfinx.models.eliminations.projected import ReducedProblem
-    from hhr_dolfinx.scene import Scene
 
 
 class Kernel(Protocol):
@@ -46,21 +40,22 @@ class Kernel(Protocol):
             NotOfferedError: if it differs.
         """
 
-    def condensed(self, there: SystemAt) -> CondensedKernel | None:
-        """The motions as unknowns of the contact problem at a point, ``there``.
+    def condensed(self, there: Any) -> CondensedKernel | None:
+        """The motions as unknowns of the contact problem at a point.
 
-        None if contact resists none.
+        Returns:
+            None if contact resists none.
         """
 
-    def exact(self, problem: ContactProblem, responses: Responses) -> Elimination:
+    def exact(self, problem: ContactProblem, responses: Any) -> Any:
         """``Elimination`` at a constant stiffness, by the ``Responses`` of the pinned bodies.
 
         Args:
             problem: the contact problem.
-            responses: responses of the pinned bodies to loads and contact forces.
+            responses: ``Responses`` of the pinned bodies to loads and contact forces.
         """
 
-    def beside(self, eliminated: Elimination) -> Elimination:
+    def beside(self, eliminated: Any) -> Any:
         """``Elimination`` by one that leaves out the motions, at any stiffness."""
 
     def holding(self) -> np.ndarray:
@@ -83,18 +78,18 @@ class Kernel(Protocol):
         """
 
     def balanced(
-        self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets, reduced: ReducedProblem
-    ) -> ReducedProblem:
+        self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets, reduced: Any
+    ) -> Any:
         """Replace the equations tested with the first r modes by the balance of whole bodies.
 
         Args:
             problem: the full contact problem.
             basis: modes, (N, ell), the motions first.
             sets: index sets of the RID.
-            reduced: the reduced problem without the balance.
+            reduced: the reduced problem without the balance, a ``ReducedProblem``.
 
         Returns:
-            A reduced problem with the balance.
+            A ``ReducedProblem`` with the balance.
         """
 
 
@@ -115,21 +110,21 @@ class CondensedKernel(Protocol):
 
     def answer(
         self,
-        contact: CondensedContact,
+        contact: Any,
         point: np.ndarray,
         start: np.ndarray,
         pairs: Pairs | None,
-        fields: ModelFields,
+        fields: Any,
         gradient: bool,
-    ) -> Answer:
+    ) -> Any:
         """Answer at a point, see :func:`~hhr_dolfinx.models.eliminations.elimination.answer_of`.
 
         Args:
-            contact: the condensed contact problem at the point.
+            contact: the ``CondensedContact`` at the point.
             point: parameters, (P,).
             start: statuses to start from, (m,) bool.
             pairs: contact pair of each condition; None takes all for one pair.
-            fields: fields of the model, for the answer.
+            fields: the ``ModelFields``, for the answer.
             gradient: compute the derivatives along the parameters.
         """
 
@@ -197,13 +192,13 @@ class Kernels(Protocol):
             modes: the motions, (n, r).
         """
 
-    def of(self, scene: Scene, problem: ContactProblem, bodies: Sequence[FreeBody]) -> Kernel:
+    def of(self, scene: Any, problem: ContactProblem, bodies: Sequence[Any]) -> Kernel:
         """Kernel of a problem with these free bodies.
 
         Args:
             scene: the scene.
             problem: its contact problem.
-            bodies: bodies with rigid motions.
+            bodies: each ``FreeBody`` of the scene.
 
         Raises:
             NotSolvableError: for motions with loads that contact does not resist, and bodies that
@@ -211,7 +206,7 @@ class Kernels(Protocol):
             SceneError: if the law of the contacts does not solve for motions.
         """
 
-    def elimination(self, problem: ReducedProblem, amplitudes: Amplitudes) -> Elimination:
+    def elimination(self, problem: Any, amplitudes: Amplitudes) -> Any:
         """``Elimination`` of a reduced problem whose first modes are motions.
 
         Args:
@@ -219,10 +214,10 @@ class Kernels(Protocol):
             amplitudes: amplitudes of its terms.
         """
 
-    def undetermined_outputs(self, answer: Answer) -> set[str]:
+    def undetermined_outputs(self, answer: Any) -> set[str]:
         """Names of the outputs that an undetermined motion of an answer changes."""
 
-    def undetermined_motions(self, answer: Answer) -> str:
+    def undetermined_motions(self, answer: Any) -> str:
         """Description of the undetermined motions of an answer."""
 
 

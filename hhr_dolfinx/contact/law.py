@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
     from hhr_dolfinx.contact.rows import ContactRows
     from hhr_dolfinx.parameters import ParameterSpace
-    from hhr_dolfinx.scene import Scene
 
 LAW = MappingProxyType({"law": True})
 """Metadata of a field of a pairing that a plug-in reads as a law.
@@ -62,7 +61,7 @@ class PairLaw(ABC):
         """Short description for the check of a scene."""
 
     @abstractmethod
-    def check(self, scene: Scene, what: str) -> None:
+    def check(self, scene: Any, what: str) -> None:
         """Check that a scene admits the law.
 
         Args:
@@ -78,7 +77,7 @@ class PairLaw(ABC):
     def attached(
         cls,
         laws: Mapping[int, Any],
-        scene: Scene,
+        scene: Any,
         rows: ContactRows,
         pairs: np.ndarray,
         free: np.ndarray,

@@ -100,7 +100,9 @@ class ConstantElasticity:
     def stress(
         self, space: DiscreteSpace, place: int, field: fem.Function, point: np.ndarray
     ) -> Expr:
-        r"""Stress of a body in UFL at a point of the parameters.\n\nIts constants are not compiled.
+        """Stress of a body in UFL at a point of the parameters.
+
+        Its constants are not compiled.
 
         Args:
             space: functions on the mesh.

@@ -125,8 +125,9 @@ def components_of_nodes(count: int, cell_nodes: np.ndarray) -> np.ndarray:
 
 
 def rigid_motions(points: np.ndarray, hypothesis: str) -> np.ndarray:
-    r"""Motions without strain, (motions, nodes, dim).\n\nTranslations come first, then rotations
-    scaled by the size of the body.
+    """Motions without strain, (motions, nodes, dim).
+
+    Translations come first, then rotations scaled by the size of the body.
 
     Args:
         points: coordinates of the nodes, (nodes, dim).

@@ -226,8 +226,9 @@ class ConstantSystem(_OfParts):
         fields: ModelFields,
         gradient: bool,
     ) -> Answer:
-        r"""See :class:`System`.\n\nIt is written out where possible: values of a point would take
-        long beside a small query.
+        """See :class:`System`.
+
+        It is written out where possible: values of a point would take long beside a small query.
 
         Args:
             point: parameters, (P,).
@@ -330,8 +331,9 @@ class StatedSystem(Protocol):
     def read(
         self, system: System, problem: ContactProblem
     ) -> tuple[ContactProblem, SparseStiffness]:
-        r"""Contact problem with the parts of the system, and K in the middle of the box.\n\nThe
-        parts are compared with the equations of the system.
+        """Contact problem with the parts of the system, and K in the middle of the box.
+
+        The parts are compared with the equations of the system.
 
         Args:
             system: the system of the problem.

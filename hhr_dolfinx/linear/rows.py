@@ -5,17 +5,13 @@ a plug-in has them for rows that several processes share.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy import linalg
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.group import ProcessGroup
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
-    from hhr_dolfinx.reduction.projection import Modes
 
 T = TypeVar("T")
 
@@ -89,9 +85,8 @@ class Rows:
         """Columns of a sparse matrix, (m, N), that belong to the local rows of tables."""
         return matrix
 
-    def modes(self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Modes:
-        """Modes as test and trial functions, of which processes share the rows, see
-        ``reduction.projection``.
+    def modes(self, problem: Any, basis: np.ndarray, sets: Any) -> Any:
+        """Modes as test and trial functions of a reduction, see ``reduction.projection``.
 
         Args:
             problem: the contact problem.

@@ -102,8 +102,8 @@ class Equation:
             check_place("term of an equation", term_place)
             if not is_whole(component, 0) or not is_number(coefficient) or coefficient == 0:
                 raise SceneError(
-                    f"{(term_place, component, coefficient)} of an equation needs a component and a "
-                    "coefficient"
+                    f"{(term_place, component, coefficient)} of an equation needs a component and "
+                    "a coefficient"
                 )
         object.__setattr__(self, "terms", terms)
         check_amplitude(self, "an equation", formulas=True)

@@ -22,8 +22,9 @@ others.
 def chosen(
     rows: csr_matrix, dependent: np.ndarray, loose: np.ndarray, free: np.ndarray
 ) -> tuple[np.ndarray, csr_matrix]:
-    r"""Dofs that equations determine, (k,), with -1 for implied equations.\n\nLoose equations keep
-    their dof if it is free and no other equation determines it.
+    """Dofs that equations determine, (k,), with -1 for implied equations.
+
+    Loose equations keep their dof if it is free and no other equation determines it.
 
     Args:
         rows: coefficients of the equations, (k, N).

@@ -25,8 +25,10 @@ def without_repeated(
     pairs: np.ndarray,
     gaps: np.ndarray,
 ) -> Conditions:
-    r"""Conditions with one instead of several that are the same for V.\n\nSuch are those at both
-    edges of a periodic surface: one bears the force of all, at their mean by areas.
+    """Conditions with one instead of several that are the same for V.
+
+    Such are those at both edges of a periodic surface: one bears the force of all, at their mean by
+    areas.
 
     Args:
         middle: positive shares of dofs whose conditions are parts of those at other nodes, (N, N);

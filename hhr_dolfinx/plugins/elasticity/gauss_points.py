@@ -56,7 +56,9 @@ def degree_of(space: DiscreteSpace) -> int:
 def add_stiffness(
     discretisation: DiscreteSpace, matrix: PETSc.Mat, moduli: dict[int, tuple[float, float]]
 ) -> None:
-    r"""Add the stiffness of bodies with a mean dilatation.\n\nEach rank adds that of its cells.
+    """Add the stiffness of bodies with a mean dilatation.
+
+    Each rank adds that of its cells.
 
     Args:
         discretisation: functions on the mesh of the scene.

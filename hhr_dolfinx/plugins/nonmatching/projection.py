@@ -32,7 +32,9 @@ class ClosestPoints(NamedTuple):
 
 
 def closest_points(points: np.ndarray, corners: np.ndarray) -> ClosestPoints:
-    r"""Closest points on facets.\n\nAmong equally near ones the first counts.
+    """Closest points on facets.
+
+    Among equally near ones the first counts.
 
     Args:
         points: the points, (m, dim).
@@ -127,8 +129,9 @@ def project(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 
 def local_coordinates(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    r"""Reference coordinates of the orthogonal projection on a facet by Gauss-Newton, (m,
-    2).\n\nThe projection may lie outside of the facet.
+    """Reference coordinates of the orthogonal projection on a facet by Gauss-Newton, (m, 2).
+
+    The projection may lie outside of the facet.
 
     Args:
         points: the points, (m, 3).
