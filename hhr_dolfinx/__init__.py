@@ -72,13 +72,14 @@ def __getattr__(name: str) -> object:
         # a scan of plug-ins takes milliseconds, and asking for a sub-module leads here first
         if name in _names or name.startswith("_") or importlib.util.find_spec(f"{__name__}.{name}"):
             return _of_core(name)
-        if name not in (places := _of_plugins()):
-            why = importlib.import_module(f"{__name__}.registry").remedy("public", name)
+        if name not in (import_paths := _of_plugins()):
+            remedy = importlib.import_module(f"{__name__}.registry").remedy("public", name)
             raise AttributeError(
-                f"module '{__name__}' has no '{name}'{why or ', and no installed plug-in adds it'}"
+                f"module '{__name__}' has no '{name}'"
+                f"{remedy or ', and no installed plug-in adds it'}"
             )
-        module, _, attribute = places[name].partition(":")
-        globals()[name] = found = getattr(importlib.import_module(module), attribute)
-        return found
+        module, _, attribute = import_paths[name].partition(":")
+        globals()[name] = value = getattr(importlib.import_module(module), attribute)
+        return value
     except ModuleNotFoundError as error:
         raise _compat.explained(error) from error

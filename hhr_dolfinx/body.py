@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from numbers import Real
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import RANGES, Limits, check_formula
@@ -14,6 +14,9 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.parameters import ParameterSpace, Tag, check_tag, is_number
 from hhr_dolfinx.units import Units
 
+if TYPE_CHECKING:
+    from ufl.core.expr import Expr
+
 
 class LawsOfScenes(Protocol):
     """Checks of scenes by a plug-in that reads laws of bodies: its facet ``scene``."""
@@ -21,15 +24,21 @@ class LawsOfScenes(Protocol):
     def check_body(self, body: Body) -> None:
         """Raise SceneError for a body whose law, elasticity or grading is not built in."""
 
-    def linear_stress(self, law: object) -> Callable[[Any], Any] | None:
+    def linear_stress(self, law: object) -> Callable[[Expr], Expr] | None:
         """Stress of a law that is linear elasticity, as :attr:`Body.stress`.
 
         None for any other law.
         """
 
     def check_hypothesis(self, law: object, hypothesis: str) -> None:
-        """Raise SceneError for a law that no body can have under a hypothesis, such as plane
-        strain.
+        """Check that a body can have a law under a hypothesis, such as plane strain.
+
+        Args:
+            law: the law.
+            hypothesis: hypothesis of the scene.
+
+        Raises:
+            SceneError: if no body can.
         """
 
     def parameters_of(self, law: object) -> set[str]:
@@ -112,14 +121,17 @@ class Body(KnownArguments):
             material: name of the material.
             units: units of the scene.
             more: further attributes.
+
+        Raises:
+            SceneError: for an unknown material.
         """
         from hhr_dolfinx.materials.elasticity import elastic
 
         try:
-            found = elastic(material)
+            constants = elastic(material)
         except SceneError as error:
             raise SceneError(f"body {tag}: {error}") from None
-        return cls(tag, young=units.stress_of(found.young), poisson=found.poisson, **more)
+        return cls(tag, young=units.stress_of(constants.young), poisson=constants.poisson, **more)
 
     @property
     def plugin(self) -> str:
@@ -127,7 +139,7 @@ class Body(KnownArguments):
         return "" if self.law is None else registry.reader_of(self.law, f"body {self.tag}")
 
     @property
-    def own_stress(self) -> Callable[[Any], Any] | None:
+    def own_stress(self) -> Callable[[Expr], Expr] | None:
         """Linear elasticity that is not Hooke's: :attr:`stress`, or that of a law which is linear.
 
         None for others.
@@ -157,8 +169,15 @@ class Body(KnownArguments):
         )
 
     def check(self, parameters: ParameterSpace, hypothesis: str) -> None:
-        """Raise SceneError for a modulus or a ratio that is invalid somewhere in the box, or a law
-        in a hypothesis.
+        """Check the moduli and the law of the body.
+
+        Args:
+            parameters: the parameters with their box.
+            hypothesis: hypothesis of the scene.
+
+        Raises:
+            SceneError: for a modulus or a ratio that is invalid somewhere in the box, or a law that
+                the hypothesis does not admit.
         """
         if self.law is not None:
             laws_of_scenes(self.plugin).check_hypothesis(self.law, hypothesis)
@@ -172,8 +191,8 @@ class Body(KnownArguments):
 
 def laws_of_scenes(reader: str) -> LawsOfScenes:
     """Checks of scenes by the plug-in that reads their laws."""
-    found: LawsOfScenes = registry.facet(reader, "scene", "a scene whose bodies have laws")
-    return found
+    facet: LawsOfScenes = registry.facet(reader, "scene", "a scene whose bodies have laws")
+    return facet
 
 
 def _remedy_of_constants(young: float | str, poisson: float | str) -> str:

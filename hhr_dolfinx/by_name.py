@@ -62,7 +62,7 @@ _MODULES: Mapping[str, Mapping[str, str]] = {
 
 OWN: Mapping[str, Mapping[str, str]] = MappingProxyType(
     {
-        kind: {name: f"hhr_dolfinx.{place}" for name, place in registry.places_in(modules)}
+        kind: {name: f"hhr_dolfinx.{module}" for name, module in registry.places_in(modules)}
         for kind, modules in _MODULES.items()
     }
 )
@@ -76,6 +76,10 @@ _FOLDERS: set[Path] = set()
 
 def find(kind: str, name: str) -> Any:
     """Find a part of a kind of :data:`OWN` by a name in one of the forms of this module.
+
+    Args:
+        kind: kind of the part, such as ``pairings``.
+        name: its name.
 
     Raises:
         SceneError: for an unknown name, a file without it, or a file that cannot be loaded.
@@ -93,27 +97,27 @@ def find(kind: str, name: str) -> Any:
         return registry.load(OWN[kind][name])
     if name in (of_plugins := registry.parts(kind)):
         return registry.load(of_plugins[name][0])
-    others = importlib.metadata.entry_points(group=f"hhr_dolfinx.{kind}")
-    if name in others.names:
-        return _entry([point for point in others if point.name == name])
-    known = sorted({*OWN[kind], *of_plugins, *others.names})
-    near = difflib.get_close_matches(name, known, n=1)
+    entry_points = importlib.metadata.entry_points(group=f"hhr_dolfinx.{kind}")
+    if name in entry_points.names:
+        return _entry([point for point in entry_points if point.name == name])
+    candidates = sorted({*OWN[kind], *of_plugins, *entry_points.names})
+    near = difflib.get_close_matches(name, candidates, n=1)
     hint = f" Is '{near[0]}' meant?" if near else ""
     raise SceneError(
         f"none of the {kind} is called '{name}'{registry.remedy(kind, name)}.{hint} Known are "
-        f"{', '.join(known) or 'none'}; besides, what a file has ('my_file.py:name'), and entry "
-        f"points 'hhr_dolfinx.{kind}' of other packages"
+        f"{', '.join(candidates) or 'none'}; besides, what a file has ('my_file.py:name'), and "
+        f"entry points 'hhr_dolfinx.{kind}' of other packages"
     )
 
 
 def names(kind: str) -> dict[str, str]:
     """Names of a kind, each with its package or plug-in."""
-    found = {name: "hhr_dolfinx" for name in OWN[kind]} | {
+    owners = {name: "hhr_dolfinx" for name in OWN[kind]} | {
         name: at[1] for name, at in registry.parts(kind).items()
     }
     for point in importlib.metadata.entry_points(group=f"hhr_dolfinx.{kind}"):
-        found.setdefault(point.name, _owner(point))
-    return found
+        owners.setdefault(point.name, _owner(point))
+    return owners
 
 
 def place_of(error: BaseException) -> str:
@@ -121,12 +125,12 @@ def place_of(error: BaseException) -> str:
 
     Else empty.
     """
-    place = ""
+    position = ""
     for frame in traceback.extract_tb(error.__traceback__):
         # generated code, such as that of dataclasses, has a name such as <string> and no file
         if not frame.filename.startswith("<") and Path(frame.filename).resolve().parent in _FOLDERS:
-            place = f"{Path(frame.filename).name}, line {frame.lineno}"
-    return place
+            position = f"{Path(frame.filename).name}, line {frame.lineno}"
+    return position
 
 
 def _entry(points: list[importlib.metadata.EntryPoint]) -> Any:
@@ -150,7 +154,7 @@ def _owner(point: importlib.metadata.EntryPoint) -> str:
 
 def _attribute(module: ModuleType, name: str, path: str) -> Any:
     if not hasattr(module, name):
-        public = [item for item in vars(module) if not item.startswith("_")]
+        public = [attribute for attribute in vars(module) if not attribute.startswith("_")]
         near = difflib.get_close_matches(name, public, n=1)
         hint = f": is '{path}:{near[0]}' meant?" if near else f": name what is meant, '{path}:name'"
         raise SceneError(f"{path} has no '{name}'{hint}")
@@ -172,15 +176,17 @@ def _file(path: Path) -> ModuleType:
     """Module of a file, which may import other files of its folder."""
     if not path.is_file():
         beside = sorted(
-            item.name for item in path.absolute().parent.glob("*.py") if item.is_file()
+            neighbour.name
+            for neighbour in path.absolute().parent.glob("*.py")
+            if neighbour.is_file()
         )[:8]
         hint = f", which has {', '.join(beside)}" if beside else ""
         raise SceneError(f"there is no file {path} in {path.absolute().parent}{hint}")
-    whole = path.resolve()
-    changed = whole.stat().st_mtime_ns
-    if whole not in _LOADED or _LOADED[whole][0] != changed:
-        _LOADED[whole] = changed, _run(path, whole)
-    return _LOADED[whole][1]
+    resolved = path.resolve()
+    changed = resolved.stat().st_mtime_ns
+    if resolved not in _LOADED or _LOADED[resolved][0] != changed:
+        _LOADED[resolved] = changed, _run(path, resolved)
+    return _LOADED[resolved][1]
 
 
 def _run(path: Path, whole: Path) -> ModuleType:
@@ -216,8 +222,8 @@ def _run(path: Path, whole: Path) -> ModuleType:
 
 def _name_of(whole: Path) -> str:
     """Name for the module of a file: the name of the file, unless a loaded module has it."""
-    there = sys.modules.get(whole.stem)
-    if there is None or getattr(there, "__file__", None) == str(whole):
+    loaded = sys.modules.get(whole.stem)
+    if loaded is None or getattr(loaded, "__file__", None) == str(whole):
         return whole.stem
     return f"{whole.stem}_{hashlib.sha256(bytes(whole)).hexdigest()[:12]}"
 
@@ -226,10 +232,10 @@ def _forget_others(folder: Path) -> None:
     """Unload modules of other folders with the names of files in this folder, so that a file can
     import the latter.
     """
-    others = _FOLDERS - {folder}
+    other_folders = _FOLDERS - {folder}
     for path in folder.glob("*.py"):
-        there = getattr(sys.modules.get(path.stem), "__file__", None)
-        if there is not None and Path(there).parent in others and Path(there) not in _LOADED:
+        file = getattr(sys.modules.get(path.stem), "__file__", None)
+        if file is not None and Path(file).parent in other_folders and Path(file) not in _LOADED:
             del sys.modules[path.stem]
 
 

@@ -69,18 +69,23 @@ class NamedMesh(tuple):
         nodes: Mapping[str, np.ndarray] | None = None,
     ) -> NamedMesh:
         """Make the tuple of mesh and tags."""
-        found = super().__new__(cls, (mesh, cells, facets))
-        found.physical_groups = groups
-        found.summary = summary
-        found.nodes = nodes or {}
-        return found
+        named = super().__new__(cls, (mesh, cells, facets))
+        named.physical_groups = groups
+        named.summary = summary
+        named.nodes = nodes or {}
+        return named
 
 
 @contextmanager
 def extra(name: str, what: str) -> Iterator[None]:
-    """Block of the imports for ``what``.
+    """Block of the imports of optional packages.
 
-    If a package is missing, the error names the extra to install.
+    Args:
+        name: extra of this package that installs them.
+        what: description of the request for the message.
+
+    Raises:
+        MissingPackageError: if a package is missing; the message names the extra.
     """
     try:
         yield
@@ -93,7 +98,11 @@ def extra(name: str, what: str) -> Iterator[None]:
 
 @contextmanager
 def netcdf_read(path: Path, what: str) -> Iterator[Any]:
-    """Open a netCDF or HDF5 file by netCDF4, for ``what``; arrays have no masks.
+    """Open a netCDF or HDF5 file by netCDF4; arrays have no masks.
+
+    Args:
+        path: the file.
+        what: description of the request for the message.
 
     Raises:
         OSError: for another file.
@@ -149,14 +158,17 @@ def explained(error: ModuleNotFoundError) -> ModuleNotFoundError | MissingPackag
 
 
 def require_dolfinx() -> None:
-    """Raise MissingPackageError without DOLFINx, ImportError if it is too old or its PETSc uses
-    complex numbers.
+    """Check DOLFINx and its PETSc.
+
+    Raises:
+        MissingPackageError: without DOLFINx.
+        ImportError: if it is too old, or if its PETSc uses complex numbers.
     """
     try:
         import dolfinx
     except ImportError as error:
         raise MissingPackageError(f"DOLFINx is not installed. {GET_DOLFINX}") from error
-    version = tuple(int(part) for part in dolfinx.__version__.split(".")[:2])
+    version = tuple(int(number) for number in dolfinx.__version__.split(".")[:2])
     if version < MINIMUM_DOLFINX:
         raise ImportError(
             f"DOLFINx {dolfinx.__version__} is older than the required "
@@ -192,8 +204,15 @@ def versions() -> dict[str, str]:
 def gmsh_to_mesh(model: Any, comm: Comm, gdim: int, shares: Shares | None = None) -> NamedMesh:
     """Convert a gmsh model on rank 0 to a mesh with tags and the names of physical groups.
 
-    ``shares`` returns the rank of each cell from points, the corners of cells, and the number of
-    ranks; by default DOLFINx partitions the mesh.
+    Args:
+        model: the model of gmsh, on rank 0.
+        comm: communicator of the mesh.
+        gdim: dimension of the space.
+        shares: returns the rank of each cell from points, the corners of cells, and the number of
+            ranks; by default DOLFINx partitions the mesh.
+
+    Raises:
+        SceneError: if DOLFINx does not take the cells.
     """
     try:
         module = importlib.import_module(
@@ -257,16 +276,16 @@ def jitted(compiler: Callable[..., T], *given: Any) -> T:
         from dolfinx.jit import get_options
 
         folder = Path(get_options()["cache_dir"])
-        left = [
+        files = [
             path
             for path in folder.glob("libffcx_*.c")
             if not path.with_suffix(".c.cached").exists()
         ]
-        if "JIT" not in str(error) or not left:
+        if "JIT" not in str(error) or not files:
             raise
         raise FileError(
             "a form waits for another run that compiles it, or that was killed meanwhile "
-            f"({error}). If no other run compiles now, remove {', '.join(map(str, left))}, and "
+            f"({error}). If no other run compiles now, remove {', '.join(map(str, files))}, and "
             "run again"
         ) from error
 
@@ -289,12 +308,16 @@ def linear_mesh(
 ) -> Mesh:
     """Make a mesh in the plane or in space.
 
-    The arguments of ``create_mesh`` changed their order in 0.10.
+    The arguments of ``create_mesh`` changed their order in 0.10. Points and cells are the union of
+    those on all ranks.
 
-    Points, (n, dim), and the nodes of cells of a kind (``interval``, ``triangle``,
-    ``quadrilateral``, ``tetrahedron`` or ``hexahedron``), in tensor order if there is a choice, are
-    the union of those on all ranks. ``shares`` is as in :func:`gmsh_to_mesh`, for meshes on the
-    first rank only.
+    Args:
+        comm: communicator of the mesh.
+        points: coordinates of the nodes, (n, dim).
+        cells: nodes of the cells, (cells, k), in tensor order if there is a choice.
+        kind: ``interval``, ``triangle``, ``quadrilateral``, ``tetrahedron`` or ``hexahedron``.
+        degree: degree of the cells.
+        shares: see :func:`gmsh_to_mesh`; for meshes on the first rank only.
     """
     import basix.ufl
     import ufl
@@ -317,24 +340,31 @@ def _partitioner(comm: Comm, points: np.ndarray | None, shares: Shares | None) -
     import numpy as np
     from dolfinx import cpp, graph
 
-    def found(_: object, count: int, kinds: list[Any], corners: list[np.ndarray]) -> Any:
-        parts = [np.zeros(0, dtype="int32")]
-        for kind, given in zip(kinds, corners, strict=True):
-            cells = given.reshape(-1, cpp.mesh.cell_num_entities(kind, 0))
-            parts.append(
-                shares(points, cells, count) if points is not None and len(cells) else parts[0]
+    def partition(_: object, count: int, kinds: list[Any], corners: list[np.ndarray]) -> Any:
+        ranks_of_cells = [np.zeros(0, dtype="int32")]
+        for kind, corner_table in zip(kinds, corners, strict=True):
+            cells = corner_table.reshape(-1, cpp.mesh.cell_num_entities(kind, 0))
+            ranks_of_cells.append(
+                shares(points, cells, count)
+                if points is not None and len(cells)
+                else ranks_of_cells[0]
             )
-        made = graph.adjacencylist(np.concatenate(parts)[:, None])
-        return getattr(made, "_cpp_object", made)
+        graph_of_ranks = graph.adjacencylist(np.concatenate(ranks_of_cells)[:, None])
+        return getattr(graph_of_ranks, "_cpp_object", graph_of_ranks)
 
-    return found
+    return partition
 
 
 def tags_of(mesh: Mesh, dim: int, entities: np.ndarray, values: np.ndarray) -> MeshTags:
-    """Tags of entities of a dimension, given by their nodes in the numbering of the input of the
-    mesh.
+    """Tags of entities of a mesh.
 
-    Entities, (n, k), and their tags, (n,), are the union of those on all ranks.
+    Entities and tags are the union of those on all ranks.
+
+    Args:
+        mesh: the mesh.
+        dim: dimension of the entities.
+        entities: their nodes in the numbering of the input of the mesh, (n, k).
+        values: their tags, (n,).
     """
     from dolfinx import graph, io
     from dolfinx.mesh import meshtags_from_entities
@@ -360,8 +390,11 @@ def degree_of(mesh: Mesh) -> int:
 
 
 def quadrature(cell: str, degree: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points and weights of DOLFINx's quadrature rule of a degree on a reference cell, given by
-    name.
+    """Points and weights of DOLFINx's quadrature rule on a reference cell.
+
+    Args:
+        cell: name of the cell.
+        degree: degree of the rule.
     """
     import basix
 
@@ -371,7 +404,13 @@ def quadrature(cell: str, degree: int) -> tuple[np.ndarray, np.ndarray]:
 def shape_functions(
     cell: str, points: np.ndarray, degree: int = 1
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Lagrange functions of a reference cell at points, (q, k), and their slopes, (q, k, dim)."""
+    """Lagrange functions of a reference cell, (q, k), and their slopes, (q, k, dim).
+
+    Args:
+        cell: name of the cell.
+        points: reference coordinates, (q, dim).
+        degree: degree of the functions.
+    """
     table = _lagrange(cell, degree).tabulate(1, points)[..., 0]
     return table[0], table[1:].transpose(1, 2, 0).copy()
 
@@ -380,12 +419,17 @@ def topology(cell: str) -> tuple[list[list[int]], list[list[int]]]:
     """Corners of the edges and of the faces of a reference cell, in the order of DOLFINx."""
     import basix
 
-    found = basix.topology(basix.CellType[cell])
-    return found[1], found[2]
+    entities = basix.topology(basix.CellType[cell])
+    return entities[1], entities[2]
 
 
 def nodes_of_cell(cell: str, degree: int) -> np.ndarray:
-    """Reference coordinates of the nodes of a cell, (k, dim)."""
+    """Reference coordinates of the nodes of a cell, (k, dim).
+
+    Args:
+        cell: name of the cell.
+        degree: degree of its functions.
+    """
     return _lagrange(cell, degree).points
 
 
@@ -443,7 +487,7 @@ def require_numba() -> None:
 
 
 @lru_cache(maxsize=1)
-def _njit() -> Any:
+def _njit() -> Callable | None:
     """numba's compiler; None without numba, of which a warning tells once."""
     try:
         from numba import njit
@@ -471,19 +515,19 @@ def _private_cache() -> Iterator[None]:
     if not hasattr(os, "getuid"):
         raise RuntimeError("no folder is known to be the user's alone")
     folder = Path(tempfile.gettempdir()) / f"hhr_dolfinx-{os.getuid()}"
-    given = config.CACHE_DIR
+    previous = config.CACHE_DIR
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
-        found = folder.lstat()
+        status = folder.lstat()
     except OSError as error:
         raise RuntimeError(str(error)) from error
-    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o077:
+    if not stat.S_ISDIR(status.st_mode) or status.st_uid != os.getuid() or status.st_mode & 0o077:
         raise RuntimeError(f"{folder} is open to others")
     config.CACHE_DIR = str(folder)
     try:
         yield
     finally:
-        config.CACHE_DIR = given
+        config.CACHE_DIR = previous
 
 
 _DEAR: dict[Callable, str] = {}
@@ -499,8 +543,8 @@ def _report_compilation(function: Callable, what: str) -> None:
             dispatcher = event.data.get("dispatcher")
             done = None if dispatcher is None else _DEAR.pop(dispatcher.py_func, None)
             if done is not None:
-                for other in [key for key, value in _DEAR.items() if value == done]:
-                    del _DEAR[other]
+                for reported in [key for key, value in _DEAR.items() if value == done]:
+                    del _DEAR[reported]
                 _log.warning(
                     (
                         "compiling %s, once for an installation: this takes a quarter of a minute "

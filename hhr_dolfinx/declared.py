@@ -63,14 +63,14 @@ def annotations_of(kind: type) -> Mapping[str, ast.expr]:
     """
     if dataclasses.is_dataclass(kind):
         fields = [
-            item
-            for item in dataclasses.fields(kind)
-            if item.init and item.metadata.get("kept", True)
+            declared_field
+            for declared_field in dataclasses.fields(kind)
+            if declared_field.init and declared_field.metadata.get("kept", True)
         ]
-        return {item.name: _parsed(item.type) for item in fields}
-    given = inspect.get_annotations(kind.__init__)  # type: ignore[misc]
-    kept: Sequence[str] = kind.kept  # type: ignore[attr-defined]
-    return {name: _parsed(given.get(name, "Any")) for name in kept}
+        return {declared_field.name: _parsed(declared_field.type) for declared_field in fields}
+    annotations = inspect.get_annotations(kind.__init__)  # type: ignore[misc]
+    names: Sequence[str] = kind.kept  # type: ignore[attr-defined]
+    return {name: _parsed(annotations.get(name, "Any")) for name in names}
 
 
 @cache
@@ -105,7 +105,9 @@ def _alternatives(node: ast.expr) -> tuple[ast.expr, ...]:
     if isinstance(node, ast.Constant) and isinstance(node.value, str):
         return _alternatives(_text(node.value))
     if isinstance(node, ast.Subscript) and _name(node.value) in ("Union", "Optional"):
-        members = tuple(member for item in _items(node) for member in _alternatives(item))
+        members = tuple(
+            member for annotation in _items(node) for member in _alternatives(annotation)
+        )
         return (*members, ast.Constant(None)) if _name(node.value) == "Optional" else members
     return (node,)
 
@@ -127,9 +129,14 @@ def _items(node: ast.Subscript) -> list[ast.expr]:
 def fits(value: object, node: ast.expr, kinds: Mapping[str, type]) -> bool:
     """True if the value of a field has its declared type.
 
-    Names not among the known classes accept every value.
+    Names that are not among the known classes accept every value.
+
+    Args:
+        value: the value.
+        node: annotation of the field.
+        kinds: known classes by name.
     """
-    return any(_fits(value, item, kinds) for item in _alternatives(node))
+    return any(_fits(value, alternative, kinds) for alternative in _alternatives(node))
 
 
 def _fits(value: object, node: ast.expr, kinds: Mapping[str, type]) -> bool:
@@ -137,10 +144,12 @@ def _fits(value: object, node: ast.expr, kinds: Mapping[str, type]) -> bool:
         return value is None if node.value is None else True
     if isinstance(node, ast.Subscript):
         name = _name(node.value)
-        items = _items(node)
+        arguments = _items(node)
         if name == "Annotated":
-            return fits(value, items[0], kinds)
-        return name != "tuple" or (isinstance(value, tuple) and _tuple_fits(value, items, kinds))
+            return fits(value, arguments[0], kinds)
+        return name != "tuple" or (
+            isinstance(value, tuple) and _tuple_fits(value, arguments, kinds)
+        )
     name = _name(node)
     name = "int" if name == "Size" else name
     if name in ("float", "int", "bool", "str"):
@@ -156,7 +165,7 @@ def _fits(value: object, node: ast.expr, kinds: Mapping[str, type]) -> bool:
 
 def _tuple_fits(value: tuple, items: list[ast.expr], kinds: Mapping[str, type]) -> bool:
     if len(items) == 2 and isinstance(items[1], ast.Constant) and items[1].value is Ellipsis:
-        return all(fits(item, items[0], kinds) for item in value)
+        return all(fits(element, items[0], kinds) for element in value)
     return len(items) == len(value) and all(
         fits(*pair, kinds) for pair in zip(value, items, strict=True)
     )
@@ -165,9 +174,9 @@ def _tuple_fits(value: tuple, items: list[ast.expr], kinds: Mapping[str, type]) 
 @cache
 def declared_array(node: ast.expr) -> DeclaredArray | None:
     """Kind and sizes that an annotation declares; None without any."""
-    for item in _alternatives(node):
-        if isinstance(item, ast.Subscript) and _name(item.value) == "Annotated":
-            kind, *labels = _items(item)
+    for alternative in _alternatives(node):
+        if isinstance(alternative, ast.Subscript) and _name(alternative.value) == "Annotated":
+            kind, *labels = _items(alternative)
             if not _has_sizes(kind):
                 return None
             texts = [str(label.value) for label in labels if isinstance(label, ast.Constant)]
@@ -187,20 +196,25 @@ def _has_sizes(kind: ast.expr) -> bool:
 def check_layout(
     arrays: Mapping[str, np.ndarray], layout: Mapping[str, Sequence[str]], sizes: Mapping[str, int]
 ) -> None:
-    """Check that arrays have a given layout with consistent sizes, of which some are known.
+    """Check that arrays have a given layout with consistent sizes.
 
-    The layout has, for each name, the kind (``float``, ``int`` or ``bool``) and the names of the
-    sizes. The error names the array that is missing, unknown, or of another kind or shape.
+    Args:
+        arrays: the arrays by name.
+        layout: for each name the kind (``float``, ``int`` or ``bool``) and the names of the sizes.
+        sizes: known sizes by name.
+
+    Raises:
+        FileContentError: for an array that is missing, unknown, or of another kind or shape.
     """
     if arrays.keys() != layout.keys():
         missing = sorted(layout.keys() - arrays.keys())
         unknown = sorted(arrays.keys() - layout.keys())
         raise FileContentError(f"arrays {missing} are missing and {unknown} are unknown")
-    found = Sizes(known=sizes)
+    claimed = Sizes(known=sizes)
     for name, (kind, *labels) in layout.items():
         if NUMBER_KINDS.get(arrays[name].dtype.str) != kind:
             raise FileContentError(f"{name} has type {arrays[name].dtype}, it must be {kind}")
-        found.claim(name, DeclaredArray(kind, tuple(labels), ""), arrays[name])
+        claimed.claim(name, DeclaredArray(kind, tuple(labels), ""), arrays[name])
 
 
 class Sizes:
@@ -217,33 +231,39 @@ class Sizes:
 
         In other values none are.
         """
-        part = Sizes(self._whole)
+        sizes = Sizes(self._whole)
         if self._whole:
-            part.shared = self.shared
-            part._waiting = self._waiting
-        return part
+            sizes.shared = self.shared
+            sizes._waiting = self._waiting
+        return sizes
 
-    def claim(self, path: str, declared: DeclaredArray, value: Any) -> None:
+    def claim(self, path: str, declared: DeclaredArray, value: np.ndarray | tuple | int) -> None:
         """Record the sizes of an array, a tuple, or a number that is a size.
 
-        FileContentError for others than known.
+        Args:
+            path: path of the value, for messages.
+            declared: its declaration.
+            value: the value.
+
+        Raises:
+            FileContentError: for sizes that differ from known ones.
         """
-        found = (
+        shape = (
             (value,)
             if isinstance(value, int)
             else (len(value),)
             if isinstance(value, tuple)
             else value.shape
         )
-        if len(found) != len(declared.sizes) or not all(
+        if len(shape) != len(declared.sizes) or not all(
             self._agrees(path, label, size)
-            for label, size in zip(declared.sizes, found, strict=True)
+            for label, size in zip(declared.sizes, shape, strict=True)
         ):
-            known = [(label, self._value(label)) for label in declared.sizes]
+            labelled = [(label, self._value(label)) for label in declared.sizes]
             wanted = ", ".join(
-                label if size is None else f"{label} = {size}" for label, size in known
+                label if size is None else f"{label} = {size}" for label, size in labelled
             )
-            raise FileContentError(f"{path} has shape {found}, it must be ({wanted})")
+            raise FileContentError(f"{path} has shape {shape}, it must be ({wanted})")
         if declared.below and isinstance(value, np.ndarray) and value.size:
             self._waiting.append((self, path, declared.below, (int(value.min()), int(value.max()))))
 
@@ -260,32 +280,36 @@ class Sizes:
 
     def _value(self, label: str) -> int | None:
         """A size, or a product of several; None while one of them is unknown."""
-        known = [
+        factors = [
             int(name) if name.isdigit() else self.shared.get(name, self.own.get(name))
             for name in map(str.strip, label.split("*"))
         ]
-        return None if None in known else math.prod(known)  # type: ignore[arg-type]
+        return None if None in factors else math.prod(factors)  # type: ignore[arg-type]
 
     def check_known(self, last: bool = False) -> None:
-        """Raise FileContentError for wrong products or indices whose sizes are known.
+        """Check products and indices whose sizes are known.
 
-        At the end of a model all are.
+        Args:
+            last: True at the end of a model, at which all sizes must be known.
+
+        Raises:
+            FileContentError: for wrong products, and for indices out of range.
         """
         waiting = list(self._waiting)
         self._waiting[:] = []
-        for sizes, path, label, found in waiting:
+        for sizes, path, label, extent in waiting:
             size = sizes._value(label)
             if size is None:
                 if last:
                     raise FileContentError(
                         f"{path} depends on the size {label}, which nothing says"
                     )
-                self._waiting.append((sizes, path, label, found))
-            elif isinstance(found, tuple) and not 0 <= found[0] <= found[1] < size:
+                self._waiting.append((sizes, path, label, extent))
+            elif isinstance(extent, tuple) and not 0 <= extent[0] <= extent[1] < size:
                 raise FileContentError(f"{path} has indices outside 0 .. {size - 1}")
-            elif isinstance(found, int) and found != size:
+            elif isinstance(extent, int) and extent != size:
                 raise FileContentError(
-                    f"{path} has the length {found}, it must be {label} = {size}"
+                    f"{path} has the length {extent}, it must be {label} = {size}"
                 )
 
 
@@ -314,12 +338,14 @@ class KnownArguments:
 
     def __new__(cls, *_: Any, **named: Any) -> Self:
         """Make an object; SceneError for an argument that its constructor has not."""
-        known = list(inspect.signature(cls.__init__).parameters.values())[1:]
-        names = [item.name for item in known]
+        arguments = list(inspect.signature(cls.__init__).parameters.values())[1:]
+        names = [argument.name for argument in arguments]
         unknown = [name for name in named if name not in names]
-        if unknown and not any(item.kind is inspect.Parameter.VAR_KEYWORD for item in known):
+        if unknown and not any(
+            argument.kind is inspect.Parameter.VAR_KEYWORD for argument in arguments
+        ):
             name = unknown[0]
-            near = [one for one in USUAL_SYMBOLS.get(name, ()) if one in names]
+            near = [symbol for symbol in USUAL_SYMBOLS.get(name, ()) if symbol in names]
             near = near or difflib.get_close_matches(name, names, n=1)
             meant = f": is '{near[0]}' meant?" if near else "."
             raise SceneError(

@@ -69,12 +69,16 @@ def make_folder(folder: str | Path) -> Path:
 
 @contextmanager
 def replacing(path: str | Path, *, text: bool = False, tidy: bool = True) -> Iterator[IO[Any]]:
-    """Open a file that becomes ``path``, or what this link points to, at the end of the block
-    unless it fails.
+    """Open a file that becomes ``path`` at the end of the block unless it fails.
 
-    Text is UTF-8 without conversion of line ends. ``tidy`` removes temporary files of killed
-    processes in the folder: once is enough for many files. FileError if the file cannot be written,
-    or is not a regular one.
+    Args:
+        path: the file, or a link to it.
+        text: True for text, in UTF-8 without conversion of line ends.
+        tidy: remove temporary files of killed processes in the folder: once is enough for many
+            files.
+
+    Raises:
+        FileError: if the file cannot be written, or is not a regular one.
     """
     path = _target(_named(path))
     folder = make_folder(path.parent)
@@ -119,25 +123,34 @@ def write_arrays(
 
     See :func:`replacing`.
 
-    The header is JSON data with ``format`` and ``version``, by which :func:`read_arrays` identifies
-    the file. Arrays of other numbers raise FileContentError.
+    Args:
+        path: the file.
+        header: JSON data with ``format`` and ``version``, by which :func:`read_arrays` identifies
+            the file.
+        arrays: the arrays by name.
+        tidy: see :func:`replacing`.
+
+    Raises:
+        FileContentError: for arrays of other numbers, and for a header that is too long.
     """
-    whole = {name: array if array.flags.forc else array.copy() for name, array in arrays.items()}
+    contiguous = {
+        name: array if array.flags.forc else array.copy() for name, array in arrays.items()
+    }
     try:
-        for name, array in whole.items():
+        for name, array in contiguous.items():
             _check_numbers(name, array)
     except _Damage as error:
         raise FileContentError(f"{path} is not written: {error}") from None
-    signed = {**header, "sha256": _checksum(header, whole)}
+    signed = {**header, "sha256": _checksum(header, contiguous)}
     text = json.dumps(signed, separators=(",", ":"))
     if len(text) > LONGEST_HEADER:
-        why = (
+        reason = (
             f"{len(text)} characters beside the arrays are more than {LONGEST_HEADER}: keep many "
             "numbers in arrays"
         )
-        raise FileContentError(f"{path} is not written: {why}")
+        raise FileContentError(f"{path} is not written: {reason}")
     with replacing(path, tidy=tidy) as file:
-        members: dict[str, Any] = {"header": np.array(text.encode()), **whole}
+        members: dict[str, Any] = {"header": np.array(text.encode()), **contiguous}
         np.savez(file, **members)
 
 
@@ -148,9 +161,13 @@ def read_arrays(
 
     Memory stays near the size of the file.
 
-    ``mapped`` maps arrays of a megabyte and more from disk, as long as half of the allowed
-    descriptors are free; they may start at any byte. The file may be replaced meanwhile, but must
-    not be modified in place.
+    Args:
+        path: the file.
+        kind: its ``format``.
+        version: its ``version``.
+        mapped: map arrays of a megabyte and more from disk, as long as half of the allowed
+            descriptors are free; they may start at any byte. The file may be replaced meanwhile,
+            but must not be modified in place.
 
     Raises:
         FileNotFoundError: if there is no such file, for the caller to handle.
@@ -171,9 +188,9 @@ def read_arrays(
         if not isinstance(named, str) or not named.startswith(kind.split()[0]):
             raise _Damage(f"its header names no '{kind}'")
         if (named, header.get("version")) != (kind, version):
-            found = f"'{named[:40]}' version {repr(header.get('version'))[:40]}"
+            content = f"'{named[:40]}' version {repr(header.get('version'))[:40]}"
             raise FileContentError(
-                f"{path} holds {found}, this release reads '{kind}' version {version}"
+                f"{path} holds {content}, this release reads '{kind}' version {version}"
             )
         for name, array in arrays.items():
             _check_numbers(name, array)
@@ -277,8 +294,8 @@ def _own_errors(path: Path) -> Iterator[None]:
     # EOFError, ValueError, OverflowError, struct.error, RecursionError, MemoryError ...: no list of
     # them is complete.
     except Exception as error:
-        why = str(error) if isinstance(error, _Damage) else f"{type(error).__name__}: {error}"
-        raise FileContentError(f"{path} is damaged or another kind of file ({why})") from error
+        reason = str(error) if isinstance(error, _Damage) else f"{type(error).__name__}: {error}"
+        raise FileContentError(f"{path} is damaged or another kind of file ({reason})") from error
 
 
 class _Pieces(io.FileIO):
@@ -314,7 +331,7 @@ def _members(path: Path, mapped: int) -> dict[str, np.ndarray]:
     Those of at least ``mapped`` bytes are mapped from disk.
     """
     arrays = {}
-    whole = None
+    mapped_file = None
     with _Pieces(path) as file, zipfile.ZipFile(file) as archive:
         if not _descriptors_left():
             mapped = MOST_FILE_BYTES + 1
@@ -340,14 +357,18 @@ def _members(path: Path, mapped: int) -> dict[str, np.ndarray]:
                 member = None
                 if info.file_size >= mapped:
                     # copy on write: changes of an answer must not change the file
-                    whole = np.asarray(np.memmap(path, np.uint8, "c")) if whole is None else whole
+                    mapped_file = (
+                        np.asarray(np.memmap(path, np.uint8, "c"))
+                        if mapped_file is None
+                        else mapped_file
+                    )
                     # the local header may be longer than the one in the directory
-                    header = whole[info.header_offset : info.header_offset + 30]
+                    header = mapped_file[info.header_offset : info.header_offset + 30]
                     lengths = (
                         int.from_bytes(header[k : k + 2].tobytes(), "little") for k in (26, 28)
                     )
                     start = info.header_offset + 30 + sum(lengths)
-                    member = whole[start : start + info.file_size]
+                    member = mapped_file[start : start + info.file_size]
                 arrays[name] = _array(cast(io.BufferedIOBase, stream), info, member)
     return arrays
 
@@ -366,7 +387,7 @@ def _array(
     if start[:8] != b"\x93NUMPY\x01\x00" or match is None:
         raise _Damage(f"{info.filename} is no plain array of numbers")
     dtype = np.dtype(match[1].decode())
-    shape = tuple(int(part) for part in match[3].split(b",") if part.strip())
+    shape = tuple(int(size) for size in match[3].split(b",") if size.strip())
     count = math.prod(shape)
     if count * dtype.itemsize != info.file_size - len(start) - len(description):
         raise _Damage(f"{info.file_size} bytes of {info.filename} do not hold shape {shape}")

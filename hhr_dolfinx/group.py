@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Comm
     from scipy.sparse import csr_matrix
 
+
 T = TypeVar("T")
 
 _LAUNCHERS = (
@@ -45,7 +46,13 @@ def world() -> Comm | None:
 
 
 def share(count: int, number: int, parts: int) -> range:
-    """Contiguous share of ``count`` indices for one of ``parts`` workers, with numbers from 0."""
+    """Contiguous share of indices for one of several workers.
+
+    Args:
+        count: number of the indices.
+        number: number of the worker, from 0.
+        parts: number of workers.
+    """
     each, more = divmod(count, parts)
     first = number * each + min(number, more)
     return range(first, first + each + (number < more))
@@ -89,9 +96,11 @@ class ProcessGroup:
         return nullcontext()
 
     def agreed(self, task: str, call: Callable[[], list[str | np.ndarray]]) -> None:
-        """Compare what each process is asked for: words of it, then its values.
+        """Compare the requests of all processes.
 
-        ``call`` makes them, or refuses.
+        Args:
+            task: description of the request for the message.
+            call: returns words of the request, then its values, or refuses.
 
         Raises:
             RankError: on all processes, if these are asked for different things.
@@ -100,7 +109,11 @@ class ProcessGroup:
     def in_step(self, items: Callable[[], Iterable[T]], task: str) -> Iterator[T]:
         """Iterate over the same items on all processes.
 
-        If code of the user that wraps them fails on one, all raise.
+        If code of the user that wraps them fails on one process, all raise.
+
+        Args:
+            items: returns the items.
+            task: description of the work for the message.
         """
         return iter(items())
 
@@ -114,7 +127,13 @@ class ProcessGroup:
         return lambda code, words: True
 
     def shared_out(self, count: int, work: Callable[[int], T], task: str) -> list[T]:
-        """Distribute ``count`` tasks, and gather all results on every process."""
+        """Distribute tasks, and gather all results on every process.
+
+        Args:
+            count: number of the tasks.
+            work: does the task of a number.
+            task: description of the work for the message.
+        """
         return [work(number) for number in range(count)]
 
     def no_room_side_by_side(self, scene: Any) -> str:
@@ -125,8 +144,13 @@ class ProcessGroup:
         return ""
 
     def shared_factors(self, factors: Any, rows: slice, own: csr_matrix, whole: csr_matrix) -> Any:
-        """Factors of a matrix of which each process has all rows, by those of its ``rows``,
-        ``own``.
+        """Factors of a matrix of which each process has all rows.
+
+        Args:
+            factors: factors of one process.
+            rows: rows of the share of this process.
+            own: these rows of the matrix.
+            whole: all rows of the matrix.
         """
         return factors
 
@@ -140,14 +164,31 @@ class ProcessGroup:
         last: np.ndarray | None,
         rows: slice | None = None,
     ) -> Any:
-        """``FreeCholesky`` that the processes share of a matrix of which each has all rows.
+        """``FreeCholesky`` that the processes share, of a matrix of which each has all rows.
 
-        Equal shares by default.
+        Args:
+            matrix: all rows of the matrix, (N, N).
+            free: True for dofs with an unknown, (N,) bool.
+            scene: name of the scene, for options of PETSc.
+            low_rank: tolerance of compressed factors; None for whole ones.
+            last: dofs to eliminate last; None for none.
+            rows: rows of the share of this process; equal shares by default.
+
+        Raises:
+            NotImplementedError: for a single process, which makes its own.
         """
         raise NotImplementedError  # one process makes its own
 
     def rows(self, own: slice, count: int) -> Any:
-        """``Rows`` of tables of which each process has some, of ``count`` rows."""
+        """``Rows`` of tables of which each process has some rows.
+
+        Args:
+            own: rows of this process.
+            count: number of all rows.
+
+        Raises:
+            NotImplementedError: for a single process, which has all rows.
+        """
         raise NotImplementedError  # one process has all rows
 
 

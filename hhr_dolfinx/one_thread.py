@@ -37,7 +37,7 @@ class _OneThread(ContextDecorator):
                 self._limit.restore_original_limits()
                 self._limit = None
 
-    def _libraries(self) -> Any:
+    def _libraries(self) -> ThreadpoolController:
         """Controller of the libraries in the process: a search takes 6 ms, more than a march of a
         condensed model.
 

@@ -20,7 +20,7 @@ import hashlib
 import math
 from collections.abc import Iterable, Mapping
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
@@ -29,6 +29,11 @@ from hhr_dolfinx.declared import TYPES, Sizes, annotations_of, declared_array, f
 from hhr_dolfinx.errors import FileContentError, MissingPackageError, ModelFileError
 from hhr_dolfinx.files import NUMBER_KINDS
 from hhr_dolfinx.registry import remedy
+
+if TYPE_CHECKING:
+    import ast
+
+    from hhr_dolfinx.declared import DeclaredArray
 
 DEEPEST_TREE = 16
 """Largest depth of nested tuples and values: damaged files must not exhaust the stack."""
@@ -63,13 +68,25 @@ class Rebuilt:
     """A dataclass that is copied and pickled by its fields, without caches, factors and locks."""
 
     def __reduce__(self) -> tuple:
-        every = dataclasses.fields(self)  # type: ignore[arg-type]
-        fields = [item for item in every if item.init and item.metadata.get("copied", True)]
-        return rebuilt, (type(self), {item.name: getattr(self, item.name) for item in fields})
+        declared_fields = dataclasses.fields(self)  # type: ignore[arg-type]
+        fields = [
+            declared_field
+            for declared_field in declared_fields
+            if declared_field.init and declared_field.metadata.get("copied", True)
+        ]
+        return rebuilt, (
+            type(self),
+            {declared_field.name: getattr(self, declared_field.name) for declared_field in fields},
+        )
 
 
 def rebuilt(kind: Any, arguments: Mapping[str, Any]) -> Any:
-    """Make a value from its arguments."""
+    """Make a value from its arguments.
+
+    Args:
+        kind: its class.
+        arguments: its arguments by name.
+    """
     return kind(**arguments)
 
 
@@ -80,7 +97,11 @@ def as_plain(
     zeros.
 
     The value is rebuilt once, as a check that the written data restore the same value. Only the
-    classes ``known`` to every reader may have their names.
+    classes that every reader knows may have their names.
+
+    Args:
+        value: the value.
+        known: classes by name that every reader knows.
 
     Raises:
         ModelFileError: for two classes of the same name.
@@ -112,7 +133,11 @@ def restored(
 ) -> Any:
     """Build a value from the result of :func:`as_plain`; tuples may have become lists, as in JSON.
 
-    Fields with the metadata OF_THE_MESH get the values of their names in ``of_the_mesh``.
+    Args:
+        tree: the JSON tree.
+        arrays: arrays by path.
+        kinds: classes by name that the file may contain.
+        of_the_mesh: values of fields with the metadata OF_THE_MESH by name.
 
     Raises:
         ModelFileError: for a class that is not in ``kinds``, with advice.
@@ -125,7 +150,8 @@ def restored(
 def by_name(classes: Iterable[type]) -> dict[str, type]:
     """Classes by name, for :func:`restored`.
 
-    ModelFileError for what is no class of values, or two of one name.
+    Raises:
+        ModelFileError: for an object that is no class of values, or two classes of one name.
     """
     named: dict[str, type] = {}
     for kind in classes:
@@ -136,10 +162,18 @@ def by_name(classes: Iterable[type]) -> dict[str, type]:
 
 
 def add_kind(named: dict[str, type], kind: type) -> None:
-    """Add a class to those that a file may contain; ModelFileError if another one has its name."""
-    if (other := named.setdefault(kind.__name__, kind)) is not kind:
+    """Add a class to those that a file may contain.
+
+    Args:
+        named: the classes by name, which are changed in place.
+        kind: the class.
+
+    Raises:
+        ModelFileError: if another class has its name.
+    """
+    if (previous := named.setdefault(kind.__name__, kind)) is not kind:
         raise ModelFileError(
-            f"two classes are called {kind.__name__}, in {other.__module__} and in "
+            f"two classes are called {kind.__name__}, in {previous.__module__} and in "
             f"{kind.__module__}: files know them by name, rename one"
         )
 
@@ -167,18 +201,28 @@ class _Writer:
         self.kinds: dict[str, type] = {}
         self._first: dict[tuple, str] = {}
 
-    def tree(self, value: Any, path: str, depth: int, declared: Any = None) -> Any:
-        """A value as JSON data."""
+    def tree(self, value: Any, path: str, depth: int, declared: DeclaredArray | None = None) -> Any:
+        """A value as JSON data.
+
+        Args:
+            value: the value.
+            path: its path in the tree.
+            depth: its depth in the tree.
+            declared: declaration of an array.
+        """
         _check_depth(path, depth)
         if isinstance(value, np.ndarray):
             return self._array(path, value, declared)
         if type(value) is tuple:
             return [
-                self.tree(item, f"{path}.{number}", depth + 1) for number, item in enumerate(value)
+                self.tree(element, f"{path}.{number}", depth + 1)
+                for number, element in enumerate(value)
             ]
         if type(value) in SPARSE.values():
-            parts = {name: self._array(f"{path}.{name}", getattr(value, name)) for name in _PARTS}
-            return {"sparse": value.format, "shape": list(value.shape), **parts}
+            matrix_arrays = {
+                name: self._array(f"{path}.{name}", getattr(value, name)) for name in _PARTS
+            }
+            return {"sparse": value.format, "shape": list(value.shape), **matrix_arrays}
         kind: Any = type(value)
         if value is None or not _is_kind(kind):
             return _scalar(path, value)
@@ -193,7 +237,9 @@ class _Writer:
         }
         return {"kind": kind.__name__, "fields": fields}
 
-    def _array(self, path: str, array: np.ndarray, declared: object = None) -> dict[str, Any]:
+    def _array(
+        self, path: str, array: np.ndarray, declared: DeclaredArray | None = None
+    ) -> dict[str, Any]:
         """Reference to an array: its path, or that of the first equal one."""
         array = _of_type(path, _checked_array(path, array), declared)
         if not (array.flags.c_contiguous or array.flags.f_contiguous):
@@ -212,8 +258,8 @@ class _Writer:
             if dense:
                 self.arrays[path] = array
             else:  # negative zeros are stored too
-                places = np.flatnonzero(flat.view(np.int64))
-                self.arrays |= {f"{path}.places": places, f"{path}.values": flat[places]}
+                indices = np.flatnonzero(flat.view(np.int64))
+                self.arrays |= {f"{path}.places": indices, f"{path}.values": flat[indices]}
         return (
             {"array": first}
             if dense
@@ -242,7 +288,11 @@ class _Reader:
         self._used: set[str] = set()
 
     def whole(self, tree: object) -> Any:
-        """Value of a tree, which must refer to all arrays."""
+        """Value of a tree, which must refer to all arrays.
+
+        Raises:
+            FileContentError: for a tree of another form, and for arrays without a field.
+        """
         if not (isinstance(tree, Mapping) and "kind" in tree):
             raise FileContentError(f"{_shown(tree)} must have a kind and fields")
         sizes = Sizes()
@@ -252,11 +302,22 @@ class _Reader:
         return value
 
     def value(self, data: object, path: str, sizes: Sizes, depth: int) -> Any:
-        """Value of a part of the tree."""
+        """Value of a part of the tree.
+
+        Args:
+            data: the part.
+            path: its path in the tree.
+            sizes: sizes of arrays by name.
+            depth: its depth in the tree.
+
+        Raises:
+            FileContentError: for a part of another form.
+        """
         _check_depth(path, depth)
         if isinstance(data, list | tuple):
             return tuple(
-                self.value(item, f"{path}.{k}", sizes, depth + 1) for k, item in enumerate(data)
+                self.value(element, f"{path}.{k}", sizes, depth + 1)
+                for k, element in enumerate(data)
             )
         if not isinstance(data, Mapping):
             return _scalar(path, data)
@@ -274,46 +335,50 @@ class _Reader:
 
     def _object(self, name: Any, given: Mapping, path: str, sizes: Sizes, depth: int) -> Any:
         kind = self._kind(name)
-        whole = getattr(kind, "has_own_sizes", False)
-        own = Sizes(whole=True) if whole else sizes.of_part()
+        has_sizes = getattr(kind, "has_own_sizes", False)
+        sizes_of_object = Sizes(whole=True) if has_sizes else sizes.of_part()
         declared = annotations_of(kind)
         if given.keys() != declared.keys():
             missing = sorted(declared.keys() - given.keys())
             unknown = sorted(map(str, given.keys() - declared.keys()))
-            why = f"{missing} are missing and {unknown[:5]} are unknown"
-            raise FileContentError(f"a {name} has the fields {list(declared)}: {why}")
+            reason = f"{missing} are missing and {unknown[:5]} are unknown"
+            raise FileContentError(f"a {name} has the fields {list(declared)}: {reason}")
         fields = {}
         for key, node in declared.items():
-            place = f"{path}.{key}".lstrip(".")
+            field_path = f"{path}.{key}".lstrip(".")
             fields[key] = self._field(
-                self.value(given[key], place, own, depth + 1), name, place, node, own
+                self.value(given[key], field_path, sizes_of_object, depth + 1),
+                name,
+                field_path,
+                node,
+                sizes_of_object,
             )
-        own.check_known(last=whole)
+        sizes_of_object.check_known(last=has_sizes)
         if dataclasses.is_dataclass(kind):
             omitted = {
-                item.name
-                for item in dataclasses.fields(kind)
-                if not item.metadata.get("copied", True)
+                declared_field.name
+                for declared_field in dataclasses.fields(kind)
+                if not declared_field.metadata.get("copied", True)
             }
             fields |= {key: self._of_the_mesh[key] for key in omitted & self._of_the_mesh.keys()}
         try:
-            made = getattr(kind, "from_file", kind)(**fields)
-            faults = list(made.faults(own.shared)) if hasattr(kind, "faults") else []
+            value = getattr(kind, "from_file", kind)(**fields)
+            faults = list(value.faults(sizes_of_object.shared)) if hasattr(kind, "faults") else []
         except MissingPackageError:  # the file is valid
             raise
         except Exception as error:  # a user-defined class may raise anything
-            why = f"{name} refuses {_shown(fields)} with {type(error).__name__}: {error}"
-            raise FileContentError(f"{path or 'the value'}: {why}") from error
+            reason = f"{name} refuses {_shown(fields)} with {type(error).__name__}: {error}"
+            raise FileContentError(f"{path or 'the value'}: {reason}") from error
         if faults:
             raise FileContentError(f"{path or name}: {faults[0]}")
-        return made
+        return value
 
     def _kind(self, name: object) -> Any:
         if not (isinstance(name, str) and name.isidentifier()):
             raise FileContentError(f"the kind {_shown(name)} is no name of a class")
         if name not in self.kinds:
-            if why := remedy("classes", name):
-                raise ModelFileError(f"the file holds a {name}{why}")
+            if missing_plugin := remedy("classes", name):
+                raise ModelFileError(f"the file holds a {name}{missing_plugin}")
             raise ModelFileError(
                 f"the file holds a {name[:_SHOWN]}, which is unknown here: install the plug-in "
                 f"that has it, or pass the class, load_model(path, known=[{name[:_SHOWN]}]), or "
@@ -321,7 +386,7 @@ class _Reader:
             )
         return self.kinds[name]
 
-    def _field(self, value: Any, name: str, path: str, node: Any, sizes: Sizes) -> Any:
+    def _field(self, value: Any, name: str, path: str, node: ast.expr, sizes: Sizes) -> Any:
         if not fits(value, node, self.kinds):
             formula = isinstance(value, str) and shown(node) == "float"
             remedy = ": declare it float | str, if it may be a formula" if formula else ""
@@ -344,19 +409,19 @@ class _Reader:
 
     def _with_zeros(self, key: Any, shape: Any, order: Any) -> np.ndarray:
         """Array that a file stores without zeros; every reference gives the same object."""
-        places = self._array(f"{key}.places")
+        indices = self._array(f"{key}.places")
         values = self._array(f"{key}.values")
         if not _is_shape(shape) or order not in ("C", "F"):
             raise FileContentError(f"{key} has no shape: {_shown(shape)}")
         if (
-            places.ndim != 1
-            or places.shape != values.shape
-            or places.dtype.kind != "i"
+            indices.ndim != 1
+            or indices.shape != values.shape
+            or indices.dtype.kind != "i"
             or values.dtype.kind != "f"
         ):
             raise FileContentError(f"{key} must have places and values, one for each")
-        ordered = not places.size or (
-            places[0] >= 0 and places[-1] < math.prod(shape) and (np.diff(places) > 0).all()
+        ordered = not indices.size or (
+            indices[0] >= 0 and indices[-1] < math.prod(shape) and (np.diff(indices) > 0).all()
         )
         if not ordered:
             raise FileContentError(f"{key} has places outside of it, or twice")
@@ -367,30 +432,32 @@ class _Reader:
                     f"{key} and others leave out more zeros than a file of this size may"
                 )
             flat = np.zeros(math.prod(shape))
-            flat[places] = values
+            flat[indices] = values
             self._made[key] = flat.reshape(shape) if order == "C" else flat.reshape(shape[::-1]).T
         if self._made[key].shape != tuple(shape):
             raise FileContentError(f"{key} has two shapes")
         return self._made[key]
 
     def _sparse(self, data: Mapping, path: str, depth: int) -> Any:
-        parts = [self.value(data[name], f"{path}.{name}", Sizes(), depth + 1) for name in _PARTS]
+        arrays = [self.value(data[name], f"{path}.{name}", Sizes(), depth + 1) for name in _PARTS]
         shape = data["shape"]
         form = data["sparse"]
         kinds = "".join(
-            part.dtype.kind for part in parts if isinstance(part, np.ndarray) and part.ndim == 1
+            array.dtype.kind
+            for array in arrays
+            if isinstance(array, np.ndarray) and array.ndim == 1
         )
         if not _is_shape(shape) or len(shape) != 2 or form not in SPARSE or kinds != "fii":
             raise FileContentError(f"{path} is no sparse matrix of floating-point numbers")
-        values, indices, starts = parts
+        values, indices, starts = arrays
         # scipy checks only the last of the starts before it uses all of them
-        whole = starts.size and starts[0] == 0 and starts[-1] == indices.size == values.size
-        if not whole or (np.diff(starts) < 0).any():
+        consistent = starts.size and starts[0] == 0 and starts[-1] == indices.size == values.size
+        if not consistent or (np.diff(starts) < 0).any():
             raise FileContentError(
                 f"the sparse matrix {path} has rows that do not follow each other"
             )
         try:
-            matrix = SPARSE[form](tuple(parts), shape=tuple(shape))
+            matrix = SPARSE[form](tuple(arrays), shape=tuple(shape))
             matrix.check_format(full_check=True)
         except (ValueError, IndexError, TypeError) as error:
             raise FileContentError(
@@ -399,7 +466,7 @@ class _Reader:
         return matrix
 
 
-def _of_type(path: str, array: np.ndarray, declared: Any) -> np.ndarray:
+def _of_type(path: str, array: np.ndarray, declared: DeclaredArray | None) -> np.ndarray:
     wanted = TYPES.get(declared.kind) if declared is not None else None
     if wanted is None or array.dtype == wanted:
         return array
@@ -455,11 +522,11 @@ def _shown(value: object) -> str:
 
 
 def finite(value: object) -> Any:
-    """The same plain value with None for numbers that are not finite, which JSON does not have."""
+    """Plain value with None for numbers that are not finite, which JSON does not have."""
     if isinstance(value, dict):
-        return {key: finite(item) for key, item in value.items()}
+        return {key: finite(element) for key, element in value.items()}
     if isinstance(value, list | tuple):
-        return [finite(item) for item in value]
+        return [finite(element) for element in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

@@ -183,17 +183,17 @@ def installed() -> Mapping[str, Plugin]:
                 )
             continue
         if taken := [
-            key for key, place in registered.items() if owners.get(key, (place, ""))[0] != place
+            key for key, path in registered.items() if owners.get(key, (path, ""))[0] != path
         ]:
-            what, name = taken[0]
-            place, owner = owners[taken[0]]
+            kind, name = taken[0]
+            path, owner = owners[taken[0]]
             _leave_out(
                 plugin.name,
-                f"it registers {name!r} among {what}, which is {place} of the plug-in '{owner}'",
+                f"it registers {name!r} among {kind}, which is {path} of the plug-in '{owner}'",
             )
             continue
         plugins[plugin.name] = plugin
-        owners |= {key: (place, plugin.name) for key, place in registered.items()}
+        owners |= {key: (path, plugin.name) for key, path in registered.items()}
     while lacking := [
         name for name, plugin in plugins.items() if not plugins.keys() >= set(plugin.needs)
     ]:
@@ -211,9 +211,9 @@ def _registered(plugin: Plugin) -> dict[tuple[str, str], str]:
     """Places of all that a plug-in registers by a name, which no other plug-in may have, by kind
     and name.
     """
-    named = {what: getattr(plugin, what) for what in SHARED_NAMES} | dict(plugin.parts)
+    named = {kind: getattr(plugin, kind) for kind in SHARED_NAMES} | dict(plugin.parts)
     return {
-        (what, name): place for what, mapping in named.items() for name, place in places_in(mapping)
+        (kind, name): path for kind, mapping in named.items() for name, path in places_in(mapping)
     }
 
 
@@ -226,13 +226,20 @@ def owned(plugin: Plugin) -> Iterator[tuple[str, str]]:
 @functools.cache
 def _ours() -> dict[str, dict[str, str]]:
     """Names of the plug-ins of this package by kind and name; scripts/stubs.py writes the file."""
-    known: dict[str, dict[str, str]] = json.loads(OURS.read_text(encoding="utf-8"))
-    return known
+    names_by_kind: dict[str, dict[str, str]] = json.loads(OURS.read_text(encoding="utf-8"))
+    return names_by_kind
 
 
 def remedy(what: str, name: str) -> str:
-    """End of a message, ": ...": the plug-in of this package that has a name of a kind, and is not
-    installed; or "".
+    """End of a message that names the plug-in of this package to install, or "".
+
+    Args:
+        what: kind of the name.
+        name: the name.
+
+    Returns:
+        ``: it belongs to the plug-in ...``; "" if no plug-in of this package has it, or it is
+        installed.
     """
     plugin = _ours().get(what, {}).get(name)
     if plugin is None or plugin in installed():
@@ -261,13 +268,16 @@ def loadable(what: str) -> dict[str, Any]:
     A PluginWarning names each one that cannot be loaded.
     """
     objects = {}
-    for name, place in named(what).items():
+    for name, path in named(what).items():
         try:
-            objects[name] = load(place)
+            objects[name] = load(path)
         except (Exception, SystemExit) as error:  # third-party code may raise anything
-            if _is_ours(place):
+            if _is_ours(path):
                 raise
-            warn(f"{name!r} of {place} is left out: {type(error).__name__}: {error}", PluginWarning)
+            warn(
+                f"{name!r} of {path} is left out: {type(error).__name__}: {error}",
+                PluginWarning,
+            )
     return objects
 
 
@@ -284,16 +294,17 @@ def load(place: str) -> Any:
 def named(what: str) -> dict[str, str]:
     """Places by name in one mapping of all manifests, such as ``classes``.
 
-    SceneError for a name of two plug-ins.
+    Raises:
+        SceneError: for a name of two plug-ins.
     """
-    places: dict[str, str] = {}
+    paths: dict[str, str] = {}
     for plugin in installed().values():
-        for name, place in places_in(getattr(plugin, what)):
-            if places.setdefault(name, place) != place:
+        for name, path in places_in(getattr(plugin, what)):
+            if paths.setdefault(name, path) != path:
                 raise SceneError(
-                    f"two plug-ins register {name!r} among their {what}: {places[name]} and {place}"
+                    f"two plug-ins register {name!r} among their {what}: {paths[name]} and {path}"
                 )
-    return places
+    return paths
 
 
 def places_in(mapping: Mapping[str, str]) -> Iterator[tuple[str, str]]:
@@ -310,9 +321,9 @@ def places_in(mapping: Mapping[str, str]) -> Iterator[tuple[str, str]]:
 def parts(kind: str) -> dict[str, tuple[str, str]]:
     """Parts of scenes of one kind: place and plug-in by name."""
     return {
-        name: (place, plugin.name)
+        name: (path, plugin.name)
         for plugin in installed().values()
-        for name, place in places_in(plugin.parts.get(kind, {}))
+        for name, path in places_in(plugin.parts.get(kind, {}))
     }
 
 
@@ -336,9 +347,14 @@ loaded = functools.cache(load)
 
 
 def reader_of(law: object, what: str) -> str:
-    """Name of the plug-in that reads the law of ``what``, a body, by a method of the law.
+    """Name of the plug-in that reads the law of a body, by a method of the law.
 
-    SceneError if none does.
+    Args:
+        law: the law.
+        what: description of the body for the message.
+
+    Raises:
+        SceneError: if no plug-in reads it.
     """
     methods = {
         method: plugin.name for plugin in installed().values() for method in plugin.materials
@@ -348,7 +364,7 @@ def reader_of(law: object, what: str) -> str:
             return name
     if not methods:
         theirs = [
-            said for name in _ours().get("materials", {}) if (said := remedy("materials", name))
+            advice for name in _ours().get("materials", {}) if (advice := remedy("materials", name))
         ]
         raise SceneError(
             f"{what}: no installed plug-in reads the law {law!r}{theirs[0] if theirs else ''}"
@@ -360,24 +376,28 @@ def reader_of(law: object, what: str) -> str:
 
 @functools.cache
 def facet(plugin: str, word: str, what: str) -> Any:
-    """Facet of a plug-in by its ``word``: what one place of the core, ``what``, needs for the laws
-    of the plug-in.
+    """Facet of a plug-in, which one place of the core needs for its laws.
+
+    Args:
+        plugin: name of the plug-in.
+        word: name of the facet.
+        what: description of the request for the message.
 
     Raises:
         NotOfferedError: if the plug-in is missing, or has no such facet: the law would be ignored.
     """
-    known = installed()
-    if plugin not in known:
+    plugins = installed()
+    if plugin not in plugins:
         raise NotOfferedError(f"{what} needs the plug-in '{plugin}', which is not installed")
-    if word not in known[plugin].facets:
+    if word not in plugins[plugin].facets:
         raise NotOfferedError(
             f"{what} is not built in for what the plug-in '{plugin}' adds: it has no facet '{word}'"
         )
-    return load(known[plugin].facets[word])
+    return load(plugins[plugin].facets[word])
 
 
 def tool(word: str, what: str) -> Any:
-    """Function for ``what`` that a plug-in offers by a word, such as ``drawing`` or ``fields``.
+    """Function that a plug-in offers by a word, such as ``drawing`` or ``fields``.
 
     ``drawing(value, path, full=None)`` is a figure of matplotlib, saved if a path is given, of a
     scene, or of an answer on the mesh of a full model. ``fields(path, full, answer)`` writes the
@@ -391,15 +411,19 @@ def tool(word: str, what: str) -> Any:
     :class:`~hhr_dolfinx.models.answer.Meshed` of a model file, read when it is used; ``model()`` is
     then the model.
 
+    Args:
+        word: name of the tool.
+        what: description of the request for the message.
+
     Raises:
         NotOfferedError: if no installed plug-in has it.
     """
-    if (found := offered(word)) is None:
+    if (function := offered(word)) is None:
         raise NotOfferedError(
             f"{what} needs a plug-in with the tool '{word}', and none is "
             f"installed{remedy('tools', word)}"
         )
-    return found
+    return function
 
 
 def offered(word: str) -> Any | None:
@@ -407,14 +431,18 @@ def offered(word: str) -> Any | None:
 
     None without one.
     """
-    place = named("tools").get(word)
-    return None if place is None else load(place)
+    path = named("tools").get(word)
+    return None if path is None else load(path)
 
 
 def write_companions(full: object, folder: Path) -> None:
     """Write the files of plug-ins next to a model in a folder.
 
     Collective over the ranks of the full model.
+
+    Args:
+        full: the full model.
+        folder: folder of the model.
     """
-    for place in [place for plugin in installed().values() for place in plugin.companions]:
-        load(place)(full, folder)
+    for path in [path for plugin in installed().values() for path in plugin.companions]:
+        load(path)(full, folder)

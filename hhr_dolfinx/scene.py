@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -37,6 +37,7 @@ from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
     from ufl import Mesh
+    from ufl.core.expr import Expr
 
     from hhr_dolfinx.contact.law import PairLaw
     from hhr_dolfinx.formulas import Formula
@@ -76,34 +77,44 @@ class Displacement(KnownArguments):
         if self.field is not None:
             from hhr_dolfinx.formulas import formula_of
 
-            what = f"the field of the displacement on tag {self.tag}"
-            object.__setattr__(self, "field", formula_of(self.field, what))
+            description = f"the field of the displacement on tag {self.tag}"
+            object.__setattr__(self, "field", formula_of(self.field, description))
 
     def at(self, points: np.ndarray, hypothesis: str) -> np.ndarray:
-        """Values of the field at points, (n, dim).
+        """Values of the field at points, (n,).
 
-        SceneError for unknown coordinates or values that are not finite.
+        Args:
+            points: the points, (n, dim).
+            hypothesis: hypothesis of the scene, which names the coordinates.
+
+        Raises:
+            SceneError: for unknown coordinates or values that are not finite.
         """
         assert self.field is not None
         from hhr_dolfinx.formulas import coordinate_names
 
         names = coordinate_names(hypothesis)
         unknown = set(self.field.variables) - set(names)
-        what = f"the field '{self.field.text}' of the displacement on tag {self.tag}"
+        description = f"the field '{self.field.text}' of the displacement on tag {self.tag}"
         if unknown:
-            raise SceneError(f"{what} names {sorted(unknown)}: coordinates are {names}")
+            raise SceneError(f"{description} names {sorted(unknown)}: coordinates are {names}")
         with np.errstate(all="ignore"):
             values = np.broadcast_to(
                 self.field(dict(zip(names, points.T, strict=True))), len(points)
             ).astype(float)
         if not np.isfinite(values).all():
-            place = points[np.flatnonzero(~np.isfinite(values))[0]].tolist()
-            raise SceneError(f"{what} is not finite at {place}: change the formula")
+            point = points[np.flatnonzero(~np.isfinite(values))[0]].tolist()
+            raise SceneError(f"{description} is not finite at {point}: change the formula")
         return values
 
     @classmethod
     def clamp(cls, tag: Tag | Place, dimension: int) -> tuple[Displacement, ...]:
-        """Fix all components of the displacement of a tag, for a mesh of a dimension."""
+        """Fix all components of the displacement of a tag.
+
+        Args:
+            tag: facet tag, set of nodes or place.
+            dimension: dimension of the mesh.
+        """
         return tuple(cls(tag, component) for component in range(dimension))
 
 
@@ -206,8 +217,8 @@ class Scene(KnownArguments):
         self._check_parameter_units()
         self._check_items()
         bound = (
-            item.within(self.parameters) if hasattr(item, "within") else item
-            for item in self.contacts
+            pairing.within(self.parameters) if hasattr(pairing, "within") else pairing
+            for pairing in self.contacts
         )
         object.__setattr__(self, "contacts", tuple(bound))
         if not self.bodies:
@@ -231,46 +242,48 @@ class Scene(KnownArguments):
 
     def _check_items(self) -> None:
         """Store sequences of items as tuples; raise SceneError for an item that does not fit."""
-        for name, what, fits in _PARTS:
-            items = as_tuple(f"Scene.{name}", getattr(self, name))
-            object.__setattr__(self, name, items)
-            for place, item in enumerate(items):
-                if not fits(item):
+        for name, requirement, fits in _PARTS:
+            elements = as_tuple(f"Scene.{name}", getattr(self, name))
+            object.__setattr__(self, name, elements)
+            for index, element in enumerate(elements):
+                if not fits(element):
                     # a list of valid items, such as all displacements of a clamp
                     listed = (
-                        isinstance(item, tuple | list) and len(item) > 0 and all(map(fits, item))
+                        isinstance(element, tuple | list)
+                        and len(element) > 0
+                        and all(map(fits, element))
                     )
                     star = ". Put a star before it, *..., to list what it holds" if listed else ""
                     raise SceneError(
-                        f"{name}[{place}] of scene '{self.name}' is {item!r}: it must be "
-                        f"{what}{star}"
+                        f"{name}[{index}] of scene '{self.name}' is {element!r}: it must be "
+                        f"{requirement}{star}"
                     )
 
     def _check_laws_and_units(self) -> None:
-        for place, law in enumerate(self.laws):
+        for index, law in enumerate(self.laws):
             if law is not None:
-                law.check(self, f"contact {place} of scene '{self.name}'")
+                law.check(self, f"contact {index} of scene '{self.name}'")
         for output in self.outputs:
-            own = None if self.units is None else self.units.conflict(getattr(output, "unit", ""))
-            if own is not None:
+            unit = None if self.units is None else self.units.conflict(getattr(output, "unit", ""))
+            if unit is not None:
                 warn(
                     f"output '{output.name}' has the unit '{output.unit}', and numbers of scene "
-                    f"'{self.name}' are in {own}: a unit is a label and converts nothing, so "
+                    f"'{self.name}' are in {unit}: a unit is a label and converts nothing, so "
                     "correct it",
                     SceneWarning,
                 )
 
     def _check_parameter_units(self) -> None:
-        given = self.parameter_units
-        if not isinstance(given, Mapping) or not all(
-            isinstance(unit, str) for unit in given.values()
+        units = self.parameter_units
+        if not isinstance(units, Mapping) or not all(
+            isinstance(unit, str) for unit in units.values()
         ):
             raise SceneError(
-                f"parameter_units = {given!r} must be texts by the names of parameters, {{'push': "
+                f"parameter_units = {units!r} must be texts by the names of parameters, {{'push': "
                 "'MPa'}"
             )
-        bare = [name for name in self.parameters.names if name not in given]
-        for name in given:  # a copy of a scene with other parameters may have additional units
+        bare = [name for name in self.parameters.names if name not in units]
+        for name in units:  # a copy of a scene with other parameters may have additional units
             near = (
                 []
                 if name in self.parameters.names
@@ -290,14 +303,16 @@ class Scene(KnownArguments):
         for body in self.bodies:
             law = "" if body.law is None else f", {body.law!r}"
             lines.append(f"  body {body.tag}: young {body.young}, poisson {body.poisson}{law}")
-        for place, (pair, own) in enumerate(zip(self.contacts, self.laws, strict=True)):
-            law = "" if own is None else f", {own.words}"
+        for index, (pair, pair_law) in enumerate(zip(self.contacts, self.laws, strict=True)):
+            law = "" if pair_law is None else f", {pair_law.words}"
             lines.append(
-                f"  contact {place}: {type(pair).__name__} of {', '.join(map(str, pair.tags))}{law}"
+                f"  contact {index}: {type(pair).__name__} of {', '.join(map(str, pair.tags))}{law}"
             )
-        for what in ("displacements", "constraints", "loads", "shapes"):
-            if items := getattr(self, what):
-                lines.append(f"  {what}: {', '.join(_named_in_short(item) for item in items)}")
+        for kind in ("displacements", "constraints", "loads", "shapes"):
+            if elements := getattr(self, kind):
+                lines.append(
+                    f"  {kind}: {', '.join(_named_in_short(element) for element in elements)}"
+                )
         for name, low, high in zip(
             self.parameters.names, self.parameters.lower, self.parameters.upper, strict=True
         ):
@@ -307,7 +322,7 @@ class Scene(KnownArguments):
             lines.append(f"  outputs: {', '.join(output.name for output in self.outputs)}")
         return "\n".join(lines)
 
-    def plot(self, path: object = None) -> Any:
+    def plot(self, path: str | Path | None = None) -> Any:
         """Plot bodies, contact surfaces, supports and loads, as a figure of matplotlib.
 
         Nothing is solved.
@@ -323,26 +338,33 @@ class Scene(KnownArguments):
         return registry.tool("drawing", "a figure of a scene")(self, path)
 
     def opened(self, contact: int, point: np.ndarray) -> float:
-        """Gap that openings add to a contact pair, given by its index, at a point, (P,)."""
-        own = [item.amplitude for item in self.openings if item.contact == contact]
+        """Gap that openings add to a contact pair at a point.
+
+        Args:
+            contact: index of the pair.
+            point: parameters, (P,).
+        """
+        amplitudes = [opening.amplitude for opening in self.openings if opening.contact == contact]
         return sum(
-            amplitude.constant + float(amplitude.row(self.parameters) @ point) for amplitude in own
+            amplitude.constant + float(amplitude.row(self.parameters) @ point)
+            for amplitude in amplitudes
         )
 
     def overwritten(self, contact: int) -> bool:
         """True if an opening overwrites the gaps that the mesh has at a contact pair, given by its
         index.
         """
-        return any(item.overwrites for item in self.openings if item.contact == contact)
+        return any(opening.overwrites for opening in self.openings if opening.contact == contact)
 
     @cached_property
     def laws(self) -> tuple[PairLaw | None, ...]:
         """Law of each contact pair in addition to unilateral contact; None without one."""
         from hhr_dolfinx.contact.law import pair_law
 
-        what = f"of scene '{self.name}'"
+        owner = f"of scene '{self.name}'"
         return tuple(
-            pair_law(item, f"contact {place} {what}") for place, item in enumerate(self.contacts)
+            pair_law(pairing, f"contact {index} {owner}")
+            for index, pairing in enumerate(self.contacts)
         )
 
     @property
@@ -362,7 +384,7 @@ class Scene(KnownArguments):
         """
         return body.stress is not None or (body.law is not None and not self.reader)
 
-    def own_stress(self, body: Body, mesh: Mesh) -> Callable[[Any], Any] | None:
+    def own_stress(self, body: Body, mesh: Mesh) -> Callable[[Expr], Expr] | None:
         """Linear elasticity of a body that is not Hooke's, under the hypothesis, with its grading.
 
         Args:
@@ -386,7 +408,8 @@ class Scene(KnownArguments):
     def reader(self) -> str:
         """Name of the plug-in that solves for laws of bodies, empty if all are elastic.
 
-        SceneError for several.
+        Raises:
+            SceneError: for laws of several plug-ins.
         """
         readers = sorted({body.reader for body in self.bodies} - {""})
         if len(readers) > 1:
@@ -405,42 +428,42 @@ class Scene(KnownArguments):
                 f"system = {self.system!r} must make a System: a subclass, or a function of its "
                 "arguments"
             )
-        whole = "K of all bodies"
-        for present, what, why in (
+        stiffness = "K of all bodies"
+        for present, kind, fault in (
             (
                 self.reader,
                 "laws of bodies",
-                f"a law states the stress of its body, and a system {whole}",
+                f"a law states the stress of its body, and a system {stiffness}",
             ),
             (
                 self.shapes,
                 "shapes",
-                f"K is assembled on the mesh of each point, and a system states {whole} on one",
+                f"K is assembled on the mesh of each point, and a system states {stiffness} on one",
             ),
         ):
             if present:
                 raise SceneError(
-                    f"scene '{self.name}' has {what} and a system of its own: {why}. Leave one of "
-                    "them out"
+                    f"scene '{self.name}' has {kind} and a system of its own: {fault}. Leave one "
+                    "of them out"
                 )
 
     def _check_shapes(self) -> None:
         """Raise SceneError for shapes without a body, and two shapes of one body."""
         tags = {body.tag: body for body in self.bodies}
-        for place, shape in enumerate(self.shapes):
+        for index, shape in enumerate(self.shapes):
             shape.check(self.parameters, self.hypothesis)
             if shape.tag not in tags or any(
-                shape.tag == other.tag for other in self.shapes[:place]
+                shape.tag == before.tag for before in self.shapes[:index]
             ):
                 raise SceneError(
-                    f"shapes[{place}] of scene '{self.name}' is of body {shape.tag}: give one "
+                    f"shapes[{index}] of scene '{self.name}' is of body {shape.tag}: give one "
                     f"shape for each of the bodies {sorted(tags)} that changes"
                 )
 
     @property
     def named(self) -> set[str]:
         """Parameters that bodies and laws of contacts name, in addition to those of loads."""
-        parts: list[Any] = list(self.shapes)
+        dependents: list[Any] = list(self.shapes)
         texts = [
             text
             for body in self.bodies
@@ -451,48 +474,51 @@ class Scene(KnownArguments):
         if texts:
             from hhr_dolfinx.formulas import Formula
 
-            parts += map(Formula, texts)
-        return {name for part in parts for name in part.variables}
+            dependents += map(Formula, texts)
+        return {name for dependent in dependents for name in dependent.variables}
 
     def _check_places(self) -> None:
         """Raise SceneError for duplicate items, and for openings of missing pairs."""
         tags = [body.tag for body in self.bodies]
-        for place, tag in enumerate(tags):
-            if (first := tags.index(tag)) != place:
+        for index, tag in enumerate(tags):
+            if (first := tags.index(tag)) != index:
                 raise SceneError(
-                    f"bodies {first} and {place} have the same cell tag {tag}: their stiffness "
+                    f"bodies {first} and {index} have the same cell tag {tag}: their stiffness "
                     "would add up. List each body once, and give each a tag of its own in the mesh"
                 )
-        for place, item in enumerate(self.contacts):
-            for tag in item.tags:
-                check_tag(f"surface of contact {place}", tag)
-            if len(set(item.tags)) < len(item.tags):
+        for index, pair in enumerate(self.contacts):
+            for tag in pair.tags:
+                check_tag(f"surface of contact {index}", tag)
+            if len(set(pair.tags)) < len(pair.tags):
                 raise SceneError(
-                    f"contact {place} pairs surface {item.tags[0]} with itself: each side needs a "
+                    f"contact {index} pairs surface {pair.tags[0]} with itself: each side needs a "
                     "tag. Name the surface of the other body, or split one that folds onto itself"
                 )
-            for before, other in enumerate(self.contacts[:place]):
-                if _same_pair(item, other):
+            for before, earlier in enumerate(self.contacts[:index]):
+                if _same_pair(pair, earlier):
                     raise SceneError(
-                        f"contacts {before} and {place} are the same pair of surfaces "
-                        f"{tuple(item.tags)}: its conditions would be dependent. List each pair "
+                        f"contacts {before} and {index} are the same pair of surfaces "
+                        f"{tuple(pair.tags)}: its conditions would be dependent. List each pair "
                         "once"
                     )
         names = [output.name for output in self.outputs]
         for name in names:
             if names.count(name) > 1:
                 raise SceneError(f"two outputs are called '{name}': each needs a name of its own")
-        whole: dict[int, int] = {}
-        for place, opening in enumerate(self.openings):
-            if opening.overwrites and (before := whole.setdefault(opening.contact, place)) != place:
+        overwriting: dict[int, int] = {}
+        for index, opening in enumerate(self.openings):
+            if (
+                opening.overwrites
+                and (before := overwriting.setdefault(opening.contact, index)) != index
+            ):
                 raise SceneError(
-                    f"openings {before} and {place} both overwrite the gaps of contact "
+                    f"openings {before} and {index} both overwrite the gaps of contact "
                     f"{opening.contact}, and each is the whole gap: leave one of them out, or "
                     "give one without overwrites=True, which adds to it"
                 )
             if opening.contact >= len(self.contacts):
                 pairs = ", ".join(
-                    f"{place} of {tuple(item.tags)}" for place, item in enumerate(self.contacts)
+                    f"{index} of {tuple(pair.tags)}" for index, pair in enumerate(self.contacts)
                 )
                 raise SceneError(
                     f"an opening names contact {opening.contact}, of {len(self.contacts)} counted "
@@ -506,19 +532,19 @@ class Scene(KnownArguments):
             *self.openings,
             *self.loads,
         )
-        for item in driven:
-            amplitude: Any = getattr(item, "amplitude", None)
+        for element in driven:
+            amplitude: Any = getattr(element, "amplitude", None)
             if isinstance(amplitude, Amplitude):
                 try:
                     amplitude.row(self.parameters)
                 except SceneError as error:
-                    raise SceneError(f"{item!r}: {error}") from None
+                    raise SceneError(f"{element!r}: {error}") from None
             elif hasattr(amplitude, "variables"):
-                check_formula(amplitude.text, self.parameters, f"the amplitude of {item!r}")
-            if hasattr(item, "check"):
-                item.check(self.parameters)
-            if hasattr(item, "check_scene"):
-                item.check_scene(self)
+                check_formula(amplitude.text, self.parameters, f"the amplitude of {element!r}")
+            if hasattr(element, "check"):
+                element.check(self.parameters)
+            if hasattr(element, "check_scene"):
+                element.check_scene(self)
 
 
 def _named_in_short(item: object) -> str:
@@ -551,7 +577,7 @@ _PARTS = (
 """Fields of a scene with several items, a description of each item, and its test."""
 
 
-def _same_pair(one, other) -> bool:
+def _same_pair(one: Pairing, other: Pairing) -> bool:
     """True if two contact pairs are redundant: the same surfaces, and no distinct normals."""
     if set(one.tags) != set(other.tags):
         return False
@@ -568,7 +594,7 @@ def _same_pair(one, other) -> bool:
     return math.isnan(cosine) or abs(cosine) > 1 - 1e-12
 
 
-def _direction(normal) -> np.ndarray | None:
+def _direction(normal: Sequence[float] | None) -> np.ndarray | None:
     """Unit vector of a normal, or None for an invalid one, which the pairing reports."""
     try:
         vector = np.asarray(normal, dtype=float)

@@ -57,6 +57,11 @@ class SolverFirst:
     ) -> ModuleSpec | None:
         """None, so that other finders continue, or the module if ``dolfinx_solver`` has loaded
         it.
+
+        Args:
+            fullname: name of the module.
+            path: path of its package.
+            target: module that is reloaded.
         """
         if fullname not in self.NAMES or importlib.util.find_spec("dolfinx_solver") is None:
             return None

@@ -37,8 +37,13 @@ each other.
 
 
 def warn(message: str, category: type[Warning]) -> None:
-    """Warn, for the line that called the package, unless an enclosing block ignores or collects the
-    warning.
+    """Warn for the line that called the package.
+
+    A block that ignores or collects the warning comes first.
+
+    Args:
+        message: the message.
+        category: class of the warning.
     """
     frame = sys._getframe(1)
     while (
@@ -51,8 +56,8 @@ def warn(message: str, category: type[Warning]) -> None:
 
 def repeat(collected: Iterable[Warned]) -> None:
     """Issue collected warnings again, for their lines."""
-    for item in collected:
-        _repeat(item, None)
+    for warning in collected:
+        _repeat(warning, None)
 
 
 def _repeat(item: Warned, module_globals: dict | None) -> None:
@@ -89,16 +94,16 @@ def collected(*categories: type[Warning]) -> Iterator[list[Warned]]:
 
     :func:`repeat` reports them.
     """
-    found: list[Warned] = []
+    warned: list[Warned] = []
 
     def take(item: Warned) -> bool:
         if categories and not issubclass(item.category, categories):
             return False
-        found.append(item)
+        warned.append(item)
         return True
 
     with _handled(take):
-        yield found
+        yield warned
 
 
 _FIRST: ContextVar[set[str] | None] = ContextVar("kinds of warnings said in a block", default=None)
@@ -124,10 +129,10 @@ def is_first(kind: str) -> bool:
 
     Always outside of one.
     """
-    said = _FIRST.get()
-    if said is None:
+    kinds = _FIRST.get()
+    if kinds is None:
         return True
-    if kind in said:
+    if kind in kinds:
         return False
-    said.add(kind)
+    kinds.add(kind)
     return True

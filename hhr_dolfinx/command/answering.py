@@ -14,6 +14,7 @@ from hhr_dolfinx.compat import extra
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.problem import ContactProblem
+    from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.models.answer import Answer
     from hhr_dolfinx.models.model import AnsweringModel
     from hhr_dolfinx.scene import Scene
@@ -31,11 +32,14 @@ def largest_values(
     problem: ContactProblem | None,
     forces: np.ndarray,
 ) -> dict[str, float]:
-    """The largest displacement, the sum of the forces of each contact, and the number of active
-    contacts.
+    """Largest displacement, sum of the forces of each contact, and number of active contacts.
 
-    Scene and problem are None for a model in a file, which has no units; ``forces`` are those of
-    pressures, (c,).
+    Args:
+        answer: the answer.
+        dimension: components of the displacement.
+        scene: the scene; None for a model in a file, which has no units.
+        problem: its contact problem; None for a model in a file.
+        forces: forces of pressures, (c,).
     """
     length = force = ""
     if scene is not None and scene.units is not None:
@@ -83,7 +87,7 @@ def _full_of(scene: str) -> Any:
     return FullOrderModel(scene_of(scene))
 
 
-def _checked_answer(full: Any, point: dict[str, float], step: dict[str, float]) -> Answer:
+def _checked_answer(full: FullOrderModel, point: dict[str, float], step: dict[str, Any]) -> Answer:
     """Answer of a full model, whose strains are checked once it is there."""
     from hhr_dolfinx.snapshots.records import SnapshotSet
 

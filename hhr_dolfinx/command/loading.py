@@ -14,34 +14,43 @@ from hhr_dolfinx.files import replacing
 from hhr_dolfinx.parameters import ParameterSpace
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy as np
+
     from hhr_dolfinx.scene import Scene
 
 
 def scene_of(name: str) -> Scene:
     """The scene of ``file.py``, ``file.py:name`` or an entry point: a Scene, or a function that
     returns one.
+
+    Raises:
+        SceneError: if the name stands for something else, or the function needs arguments.
     """
     from hhr_dolfinx.scene import Scene
 
-    found = find("scenes", name)
-    if inspect.isfunction(found):
-        if needed := _needed(found):
+    scene = find("scenes", name)
+    if inspect.isfunction(scene):
+        if needed := _needed(scene):
             raise SceneError(
                 f"{name}: the function needs {', '.join(needed)}; give them defaults, or name "
                 "another one"
             )
-        found = found()
-    if not isinstance(found, Scene):
-        raise SceneError(f"{name} is {type(found).__name__} and no Scene: name one, 'file.py:name'")
-    return found
+        scene = scene()
+    if not isinstance(scene, Scene):
+        raise SceneError(f"{name} is {type(scene).__name__} and no Scene: name one, 'file.py:name'")
+    return scene
 
 
-def _needed(function: Any) -> list[str]:
+def _needed(function: Callable[..., object]) -> list[str]:
     """Names of the arguments without a default."""
     arguments = inspect.signature(function).parameters.values()
     several = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
     return [
-        item.name for item in arguments if item.default is item.empty and item.kind not in several
+        argument.name
+        for argument in arguments
+        if argument.default is argument.empty and argument.kind not in several
     ]
 
 
@@ -49,6 +58,10 @@ def beside(name: str, attribute: str) -> Any:
     """Another attribute of a scene's file, such as ``SETTINGS`` or ``VIEW``.
 
     None without it or without a file.
+
+    Args:
+        name: name of the scene on the command line.
+        attribute: name of the attribute.
     """
     path = name.rpartition(":")[0] if ":" in name else name
     if not path.endswith(".py"):
@@ -63,6 +76,12 @@ def value_of(found: Any, name: str, attribute: str, kind: type) -> Any:
     """``SETTINGS`` or ``VIEW`` as found :func:`beside` a scene, a value or a function that makes
     it, or None.
 
+    Args:
+        found: the attribute of the file.
+        name: name of the scene, for the message.
+        attribute: name of the attribute, for the message.
+        kind: class of the value.
+
     Raises:
         SceneError: if it is of another class, or the function needs arguments.
     """
@@ -73,20 +92,38 @@ def value_of(found: Any, name: str, attribute: str, kind: type) -> Any:
             )
         found = found()
     if found is not None and not isinstance(found, kind):
-        what = f"the class {found.__name__}" if isinstance(found, type) else type(found).__name__
-        raise SceneError(f"{attribute} beside {name} must be hhr.{kind.__name__}, and is {what}")
+        described = (
+            f"the class {found.__name__}" if isinstance(found, type) else type(found).__name__
+        )
+        raise SceneError(
+            f"{attribute} beside {name} must be hhr.{kind.__name__}, and is {described}"
+        )
     return found
 
 
-def point_of(words: Iterable[str], space: ParameterSpace, others: Any = None) -> dict[str, float]:
-    """A point from ``name=value`` words, one or several in each, separated by commas.
+def point_of(
+    words: Iterable[str], space: ParameterSpace, others: np.ndarray | None = None
+) -> dict[str, float]:
+    """Point of the parameters from ``name=value`` words.
 
-    ParameterError for wrong ones.
+    Args:
+        words: one or several ``name=value`` in each, separated by commas.
+        space: the parameters.
+        others: values of the parameters that are not named, (P,); None if all must be named.
 
-    ``others`` are values of the parameters that are not named, (P,); None if all must be.
+    Returns:
+        Values by name.
+
+    Raises:
+        ParameterError: for invalid words, and for parameters without a value.
     """
-    found: dict[str, float] = {}
-    for word in (part.strip() for given in words for part in given.split(",") if part.strip()):
+    values: dict[str, float] = {}
+    for word in (
+        word_part.strip()
+        for argument in words
+        for word_part in argument.split(",")
+        if word_part.strip()
+    ):
         name, equals, text = (piece.strip() for piece in word.partition("="))
         try:
             value = float(text)
@@ -97,15 +134,15 @@ def point_of(words: Iterable[str], space: ParameterSpace, others: Any = None) ->
                 f"'{word}' gives no parameter a number: write --at {space.names[0]}=0.5, with a "
                 "decimal point"
             )
-        if name not in space.names or name in found:
+        if name not in space.names or name in values:
             raise ParameterError(
-                f"'{name}' is {'there twice' if name in found else 'no parameter'}: there are "
+                f"'{name}' is {'there twice' if name in values else 'no parameter'}: there are "
                 f"{', '.join(space.names)}"
             )
-        found[name] = value
-    missing = [name for name in space.names if name not in found]
+        values[name] = value
+    missing = [name for name in space.names if name not in values]
     if others is not None:
-        found |= {
+        values |= {
             name: float(value)
             for name, value in zip(space.names, others, strict=True)
             if name in missing
@@ -119,7 +156,7 @@ def point_of(words: Iterable[str], space: ParameterSpace, others: Any = None) ->
             f"no value is given for {bounds}: add --at "
             f"{','.join(f'{name}=...' for name in missing)}"
         )
-    return found
+    return values
 
 
 def is_model(name: str) -> bool:
@@ -130,24 +167,36 @@ def is_model(name: str) -> bool:
 
 
 def model_of(path: str | Path, known: Iterable[str] = ()) -> Any:
-    """The model of a file, with user-defined classes, each of ``file.py:name`` or an entry
-    point.
+    """Model of a file.
+
+    Args:
+        path: the file.
+        known: user-defined classes in the file, each ``file.py:name`` or an entry point.
+
+    Raises:
+        SceneError: if one of the names is no class.
     """
     from hhr_dolfinx.online.model_file import load_model
 
     classes = [find("laws", name) for name in known]
-    for name, found in zip(known, classes, strict=True):
-        if not isinstance(found, type):
+    for name, loaded in zip(known, classes, strict=True):
+        if not isinstance(loaded, type):
             raise SceneError(
-                f"--known {name} is {type(found).__name__} and no class: name one, --known "
+                f"--known {name} is {type(loaded).__name__} and no class: name one, --known "
                 "law.py:MyLaw"
             )
     return load_model(path, known=classes)
 
 
 def checked_target(path: Path | None, endings: tuple[str, ...]) -> None:
-    """Refuse with a FileError, before anything is computed, a file that could not be written
-    afterwards.
+    """Refuse a file that could not be written later, before anything is computed.
+
+    Args:
+        path: the file; None for none.
+        endings: admissible endings of its name.
+
+    Raises:
+        FileError: if the file could not be written.
     """
     if path is None:
         return

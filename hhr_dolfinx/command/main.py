@@ -33,29 +33,43 @@ class Commands(click.Group):
         return sorted({*self.commands, *OWN, *registry.named("commands")})
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """A command by its name."""
+        """A command by its name.
+
+        Args:
+            ctx: context of click.
+            cmd_name: name of the command.
+
+        Returns:
+            The command, or None; for a plug-in whose command cannot be loaded, one that reports the
+            error.
+        """
         if cmd_name in self.commands:
             return self.commands[cmd_name]
-        place = OWN.get(cmd_name) or registry.named("commands").get(cmd_name)
-        if place is None:
+        import_path = OWN.get(cmd_name) or registry.named("commands").get(cmd_name)
+        if import_path is None:
             return None
         try:
-            command = registry.load(place)
+            command = registry.load(import_path)
             if not isinstance(command, click.Command):
                 raise TypeError(f"it is a {type(command).__name__} and no command of click")
         except (
             Exception,
             SystemExit,
         ) as error:  # third-party code may raise anything, and others must go on
-            return _broken(cmd_name, place, error)
+            return _broken(cmd_name, import_path, error)
         return command
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The command of the words; an error names the plug-in of one that is not installed."""
-        if why := registry.remedy("commands", args[0]):
-            ctx.fail(f"there is no command '{args[0]}'{why}")
+        """The command of the words; an error names the plug-in of one that is not installed.
+
+        Args:
+            ctx: context of click.
+            args: words of the command line.
+        """
+        if remedy := registry.remedy("commands", args[0]):
+            ctx.fail(f"there is no command '{args[0]}'{remedy}")
         return super().resolve_command(ctx, args)
 
 
@@ -103,16 +117,16 @@ def list_(kind: str | None) -> None:
     kinds = [*OWN, "materials"]
     if kind is not None and kind not in kinds:
         raise click.UsageError(f"there are no {kind}: kinds are {', '.join(kinds)}")
-    for one in [kind] if kind else kinds:
-        click.echo(f"{one}:")
-        if one == "materials":
-            for name, found in MATERIALS.items():
+    for listed in [kind] if kind else kinds:
+        click.echo(f"{listed}:")
+        if listed == "materials":
+            for name, material in MATERIALS.items():
                 click.echo(
-                    f"  {name}: E = {found.young / 1e9:g} GPa, nu = {found.poisson:g} "
-                    f"({found.source})"
+                    f"  {name}: E = {material.young / 1e9:g} GPa, nu = {material.poisson:g} "
+                    f"({material.source})"
                 )
         else:
-            for name, source in sorted(names(one).items()):
+            for name, source in sorted(names(listed).items()):
                 click.echo(f"  {name} ({source})")
 
 

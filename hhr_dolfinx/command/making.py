@@ -12,6 +12,8 @@ from hhr_dolfinx.compat import extra
 from hhr_dolfinx.group import group_of
 
 if TYPE_CHECKING:
+    from rich.console import Console
+
     from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.models.model import KeptModel
     from hhr_dolfinx.scene import Scene
@@ -91,21 +93,23 @@ def train(
     if part is not None and together:
         raise click.UsageError("parts of a training are solved side by side: leave --together out")
     with group_of(MPI.COMM_WORLD).each(f"reading {scene}"):
-        made = scene_of(scene)
-    folder = out or Path("out") / made.name
-    if part is None and kind == "condensed" and made.remembers:
-        full, model = _condensed(made)
+        loaded = scene_of(scene)
+    folder = out or Path("out") / loaded.name
+    if part is None and kind == "condensed" and loaded.remembers:
+        full, model = _condensed(loaded)
     else:
         settings = settings_of(scene)
         sampling = training_of(how, settings)
-        given = {
+        options: dict[str, Any] = {
             "held_out": None if settings is None else settings.held_out,
             "progress": progress,
         }
         if part is not None:
-            _solve_part(console, made, sampling, part, folder / "snapshots", **given)
+            _solve_part(console, loaded, sampling, part, folder / "snapshots", **options)
             return
-        training = trained(made, sampling, folder=folder / "snapshots", together=together, **given)
+        training = trained(
+            loaded, sampling, folder=folder / "snapshots", together=together, **options
+        )
         full = training.full_order
         if MPI.COMM_WORLD.rank and full.comm.size == 1:
             return
@@ -119,7 +123,7 @@ def train(
     save_model(target, model)
     problem = full.problem
     console.print(
-        f"{made.name}: {problem.free.size} dofs and {len(problem.gaps)} contacts -> {model!r}"
+        f"{loaded.name}: {problem.free.size} dofs and {len(problem.gaps)} contacts -> {model!r}"
     )
     console.print(f"errors of its answers: {model.known_error}", highlight=False, markup=False)
     console.print(f"model: {target}")
@@ -137,7 +141,7 @@ def _condensed(scene: Scene) -> tuple[FullOrderModel, KeptModel]:
     return full, condense(full, fields=True)
 
 
-def _say_what_is_reused(console: Any, training: Training) -> None:
+def _say_what_is_reused(console: Console, training: Training) -> None:
     """Print reused snapshots and shares of processes."""
     for item in training.log.skipped:
         if item["stage"] in ("snapshots", "problems side by side"):
@@ -145,16 +149,16 @@ def _say_what_is_reused(console: Any, training: Training) -> None:
 
 
 def _solve_part(
-    console: Any, scene: Scene, training: Any, part: tuple[int, int], folder: Path, **how: Any
+    console: Console, scene: Scene, training: Any, part: tuple[int, int], folder: Path, **how: Any
 ) -> None:
     from hhr_dolfinx.study.training.train import train_part
 
-    found = train_part(scene, training, *part, folder, **how)
+    solved = train_part(scene, training, *part, folder, **how)
     if first_rank():
         console.print(
-            f"part {part[0]} of {part[1]}: {found.training} training queries and {found.held_out} "
-            f"held out are in {folder}, {found.read} answers were there before. The same command "
-            "without --part then builds a model",
+            f"part {part[0]} of {part[1]}: {solved.training} training queries and "
+            f"{solved.held_out} held out are in {folder}, {solved.read} answers were there before. "
+            "The same command without --part then builds a model",
             highlight=False,
         )
 
@@ -169,34 +173,42 @@ def settings_of(scene: str) -> Any:
     from hhr_dolfinx.command.loading import beside, value_of
     from hhr_dolfinx.errors import NotOfferedError
 
-    if (found := beside(scene, "SETTINGS")) is None:
+    if (stated := beside(scene, "SETTINGS")) is None:
         return None
     if (kind := registry.offered("settings")) is None:
-        why = registry.remedy("tools", "settings")
-        raise NotOfferedError(f"no installed plug-in reads the SETTINGS beside {scene}{why}")
-    return value_of(found, scene, "SETTINGS", kind)
+        remedy = registry.remedy("tools", "settings")
+        raise NotOfferedError(f"no installed plug-in reads the SETTINGS beside {scene}{remedy}")
+    return value_of(stated, scene, "SETTINGS", kind)
 
 
 def training_of(how: dict[str, Any], settings: Any) -> Any:
-    """Training by the options, or by the scene's file, or by 64 Sobol points."""
+    """Training by the options, else by the scene's file, else by 64 Sobol points.
+
+    Args:
+        how: values of the options by name, None for those that are not given.
+        settings: ``SETTINGS`` of the scene's file; None without any.
+
+    Raises:
+        UsageError: for several trainings, or an invalid grid.
+    """
     from hhr_dolfinx.sampling import Sobol
 
     chosen = registry.loadable("trainings")
-    others = [
+    of_plugins = [
         name for name, way in chosen.items() if any(how[option] is not None for option in way.names)
     ]
-    given = [name for name in ("grid", "sobol") if how[name] is not None] + others
-    if len(given) > 1:
+    options = [name for name in ("grid", "sobol") if how[name] is not None] + of_plugins
+    if len(options) > 1:
         raise click.UsageError(
             f"give one of {', '.join(f'--{name}' for name in ('grid', 'sobol', *chosen))}"
         )
-    if given == ["grid"]:
+    if options == ["grid"]:
         try:
             return [int(word) for word in how["grid"].split(",")]
         except ValueError:
             raise click.UsageError(f"--grid {how['grid']} must be counts, as 16,16") from None
-    if others:
-        return chosen[others[0]].training(how)
-    if given == ["sobol"]:
+    if of_plugins:
+        return chosen[of_plugins[0]].training(how)
+    if options == ["sobol"]:
         return Sobol(how["sobol"])
     return Sobol(64) if settings is None else settings.training

@@ -7,14 +7,17 @@ import logging
 import sys
 import traceback
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import nullcontext, redirect_stdout
 from functools import wraps
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hhr_dolfinx.compat import explained, extra
 from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.group import launched, world
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 with extra("study", "the command hhr"):
     import click
@@ -30,9 +33,11 @@ Command = Callable[..., Any]
 def guarded(command: Command, kept: str = "") -> Command:
     """A command whose errors are sentences and exit codes.
 
-    ``kept`` is added to the message if it is interrupted.
-
     A fault of this package, which has no such sentence, keeps its traceback.
+
+    Args:
+        command: the command.
+        kept: text added to the message of an interrupted command.
     """
 
     @wraps(command)
@@ -88,17 +93,17 @@ def _explained(error: Exception) -> str:
 
     if isinstance(error, ModuleNotFoundError):
         error = explained(error)
-    place = place_of(error)
+    position = place_of(error)
     if isinstance(error, HHRError):
-        return f"{place}: {error}" if place else str(error)
-    return f"{place}: {type(error).__name__}: {error}" if place else ""
+        return f"{position}: {error}" if position else str(error)
+    return f"{position}: {type(error).__name__}: {error}" if position else ""
 
 
 def _once() -> Callable[..., None]:
     """Handler that prints warnings as sentences, each once, on the first rank."""
     shown = set()
 
-    def show(message: object, category: object, *_: Any, **__: Any) -> None:
+    def show(message: Warning | str, category: type[Warning], *_: Any, **__: Any) -> None:
         if str(message) not in shown:
             shown.add(str(message))
             _say(f"warning: {message}")
@@ -117,7 +122,7 @@ def first_rank() -> bool:
     return comm is None or comm.rank == 0
 
 
-def spoken() -> tuple[Any, Any]:
+def spoken() -> tuple[Console, Callable[[str], Callable[[Iterable], Iterator]]]:
     """The console of the first rank, and its progress bars by label."""
     from hhr_dolfinx.command.console import make_console, progress_on
 

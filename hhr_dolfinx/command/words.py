@@ -41,8 +41,16 @@ class PartArgument(click.ParamType):
 
     name = "i/n"
 
-    def convert(self, value: object, param: object, ctx: object) -> tuple[int, int]:
-        """Both numbers."""
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, int]:
+        """Both numbers of a part, see :class:`click.ParamType`.
+
+        Args:
+            value: the word, ``3/8``.
+            param: parameter of the command.
+            ctx: context of click.
+        """
         words = str(value).split("/")
         if (
             len(words) != 2

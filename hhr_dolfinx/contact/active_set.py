@@ -140,6 +140,10 @@ def active_set(
             set, and for numbers that are not finite.
         max_iterations: bound on the equality problems solved.
         pairs: contact pair of each condition; None takes all for one pair.
+
+    Returns:
+        The forces and statuses, the number of equality problems solved, and the status of the
+        search.
     """
     seen: set[bytes] = set()
     start = active
@@ -148,7 +152,7 @@ def active_set(
             forces, slack = equalities(active, free_slack)
         except SingularError:
             nothing = np.zeros(active.size, dtype=bool)
-            found = _one_at_a_time(
+            outcome = _one_at_a_time(
                 equalities, free_slack, nothing, (iteration, max_iterations), pairs, singular=True
             )
             break
@@ -158,7 +162,7 @@ def active_set(
         if work == 0.0 and slack.min() >= 0 and forces.min() >= 0:
             return Statuses(forces, active, iteration, Status.CONVERGED, False)
         if work != 0.0 and not _finite(forces, slack):
-            found = Statuses(forces, active, iteration, Status.NOT_FINITE, False)
+            outcome = Statuses(forces, active, iteration, Status.NOT_FINITE, False)
             break
         # errors in any measure first: the comparison pair by pair takes as long as all the rest
         wrong = _wrong(forces, slack, free_slack, None)
@@ -168,17 +172,17 @@ def active_set(
             return Statuses(forces, active, iteration, Status.CONVERGED, False)
         key = active.tobytes()
         if key in seen:
-            found = _one_at_a_time(
+            outcome = _one_at_a_time(
                 equalities, free_slack, active, (iteration, max_iterations), pairs, singular=False
             )
             break
         seen.add(key)
         active = active ^ wrong
     else:
-        found = Statuses(forces, active, max_iterations, Status.ITERATION_LIMIT, False)
-    if found.status in (Status.SINGULAR, Status.NOT_FINITE):
-        return found._replace(forces=np.zeros(start.size), active=start)
-    return found
+        outcome = Statuses(forces, active, max_iterations, Status.ITERATION_LIMIT, False)
+    if outcome.status in (Status.SINGULAR, Status.NOT_FINITE):
+        return outcome._replace(forces=np.zeros(start.size), active=start)
+    return outcome
 
 
 def _finite(forces: np.ndarray, slack: np.ndarray) -> bool:
@@ -240,9 +244,9 @@ def _one_at_a_time(
             )
         seen.add(key)
         step = None
-        for place in wrong.nonzero()[0][: limit - spent]:
+        for index in wrong.nonzero()[0][: limit - spent]:
             trial = active.copy()
-            trial[place] = not trial[place]
+            trial[index] = not trial[index]
             spent += 1
             step = _solved(equalities, trial, free_slack)
             if step is not None:
@@ -302,7 +306,12 @@ class SchurEqualities:
 
     @classmethod
     def of(cls, schur: np.ndarray, factorise: Factorise = dense_factors) -> SchurEqualities:
-        """Equality problems on a known S, (m, m), not necessarily symmetric."""
+        """Equality problems on a known S, (m, m), not necessarily symmetric.
+
+        Args:
+            schur: S, (m, m).
+            factorise: factors a dense block of S, (k, k).
+        """
         # transposed, so that picking columns of S copies whole rows
         return cls(np.ascontiguousarray(schur.T).__getitem__, schur.shape[0], factorise)
 
@@ -313,7 +322,12 @@ class SchurEqualities:
     def __call__(self, active: np.ndarray, free_slack: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Forces and slack, (m,) each, for given statuses.
 
-        SingularError if S[active, active] is singular.
+        Args:
+            active: statuses, (m,) bool.
+            free_slack: slack without contact forces, (m,).
+
+        Raises:
+            SingularError: if S[active, active] is singular.
         """
         key = active.tobytes()
         # under the lock: another thread must not replace this block before it is used
@@ -329,7 +343,15 @@ class SchurEqualities:
         return forces, slack
 
     def several(self, active: np.ndarray, free_slacks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Solve for many free slacks at once, (m, k): forces and slacks, (m, k) each."""
+        """Solve for many free slacks at once, (m, k): forces and slacks, (m, k) each.
+
+        Args:
+            active: common statuses, (m,) bool.
+            free_slacks: slacks without contact forces, (m, k).
+
+        Raises:
+            SingularError: if S[active, active] is singular.
+        """
         with self._lock:
             index, factor, columns = self._entry(active, active.tobytes())
             local = None if factor is None else solve_columns(factor, -free_slacks[index])
@@ -344,6 +366,10 @@ class SchurEqualities:
     def prepare(self, statuses: np.ndarray, most_bytes: int) -> None:
         """Factor the regular blocks of statuses that are expected, (n, m), as far as they fit into
         the given memory.
+
+        Args:
+            statuses: expected statuses, (n, m) bool.
+            most_bytes: memory that the factors may take.
         """
         spent = 0
         for active in statuses:
@@ -366,17 +392,17 @@ class SchurEqualities:
         factor: Factor | None
         columns = self._columns(index)
         block = columns.take(index, axis=1).T
-        kept = self._kept[index.size]
+        keys = self._kept[index.size]
         if index.size == 0:
             factor = None
-        elif len(kept) < self.KEPT_PER_SIZE:
+        elif len(keys) < self.KEPT_PER_SIZE:
             factor = self._factorise(block)
         else:
             # removed first: a singular block must not leave a stale entry
-            factor = cast(Factor, self._forget(kept[0]))
+            factor = cast(Factor, self._forget(keys[0]))
             factor.refactor(block)
         entry = (index, factor, columns)
-        kept.append(key)
+        keys.append(key)
         self._entries[key] = entry
         self.kept_bytes += _bytes(entry)
         while self.kept_bytes > self.most_bytes:
@@ -405,42 +431,47 @@ The remaining points are solved one by one.
 def settled(
     schur: np.ndarray, free_slack: np.ndarray, active: np.ndarray, factorise: Factorise = LapackLU
 ) -> tuple[np.ndarray, np.ndarray, list[int]]:
-    """Run Alg. 1.1 for many free slacks, (n, m), from statuses that are changed in place.
+    """Run Alg. 1.1 for many free slacks with common factors.
 
-    Factors are shared.
+    Args:
+        schur: S, (m, m).
+        free_slack: slacks without contact forces, (n, m).
+        active: statuses to start from, (n, m) bool, which are changed in place.
+        factorise: factors a dense block of S, (k, k).
 
-    Returns forces, (n, m), equality problems solved for each, (n,), and the points that have not
-    converged: round-off and singular sets are left to the search of a single point.
+    Returns:
+        Forces, (n, m), equality problems solved for each point, (n,), and the points that have not
+        converged: round-off and singular sets are left to the search of a single point.
     """
     forces = np.zeros_like(free_slack)
     iterations = np.zeros(len(active), dtype=int)
     factors = KeptFactors(schur, factorise)
     pending = np.arange(len(active))
-    left = []
+    unsolved = []
     for _ in range(ROUNDS):
         groups: dict[bytes, list[int]] = {}
         for k in pending.tolist():
             groups.setdefault(active[k].tobytes(), []).append(k)
         changed = []
-        for key, places in groups.items():
-            members = np.array(places)
-            index = np.flatnonzero(active[places[0]])
+        for key, points in groups.items():
+            members = np.array(points)
+            index = np.flatnonzero(active[points[0]])
             try:
-                found, slack = _equalities(schur, free_slack[members], index, key, factors)
+                solution, slack = _equalities(schur, free_slack[members], index, key, factors)
             except SingularError:
-                left += places
+                unsolved += points
                 continue
-            forces[members] = found
+            forces[members] = solution
             iterations[members] += 1
             # NaN is wrong too
-            wrong = ~((found >= 0) & (slack >= 0))
+            wrong = ~((solution >= 0) & (slack >= 0))
             open_ = wrong.any(axis=1)
             active[members[open_]] ^= wrong[open_]
             changed.append(members[open_])
         pending = np.concatenate([np.zeros(0, dtype=int), *changed])
         if not pending.size:
             break
-    return forces, iterations, [*left, *pending.tolist()]
+    return forces, iterations, [*unsolved, *pending.tolist()]
 
 
 class KeptFactors:
@@ -460,16 +491,21 @@ class KeptFactors:
     def of(self, index: np.ndarray, key: bytes) -> Factor:
         """Factors of the block of some conditions, (k,), whose statuses have this key.
 
-        SingularError if singular.
+        Args:
+            index: the conditions, (k,).
+            key: bytes of their statuses.
+
+        Raises:
+            SingularError: if the block is singular.
         """
-        found = self._factors.pop(key, None)
-        if found is None:
-            found = self._factorise(self._schur[np.ix_(index, index)])
-            self.kept_bytes += found.nbytes
-        self._factors[key] = found
+        factor = self._factors.pop(key, None)
+        if factor is None:
+            factor = self._factorise(self._schur[np.ix_(index, index)])
+            self.kept_bytes += factor.nbytes
+        self._factors[key] = factor
         while self.kept_bytes > self.most_bytes:
             self.kept_bytes -= self._factors.pop(next(iter(self._factors))).nbytes
-        return found
+        return factor
 
 
 def _equalities(

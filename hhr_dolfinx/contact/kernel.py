@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.amplitudes import Amplitudes
     from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities
     from hhr_dolfinx.contact.law import ContactLaw
+    from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
     from hhr_dolfinx.linear.rows import Rows
 
 
@@ -32,20 +33,27 @@ class Kernel(Protocol):
     idle: np.ndarray  #: the same without loads and resistance, (N, l), which answers do not have
     law: ContactLaw  #: of the problem's conditions, in the form that solves for motions
 
-    def at(self, problem: Any) -> Kernel:
+    def at(self, problem: ContactProblem) -> Kernel:
         """Kernel of the problem on another shape of bodies that it does not move.
 
-        NotOfferedError if it differs.
+        Raises:
+            NotOfferedError: if it differs.
         """
 
     def condensed(self, there: Any) -> CondensedKernel | None:
-        """The motions as unknowns of the contact problem at a point, a ``SystemAt``.
+        """The motions as unknowns of the contact problem at a point.
 
-        None if contact resists none.
+        Returns:
+            None if contact resists none.
         """
 
-    def exact(self, problem: Any, responses: Any) -> Any:
-        """``Elimination`` at a constant stiffness, by the ``Responses`` of the pinned bodies."""
+    def exact(self, problem: ContactProblem, responses: Any) -> Any:
+        """``Elimination`` at a constant stiffness, by the ``Responses`` of the pinned bodies.
+
+        Args:
+            problem: the contact problem.
+            responses: ``Responses`` of the pinned bodies to loads and contact forces.
+        """
 
     def beside(self, eliminated: Any) -> Any:
         """``Elimination`` by one that leaves out the motions, at any stiffness."""
@@ -54,14 +62,34 @@ class Kernel(Protocol):
         """Numbers of the conditions that resist the motions, (k,)."""
 
     def without(self, rows: Rows, fields: np.ndarray) -> np.ndarray:
-        """Displacements, (own, k), without the motions that contact resists."""
+        """Displacements, (own, k), without the motions that contact resists.
+
+        Args:
+            rows: rows of this rank.
+            fields: displacements, (own, k).
+        """
 
     def first(self, rows: Rows, basis: np.ndarray) -> np.ndarray:
-        """Basis, (own, ell), of these motions, the first r, and of a given one."""
+        """Basis, (own, ell), of these motions, the first r, and of a given one.
 
-    def balanced(self, problem: Any, basis: np.ndarray, sets: Any, reduced: Any) -> Any:
-        """A ``ReducedProblem``: replace the equations tested with the first r modes by the balance
-        of whole bodies.
+        Args:
+            rows: rows of this rank.
+            basis: the given basis, (own, ell).
+        """
+
+    def balanced(
+        self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets, reduced: Any
+    ) -> Any:
+        """Replace the equations tested with the first r modes by the balance of whole bodies.
+
+        Args:
+            problem: the full contact problem.
+            basis: modes, (N, ell), the motions first.
+            sets: index sets of the RID.
+            reduced: the reduced problem without the balance, a ``ReducedProblem``.
+
+        Returns:
+            A ``ReducedProblem`` with the balance.
         """
 
 
@@ -73,7 +101,12 @@ class CondensedKernel(Protocol):
     modes: np.ndarray  #: they as primal unknowns, (n, r)
 
     def drift(self, forces: np.ndarray, unknown: np.ndarray, /) -> np.ndarray:
-        """d(residual along the motions)/dμ at fixed forces and unknown, (r, P)."""
+        """d(residual along the motions)/dμ at fixed forces and unknown, (r, P).
+
+        Args:
+            forces: contact forces, (m,).
+            unknown: primal unknown, (n,).
+        """
 
     def answer(
         self,
@@ -84,7 +117,16 @@ class CondensedKernel(Protocol):
         fields: Any,
         gradient: bool,
     ) -> Any:
-        """Answer at a point, see :func:`~hhr_dolfinx.models.eliminations.elimination.answer_of`."""
+        """Answer at a point, see :func:`~hhr_dolfinx.models.eliminations.elimination.answer_of`.
+
+        Args:
+            contact: the ``CondensedContact`` at the point.
+            point: parameters, (P,).
+            start: statuses to start from, (m,) bool.
+            pairs: contact pair of each condition; None takes all for one pair.
+            fields: the ``ModelFields``, for the answer.
+            gradient: compute the derivatives along the parameters.
+        """
 
 
 class Kernels(Protocol):
@@ -93,12 +135,21 @@ class Kernels(Protocol):
     def linearised(
         self, equalities: SchurEqualities, contact_of_motions: np.ndarray, modes: np.ndarray
     ) -> Any:
-        """``LinearisedKernel``: motions, (n, r), with their effect on the conditions, (m, r),
-        beside those on S.
+        """``LinearisedKernel``: motions as unknowns of the linearised contact problems.
+
+        Args:
+            equalities: equality problems on S, (m, m).
+            contact_of_motions: effect of the motions on the conditions, (m, r).
+            modes: the motions, (n, r).
         """
 
-    def of(self, scene: Any, problem: Any, bodies: Sequence[Any]) -> Kernel:
+    def of(self, scene: Any, problem: ContactProblem, bodies: Sequence[Any]) -> Kernel:
         """Kernel of a problem with these free bodies.
+
+        Args:
+            scene: the scene.
+            problem: its contact problem.
+            bodies: each ``FreeBody`` of the scene.
 
         Raises:
             NotSolvableError: for motions with loads that contact does not resist, and bodies that
@@ -107,7 +158,12 @@ class Kernels(Protocol):
         """
 
     def elimination(self, problem: Any, amplitudes: Amplitudes) -> Any:
-        """``Elimination`` of a reduced problem whose first modes are motions."""
+        """``Elimination`` of a reduced problem whose first modes are motions.
+
+        Args:
+            problem: the reduced problem.
+            amplitudes: amplitudes of its terms.
+        """
 
     def undetermined_outputs(self, answer: Any) -> set[str]:
         """Names of the outputs that an undetermined motion of an answer changes."""
@@ -117,10 +173,10 @@ class Kernels(Protocol):
 
 
 def kernels() -> Kernels:
-    """The tool.
+    """Tool ``kernel`` of the installed plug-ins.
 
     Raises:
         NotOfferedError: if no installed plug-in has it.
     """
-    found: Any = registry.tool("kernel", "a body that contact alone holds")
-    return found
+    tool: Any = registry.tool("kernel", "a body that contact alone holds")
+    return tool

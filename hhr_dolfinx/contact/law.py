@@ -23,7 +23,7 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.memory import NO_MEMORY, Memory
 
 if TYPE_CHECKING:
-    from scipy.sparse import csc_matrix
+    from scipy.sparse import csc_matrix, csr_matrix
 
     from hhr_dolfinx.contact.rows import ContactRows
     from hhr_dolfinx.parameters import ParameterSpace
@@ -62,8 +62,14 @@ class PairLaw(ABC):
 
     @abstractmethod
     def check(self, scene: Any, what: str) -> None:
-        """Raise SceneError if a :class:`~hhr_dolfinx.scene.Scene` does not admit the law of
-        ``what``, a contact.
+        """Check that a scene admits the law.
+
+        Args:
+            scene: the scene.
+            what: description of the contact for the message.
+
+        Raises:
+            SceneError: if the scene does not admit the law.
         """
 
     @classmethod
@@ -78,12 +84,19 @@ class PairLaw(ABC):
         lifts: csc_matrix,
         mesh: MeshArrays,
     ) -> tuple[ContactRows, np.ndarray, ContactLaw]:
-        """Append the rows of laws to the conditions of pressures: all rows, the pair of each, and
-        the law on them.
+        """Append the rows of laws to the conditions of pressures.
 
-        ``laws`` has those of pairs by their index in the scene, and ``pairs`` the pair of each
-        condition, (n,). Dofs are ``free`` if they are not imposed, (N,) bool; ``lifts`` are imposed
-        displacements, (N, 1 + T).
+        Args:
+            laws: laws of pairs by their index in the scene.
+            scene: the scene.
+            rows: conditions of pressures.
+            pairs: contact pair of each condition, (n,).
+            free: True for dofs that are not imposed, (N,) bool.
+            lifts: imposed displacements by term, (N, 1 + T).
+            mesh: nodes and cells of the mesh.
+
+        Returns:
+            All rows, the pair of each, and the law on them.
         """
 
 
@@ -97,8 +110,13 @@ class StepContact(Protocol):
         active: np.ndarray,
         pairs: Pairs | None,
     ) -> Statuses:
-        """Forces under a free slack, (m,), for the S of the given equality problems, from some
-        statuses.
+        """Solve for the forces at one linearisation.
+
+        Args:
+            equalities: equality problems on S, (m, m).
+            free_slack: slack without contact forces, (m,).
+            active: statuses to start from, (m,) bool.
+            pairs: contact pair of each condition; None takes all for one pair.
         """
 
     def changes(
@@ -106,7 +124,13 @@ class StepContact(Protocol):
     ) -> np.ndarray:
         """Derivatives of the last forces by those of the slack, (m, K).
 
-        NotSolvableError or LinAlgError without any.
+        Args:
+            equalities: equality problems on S, (m, m).
+            found: outcome of the last search for statuses.
+            slack: derivatives of the slack, (m, K).
+
+        Raises:
+            NotSolvableError, LinAlgError: if there are no derivatives.
         """
 
     def memory(self, unknown: np.ndarray) -> Memory:
@@ -137,7 +161,7 @@ class ContactLaw:
 
     @property
     def path_dependent(self) -> bool:
-        """True if answers depend on the path; where a law of several remembers, those of all do."""
+        """True if answers depend on the path. If one law of several remembers, all answers do."""
         return self.remembers
 
     def pressing(self, count: int) -> np.ndarray:
@@ -148,10 +172,12 @@ class ContactLaw:
         """Conditions that no other one repeats among so many, (count,) bool."""
         return np.ones(count, dtype=bool)
 
-    def kept_with(self, inside: np.ndarray, contact: object) -> np.ndarray:
+    def kept_with(self, inside: np.ndarray, contact: csr_matrix) -> np.ndarray:
         """Conditions of a reduced domain, (N_lambda,) bool, with all rows that belong to them.
 
-        ``contact`` is B.
+        Args:
+            inside: conditions of the reduced domain, (N_lambda,) bool.
+            contact: B, (N_lambda, N).
         """
         return inside
 
@@ -184,12 +210,20 @@ class ContactLaw:
     def limited(
         self, forces: np.ndarray, changes: np.ndarray, fitted: np.ndarray, point: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Limit the ``fitted`` ones, (m,) bool, of forces, (m,), with derivatives, (m, P), at a
-        point; and statuses.
+        """Limit fitted forces to those that the law admits.
+
+        Args:
+            forces: forces, (m,).
+            changes: their derivatives, (m, P).
+            fitted: forces to limit, (m,) bool.
+            point: parameters, (P,).
+
+        Returns:
+            Forces, derivatives and statuses, (m,) bool.
         """
         return forces, changes, forces > 0
 
-    def parts(self) -> list[Any]:
+    def parts(self) -> list[str | np.ndarray]:
         """Texts and arrays on which answers depend in addition to the rows, for a fingerprint."""
         return []
 
@@ -198,11 +232,17 @@ class ContactLaw:
         yield from ()
 
     def check_path(self, space: ParameterSpace, points: np.ndarray) -> None:
-        """Raise ParameterError for the points of a path, (n, P), along which the law has no
-        meaning.
+        """Check that the law has a meaning along a path.
+
+        Args:
+            space: the parameters.
+            points: points of the path, (n, P).
+
+        Raises:
+            ParameterError: for points along which the law has no meaning.
         """
 
-    def opened(self, memory: Mapping[str, Any]) -> float | np.ndarray:
+    def opened(self, memory: Memory) -> float | np.ndarray:
         """Part of the gaps that a memory adds, (m,), as a worn depth does, or 0.
 
         Outputs of gaps are without it.
@@ -219,7 +259,7 @@ class ContactLaw:
         """Sizes that the layout names."""
         return {}
 
-    def stored(self, memory: Mapping[str, Any]) -> dict[str, Any]:
+    def stored(self, memory: Memory) -> dict[str, Any]:
         """Arrays of a memory, by the names of the layout."""
         return {}
 
@@ -243,11 +283,32 @@ UNILATERAL = Unilateral()
 
 class _UnilateralStep:
     def solved(
-        self, equalities: Any, free_slack: np.ndarray, active: np.ndarray, pairs: Pairs | None
+        self,
+        equalities: SchurEqualities,
+        free_slack: np.ndarray,
+        active: np.ndarray,
+        pairs: Pairs | None,
     ) -> Statuses:
+        """See :class:`StepContact`.
+
+        Args:
+            equalities: equality problems on S, (m, m).
+            free_slack: slack without contact forces, (m,).
+            active: statuses to start from, (m,) bool.
+            pairs: contact pair of each condition.
+        """
         return active_set(equalities, free_slack, active, pairs=pairs)
 
-    def changes(self, equalities: Any, found: Statuses, slack: np.ndarray) -> np.ndarray:
+    def changes(
+        self, equalities: SchurEqualities, found: Statuses, slack: np.ndarray
+    ) -> np.ndarray:
+        """See :class:`StepContact`.
+
+        Args:
+            equalities: equality problems on S, (m, m).
+            found: outcome of the last search for statuses.
+            slack: derivatives of the slack, (m, K).
+        """
         return np.asarray(equalities.several(found.active, slack)[0])
 
     def memory(self, unknown: np.ndarray) -> Memory:
@@ -258,8 +319,14 @@ UNILATERAL_STEP: StepContact = _UnilateralStep()
 
 
 def check_attached(given: PairLaw, law: ContactLaw) -> None:
-    """Raise SceneError for a law on the conditions that is not that of a user's law: it would be
-    left out.
+    """Check that the law on the conditions is that of a user's law, which would else be left out.
+
+    Args:
+        given: law of the user.
+        law: law that its ``attached`` returned.
+
+    Raises:
+        SceneError: if the law is of another plug-in.
     """
     if isinstance(law, ContactLaw) and law.plugin == given.plugin:
         return
@@ -271,10 +338,14 @@ def check_attached(given: PairLaw, law: ContactLaw) -> None:
 
 
 def pair_law(pair: object, what: str) -> PairLaw | None:
-    """Law of ``what``, a pairing, in addition to unilateral contact; None without one.
+    """Law of a pairing in addition to unilateral contact; None without one.
 
     It is the value of ``law``, of fields with :data:`LAW`, of those that plug-ins read, or any
     :class:`PairLaw`.
+
+    Args:
+        pair: the pairing.
+        what: description of the pairing for messages.
 
     Raises:
         SceneError: for an invalid law, two laws, a law that no installed plug-in reads, or that of
@@ -282,37 +353,39 @@ def pair_law(pair: object, what: str) -> PairLaw | None:
     """
     readers = registry.named("pair_laws")
     declared = fields(pair) if is_dataclass(pair) else ()
-    parts = dict(getattr(pair, "__dict__", {})) | {
-        item.name: getattr(pair, item.name) for item in declared
+    values = dict(getattr(pair, "__dict__", {})) | {
+        declared_field.name: getattr(pair, declared_field.name) for declared_field in declared
     }
-    own = {item.name for item in declared if item.metadata.get("law")}
-    own |= {name for name, value in parts.items() if isinstance(value, PairLaw)} | {"law"}
-    given = {
+    names = {
+        declared_field.name for declared_field in declared if declared_field.metadata.get("law")
+    }
+    names |= {name for name, value in values.items() if isinstance(value, PairLaw)} | {"law"}
+    stated = {
         name: value
-        for name in sorted(own | readers.keys())
+        for name in sorted(names | readers.keys())
         if (value := getattr(pair, name, None)) is not None
     }
-    for name, value in parts.items():
-        for item in value if isinstance(value, tuple | list) else (value,):
+    for name, value in values.items():
+        for inner in value if isinstance(value, tuple | list) else (value,):
             if (
-                hasattr(item, "rows")
-                and hasattr(item, "tags")
-                and pair_law(item, f"{name} of {what}") is not None
+                hasattr(inner, "rows")
+                and hasattr(inner, "tags")
+                and pair_law(inner, f"{name} of {what}") is not None
             ):
                 raise SceneError(
-                    f"{what} has a law inside of its {name}, {item!r}, which nothing reads there: "
+                    f"{what} has a law inside of its {name}, {inner!r}, which nothing reads there: "
                     "give the outer pairing a field law, and the law to that"
                 )
-    if not given:
+    if not stated:
         return None
-    if len(given) > 1:
+    if len(stated) > 1:
         raise SceneError(
-            f"{what} has several laws, {', '.join(given)}: that is not built in, give it one"
+            f"{what} has several laws, {', '.join(stated)}: that is not built in, give it one"
         )
-    ((name, value),) = given.items()
+    ((name, value),) = stated.items()
     if not isinstance(value, PairLaw) and name in readers:
         value = registry.load(readers[name])(value, what)
     if not isinstance(value, PairLaw) or value.plugin not in registry.installed():
-        why = registry.remedy("pair_laws", name) or ": install the one that does"
-        raise SceneError(f"{what} has {name} = {value!r}, and no plug-in reads it{why}")
+        remedy = registry.remedy("pair_laws", name) or ": install the one that does"
+        raise SceneError(f"{what} has {name} = {value!r}, and no plug-in reads it{remedy}")
     return value

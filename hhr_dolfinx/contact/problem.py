@@ -33,6 +33,8 @@ from hhr_dolfinx.linear.rows import Rows, rows_of
 from hhr_dolfinx.parameters import ParameterSpace, PointLike
 
 if TYPE_CHECKING:
+    from mpi4py.MPI import Comm
+
     from hhr_dolfinx.contact.kernel import Kernel
     from hhr_dolfinx.contact.shares import Shares
     from hhr_dolfinx.formulas import Modulus, Scalar
@@ -41,9 +43,16 @@ if TYPE_CHECKING:
 def dependence(
     moduli: Sequence[Modulus], others: tuple[int, ...], names: tuple[str, ...]
 ) -> tuple[Scalar | None, np.ndarray]:
-    """Factor that all parts of a stiffness share, if it varies.
+    """Dependence of a stiffness on the parameters.
 
-    Indices of the parameters of the rest, and others.
+    Args:
+        moduli: moduli of its parts.
+        others: indices of further parameters on which it depends.
+        names: names of all parameters.
+
+    Returns:
+        The factor that all parts share if it varies, else None; and the indices of the parameters
+        of the rest and of ``others``.
     """
     factor = None
     rests = [
@@ -59,11 +68,16 @@ def dependence(
 
 
 def moduli_of(problem: ContactProblem, body: np.ndarray) -> list[Modulus]:
-    """Moduli of the parts of K that have entries on some dofs, (n,)."""
-    own = problem.spread.mine(body)
+    """Moduli of the parts of K that have entries on some dofs, (n,).
+
+    Args:
+        problem: the contact problem.
+        body: the dofs, (n,).
+    """
+    rows = problem.spread.mine(body)
     pairs = zip(problem.moduli, problem.stiffness_terms, strict=False)
     return [
-        modulus for modulus, term in pairs if problem.spread.sum(float(term[own].count_nonzero()))
+        modulus for modulus, term in pairs if problem.spread.sum(float(term[rows].count_nonzero()))
     ]
 
 
@@ -113,18 +127,27 @@ ROUND_OFF_OF_MOTIONS = 1e-13
 
 
 def masked(matrix: csc_matrix, rows: np.ndarray) -> csc_matrix:
-    """A sparse matrix in which rows outside a mask are zero, in the format csc without stored
-    zeros.
+    """Sparse matrix in which rows outside a mask are zero, CSC without stored zeros.
+
+    Args:
+        matrix: the matrix, (N, k).
+        rows: the mask, (N,) bool.
     """
-    kept = csc_matrix(diags(rows.astype(float)) @ matrix)
-    kept.eliminate_zeros()
-    kept.sort_indices()
-    return kept
+    masked_rows = csc_matrix(diags(rows.astype(float)) @ matrix)
+    masked_rows.eliminate_zeros()
+    masked_rows.sort_indices()
+    return masked_rows
 
 
 def strained(stiffness: csr_matrix, lifts: csc_matrix) -> csc_matrix:
-    """Rows of K, or of a part of it, times lifts, (N, 1 + T), without the round-off of rigid
-    motions.
+    """Product of rows of K, or of a part of it, and lifts, without the round-off of rigid motions.
+
+    Args:
+        stiffness: rows of K, (n, N).
+        lifts: lifts by term, (N, 1 + T).
+
+    Returns:
+        The product, (n, 1 + T).
     """
     forces = csr_matrix(stiffness @ lifts)
     sizes = csr_matrix(abs(stiffness) @ abs(lifts))
@@ -231,7 +254,7 @@ class ContactProblem:
     @cached_property
     def lift_terms(self) -> tuple[csc_matrix, ...]:
         """T^T K_q L on free dofs of each part of K, sparse, (N, 1 + T) each."""
-        return tuple(masked(self.prolongation.restrict(part), self.free) for part in self.pulls)
+        return tuple(masked(self.prolongation.restrict(pull), self.free) for pull in self.pulls)
 
     @cached_property
     def loads(self) -> csc_matrix:
@@ -253,7 +276,7 @@ class ContactProblem:
         All are 1 if K is constant.
         """
         weights = weights if self.moduli else np.ones(len(parts))
-        terms = (weight * part for weight, part in zip(weights, parts, strict=True))
+        terms = (weight * term for weight, term in zip(weights, parts, strict=True))
         return csc_matrix(sum(terms, start=csc_matrix(self.forces.shape)))
 
     @property
@@ -288,7 +311,14 @@ class ContactProblem:
         return self.law.distinct(len(self.gaps))
 
     def require_parts(self, what: str = "what reads K") -> None:
-        """Raise NotOfferedError if K is not a sum of known parts."""
+        """Refuse a K that is not a sum of known parts.
+
+        Args:
+            what: description of the request for the message.
+
+        Raises:
+            NotOfferedError: if the parts are unknown.
+        """
         if not self.stiffness_terms:
             raise NotOfferedError(
                 f"{what} is not offered for a user-defined system without parts: it would leave "
@@ -297,7 +327,14 @@ class ContactProblem:
             )
 
     def require_no_memory(self, what: str) -> None:
-        """Raise NotOfferedError for a law that remembers, in functions for pressures alone."""
+        """Refuse a law that remembers, in functions for pressures alone.
+
+        Args:
+            what: description of the request for the message.
+
+        Raises:
+            NotOfferedError: if the law remembers.
+        """
         if self.law.remembers:
             raise NotOfferedError(
                 f"{what} is not built in where contacts have {self.law.name}: march along paths, "
@@ -339,10 +376,12 @@ class ContactProblem:
         return self.own_stiffness if same else self.combined(weights)
 
     def loads_at(self, point: np.ndarray, theta: Theta | np.ndarray) -> np.ndarray:
-        """T^T (F - K L) on free dofs at a point of a scene with a constant shape, with θ there:
-        (N,).
+        """Loads T^T (F - K L) θ on free dofs at a point of a scene with a constant shape, (N,).
 
-        With slopes of θ in its place, (1 + T, k), those of the loads at constant stiffness: (N, k).
+        Args:
+            point: parameters, (P,).
+            theta: θ at the point. With its slopes, (1 + T, k), the result is those of the loads at
+                constant stiffness, (N, k).
         """
         acting = self.loads @ theta
         if self.moduli:
@@ -384,28 +423,37 @@ class ContactProblem:
         """True if all rows are local."""
         return self.node_mass.shape[0] == len(self.points)
 
-    def gathered(self, comm: Any) -> ContactProblem:
+    def gathered(self, comm: Comm) -> ContactProblem:
         """The problem with all rows on every process; the problem itself if all rows are local.
 
         Collective.
+
+        Raises:
+            SceneError: if the ranks do not hold all rows.
         """
         group = group_of(comm)
         if all(group.gathered(self.whole)):
             return self
-        given = group.gathered((self.first, self.stiffness_terms, self.node_mass))
-        _, terms, masses = zip(*sorted(given, key=itemgetter(0)), strict=True)
+        shares = group.gathered((self.first, self.stiffness_terms, self.node_mass))
+        _, terms, masses = zip(*sorted(shares, key=itemgetter(0)), strict=True)
         held = self.block_size * sum(mass.shape[0] for mass in masses)
         if held != self.free.size:
             raise SceneError(
                 f"the ranks hold {held} rows of a problem of {self.free.size} dofs: give the "
                 "communicator of its model"
             )
-        stiffness = tuple(csr_matrix(vstack(parts)) for parts in zip(*terms, strict=True))
+        stiffness = tuple(
+            csr_matrix(vstack(local_terms)) for local_terms in zip(*terms, strict=True)
+        )
         mass = csr_matrix(vstack(masses))
         return replace(self, stiffness_terms=stiffness, node_mass=mass, first=0, group=ALONE)
 
     def require_whole(self) -> None:
-        """Raise SceneError for a distributed problem in functions that need all rows."""
+        """Refuse a distributed problem in functions that need all rows.
+
+        Raises:
+            SceneError: if this rank does not hold all rows.
+        """
         if not self.whole:
             raise SceneError(
                 f"rows {self.rows.start} to {self.rows.stop - 1} of {self.free.size} are held "
@@ -438,8 +486,8 @@ class ContactProblem:
         self.require_parts()
         if self.moduli:
             return self.combined(self.weights(self.middle))
-        first, *others = self.stiffness_terms
-        return sum(others, start=first)
+        first, *further = self.stiffness_terms
+        return sum(further, start=first)
 
     @property
     def stiffness(self) -> csr_matrix:
@@ -484,11 +532,11 @@ class ContactProblem:
     def _component_of_dofs(self) -> np.ndarray:
         """Number of the connected component of each dof, (N,), by the couplings of all ranks."""
         size = self.free.size
-        own = self.own_stiffness
-        ends = np.full(size + 1, own.nnz, dtype=own.indptr.dtype)
+        stiffness = self.own_stiffness
+        ends = np.full(size + 1, stiffness.nnz, dtype=stiffness.indptr.dtype)
         ends[: self.rows.stop + 1] = 0
-        ends[self.rows.start : self.rows.stop + 1] = own.indptr
-        joined = csr_matrix((own.data, own.indices, ends), shape=(size, size))
+        ends[self.rows.start : self.rows.stop + 1] = stiffness.indptr
+        joined = csr_matrix((stiffness.data, stiffness.indices, ends), shape=(size, size))
         joined = self.prolongation.coupled(joined)
         count, label = connected_components(joined, directed=False)
         if self.group.size == 1:
@@ -497,17 +545,25 @@ class ContactProblem:
         counts, labels = zip(*self.group.gathered((count, label)), strict=True)
         # dofs, followed by the components of each process
         firsts = size + np.cumsum([0, *counts])
-        places = np.concatenate(
-            [item + first for item, first in zip(labels, firsts[:-1], strict=True)]
+        components = np.concatenate(
+            [
+                labels_of_rank + first
+                for labels_of_rank, first in zip(labels, firsts[:-1], strict=True)
+            ]
         )
-        every = int(firsts[-1])
-        edges = np.ones(places.size), (np.tile(np.arange(size), len(counts)), places)
-        return connected_components(csr_matrix(edges, shape=(every, every)), directed=False)[1][
+        total = int(firsts[-1])
+        edges = np.ones(components.size), (np.tile(np.arange(size), len(counts)), components)
+        return connected_components(csr_matrix(edges, shape=(total, total)), directed=False)[1][
             :size
         ]
 
     def doubled_energy(self, unknown: np.ndarray, theta: Theta) -> float:
-        """U^T K U of U = U0 + L θ on one rank, with U0, (N,); K of all dofs acts on L."""
+        """U^T K U of U = U0 + L θ on one rank, with U0, (N,); K of all dofs acts on L.
+
+        Args:
+            unknown: U0, (N,).
+            theta: θ.
+        """
         inner = unknown @ (self.stiffness @ unknown)
         return float(inner + (2 * unknown + self.lifts @ theta) @ (self.pulled @ theta))
 
@@ -525,9 +581,13 @@ class ContactProblem:
         return float(np.sqrt(self.contact.multiply(self.contact).sum(axis=1).max()))
 
     def condition_number(self, smallest: float, largest: float) -> float:
-        """kappa of B V by its extreme singular values.
+        """Condition number kappa of B V.
 
         Infinite if rows are dependent to round-off, (1.67).
+
+        Args:
+            smallest: smallest singular value of B V.
+            largest: largest singular value of B V.
         """
         return (
             largest / smallest

@@ -68,7 +68,12 @@ class Prolongation:
 
     @classmethod
     def of_free(cls, free: np.ndarray, lifts: csc_matrix | None = None) -> Prolongation:
-        """Free dofs, (N,) bool, and imposed ones, of which none depends on others."""
+        """Prolongation of free and imposed dofs, of which none depends on others.
+
+        Args:
+            free: dofs with an unknown, (N,) bool.
+            lifts: displacements of imposed dofs, (N, 1 + T); None for none.
+        """
         return cls(free, free, csc_matrix((free.size, 0)) if lifts is None else lifts)
 
     @property
@@ -83,13 +88,12 @@ class Prolongation:
         return csr_matrix(self.map.T)
 
     def lifted(self, lifts: csc_matrix) -> Prolongation:
-        """The same with lifts of imposed dofs and values of equations.
-
-        Dependent dofs follow the former.
+        """Copy with lifts of imposed dofs and values of equations. Dependent dofs follow the
+        former.
         """
         if self.map is not None:
-            others = csc_matrix(diags((~self.dependent).astype(float)) @ lifts)
-            lifts = csc_matrix(lifts - others + self.map @ others)
+            independent = csc_matrix(diags((~self.dependent).astype(float)) @ lifts)
+            lifts = csc_matrix(lifts - independent + self.map @ independent)
         return replace(self, lifts=lifts)
 
     def prolong(self, fields: np.ndarray) -> np.ndarray:
@@ -123,11 +127,16 @@ class Prolongation:
         """Left sides less right sides of the equations of dependent dofs for fields, (N, k):
         (dependent, k).
         """
-        others = np.where(self.dependent[:, None], 0.0, fields)
-        return (fields - self.prolong(others))[self.dependent]
+        independent = np.where(self.dependent[:, None], 0.0, fields)
+        return (fields - self.prolong(independent))[self.dependent]
 
     def on_rows(self, spread: Rows, group: ProcessGroup) -> OnRows | None:
-        """Products with local rows; None for the identity."""
+        """Products with local rows; None for the identity.
+
+        Args:
+            spread: rows of this rank.
+            group: processes that share the rows.
+        """
         if self.map is None:
             return None
         rows = spread.own
@@ -146,6 +155,11 @@ class Prolongation:
         Parts keep one pattern.
 
         Products of scipy have no zeros. Collective.
+
+        Args:
+            parts: parts of K, (N, N) or local rows.
+            rows: rows of this rank.
+            group: processes that share the rows.
         """
         if self.map is None:
             return tuple(parts)
@@ -157,8 +171,8 @@ class Prolongation:
         pattern.sort_indices()
         numbers = _numbers(pattern)
         projected = []
-        for part in parts:
-            product = transposed @ (self._with_dependent(part, rows, group) @ self.map)
+        for term in parts:
+            product = transposed @ (self._with_dependent(term, rows, group) @ self.map)
             product = csr_matrix(product)
             data = np.zeros(pattern.nnz)
             data[np.searchsorted(numbers, _numbers(product))] = product.data
@@ -177,8 +191,8 @@ class Prolongation:
         """
         if group.size == 1:
             return own
-        every = group.stacked(csr_matrix(diags(self.dependent[rows].astype(float)) @ own))
-        return csr_matrix(vstack([every[: rows.start], own, every[rows.stop :]]))
+        gathered = group.stacked(csr_matrix(diags(self.dependent[rows].astype(float)) @ own))
+        return csr_matrix(vstack([gathered[: rows.start], own, gathered[rows.stop :]]))
 
 
 def _numbers(matrix: csr_matrix) -> np.ndarray:

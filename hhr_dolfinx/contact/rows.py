@@ -35,7 +35,9 @@ class ContactRows:
                 f"contact rows need a sparse matrix with a row for each of {m} gaps, and as many "
                 f"{sizes}"
             )
-        if not all(np.isfinite(item).all() for item in (self.matrix.data, self.gap, self.areas)):
+        if not all(
+            np.isfinite(values).all() for values in (self.matrix.data, self.gap, self.areas)
+        ):
             raise SceneError("contact rows are not finite: check normals and gaps of the pairing")
 
     def take(self, index: np.ndarray) -> ContactRows:
@@ -44,19 +46,25 @@ class ContactRows:
 
 
 def normals_of(matrix: csr_matrix, slaves: np.ndarray, dimension: int) -> np.ndarray:
-    """Unit normal of each row of B, at its slave, (m, dim); zero without entries there."""
+    """Unit normal of each row of B, at its slave, (m, dim); zero without entries there.
+
+    Args:
+        matrix: B, (m, N).
+        slaves: slave node of each row, (m,).
+        dimension: components of the displacement.
+    """
     entries = matrix.tocoo()
     node, component = np.divmod(entries.col, dimension)
-    own = node == slaves[entries.row]
-    found = np.zeros((matrix.shape[0], dimension))
-    found[entries.row[own], component[own]] = entries.data[own]
-    lengths = np.linalg.norm(found, axis=1, keepdims=True)
-    return found / np.where(lengths > 0, lengths, 1.0)
+    at_slave = node == slaves[entries.row]
+    normals = np.zeros((matrix.shape[0], dimension))
+    normals[entries.row[at_slave], component[at_slave]] = entries.data[at_slave]
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    return normals / np.where(lengths > 0, lengths, 1.0)
 
 
 def joined(parts: Sequence[ContactRows]) -> ContactRows:
     """Rows of several pairs, one pair after another."""
-    matrix, *others = (
-        [getattr(part, name) for part in parts] for name in ContactRows.__dataclass_fields__
+    matrix, *further = (
+        [getattr(rows, name) for rows in parts] for name in ContactRows.__dataclass_fields__
     )
-    return ContactRows(csr_matrix(vstack(matrix)), *(np.concatenate(item) for item in others))
+    return ContactRows(csr_matrix(vstack(matrix)), *(np.concatenate(values) for values in further))

@@ -22,18 +22,29 @@ class Shares:
     nodes: csr_matrix  #: share in the entries of its row at each node, (s, nodes)
 
     def of(self, pair: int, pairs: np.ndarray) -> np.ndarray:
-        """Share of a contact in each condition, whose first contacts are ``pairs``, (m,)."""
-        found = (pairs == pair).astype(float)
-        found[self.conditions] = 0.0
-        own = self.pairs == pair
-        found[self.conditions[own]] = self.shares[own]
-        return found
+        """Share of a contact in each condition, whose first contacts are ``pairs``, (m,).
+
+        Args:
+            pair: index of the contact.
+            pairs: first contact of each condition, (m,).
+        """
+        shares = (pairs == pair).astype(float)
+        shares[self.conditions] = 0.0
+        of_pair = self.pairs == pair
+        shares[self.conditions[of_pair]] = self.shares[of_pair]
+        return shares
 
     def rows_of(self, pair: int, conditions: np.ndarray, rows: csr_matrix) -> csr_matrix:
-        """Rows of some conditions, (c, N), as far as they are those of a contact."""
+        """Rows of some conditions, (c, N), as far as they are those of a contact.
+
+        Args:
+            pair: index of the contact.
+            conditions: the conditions, (c,).
+            rows: their rows, (c, N).
+        """
         entry = np.full(int(max(conditions.max(initial=0), self.conditions.max())) + 1, -1)
-        own = np.flatnonzero(self.pairs == pair)
-        entry[self.conditions[own]] = own
+        of_pair = np.flatnonzero(self.pairs == pair)
+        entry[self.conditions[of_pair]] = of_pair
         entries = rows.tocoo()
         entry = entry[conditions][entries.row]
         common = entry >= 0
@@ -43,12 +54,16 @@ class Shares:
         return csr_matrix((entries.data * scale, (entries.row, entries.col)), shape=rows.shape)
 
     def extended(self, slaves: np.ndarray, pairs: np.ndarray, count: int) -> Shares:
-        """Shares in rows of a law too, which follow ``count`` conditions, by slaves and pairs of
-        all, (m,).
+        """Shares that also cover the rows of a law, which follow the conditions.
+
+        Args:
+            slaves: slave nodes of all rows, (m,).
+            pairs: contact of each row, (m,).
+            count: number of conditions before the rows of the law.
         """
-        own = np.array([slaves, pairs])
-        known = own[:, self.conditions]
-        entries, rows = np.nonzero((known[:, :, None] == own[:, None, count:]).all(axis=0))
+        keys = np.array([slaves, pairs])
+        common = keys[:, self.conditions]
+        entries, rows = np.nonzero((common[:, :, None] == keys[:, None, count:]).all(axis=0))
         return Shares(
             np.concatenate([self.conditions, count + rows]),
             np.concatenate([self.pairs, self.pairs[entries]]),

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import cached_property
 from threading import Lock, RLock, local
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags, spmatrix
@@ -48,7 +48,7 @@ class Stiffness(ABC):
         """S = B K^-1 B^T, (m, m): one array, so that ``is`` shows whether K changed."""
 
     @abstractmethod
-    def held(self) -> AbstractContextManager[Any]:
+    def held(self) -> AbstractContextManager[object]:
         """Keep the factors of this stiffness in the store meanwhile: saves time, and does not
         change results.
         """
@@ -89,6 +89,10 @@ class FactorStore:
     def solve(self, matrix: csr_matrix, rhs: np.ndarray) -> np.ndarray:
         """K^-1 times a vector; for present factors a lease would take as long as the rest of a
         small query.
+
+        Args:
+            matrix: local rows of K.
+            rhs: right-hand side, (n,).
         """
         if self._most == 1 and self._slots:
             slot = self._slots[0]
@@ -109,13 +113,13 @@ class FactorStore:
         if self._most == 1 and slots:
             return slots[0]
         with self._lock:
-            found = next((slot for slot in slots if slot.holds(matrix)), None)
-            if found is None and len(slots) < self._most:
+            slot_of_matrix = next((slot for slot in slots if slot.holds(matrix)), None)
+            if slot_of_matrix is None and len(slots) < self._most:
                 slots.append(self._make(matrix))
                 return slots[-1]
-            found = slots[0] if found is None else found
-            slots.append(slots.pop(slots.index(found)))
-            return found
+            slot_of_matrix = slots[0] if slot_of_matrix is None else slot_of_matrix
+            slots.append(slots.pop(slots.index(slot_of_matrix)))
+            return slot_of_matrix
 
 
 class Lease:
@@ -184,7 +188,7 @@ class SparseStiffness(Stiffness):
         self._lock = RLock()
         self._assigning = Lock()
 
-    def held(self) -> AbstractContextManager[Any]:
+    def held(self) -> AbstractContextManager[object]:
         """See :class:`Stiffness`."""
         return self._store.of(self.matrix)
 
@@ -202,13 +206,13 @@ class SparseStiffness(Stiffness):
         with self._store.of(self.matrix) as factors:
             if (on_rows := self._on_rows) is not None:
                 return on_rows.prolong @ factors.solve_columns(on_rows.columns(rhs))
-            found = factors.solve_columns(rhs)
+            solutions = factors.solve_columns(rhs)
             idle = self._idle
             if idle is None or not idle.shape[1]:
-                return found
+                return solutions
             work = self._spread.sum(idle.T @ rhs)
             drawn = np.stack([factors.solve(motion) for motion in idle.T], axis=1)
-        return self._without(idle, found - drawn @ work)
+        return self._without(idle, solutions - drawn @ work)
 
     def _without(self, idle: np.ndarray, own: np.ndarray) -> np.ndarray:
         """Fields, (n, ...), without motions that nothing resists, (n, l)."""
@@ -241,16 +245,16 @@ class SparseStiffness(Stiffness):
         with self._making():
             if self._schur is None:
                 if self._response is None and not self._keeps and self._components is not None:
-                    made = self.parts.sum(axis=0)  # parts are needed later
+                    schur = self.parts.sum(axis=0)  # parts are needed later
                 else:
-                    made = self._reduced([self.contact])[0]
+                    schur = self._reduced([self.contact])[0]
                 with (
                     self._assigning
                 ):  # one array for all threads, which may make it by a lease and by a lock at once
-                    self._schur = made if self._schur is None else self._schur
+                    self._schur = schur if self._schur is None else self._schur
         return self._schur
 
-    def _making(self) -> AbstractContextManager[Any]:
+    def _making(self) -> AbstractContextManager[object]:
         """Context of one thread at a time, by its lease or else by a lock: with both, threads could
         deadlock.
         """
@@ -269,12 +273,12 @@ class SparseStiffness(Stiffness):
             assert self._components is not None
             with self._making():
                 if self._parts is None:
-                    parts = [
+                    masks = [
                         np.bincount(dofs, minlength=self.contact.shape[1]) > 0
                         for dofs in self._components
                     ]
                     self._parts = np.stack(
-                        self._reduced([csr_matrix(self.contact.multiply(mask)) for mask in parts])
+                        self._reduced([csr_matrix(self.contact.multiply(mask)) for mask in masks])
                     )
         return self._parts
 
@@ -284,30 +288,30 @@ class SparseStiffness(Stiffness):
         """
         if self._response is None:
             with self._store.of(self.matrix) as factors:
-                known = [item for item in map(factors.between_last, rows) if item is not None]
-                if len(known) == len(rows):
-                    return known
+                products = [block for block in map(factors.between_last, rows) if block is not None]
+                if len(products) == len(rows):
+                    return products
                 if not self._keeps:
                     return self._by_blocks(factors, rows)
-        return [self._spread.sum(item @ self.response) for item in rows]
+        return [self._spread.sum(block @ self.response) for block in rows]
 
     def _by_blocks(self, factors: Factors, rows: list[csr_matrix]) -> list[np.ndarray]:
         """Products of some rows and K^-1 B^T, (m, m) each, by columns that are not kept."""
         touched = np.unique(self.contact.indices)
-        there = [csr_matrix(item[:, touched]) for item in rows]
-        found = [np.empty((self.contact.shape[0],) * 2) for _ in rows]
-        for part, block in factors.solved_blocks(self.contact.T, touched):
-            for own, total in zip(there, found, strict=True):
-                total[:, part] = own @ block
-        return [self._spread.sum(total) for total in found]
+        touched_rows = [csr_matrix(block_rows[:, touched]) for block_rows in rows]
+        products = [np.empty((self.contact.shape[0],) * 2) for _ in rows]
+        for span, block in factors.solved_blocks(self.contact.T, touched):
+            for local_rows, total in zip(touched_rows, products, strict=True):
+                total[:, span] = local_rows @ block
+        return [self._spread.sum(total) for total in products]
 
     def scaled(self, scales: np.ndarray) -> ScaledStiffness:
         """K with connected components scaled by these numbers, (C,); nothing is factored."""
         assert self._components is not None
-        own = np.empty(self.contact.shape[1])
+        scale_of_dofs = np.empty(self.contact.shape[1])
         for scale, dofs in zip(scales, self._components, strict=True):
-            own[dofs] = scale
-        return ScaledStiffness(self, scales, own)
+            scale_of_dofs[dofs] = scale
+        return ScaledStiffness(self, scales, scale_of_dofs)
 
 
 class ScaledStiffness(Stiffness):
@@ -320,7 +324,7 @@ class ScaledStiffness(Stiffness):
         self._base = base
         self._scales = scales
 
-    def held(self) -> AbstractContextManager[Any]:
+    def held(self) -> AbstractContextManager[object]:
         """See :class:`Stiffness`."""
         return self._base.held()
 

@@ -15,7 +15,12 @@ if TYPE_CHECKING:
 
 
 def answer_mesh_of(discretisation: Discretisation, problem: ContactProblem) -> AnswerMesh:
-    """Mesh of a full model with its contact problem, on each of its ranks. Collective."""
+    """Mesh of a full model with its contact problem, on each of its ranks. Collective.
+
+    Args:
+        discretisation: finite element model of the scene.
+        problem: its contact problem.
+    """
     scene = discretisation.scene
     space = discretisation.space
     cells, kinds, _ = vtk_mesh(space)
@@ -23,17 +28,17 @@ def answer_mesh_of(discretisation: Discretisation, problem: ContactProblem) -> A
     # without cells
     width = problem.cell_nodes.shape[1]
     order = [np.flatnonzero(space.dofmap.list[0] == node)[0] for node in cells[1 : 1 + width]]
-    known = next(
-        item for item in discretisation.group.gathered((order, kinds[:1].tolist())) if item[1]
+    described = next(
+        entry for entry in discretisation.group.gathered((order, kinds[:1].tolist())) if entry[1]
     )
     return AnswerMesh(
         points=problem.points,
-        cells=problem.cell_nodes[:, known[0]],
-        kind=int(known[1][0]),
+        cells=problem.cell_nodes[:, described[0]],
+        kind=int(described[1][0]),
         bodies=discretisation.group.joined(discretisation.cell_bodies()),
         contact_points=problem.contact_points,
         slaves=problem.contact_slaves,
-        contacts=tuple(problem.pressing_of(place) for place in range(len(scene.contacts))),
+        contacts=tuple(problem.pressing_of(index) for index in range(len(scene.contacts))),
         name=scene.name,
         axisymmetric=scene.hypothesis == "axisymmetric",
         parameters=tuple(scene.parameters.names),

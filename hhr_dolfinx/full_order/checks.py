@@ -6,7 +6,7 @@ failed.
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -35,10 +35,15 @@ aspect 1e4.
 """
 
 
-def build_geometry(scene: Scene, group: ProcessGroup) -> Any:
+def build_geometry(scene: Scene, group: ProcessGroup) -> tuple:
     """Mesh, cell tags, facet tags, their names and sets of nodes.
 
-    Raises SceneError unless they fit the scene.
+    Args:
+        scene: the scene.
+        group: processes that share the mesh.
+
+    Raises:
+        SceneError: if they do not fit the scene.
     """
     result: Any = scene.geometry(group.comm)
     groups = getattr(result, "physical_groups", None)
@@ -53,13 +58,13 @@ def build_geometry(scene: Scene, group: ProcessGroup) -> Any:
     mesh, *tags = result
     _check_mesh(scene, mesh, group)
     order_of(scene, mesh)
-    for kind, given, dim in zip(
+    for kind, tags_of_kind, dim in zip(
         ("cell", "facet"), tags, (mesh.topology.dim, mesh.topology.dim - 1), strict=True
     ):
-        if given is None or given.dim != dim:
-            found = "None" if given is None else f"tags of dimension {given.dim}"
+        if tags_of_kind is None or tags_of_kind.dim != dim:
+            returned = "None" if tags_of_kind is None else f"tags of dimension {tags_of_kind.dim}"
             raise SceneError(
-                f"the geometry of scene '{scene.name}' returned {found} for the {kind} tags: "
+                f"the geometry of scene '{scene.name}' returned {returned} for the {kind} tags: "
                 "every body and every surface with a load, a displacement or a contact needs one; "
                 "in gmsh, a physical group"
             )
@@ -72,7 +77,12 @@ def build_geometry(scene: Scene, group: ProcessGroup) -> Any:
 
 
 def warn_of_idle_parameters(scene: Scene, amplitudes: Amplitudes) -> None:
-    """Warn of parameters on which no amplitude, body or law of a scene depends."""
+    """Warn of parameters on which no amplitude, body or law of a scene depends.
+
+    Args:
+        scene: the scene.
+        amplitudes: amplitudes of its terms.
+    """
     laws = [
         laws_of_scenes(body.reader).parameters_of(body.law) for body in scene.bodies if body.reader
     ]
@@ -87,7 +97,7 @@ def warn_of_idle_parameters(scene: Scene, amplitudes: Amplitudes) -> None:
         )
 
 
-def _check_mesh(scene, mesh, group):
+def _check_mesh(scene: Scene, mesh: dmesh.Mesh, group: ProcessGroup) -> None:
     """Raise SceneError for a mesh of another dimension, with other cells, or on another
     communicator.
     """
@@ -121,14 +131,14 @@ def _check_mesh(scene, mesh, group):
         )
     wanted = 3 if scene.hypothesis == "solid" else 2
     if gdim != wanted:
-        others = "solid" if gdim == 3 else "plane_strain, plane_stress or axisymmetric"
+        suitable = "solid" if gdim == 3 else "plane_strain, plane_stress or axisymmetric"
         raise SceneError(
             f"hypothesis '{scene.hypothesis}' of scene '{scene.name}' needs a mesh of dimension "
-            f"{wanted}, and this one has {gdim}: take {others}, or another mesh"
+            f"{wanted}, and this one has {gdim}: take {suitable}, or another mesh"
         )
 
 
-def _check_cells(scene, mesh, group):
+def _check_cells(scene: Scene, mesh: dmesh.Mesh, group: ProcessGroup) -> None:
     """Raise SceneError for cells that are folded or without volume, and for ranks without cells.
 
     Such cells would not be noticed later: K uses the absolute value of Jacobians. A plug-in with
@@ -163,13 +173,13 @@ def _check_cells(scene, mesh, group):
     folded = (jacobians * np.sign(mean)[:, None]).min(axis=1) < -FOLDED * largest
     mend = "mend the mesh there"
     advice = registry.offered("mending") if degree == 2 else None
-    for bad, why, remedy in (
+    for bad, fault, remedy in (
         (~finite, "have coordinates that are not finite", mend),
         (empty, "have no volume", mend),
         (folded, "are folded or turned inside out", advice(scene.geometry) if advice else mend),
     ):
         text = "{count} cells of the mesh {why}, e.g. around {place}: {remedy}"
-        _refuse(group, text, corners[bad].mean(axis=1), why=why, remedy=remedy)
+        _refuse(group, text, corners[bad].mean(axis=1), why=fault, remedy=remedy)
     _refuse(
         group,
         "{count} pairs of neighbouring cells lie on the same side of their common facet, e.g. at "
@@ -181,7 +191,12 @@ def _check_cells(scene, mesh, group):
 def order_of(scene: Scene, mesh: dmesh.Mesh) -> int:
     """Degree of the displacement, by the scene or else the mesh.
 
-    SceneError for first order on a mesh of second.
+    Args:
+        scene: the scene.
+        mesh: its mesh.
+
+    Raises:
+        SceneError: for a displacement of first order on a mesh of second order.
     """
     geometry = compat.degree_of(mesh)
     order = geometry if scene.order is None else scene.order
@@ -193,9 +208,9 @@ def order_of(scene: Scene, mesh: dmesh.Mesh) -> int:
     return order
 
 
-def _overlapping_neighbours(mesh):
-    """Middles of the facets whose two cells lie on the same side, (found, dim): the only sign of
-    folded simplices.
+def _overlapping_neighbours(mesh: dmesh.Mesh) -> np.ndarray:
+    """Middles of the facets whose two cells lie on the same side, (q, dim): the only sign of folded
+    simplices.
     """
     dim = mesh.topology.dim
     mesh.topology.create_connectivity(dim - 1, dim)
@@ -207,15 +222,15 @@ def _overlapping_neighbours(mesh):
     same = nodes[:, 0, :, None] == nodes[:, 1, None, :]
     # cells with more than one common facet have been found as folded or empty before
     count = dim if nodes.shape[2] == dim + 1 else 2 ** (dim - 1)
-    whole = same.sum(axis=(1, 2)) == count
-    nodes = nodes[whole]
-    common = same[whole].any(axis=2)
-    other = same[whole].any(axis=1)
+    common_facet = same.sum(axis=(1, 2)) == count
+    nodes = nodes[common_facet]
+    common = same[common_facet].any(axis=2)
+    opposite = same[common_facet].any(axis=1)
     points = mesh.geometry.x[:, :dim]
     facet = points[nodes[:, 0][common].reshape(-1, count)]
     far = [
         points[nodes[:, k][~mask].reshape(-1, nodes.shape[2] - count)]
-        for k, mask in enumerate((common, other))
+        for k, mask in enumerate((common, opposite))
     ]
     along = np.moveaxis(facet[:, 1:dim] - facet[:, :1], 1, 2)
     # the sign of a determinant is the side of the facet to which a direction points
@@ -246,8 +261,11 @@ def corner_jacobians(corners: np.ndarray) -> np.ndarray:
 
 
 def jacobians_of(mesh: dmesh.Mesh, points: np.ndarray) -> np.ndarray:
-    """Determinant of the Jacobian at the nodes of cells, (c, k), from their coordinates, (c, k,
-    dim).
+    """Determinant of the Jacobian at the nodes of cells, (c, k).
+
+    Args:
+        mesh: mesh with the kind of the cells.
+        points: coordinates of the nodes, (c, k, dim).
     """
     if compat.degree_of(mesh) == 1:
         return corner_jacobians(points)
@@ -256,7 +274,7 @@ def jacobians_of(mesh: dmesh.Mesh, points: np.ndarray) -> np.ndarray:
     return np.linalg.det(np.einsum("qkd,ckx->cqdx", slopes, points))
 
 
-def _check_radius(mesh, group):
+def _check_radius(mesh: dmesh.Mesh, group: ProcessGroup) -> None:
     """Raise SceneError for bodies that cross the axis of revolution."""
     owned = mesh.geometry.index_map().size_local
     radius = mesh.geometry.x[:owned, 0]
@@ -272,18 +290,28 @@ def _check_radius(mesh, group):
 def check_tags(
     scene: Scene,
     mesh: dmesh.Mesh,
-    tags: Any,
+    tags: Sequence[dmesh.MeshTags],
     names: TagNames,
     group: ProcessGroup,
     sets: Container[object] = (),
 ) -> None:
-    """Raise SceneError for tags of the scene that the mesh lacks, and for cells that belong to no
-    body.
+    """Check that the tags of the scene and of the mesh agree.
+
+    Args:
+        scene: the scene.
+        mesh: its mesh.
+        tags: tags of cells and of facets.
+        names: names of these tags.
+        group: processes that share the mesh.
+        sets: names of sets of nodes in the file of the mesh.
+
+    Raises:
+        SceneError: for tags of the scene that the mesh lacks, and for cells that belong to no body.
     """
-    held = [item.tag for item in scene.displacements]
+    held = [named.tag for named in scene.displacements]
     used: list[Tag] = [tag for tag in held if isinstance(tag, int | str) and tag not in sets]
-    for item in scene.contacts:
-        used += item.tags
+    for named in scene.contacts:
+        used += named.tags
     check_present("facet", tags[1], used, names, group)
     bodies = [body.tag for body in scene.bodies]
     owner: dict[int, Tag] = {}
@@ -293,10 +321,10 @@ def check_tags(
                 raise SceneError(
                     f"bodies {owner[number]!r} and {tag!r} have cells in common: list one of them"
                 )
-    others = check_present("cell", tags[0], bodies, names, group) - set(owner)
-    if others:
+    unused = check_present("cell", tags[0], bodies, names, group) - set(owner)
+    if unused:
         raise SceneError(
-            f"cells tagged {names.described('cell', others)} belong to no body of scene "
+            f"cells tagged {names.described('cell', unused)} belong to no body of scene "
             f"'{scene.name}': give each a Body, or leave them out of the mesh"
         )
     count = mesh.topology.index_map(mesh.topology.dim).size_local
@@ -311,21 +339,37 @@ def check_tags(
 def check_present(
     kind: str, tags: dmesh.MeshTags, wanted: Iterable[Tag], names: TagNames, group: ProcessGroup
 ) -> set[int]:
-    """All tags of a mesh; raises SceneError if a wanted one, by number or name, is missing."""
-    there = set().union(*group.gathered(set(tags.values.tolist())))
+    """All tags of a mesh, on all ranks.
+
+    Args:
+        kind: ``cell`` or ``facet``.
+        tags: tags of this kind.
+        wanted: tags that must be there, by number or name.
+        names: names of the tags.
+        group: processes that share the mesh.
+
+    Raises:
+        SceneError: if a wanted tag is missing.
+    """
+    present = set().union(*group.gathered(set(tags.values.tolist())))
     numbers = names.cell if kind == "cell" else names.facet
-    missing = [tag for tag in wanted if not there & set(numbers(tag))]
+    missing = [tag for tag in wanted if not present & set(numbers(tag))]
     if missing:
         missing = sorted(set(missing), key=str)
         raise SceneError(
-            f"{kind} tags {missing} are not in the mesh, which has {names.described(kind, there)}"
+            f"{kind} tags {missing} are not in the mesh, which has {names.described(kind, present)}"
             f"{names.of_file(missing)}"
         )
-    return there
+    return present
 
 
 def tagged(tags: dmesh.MeshTags, numbers: Iterable[int]) -> np.ndarray:
-    """Numbers of the entities of this rank with one of some tags, in their order."""
+    """Numbers of the entities of this rank with one of some tags, in their order.
+
+    Args:
+        tags: tags of cells or facets.
+        numbers: the tags to look for.
+    """
     return np.sort(np.concatenate([tags.find(number) for number in numbers]))
 
 
@@ -337,8 +381,19 @@ def check_outer(
     names: TagNames,
     group: ProcessGroup,
 ) -> None:
-    """Raise SceneError for loads on missing facets or on facets inside the mesh, where surface
-    integrals are zero.
+    """Check that the facets of a load are on the outside of the mesh.
+
+    Args:
+        load: name of the load, for the message.
+        tag: facet tag of the load.
+        mesh: the mesh.
+        facet_tags: tags of its facets.
+        names: names of the tags.
+        group: processes that share the mesh.
+
+    Raises:
+        SceneError: for missing facets and for facets inside the mesh, on which surface integrals
+            are zero.
     """
     check_present("facet", facet_tags, [tag], names, group)
     fdim = mesh.topology.dim - 1
@@ -355,14 +410,14 @@ def check_outer(
     )
 
 
-def _refuse(group, text, places, **words):
-    """Raise SceneError on all ranks if any has places, (found, dim).
+def _refuse(group: ProcessGroup, text: str, places: np.ndarray, **words) -> None:
+    """Raise SceneError on all ranks if any has points, (q, dim).
 
     ``text`` uses ``{count}``, ``{place}``, words.
     """
-    found = [place for part in group.gathered(places.tolist()) for place in part]
-    if found:
-        raise SceneError(text.format(count=len(found), place=found[0], **words))
+    points = [point for of_rank in group.gathered(places.tolist()) for point in of_rank]
+    if points:
+        raise SceneError(text.format(count=len(points), place=points[0], **words))
 
 
 def conditions_with_unknowns(
@@ -371,11 +426,24 @@ def conditions_with_unknowns(
     """Contact rows with a free dof; the others do not constrain unknowns and are left out.
 
     It warns if nodes whose dofs are all imposed penetrate, in the worst case over the parameter
-    range. Gaps are D - B lift by term, (rows, 1 + T).
+    range.
+
+    Args:
+        scene: the scene.
+        rows: the contact rows.
+        gaps: D - B lift by term, (rows, 1 + T).
+        amplitudes: amplitudes of the terms.
+        free: True for dofs with an unknown, (N,) bool.
+
+    Returns:
+        Indices of the rows, (m,).
+
+    Raises:
+        SceneError: if no row has a free dof.
     """
     unknown = abs(rows.matrix) @ free.astype(float) > 0
     if not unknown.any():
-        tags = [item.tags for item in scene.contacts]
+        tags = [pair.tags for pair in scene.contacts]
         raise SceneError(
             "the contact pairs are empty: all of their nodes have imposed displacements. Leave "
             f"out displacements of scene '{scene.name}' on nodes of the surfaces {tags}"

@@ -35,7 +35,9 @@ from hhr_dolfinx.parameters import Place, Tag
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.loads import Load
     from hhr_dolfinx.models.histories.equilibrium import LawsAtPlaces
+    from hhr_dolfinx.outputs import Output
 
 
 class DiscreteSpace(ABC):
@@ -78,7 +80,7 @@ class DiscreteSpace(ABC):
         """Dofs that are not imposed, (N,) bool."""
 
     @abstractmethod
-    def assembler(self, load: object) -> Assembler:
+    def assembler(self, load: Load | Output) -> Assembler:
         """Interface for a load or an output."""
 
     def laws(self) -> LawsAtPlaces | None:
@@ -129,9 +131,9 @@ class DiscreteSpace(ABC):
     def cell_bodies(self) -> np.ndarray:
         """Body of each cell of this rank as its index in the scene, (cells,)."""
         bodies = np.full(self.mesh.topology.index_map(self.mesh.topology.dim).size_local, -1)
-        for place, body in enumerate(self.scene.bodies):
+        for index, body in enumerate(self.scene.bodies):
             cells = self.cells_of(body.tag)
-            bodies[cells[cells < bodies.size]] = place
+            bodies[cells[cells < bodies.size]] = index
         return bodies
 
     def _outer_facets(self, load: str, tag: Tag) -> ufl.Measure:
@@ -148,7 +150,7 @@ class DiscreteSpace(ABC):
         """Raise SceneError if no cell has a tag."""
         check_present("cell", self._cell_tags, [tag], self.names, self.group)
 
-    def _tagged_dofs(self, tag, component):
+    def _tagged_dofs(self, tag: Tag | Place, component: int) -> np.ndarray:
         dim = self.mesh.geometry.dim
         if not 0 <= component < dim:
             raise SceneError(
@@ -162,20 +164,22 @@ class DiscreteSpace(ABC):
         """Numbers of the nodes of tagged facets, of a set of the mesh or of a place, (k,), in their
         order.
 
-        Of a set that holds whole facets all of their nodes count if ``whole``, those in the middle
-        of faces too.
+        Args:
+            tag: facet tag, name of a set of nodes, or a place.
+            whole: of a set that holds whole facets take all of their nodes, also those in the
+                middle of faces.
 
         Raises:
             SceneError: for a tag that the mesh lacks, or a place without nodes.
         """
         if not isinstance(tag, int | str):
-            found = np.unique(tag.nodes(self._points()))
-            if not found.size:
+            selected = np.unique(tag.nodes(self._points()))
+            if not selected.size:
                 raise SceneError(
                     f"{tag!r} of scene '{self.scene.name}' holds no node of its mesh: move or "
                     "widen it"
                 )
-            return found
+            return selected
         owned = (
             self._nodes_of_set(self._sets[tag])
             if tag in self._sets
@@ -192,20 +196,20 @@ class DiscreteSpace(ABC):
         """Own nodes, (k,), for numbers of points of the file, on cells of first order with those
         between them.
         """
-        inside = np.isin(self.mesh.geometry.input_global_indices, numbers)[
+        in_set = np.isin(self.mesh.geometry.input_global_indices, numbers)[
             compat.geometry_dofmap(self.mesh)
         ]
         nodes = self.space.dofmap.list
         edges, _ = compat.topology(self.mesh.topology.cell_name())
         corners = SUPPORTED_CELLS[self.mesh.topology.cell_name()]
         held = np.zeros(nodes.shape, dtype=bool)
-        held[:, : inside.shape[1]] = inside
-        if self.order > 1 and inside.shape[1] == corners:
-            held[:, corners : corners + len(edges)] |= inside[:, np.array(edges)].all(axis=2)
-        found = np.unique(nodes[held])
-        return found[found < self.space.dofmap.index_map.size_local]
+        held[:, : in_set.shape[1]] = in_set
+        if self.order > 1 and in_set.shape[1] == corners:
+            held[:, corners : corners + len(edges)] |= in_set[:, np.array(edges)].all(axis=2)
+        selected = np.unique(nodes[held])
+        return selected[selected < self.space.dofmap.index_map.size_local]
 
-    def _load_vector(self, load: object, form: ufl.Form) -> np.ndarray:
+    def _load_vector(self, load: Load | Output, form: ufl.Form) -> np.ndarray:
         """Assemble a form that is linear in v, (N,)."""
         arguments = form.arguments() if isinstance(form, ufl.Form) else ()
         try:
@@ -232,12 +236,12 @@ class DiscreteSpace(ABC):
         area = self._assemble_vector(contact.tributary_area(self._test, hypothesis, ds))[::dim]
         weights = elasticity.weight_at(points[:, 0], hypothesis)
         facets, inner = self._facets(tag)
-        made = make_surface(tag, facets, inner, points, weights, area)
-        if made.quadratic is None:
-            return made
-        return replace(made, free=self.free_dofs.reshape(-1, dim)[made.nodes])
+        surface = make_surface(tag, facets, inner, points, weights, area)
+        if surface.quadratic is None:
+            return surface
+        return replace(surface, free=self.free_dofs.reshape(-1, dim)[surface.nodes])
 
-    def _facets(self, tag):
+    def _facets(self, tag: Tag) -> tuple[np.ndarray, ...]:
         """Nodes of the tagged facets and the middle of the opposite nodes in their cells, gathered
         from all ranks.
         """
@@ -270,7 +274,7 @@ class DiscreteSpace(ABC):
         local_nodes = np.array(nodes, dtype=np.int32).reshape(-1, count)
         numbers = dofmap.index_map.local_to_global(local_nodes.ravel()).reshape(-1, count)
         gathered = self.group.gathered((numbers, np.array(inner).reshape(-1, dim)))
-        return tuple(np.concatenate(part) for part in zip(*gathered, strict=True))
+        return tuple(np.concatenate(arrays) for arrays in zip(*gathered, strict=True))
 
     def _points(self):
         local = self.space.tabulate_dof_coordinates()[: self.space.dofmap.index_map.size_local]
@@ -282,9 +286,9 @@ class DiscreteSpace(ABC):
         numbers = self.space.dofmap.index_map.local_to_global(local.ravel().astype(np.int32))
         return self.group.joined(numbers.reshape(local.shape))
 
-    def _assemble_vector(self, form):
+    def _assemble_vector(self, form: ufl.Form) -> np.ndarray:
         vector = fem_petsc.assemble_vector(compat.jitted(fem.form, form))
         vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        whole = self.group.joined(vector.array)
+        values = self.group.joined(vector.array)
         vector.destroy()
-        return whole
+        return values

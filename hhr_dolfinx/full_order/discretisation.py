@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import ufl
@@ -40,6 +40,7 @@ from hhr_dolfinx.scene import Scene
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Formula, Modulus
     from hhr_dolfinx.full_order.system import StatedSystem
+    from hhr_dolfinx.outputs import Output
 
 ONE_LINE = 0.7
 """Cosine of two directions above which conditions of a node may be one: averaged normals differ by
@@ -62,15 +63,15 @@ class Discretisation(DiscreteSpace):
         self.mean_dilatation = self.elasticity.mean_dilatation
         # on the mesh before it is deformed
         self._fields = {
-            number: item.at(self._points(), scene.hypothesis)
-            for number, item in enumerate(scene.displacements)
-            if item.field is not None
+            number: displacement.at(self._points(), scene.hypothesis)
+            for number, displacement in enumerate(scene.displacements)
+            if displacement.field is not None
         }
         self.shape = StillMesh()
         if scene.shapes:
-            what = f"scene '{scene.name}', whose shapes depend on parameters,"
+            request = f"scene '{scene.name}', whose shapes depend on parameters,"
             # outside of evaluations the mesh has the shape of the middle of the box
-            self.shape = registry.tool("shapes", what)(self)
+            self.shape = registry.tool("shapes", request)(self)
 
     def cells(self, tag: Tag) -> ufl.Measure:
         """See :class:`DiscreteSpace`."""
@@ -90,9 +91,13 @@ class Discretisation(DiscreteSpace):
     def contact_problem(
         self, stiffness: tuple[csr_matrix, ...], moduli: tuple[Modulus, ...] = ()
     ) -> ContactProblem:
-        """Assemble (1.21) with local rows of the parts of K, (own dofs, N).
+        """Assemble the contact problem (1.21).
 
         Only large matrices are distributed.
+
+        Args:
+            stiffness: local rows of the parts of K, (own dofs, N) each.
+            moduli: modulus of each part; empty if K is constant.
         """
         scene = self.scene
         imposed, free = self._displacements()
@@ -148,7 +153,12 @@ class Discretisation(DiscreteSpace):
     ) -> tuple[ContactRows, np.ndarray, np.ndarray, ContactLaw, Shares | None]:
         """Rows, pairs, gaps, law and shares of the conditions with unknowns.
 
-        ``opened`` is the part of openings.
+        Args:
+            rows: rows of all pairs.
+            pairs: contact pair of each row, (m,).
+            opened: part of the gaps that openings and moving obstacles add, (m, 1 + T).
+            eliminated: dependent dofs of the scene.
+            amplitudes: amplitudes of the terms.
         """
         scene = self.scene
         prolongation = eliminated.prolongation
@@ -156,25 +166,27 @@ class Discretisation(DiscreteSpace):
         rows, pairs, opened = eliminated.joined(prolongation, rows, pairs, opened)
         gaps = _gaps(rows, opened, lifts)
         acting = replace(rows, matrix=prolongation.rows(rows.matrix))
-        kept = conditions_with_unknowns(scene, acting, gaps, amplitudes, prolongation.free)
-        both = np.hstack([gaps, opened])[kept]
-        rows, pairs, both = eliminated.merged(prolongation, rows.take(kept), pairs[kept], both)
+        unknown = conditions_with_unknowns(scene, acting, gaps, amplitudes, prolongation.free)
+        both = np.hstack([gaps, opened])[unknown]
+        rows, pairs, both = eliminated.merged(
+            prolongation, rows.take(unknown), pairs[unknown], both
+        )
         gaps, opened = np.hsplit(both, 2)
         shares = None
         common = _nodes_of_several(prolongation.rows(rows.matrix), pairs, rows.points.shape[1])
         if common.size:
-            what = (
+            request = (
                 f"scene '{scene.name}', whose contacts share the node at "
                 f"{rounded(self._points()[common[0]])},"
             )
-            share = registry.tool("shared_nodes", what)
+            share = registry.tool("shared_nodes", request)
             rows, pairs, opened, shares = share(
                 self, (rows, pairs, opened), prolongation, amplitudes, common
             )
             if shares is not None:
                 gaps = _gaps(rows, opened, lifts)
         law: ContactLaw = UNILATERAL
-        if laws := {place: law for place, law in enumerate(scene.laws) if law is not None}:
+        if laws := {index: law for index, law in enumerate(scene.laws) if law is not None}:
             rows, pairs, law = self._with_laws(laws, rows, pairs, prolongation)
             shares = None if shares is None else shares.extended(rows.slaves, pairs, len(gaps))
             gaps = np.vstack([gaps, -(rows.matrix[len(gaps) :] @ lifts).toarray()])
@@ -215,16 +227,19 @@ class Discretisation(DiscreteSpace):
         """
         scene = self.scene
         of_plugins: dict[str, dict[int, PairLaw]] = {}
-        for place, own in laws.items():
-            of_plugins.setdefault(own.plugin, {})[place] = own
-        found = [self._attached(some, rows, pairs, prolongation) for some in of_plugins.values()]
+        for index, law in laws.items():
+            of_plugins.setdefault(law.plugin, {})[index] = law
+        attached = [
+            self._attached(laws_of_plugin, rows, pairs, prolongation)
+            for laws_of_plugin in of_plugins.values()
+        ]
         join = registry.tool(
             "laws", f"scene '{scene.name}', whose contacts have {laws[min(laws)].words},"
         )
-        whole: tuple[ContactRows, np.ndarray, ContactLaw] = join(
-            scene, list(of_plugins.values()), found, rows, pairs
+        conditions: tuple[ContactRows, np.ndarray, ContactLaw] = join(
+            scene, list(of_plugins.values()), attached, rows, pairs
         )
-        return whole
+        return conditions
 
     def _attached(
         self,
@@ -233,28 +248,28 @@ class Discretisation(DiscreteSpace):
         pairs: np.ndarray,
         prolongation: Prolongation,
     ) -> tuple[ContactRows, np.ndarray, ContactLaw]:
-        """The same for the laws of one plug-in."""
+        """Conditions with the rows of the laws of one plug-in."""
         scene = self.scene
-        first, *others = laws.values()
+        first, *further = laws.values()
         if any(
             getattr(law.attached, "__func__", None) is not getattr(first.attached, "__func__", None)
-            for law in others
+            for law in further
         ):
             raise SceneError(
                 f"contacts of scene '{scene.name}' have laws of several classes, each with its "
                 "attached(): that is not built in. Give them a common one, which reads them all"
             )
         mesh = MeshArrays(self._points(), self._cell_nodes(), self.order)
-        found = first.attached(
+        attached = first.attached(
             laws, scene, rows, pairs, prolongation.movable, prolongation.lifts, mesh
         )
-        check_attached(first, found[2])
-        if not np.array_equal(found[1][: pairs.size], pairs):
+        check_attached(first, attached[2])
+        if not np.array_equal(attached[1][: pairs.size], pairs):
             raise SceneError(
                 f"attached() of {type(first).__name__} must append rows to the conditions, and "
                 "keep these"
             )
-        return found
+        return attached
 
     def load_terms(self) -> list[Term]:
         """Terms of all loads on the current mesh."""
@@ -268,24 +283,31 @@ class Discretisation(DiscreteSpace):
         """The problem with the kernel of K of a system.
 
         Checks for errors that only the whole scene shows.
+
+        Args:
+            problem: the contact problem.
+            stated: user-defined system; None for that of the bodies.
         """
         bodies = self.group.joined(self.cell_bodies())
         free = free_bodies(self.scene, problem, bodies, self.springs)
         free = (stated or self.shape).left_free(free, problem)
         if free:
-            what = (
+            request = (
                 f"{free[0].name} can move freely: it {free[0].described(free[0].left)}. To hold "
                 "it by contact alone"
             )
-            kernels: Kernels = registry.tool("kernel", what)
+            kernels: Kernels = registry.tool("kernel", request)
             kernel = kernels.of(self.scene, problem, free)
             problem = replace(problem, kernel=kernel, law=kernel.law)
         warn_of_idle_parameters(self.scene, problem.amplitudes)
         return self.shape.attached(problem)
 
     def stress(self, displacement: np.ndarray, point: np.ndarray) -> np.ndarray:
-        """Stress of a displacement, (N,), at a parameter, (P,), see
-        :meth:`~ConstantElasticity.stress_in_cells`.
+        """Stress of a displacement, see :meth:`~ConstantElasticity.stress_in_cells`.
+
+        Args:
+            displacement: the displacement, (N,).
+            point: parameters, (P,).
         """
         with self.shape.at(point):
             return self.elasticity.stress_in_cells(self, displacement, point)
@@ -299,14 +321,14 @@ class Discretisation(DiscreteSpace):
         """Lifts of nonzero displacements, and the dofs that are not imposed, (N,)."""
         terms = []
         owner = np.full(self.size, -1)
-        for number, item in enumerate(self.scene.displacements):
-            dofs = self._tagged_dofs(item.tag, item.component)
+        for number, displacement in enumerate(self.scene.displacements):
+            dofs = self._tagged_dofs(displacement.tag, displacement.component)
             clash = dofs[owner[dofs] >= 0]
-            for other in set(owner[clash].tolist()):
-                self._check_clash(number, other, clash[owner[clash] == other])
+            for before in set(owner[clash].tolist()):
+                self._check_clash(number, before, clash[owner[clash] == before])
             dofs = np.setdiff1d(dofs, clash)
             owner[dofs] = number
-            amplitude = bound(item.amplitude, self.scene.parameters)
+            amplitude = bound(displacement.amplitude, self.scene.parameters)
             if amplitude != Amplitude():
                 entries = self._imposed(number, dofs), (dofs, np.zeros_like(dofs))
                 terms.append(Term(amplitude, csc_matrix(entries, shape=(self.size, 1))))
@@ -324,18 +346,18 @@ class Discretisation(DiscreteSpace):
         """Raise SceneError if two displacements, by their indices in the scene, differ on dofs of
         both.
         """
-        item, before = (self.scene.displacements[place] for place in (number, other))
+        later, before = (self.scene.displacements[index] for index in (number, other))
         same = np.array_equal(self._imposed(number, dofs), self._imposed(other, dofs))
-        if before.amplitude != item.amplitude or not same:
+        if before.amplitude != later.amplitude or not same:
             node, component = divmod(int(dofs[0]), self.mesh.geometry.dim)
             raise SceneError(
-                f"displacements {other} on tag {before.tag} and {number} on tag {item.tag} impose "
+                f"displacements {other} on tag {before.tag} and {number} on tag {later.tag} impose "
                 f"different values on one node, of component {component} at "
                 f"{rounded(self._points()[node])}: leave one of them out, or give surfaces that "
                 "no node has in common"
             )
 
-    def assembler(self, load: Any) -> Assembler:
+    def assembler(self, load: Load | Output) -> Assembler:
         """Interface for a load or an output."""
         return Assembler(
             test=self._test,
@@ -352,7 +374,9 @@ class Discretisation(DiscreteSpace):
             eigenstress=partial(self._eigenstress, load),
         )
 
-    def _eigenstress(self, load: Load, tag: Tag, strain: Expr) -> list[tuple[Formula, np.ndarray]]:
+    def _eigenstress(
+        self, load: Load | Output, tag: Tag, strain: Expr
+    ) -> list[tuple[Formula, np.ndarray]]:
         return self.elasticity.eigenstress(self, tag, strain, partial(self._load_vector, load))
 
     def contact_rows(self) -> tuple[ContactRows, np.ndarray]:
@@ -360,44 +384,45 @@ class Discretisation(DiscreteSpace):
         return self._contacts()[:2]
 
     def _contacts(self) -> tuple[ContactRows, np.ndarray, list[Term]]:
-        """The same, and terms of openings and pairings, which add to gaps, with columns (N_lambda,
-        k).
+        """Rows of all pairs, the pair of each row, and terms of openings and pairings, which add to
+        gaps, with columns (N_lambda, k).
         """
-        parts = []
+        rows_of_pairs = []
         opened: list[tuple[int, Term]] = []
-        for place, item in enumerate(self.scene.contacts):
-            surfaces = [self.surface(tag) for tag in item.tags]
+        for index, pairing in enumerate(self.scene.contacts):
+            surfaces = [self.surface(tag) for tag in pairing.tags]
             if (quadratic := surfaces[0].quadratic) is not None:
                 quadratic.warn_of_straight_sides(surfaces)
-            part = item.rows(surfaces, self.size)
-            if not isinstance(part, ContactRows):
-                raise SceneError(f"the rows of {item!r} must be ContactRows, and are {part!r}")
-            if part.gap.size == 0 or part.matrix.shape[1] != self.size:
+            rows = pairing.rows(surfaces, self.size)
+            if not isinstance(rows, ContactRows):
+                raise SceneError(f"the rows of {pairing!r} must be ContactRows, and are {rows!r}")
+            if rows.gap.size == 0 or rows.matrix.shape[1] != self.size:
                 raise SceneError(
-                    f"{item} made {part.gap.size} conditions on {part.matrix.shape[1]} of "
+                    f"{pairing} made {rows.gap.size} conditions on {rows.matrix.shape[1]} of "
                     f"{self.size} dofs"
                 )
-            changes = item.gap_terms(surfaces, part) if hasattr(item, "gap_terms") else []
-            self.shape.check_still(f"contact {place}", surfaces[0].nodes, changes)
-            opened += [(place, term) for term in changes]
-            if self.scene.overwritten(place):
+            changes = pairing.gap_terms(surfaces, rows) if hasattr(pairing, "gap_terms") else []
+            self.shape.check_still(f"contact {index}", surfaces[0].nodes, changes)
+            opened += [(index, term) for term in changes]
+            if self.scene.overwritten(index):
                 if changes:
                     raise SceneError(
-                        f"an opening overwrites the gaps of contact {place}, which moves by a "
+                        f"an opening overwrites the gaps of contact {index}, which moves by a "
                         "formula"
                     )
-                part = replace(part, gap=np.zeros(part.gap.size))
-            parts.append(part)
-        pairs = np.repeat(np.arange(len(parts)), [part.gap.size for part in parts])
-        every = csc_matrix(identity(pairs.size))
+                rows = replace(rows, gap=np.zeros(rows.gap.size))
+            rows_of_pairs.append(rows)
+        pairs = np.repeat(np.arange(len(rows_of_pairs)), [rows.gap.size for rows in rows_of_pairs])
+        unit_columns = csc_matrix(identity(pairs.size))
         terms = [
-            Term(item.amplitude, (pairs == item.contact)[:, None].astype(float))
-            for item in self.scene.openings
+            Term(pairing.amplitude, (pairs == pairing.contact)[:, None].astype(float))
+            for pairing in self.scene.openings
         ]
         terms += [
-            replace(term, columns=every[:, pairs == place] @ term.columns) for place, term in opened
+            replace(term, columns=unit_columns[:, pairs == index] @ term.columns)
+            for index, term in opened
         ]
-        return joined(parts), pairs, terms
+        return joined(rows_of_pairs), pairs, terms
 
 
 def _gaps(rows: ContactRows, opened: np.ndarray, lifts: csc_matrix) -> np.ndarray:
@@ -416,20 +441,22 @@ def _nodes_of_several(acting: csr_matrix, pairs: np.ndarray, dimension: int) -> 
     entries = acting.tocoo()
     nodes, component = np.divmod(entries.col, dimension)
     several = csr_matrix((np.ones(entries.nnz), (pairs[entries.row], nodes))).getnnz(axis=0) > 1
-    found = []
+    shared = []
     for node in np.flatnonzero(several):
-        here = nodes == node
-        rows, place = np.unique(entries.row[here], return_inverse=True)
+        at_node = nodes == node
+        rows, row_index = np.unique(entries.row[at_node], return_inverse=True)
         ways = np.zeros((rows.size, dimension))
-        ways[place, component[here]] = entries.data[here]
+        ways[row_index, component[at_node]] = entries.data[at_node]
         apart = pairs[rows][:, None] != pairs[rows]
         if (np.abs(normalised(ways) @ normalised(ways).T) > ONE_LINE)[apart].any():
-            found.append(node)
-    return np.array(found, dtype=int)
+            shared.append(node)
+    return np.array(shared, dtype=int)
 
 
-def _without_columns(matrix, columns):
+def _without_columns(matrix: csr_matrix, columns: np.ndarray) -> csr_matrix:
     """Copy of a sparse matrix with some columns set to zero."""
-    kept = matrix.tocoo()
-    keep = ~columns[kept.col]
-    return csr_matrix((kept.data[keep], (kept.row[keep], kept.col[keep])), shape=matrix.shape)
+    entries = matrix.tocoo()
+    keep = ~columns[entries.col]
+    return csr_matrix(
+        (entries.data[keep], (entries.row[keep], entries.col[keep])), shape=matrix.shape
+    )

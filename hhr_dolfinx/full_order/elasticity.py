@@ -88,19 +88,27 @@ class ConstantElasticity:
         return None
 
     def lifted(self, space: DiscreteSpace, lifts: csc_matrix, free: np.ndarray) -> csc_matrix:
-        """Lifts, (N, 1 + T), by those that are nonzero on imposed dofs alone, which are not
-        ``free``, (N,).
+        """Lifts by those that are nonzero on imposed dofs alone, (N, 1 + T).
+
+        Args:
+            space: functions on the mesh.
+            lifts: the given lifts, (N, 1 + T).
+            free: False for imposed dofs, (N,) bool.
         """
         return lifts
 
     def stress(
         self, space: DiscreteSpace, place: int, field: fem.Function, point: np.ndarray
     ) -> Expr:
-        """Stress of a body, by its index, in UFL, at a point of the parameters, (P,).
+        """Stress of a body in UFL at a point of the parameters.
 
         Its constants are not compiled.
 
-        ``field`` is the displacement.
+        Args:
+            space: functions on the mesh.
+            place: index of the body in the scene.
+            field: the displacement.
+            point: parameters, (P,).
         """
         hypothesis = space.scene.hypothesis
         body = space.scene.bodies[place]
@@ -113,12 +121,16 @@ class ConstantElasticity:
     def stress_in_cells(
         self, space: DiscreteSpace, displacement: np.ndarray, point: np.ndarray
     ) -> np.ndarray:
-        """Stress of a displacement, (N,), in the middle of each cell, Kelvin's notation, (cells,
-        4), in space 6.
+        """Stress of a displacement in the middle of each cell, Kelvin's notation, (cells, 4), in
+        space 6.
 
         Cells are in the order of ``ContactProblem.cell_nodes``. Bodies with a mean dilatation have
-        its pressure, and loads that are strains give no stress. Moduli are those of a point, (P,);
-        the mesh has its current shape.
+        its pressure, and loads that are strains give no stress. The mesh has its current shape.
+
+        Args:
+            space: functions on the mesh.
+            displacement: the displacement, (N,).
+            point: parameters, (P,), of the moduli.
         """
         scene = space.scene
         mesh = space.mesh
@@ -126,8 +138,8 @@ class ConstantElasticity:
         constants = fem.functionspace(mesh, ("Discontinuous Lagrange", 0, (3, 3)))
         points = compat.interpolation_points(constants.element)
         stress = fem.Function(constants)
-        for place, body in enumerate(scene.bodies):
-            sigma = self.stress(space, place, field, point)
+        for index, body in enumerate(scene.bodies):
+            sigma = self.stress(space, index, field, point)
             stress.interpolate(
                 compat.jitted(fem.Expression, sigma, points), space.cells_of(body.tag)
             )
@@ -138,13 +150,21 @@ class ConstantElasticity:
     def eigenstress(
         self, space: DiscreteSpace, tag: Tag, strain: Expr, vector: Vector
     ) -> list[tuple[Formula, np.ndarray]]:
-        """Nodal forces of an eigenstrain of the body with a tag, see
-        :class:`~hhr_dolfinx.loads.Assembler`.
+        """Nodal forces of an eigenstrain of a body, see :class:`~hhr_dolfinx.loads.Assembler`.
+
+        Args:
+            space: functions on the mesh.
+            tag: cell tag of the body.
+            strain: the eigenstrain, 3x3, in UFL.
+            vector: assembles a form that is linear in v, (N,).
+
+        Returns:
+            Modulus of each part of the stiffness, and the forces for the modulus 1, (N,).
         """
-        made = _of_plugin(space.scene, f"the strain {strain} of body {tag}")(
+        elasticity_of_plugin = _of_plugin(space.scene, f"the strain {strain} of body {tag}")(
             space.scene, *space.cells_and_order
         )
-        return made.eigenstress(space, tag, strain, vector)
+        return elasticity_of_plugin.eigenstress(space, tag, strain, vector)
 
 
 def _form(space: DiscreteSpace, body: Body) -> ufl.Form:
@@ -157,7 +177,12 @@ def _form(space: DiscreteSpace, body: Body) -> ufl.Form:
 
 
 def field_of(space: DiscreteSpace, displacement: np.ndarray) -> fem.Function:
-    """A displacement, (N,), as a function on the mesh."""
+    """A displacement, (N,), as a function on the mesh.
+
+    Args:
+        space: functions on the mesh.
+        displacement: the displacement, (N,).
+    """
     field = fem.Function(space.space)
     field.x.petsc_vec.array[:] = displacement[space.rows]
     field.x.scatter_forward()
@@ -201,8 +226,8 @@ def _is_constant(body: Body, scene: Scene) -> bool:
 
 
 def _of_plugin(scene: Scene, item: str) -> type[ConstantElasticity]:
-    what = (
+    request = (
         f"the stiffness of scene '{scene.name}', in which {item} is more than constant elasticity,"
     )
-    found: type[ConstantElasticity] = registry.tool("elasticity", what)
-    return found
+    elasticity_class: type[ConstantElasticity] = registry.tool("elasticity", request)
+    return elasticity_class

@@ -32,9 +32,9 @@ class FreeBody:
 
     def columns(self, count: int) -> np.ndarray:
         """The remaining motions on all nodes, (nodes dim, l)."""
-        found = np.zeros((len(self.left), count, self.motions.shape[2]))
-        found[:, self.nodes] = np.tensordot(self.left, self.motions, 1)
-        return found.reshape(len(self.left), -1).T
+        fields = np.zeros((len(self.left), count, self.motions.shape[2]))
+        fields[:, self.nodes] = np.tensordot(self.left, self.motions, 1)
+        return fields.reshape(len(self.left), -1).T
 
     def described(self, ways: np.ndarray) -> str:
         """Description of combinations of its motions, (n, k): along axes, along directions, or
@@ -44,13 +44,13 @@ class FreeBody:
         if len(self.motions) == 1:
             return "moves along axis 1"
         along = [axis for axis in range(shifts) if np.linalg.norm(ways[:, axis]) > 1 - 1e-6]
-        parts = [f"moves along axis {axis}" for axis in along]
+        phrases = [f"moves along axis {axis}" for axis in along]
         if len(ways) > len(along):
             turning = np.linalg.norm(ways[:, shifts:]) > 1e-6 * np.linalg.norm(ways)
-            parts.append(
+            phrases.append(
                 "turns" if turning else f"moves along {rounded(np.round(ways[0, :shifts], 3))}"
             )
-        return ", ".join(parts)
+        return ", ".join(phrases)
 
 
 def free_bodies(
@@ -61,35 +61,44 @@ def free_bodies(
     Bodies that constraints join are found by the plug-in of constraints, its tool
     ``joined_bodies``: a function ``(components, prolongation, points, imposed, hypothesis)`` of all
     components with all of their motions, and a mask of imposed dofs, (nodes, dim), which returns
-    the joined ones with the motions that are left. ``bodies`` is the index in the scene of the body
-    of each cell, (cells,), and ``springs`` the stiffness to ground of each dof, (N,).
+    the joined ones with the motions that are left.
+
+    Args:
+        scene: the scene.
+        problem: its contact problem.
+        bodies: body of each cell as its index in the scene, (cells,).
+        springs: stiffness to ground of each dof, (N,); None without springs.
+
+    Raises:
+        NotOfferedError: if constraints join bodies, and no installed plug-in reads them.
     """
     points = problem.points
     cell_nodes = problem.cell_nodes
     prolongation = problem.prolongation
     free = prolongation.movable if springs is None else prolongation.movable & (springs == 0)
-    part = components_of_nodes(len(points), cell_nodes)
+    label = components_of_nodes(len(points), cell_nodes)
     imposed = ~free.reshape(points.shape)
     components = []
-    for number in np.unique(part[cell_nodes[:, 0]]):
-        nodes = np.flatnonzero(part == number)
+    for number in np.unique(label[cell_nodes[:, 0]]):
+        nodes = np.flatnonzero(label == number)
         motions = rigid_motions(points[nodes], scene.hypothesis)
-        tags = sorted({str(scene.bodies[k].tag) for k in bodies[part[cell_nodes[:, 0]] == number]})
+        tags = sorted({str(scene.bodies[k].tag) for k in bodies[label[cell_nodes[:, 0]] == number]})
         name = (
             f"body {', '.join(tags)} of scene '{scene.name}', around "
             f"{rounded(points[nodes].mean(axis=0))},"
         )
         components.append(FreeBody(name, nodes, motions, np.eye(len(motions))))
     if prolongation.map is None:
-        found = [
-            replace(one, left=vanishing(one.motions[:, imposed[one.nodes]].T)) for one in components
+        remaining = [
+            replace(component, left=vanishing(component.motions[:, imposed[component.nodes]].T))
+            for component in components
         ]
     else:
-        what = f"scene '{scene.name}', whose bodies constraints join,"
-        found = registry.tool("joined_bodies", what)(
+        request = f"scene '{scene.name}', whose bodies constraints join,"
+        remaining = registry.tool("joined_bodies", request)(
             components, prolongation, points, imposed, scene.hypothesis
         )
-    return [one for one in found if len(one.left)]
+    return [component for component in remaining if len(component.left)]
 
 
 def vanishing(rows: np.ndarray) -> np.ndarray:
@@ -102,7 +111,12 @@ def vanishing(rows: np.ndarray) -> np.ndarray:
 
 
 def components_of_nodes(count: int, cell_nodes: np.ndarray) -> np.ndarray:
-    """Connected component of each of so many nodes, by cells, (cells, n): (nodes,)."""
+    """Connected component of each node, by the cells that join nodes, (nodes,).
+
+    Args:
+        count: number of nodes.
+        cell_nodes: nodes of each cell, (cells, n).
+    """
     starts = np.repeat(cell_nodes[:, :1], cell_nodes.shape[1], axis=1)
     graph = csr_matrix(
         (np.ones(cell_nodes.size), (starts.ravel(), cell_nodes.ravel())), shape=(count, count)
@@ -111,8 +125,13 @@ def components_of_nodes(count: int, cell_nodes: np.ndarray) -> np.ndarray:
 
 
 def rigid_motions(points: np.ndarray, hypothesis: str) -> np.ndarray:
-    """Motions without strain: translations, then rotations scaled by the size of the body,
-    (motions, nodes, dim).
+    """Motions without strain, (motions, nodes, dim).
+
+    Translations come first, then rotations scaled by the size of the body.
+
+    Args:
+        points: coordinates of the nodes, (nodes, dim).
+        hypothesis: hypothesis of the scene.
     """
     count, dim = points.shape
     if hypothesis == "axisymmetric":

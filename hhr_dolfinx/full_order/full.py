@@ -76,9 +76,13 @@ class FullOrderModel(FullModel):
             raise SceneError(f"{scene!r} is no scene: give a Scene")
         with self.group.together(f"building the full model of scene '{scene.name}'"):
             if scene.reader:
-                given = with_laws(scene)
-                self._factor(given.discretisation, given.stiffness, given.moduli)
-                self.equilibrium = given.equilibrium(self)
+                bodies_with_laws = with_laws(scene)
+                self._factor(
+                    bodies_with_laws.discretisation,
+                    bodies_with_laws.stiffness,
+                    bodies_with_laws.moduli,
+                )
+                self.equilibrium = bodies_with_laws.equilibrium(self)
             else:
                 discretisation = self.discretised(scene, comm)
                 self._factor(discretisation, *discretisation.stiffness_terms())
@@ -113,10 +117,10 @@ class FullOrderModel(FullModel):
         self.discretisation = discretisation
         stated: StatedSystem = discretisation.shape
         if self.scene.system is not None:
-            given = registry.tool(
+            user_system = registry.tool(
                 "systems", f"scene '{self.scene.name}', which has a system of its own,"
             )
-            stated = given(self.scene, stiffness, discretisation.springs)
+            stated = user_system(self.scene, stiffness, discretisation.springs)
         problem = discretisation.checked(discretisation.contact_problem(stiffness, moduli), stated)
         self.problem = problem
         self.parameters = problem.parameters
@@ -154,13 +158,13 @@ class FullOrderModel(FullModel):
             if self.system.bodies is None
             else [problem.spread.mine(body) for body in problem.bodies]
         )
-        how = {"components": bodies, "keeps": self.keeps_columns, "symmetric": False} | known
-        return SparseStiffness(problem.own_stiffness, problem, self.store, **how)
+        settings = {"components": bodies, "keeps": self.keeps_columns, "symmetric": False} | known
+        return SparseStiffness(problem.own_stiffness, problem, self.store, **settings)
 
     def _stiffness_of(self, matrix: csr_matrix, problem: ContactProblem) -> SparseStiffness:
         """K of local rows of a matrix, (own dofs, N), with the rows of a problem."""
-        found = SparseStiffness(matrix, problem, self.store, keeps=self.keeps_columns)
-        return found.lent(self.stiffness) if matrix is self.stiffness.matrix else found
+        stiffness = SparseStiffness(matrix, problem, self.store, keeps=self.keeps_columns)
+        return stiffness.lent(self.stiffness) if matrix is self.stiffness.matrix else stiffness
 
     @property
     def fields(self) -> FullOrderModel:
@@ -187,16 +191,15 @@ class FullOrderModel(FullModel):
         )
 
     def gathered(self) -> FullOrderModel:
-        """The same model with all rows: each rank has the whole problem, and they share the
-        factors. Collective.
+        """Model with all rows on each rank, whose factors the ranks share. Collective.
 
         For reduction and checks that all ranks do in the same way, as for bodies with laws.
         """
         if self.spread.all_here:
             return self
-        what = f"the full model of scene '{self.scene.name}' with all of its rows"
-        found: FullOrderModel = registry.tool("all_rows", what)(self)
-        return found
+        request = f"the full model of scene '{self.scene.name}' with all of its rows"
+        model: FullOrderModel = registry.tool("all_rows", request)(self)
+        return model
 
     def factors_of(
         self,
@@ -206,11 +209,13 @@ class FullOrderModel(FullModel):
         *,
         anew: bool = False,
     ) -> FreeCholesky:
-        """Factors of local rows of a stiffness, with an ordering for problems in the plane.
+        """Factors of a stiffness.
 
-        ``last``: see the classes.
-
-        ``anew``: they are made for every parameter.
+        Args:
+            stiffness: its local rows, (own dofs, N).
+            plane: ordering for problems in the plane.
+            last: dofs to eliminate last, see :class:`~hhr_dolfinx.linear.sparse.FreeCholesky`.
+            anew: True if factors are made for every parameter.
         """
         problem = self.problem
         ordering = ordering_of(problem.block_size, plane)
@@ -286,10 +291,11 @@ class FullOrderModel(FullModel):
         return {"scene": f"scene '{self.scene.name}'", **super().facts()}
 
     def stress_of(self, displacement: np.ndarray, mu: PointLike | None = None) -> np.ndarray:
-        """Elastic stress of a displacement (N,) in the middle of each cell, Kelvin's notation,
-        (cells, components).
+        """Elastic stress in the middle of each cell, Kelvin's notation, (cells, components).
 
-        Moduli are those of ``mu``; None means the middle of the box.
+        Args:
+            displacement: the displacement, (N,).
+            mu: parameters of the moduli; None for the middle of the box.
         """
         point = self.problem.middle if mu is None else self.parameters.point(mu)
         return self.discretisation.stress(displacement, point)
@@ -299,7 +305,12 @@ class FullOrderModel(FullModel):
         return Estimate.exact(self.functionals) if answer.converged else None
 
     def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
-        """Rows of the outputs times the displacement, (K,)."""
+        """Rows of the outputs times the displacement, (K,).
+
+        Args:
+            answer: an answer of the model.
+            theta: amplitudes, (1 + T,).
+        """
         assert self.functionals is not None
         return self.functionals.at(answer.parameter).measured(self.displacement(answer))
 
@@ -308,18 +319,32 @@ class FullOrderModel(FullModel):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of all forces and of these products:
         :class:`~models.displacement.LinearDisplacement`.
+
+        Args:
+            answer: an answer with a gradient.
+            changes: derivatives of the amplitudes, (1 + T, P).
         """
         assert self.functionals is not None
         forces, field = self.coordinate_changes(answer, changes)
         return forces, self.functionals.at(answer.parameter).measured(field)
 
     def coordinates(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
-        """The displacement, on which rows of outputs act where shapes are parameters."""
+        """The displacement, on which rows of outputs act where shapes are parameters.
+
+        Args:
+            answer: an answer of the model.
+            theta: amplitudes, (1 + T,).
+        """
         return self.displacement(answer)
 
     def coordinate_changes(
         self, answer: Answer, changes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all forces and of the displacement."""
+        """Derivatives of all forces and of the displacement.
+
+        Args:
+            answer: an answer with a gradient.
+            changes: derivatives of the amplitudes, (1 + T, P).
+        """
         assert answer.gradient is not None
         return answer.gradient.multipliers, answer.gradient.unknown + self.problem.lifts @ changes

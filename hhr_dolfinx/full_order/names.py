@@ -30,8 +30,12 @@ class TagNames:
 
     @classmethod
     def of(cls, groups: Any, dim: int, summary: Summary | None = None) -> TagNames:
-        """Names of physical groups, ``{name: (dimension, number or numbers)}`` or such pairs, of a
-        mesh.
+        """Names of the physical groups of a mesh.
+
+        Args:
+            groups: ``{name: (dimension, number or numbers)}``, or such pairs.
+            dim: dimension of the cells.
+            summary: contents of the file of the mesh.
         """
         pairs = list(groups.items() if isinstance(groups, Mapping) else groups or ())
         cells, facets = (
@@ -54,22 +58,25 @@ class TagNames:
         Empty without a file.
         """
         summary = self.summary
-        known = [
+        reasons = [
             f"{tag!r} is in the file: {summary.reasons[tag]}"
             for tag in wanted
             if tag in summary.reasons
         ]
         return "".join(
-            f"\n{line}" for line in (*known, summary.text() if summary.head else "") if line
+            f"\n{line}" for line in (*reasons, summary.text() if summary.head else "") if line
         )
 
     def described(self, kind: str, numbers: Iterable[int]) -> str:
-        """Description of tags of a kind, ``cell`` or ``facet``: numbers, and names if they have
-        any.
+        """Description of tags: numbers, and names if they have any.
+
+        Args:
+            kind: ``cell`` or ``facet``.
+            numbers: the tags.
         """
         names: dict[int, list[str]] = {}
-        for name, own in (self.cells if kind == "cell" else self.facets).items():
-            for number in own if isinstance(name, str) else ():
+        for name, numbers_of_name in (self.cells if kind == "cell" else self.facets).items():
+            for number in numbers_of_name if isinstance(name, str) else ():
                 names.setdefault(number, []).append(f"'{name}'")
         return "[" + ", ".join(" ".join([str(n), *names.get(n, ())]) for n in sorted(numbers)) + "]"
 

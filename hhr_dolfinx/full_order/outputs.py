@@ -21,9 +21,15 @@ if TYPE_CHECKING:
 def functionals_of(
     discretisation: DiscreteSpace, problem: ContactProblem, equilibrium: FullEquilibrium | None
 ) -> AllOutputs:
-    """All outputs of a scene, on all ranks; collective.
+    """All outputs of a scene on all ranks. Collective.
 
-    SceneError for an output that the model does not support.
+    Args:
+        discretisation: functions on the mesh of the scene.
+        problem: its contact problem.
+        equilibrium: equilibrium of bodies with laws; None without any.
+
+    Raises:
+        SceneError: for an output that the model does not support.
     """
     probes = [
         probe_of(output, discretisation, problem, equilibrium)
@@ -36,11 +42,13 @@ def prepared_outputs(probes: Sequence[ModelProbe]) -> Functionals:
     """Outputs of a scene by the probe of each."""
     scene = probes[0].scene
     problem = probes[0].problem
-    items = [output.prepared(probe) for output, probe in zip(scene.outputs, probes, strict=True)]
-    found = Functionals(tuple(items), problem.free.size, problem.amplitudes)
+    functionals = [
+        output.prepared(probe) for output, probe in zip(scene.outputs, probes, strict=True)
+    ]
+    outputs = Functionals(tuple(functionals), problem.free.size, problem.amplitudes)
     laws = probes[0].laws
-    found.check(problem.parameters, len(problem.gaps), 0 if laws is None else laws.places)
-    return found
+    outputs.check(problem.parameters, len(problem.gaps), 0 if laws is None else laws.places)
+    return outputs
 
 
 def probe_of(
@@ -50,9 +58,14 @@ def probe_of(
     laws: LawsAtPlaces | None,
     base: ContactProblem | None = None,
 ) -> ModelProbe:
-    """Interface for one output: the equilibrium of laws, or bodies with laws.
+    """Interface through which one output reads the model.
 
-    ``base`` is ``problem`` unless given.
+    Args:
+        output: the output.
+        discretisation: functions on the mesh of the scene.
+        problem: the contact problem.
+        laws: equilibrium of bodies with laws, or their laws; None without any.
+        base: problem with the points and cells of the mesh; ``problem`` if it is None.
     """
     return ModelProbe(
         scene=discretisation.scene,
@@ -67,7 +80,18 @@ def probe_of(
 
 
 def cells_of_body(discretisation: DiscreteSpace, tag: Tag) -> np.ndarray:
-    """Cells of a body on all ranks, as a mask in the order of ``cell_nodes``."""
+    """Cells of a body on all ranks, as a mask in the order of ``cell_nodes``.
+
+    Args:
+        discretisation: functions on the mesh of the scene.
+        tag: cell tag of the body.
+
+    Returns:
+        A mask, (cells,) bool.
+
+    Raises:
+        SceneError: if no body has the tag.
+    """
     scene = discretisation.scene
     tags = [body.tag for body in scene.bodies]
     if tag not in tags:

@@ -39,8 +39,15 @@ class StillMesh:
         return dx
 
     def check_still(self, what: str, nodes: np.ndarray, terms: Sequence[Term]) -> None:
-        """Raise NotOfferedError for terms of gaps that know places of nodes, (n,), if a shape moves
-        these.
+        """Check that a shape does not move nodes on whose coordinates terms of gaps depend.
+
+        Args:
+            what: description of the contact for the message.
+            nodes: the nodes, (n,).
+            terms: terms of the gaps.
+
+        Raises:
+            NotOfferedError: if a shape moves these nodes.
         """
 
     def attached(self, problem: ContactProblem) -> ContactProblem:
@@ -48,23 +55,45 @@ class StillMesh:
         return problem
 
     def left_free(self, bodies: list[FreeBody], problem: ContactProblem) -> list[FreeBody]:
-        """Bodies with the motions that K leaves: all of them."""
+        """Bodies with the motions that K leaves: all of them.
+
+        Args:
+            bodies: bodies with rigid motions.
+            problem: the contact problem.
+        """
         return bodies
 
     def system(self, problem: ContactProblem, middle: Middle, made: Made) -> System:
-        """The system of a problem."""
+        """The system of a problem.
+
+        Args:
+            problem: the contact problem.
+            middle: returns K in the middle of the box.
+            made: makes a stiffness of local rows of K and a problem.
+        """
         return system_of(problem, middle, made)
 
     def read(
         self, system: System, problem: ContactProblem
     ) -> tuple[ContactProblem, SparseStiffness]:
-        """The problem as it is, and K in the middle."""
+        """Contact problem, unchanged, and K in the middle of the box.
+
+        Args:
+            system: the system of the problem.
+            problem: the contact problem.
+        """
         return problem, system.middle()
 
     def outputs(
         self, space: DiscreteSpace, problem: ContactProblem, equilibrium: FullEquilibrium | None
     ) -> AllOutputs:
-        """All outputs of a scene, on all ranks. Collective."""
+        """All outputs of a scene, on all ranks. Collective.
+
+        Args:
+            space: functions on the mesh of the scene.
+            problem: the contact problem.
+            equilibrium: equilibrium of bodies with laws; None without any.
+        """
         from hhr_dolfinx.full_order.outputs import functionals_of
 
         return functionals_of(space, problem, equilibrium)

@@ -68,10 +68,10 @@ class SystemAt:
         self, forces: np.ndarray, unknown: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """K U' = -R', with the residual R = K U + B^T lambda - F; and the change of the slack."""
-        left, slack = self.system.explicit(self.point, forces, unknown)
+        residual, slack = self.system.explicit(self.point, forces, unknown)
         with self.stiffness.held():
-            found = np.stack([self.stiffness.solve(-column) for column in left.T], axis=1)
-        return slack - self.problem.contact_rows_times(found), self.problem.spread.whole(found)
+            changes = np.stack([self.stiffness.solve(-column) for column in residual.T], axis=1)
+        return slack - self.problem.contact_rows_times(changes), self.problem.spread.whole(changes)
 
 
 class System(ABC):
@@ -114,8 +114,14 @@ class System(ABC):
         fields: ModelFields,
         gradient: bool,
     ) -> Answer:
-        """Solve at a point, (P,), from statuses, (m,), or with None from those of the free
-        slack.
+        """Solve at a point.
+
+        Args:
+            point: parameters, (P,).
+            start: statuses to start from, (m,) bool; None for those of the free slack.
+            pairs: contact pair of each condition; None takes all for one pair.
+            fields: fields of the model, for the answer.
+            gradient: compute the derivatives along the parameters.
         """
         at = self.at(point)
         with at.stiffness.held() if self.anew else nullcontext():
@@ -125,8 +131,14 @@ class System(ABC):
     def equations(
         self, point: np.ndarray, theta: Theta
     ) -> tuple[ContactProblem, Stiffness, np.ndarray]:
-        """The problem with rows and gaps, K, and local loads, (n,), at a point, (P,): all
-        differences of systems.
+        """Equations at a point, in which systems differ.
+
+        Args:
+            point: parameters, (P,).
+            theta: θ at the point.
+
+        Returns:
+            The problem with rows and gaps, K, and local loads, (n,).
         """
 
     def parts(self) -> Parts | None:
@@ -142,23 +154,32 @@ class System(ABC):
     def explicit(
         self, point: np.ndarray, forces: np.ndarray, unknown: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of the residual, (n, P), and of the slack, (m, P), at constant unknowns and
-        forces.
+        """Derivatives at constant unknowns and forces.
+
+        Args:
+            point: parameters, (P,).
+            forces: contact forces, (m,).
+            unknown: primal unknown, (n,).
+
+        Returns:
+            Derivatives of the residual, (n, P), and of the slack, (m, P).
         """
         problem = self.problem
         acting, slopes = problem.amplitudes.slopes_at(point)
-        every = np.zeros((problem.loads.shape[1], slopes.shape[1]))
-        every[acting] = slopes
-        left = -problem.spread.of(problem.loads_at(point, every))
+        slopes_of_terms = np.zeros((problem.loads.shape[1], slopes.shape[1]))
+        slopes_of_terms[acting] = slopes
+        residual = -problem.spread.of(problem.loads_at(point, slopes_of_terms))
         theta = problem.amplitudes(point)
-        parts = (
+        terms = (
             zip(problem.moduli, problem.stiffness_terms, problem.lift_terms, strict=True)
             if problem.moduli
             else ()
         )
-        for modulus, part, lift in parts:
-            left += np.outer(part @ unknown + lift[problem.rows] @ theta, modulus.derivative(point))
-        return left, problem.gaps[:, acting] @ slopes
+        for modulus, stiffness, lift in terms:
+            residual += np.outer(
+                stiffness @ unknown + lift[problem.rows] @ theta, modulus.derivative(point)
+            )
+        return residual, problem.gaps[:, acting] @ slopes
 
 
 class _OfParts(System):
@@ -172,7 +193,7 @@ class _OfParts(System):
     def parts(self) -> Parts:
         return self.problem.moduli, self.problem.stiffness_terms
 
-    def _kept(self, scales: np.ndarray, made: Callable[[np.ndarray], Any]) -> Any:
+    def _kept(self, scales: np.ndarray, made: Callable[[np.ndarray], Stiffness]) -> Stiffness:
         """K for some scales; several threads may call this."""
         last = self._last
         if last is None or not np.array_equal(last[0], scales):
@@ -189,7 +210,12 @@ class ConstantSystem(_OfParts):
     def equations(
         self, point: np.ndarray, theta: Theta
     ) -> tuple[ContactProblem, Stiffness, np.ndarray]:
-        """See :class:`System`."""
+        """See :class:`System`.
+
+        Args:
+            point: parameters, (P,).
+            theta: θ at the point.
+        """
         return self.problem, self.middle(), self._own_loads @ theta
 
     def answer(
@@ -200,8 +226,16 @@ class ConstantSystem(_OfParts):
         fields: ModelFields,
         gradient: bool,
     ) -> Answer:
-        """See :class:`System`; written out where possible: values of a point would take long beside
-        a small query.
+        """See :class:`System`.
+
+        It is written out where possible: values of a point would take long beside a small query.
+
+        Args:
+            point: parameters, (P,).
+            start: statuses to start from, (m,) bool; None for those of the free slack.
+            pairs: contact pair of each condition; None takes all for one pair.
+            fields: fields of the model, for the answer.
+            gradient: compute the derivatives along the parameters.
         """
         problem = self.problem
         if gradient or problem.kernel is not None or not problem.spread.all_here:
@@ -210,10 +244,10 @@ class ConstantSystem(_OfParts):
         stiffness = self.middle()
         free = stiffness.solve(self._own_loads @ theta)
         slack = problem.gaps @ theta - problem.contact_of_rows @ free
-        found = active_set(
+        outcome = active_set(
             stiffness.equalities, slack, slack < 0 if start is None else start, pairs=pairs
         )
-        return found_as(found, point, free - stiffness.response_to_forces(found.forces), fields)
+        return found_as(outcome, point, free - stiffness.response_to_forces(outcome.forces), fields)
 
     @cached_property
     def _own_loads(self) -> csc_matrix:
@@ -232,16 +266,21 @@ class ScaledSystem(_OfParts):
     def equations(
         self, point: np.ndarray, theta: Theta
     ) -> tuple[ContactProblem, Stiffness, np.ndarray]:
-        """See :class:`System`."""
+        """See :class:`System`.
+
+        Args:
+            point: parameters, (P,).
+            theta: θ at the point.
+        """
         problem = self.problem
         return problem, self.stiffness(point), problem.spread.of(problem.loads_at(point, theta))
 
     def stiffness(self, point: np.ndarray) -> Stiffness:
         """K at a point, (P,)."""
-        found: Stiffness = self._kept(
+        stiffness: Stiffness = self._kept(
             self.bodies.at(point), lambda scales: self.middle().scaled(scales)
         )
-        return found
+        return stiffness
 
 
 class SummedSystem(_OfParts):
@@ -250,7 +289,12 @@ class SummedSystem(_OfParts):
     def equations(
         self, point: np.ndarray, theta: Theta
     ) -> tuple[ContactProblem, Stiffness, np.ndarray]:
-        """See :class:`System`."""
+        """See :class:`System`.
+
+        Args:
+            point: parameters, (P,).
+            theta: θ at the point.
+        """
         problem = self.problem
         weights = problem.weights(point)
         stiffness = self._kept(
@@ -268,16 +312,32 @@ class StatedSystem(Protocol):
     """
 
     def left_free(self, bodies: list[FreeBody], problem: ContactProblem) -> list[FreeBody]:
-        """Bodies with the motions that K leaves."""
+        """Bodies with the motions that K leaves.
+
+        Args:
+            bodies: bodies with rigid motions.
+            problem: the contact problem.
+        """
 
     def system(self, problem: ContactProblem, middle: Middle, made: Made) -> System:
-        """The system of a problem, with its constraints and springs."""
+        """The system of a problem, with its constraints and springs.
+
+        Args:
+            problem: the contact problem.
+            middle: returns K in the middle of the box.
+            made: makes a stiffness of local rows of K and a problem.
+        """
 
     def read(
         self, system: System, problem: ContactProblem
     ) -> tuple[ContactProblem, SparseStiffness]:
-        """The problem with the parts of the system, which are compared with its equations, and K in
-        the middle.
+        """Contact problem with the parts of the system, and K in the middle of the box.
+
+        The parts are compared with the equations of the system.
+
+        Args:
+            system: the system of the problem.
+            problem: the contact problem.
         """
 
 

@@ -33,9 +33,10 @@ class BodiesWithLaws(LawsAtPlaces, Protocol):
 def with_laws(scene: Scene) -> BodiesWithLaws:
     """Bodies of a scene that has a ``reader``.
 
-    NotOfferedError if this plug-in solves nothing in full order.
+    Raises:
+        NotOfferedError: if this plug-in solves nothing in full order.
     """
-    made: BodiesWithLaws = registry.facet(
+    bodies: BodiesWithLaws = registry.facet(
         scene.reader, "full_order", f"the full model of scene '{scene.name}'"
     )(scene)
-    return made
+    return bodies

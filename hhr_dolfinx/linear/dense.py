@@ -68,7 +68,11 @@ _OBJECTS = 22_000
 def factorised(ksp: PETSc.KSP) -> bool:
     """Factor the matrix of a direct solver.
 
-    False if it is singular, NotSolvableError without the package for it.
+    Returns:
+        False if the matrix is singular.
+
+    Raises:
+        NotSolvableError: without the package of PETSc that factors it.
     """
     try:
         ksp.setUp()
@@ -115,7 +119,11 @@ class PetscLU:
         self.refactor(matrix)
 
     def refactor(self, matrix: np.ndarray) -> None:
-        """Factor another matrix of the same size, in half the time of a new object."""
+        """Factor another matrix of the same size, in half the time of a new object.
+
+        Raises:
+            SingularError: if the matrix is singular.
+        """
         _check_finite(matrix)
         with self._lock:
             self._values[:] = matrix
@@ -142,10 +150,14 @@ class LapackLU:
     @property
     def nbytes(self) -> int:
         """Memory of the factors."""
-        return sum(part.nbytes for part in self._factors)
+        return sum(array.nbytes for array in self._factors)
 
     def refactor(self, matrix: np.ndarray) -> None:
-        """Factor a matrix."""
+        """Factor a matrix.
+
+        Raises:
+            SingularError: if the matrix is singular.
+        """
         _check_finite(matrix)
         factors, pivots, info = dgetrf(matrix)
         if info > 0:
@@ -188,7 +200,12 @@ class LapackCholesky:
 
 
 def solve_columns(factor: Factor, rhs: np.ndarray) -> np.ndarray:
-    """Solve for every column of ``rhs``, (n, m)."""
+    """Solve for every column of ``rhs``, (n, m).
+
+    Args:
+        factor: factors of a matrix, (n, n).
+        rhs: right-hand sides, (n, m).
+    """
     if isinstance(factor, LapackLU | LapackCholesky):
         return factor.solve(rhs)
     solution = np.empty_like(rhs, order="F")

@@ -141,10 +141,12 @@ class Factors:
     def replace(self, values: np.ndarray, pattern: Callable[[], Pattern]) -> None:
         """Set the values that are factored next.
 
-        ``pattern`` returns the pattern, which is the same.
+        Args:
+            values: data of the matrix of which the pattern selects entries.
+            pattern: function that returns the unchanged pattern.
         """
-        rows, columns, places = pattern()
-        self._matrix.setValuesCSR(rows, columns, values[places])
+        rows, columns, indices = pattern()
+        self._matrix.setValuesCSR(rows, columns, values[indices])
         self._matrix.assemble()
         self._ksp.setOperators(self._matrix)
 
@@ -155,12 +157,12 @@ class Factors:
         """
         assert self._inverted
         used = np.unique(rows.indices)
-        own = csr_matrix(rows[:, used])
-        found = np.zeros((rows.shape[0], rows.shape[0]))
+        used_rows = csr_matrix(rows[:, used])
+        product = np.zeros((rows.shape[0], rows.shape[0]))
         with self.left() as inverse:
-            every = used.size == len(inverse)  # no copy then, which may be large
-            add_between(own, inverse if every else inverse[np.ix_(used, used)], found)
-        return found
+            all_used = used.size == len(inverse)  # no copy then, which may be large
+            add_between(used_rows, inverse if all_used else inverse[np.ix_(used, used)], product)
+        return product
 
     def left(self) -> AbstractContextManager[np.ndarray]:
         """Schur complement on the ``last`` rows, (n, n): its upper triangle, or its inverse if it
@@ -172,8 +174,8 @@ class Factors:
     def destroy(self) -> None:
         """Free the memory at once, on all ranks. Collective."""
         self._ksp.destroy()
-        for item in (self._matrix, self._rhs, self._x):
-            item.destroy()
+        for petsc_object in (self._matrix, self._rhs, self._x):
+            petsc_object.destroy()
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Local rows of the solution for the local rows of a right-hand side, (own,)."""
@@ -182,25 +184,30 @@ class Factors:
         return self._x.array_r
 
     def solve_block(self, columns: csc_matrix | np.ndarray, solutions: np.ndarray) -> None:
-        """Write solutions for some columns, (own, k), sparse or dense, into an array in Fortran
-        order. Collective.
+        """Write solutions for some columns into an array. Collective.
+
+        Args:
+            columns: right-hand sides, (own, k), sparse or dense.
+            solutions: array for the solutions, (own, k), in Fortran order.
         """
-        with self._dense(solutions) as found:
+        with self._dense(solutions) as target:
             if not isinstance(columns, np.ndarray) and self._takes_sparse:
-                with self._sparse(columns) as given:
-                    self._ksp.getPC().getFactorMatrix().matSolve(given, found)
+                with self._sparse(columns) as rhs:
+                    self._ksp.getPC().getFactorMatrix().matSolve(rhs, target)
             else:
-                whole = columns if isinstance(columns, np.ndarray) else columns.toarray(order="F")
-                with self._dense(whole) as given:
-                    self._ksp.matSolve(given, found)
+                dense = columns if isinstance(columns, np.ndarray) else columns.toarray(order="F")
+                with self._dense(dense) as rhs:
+                    self._ksp.matSolve(rhs, target)
 
     def multiply(self, block: np.ndarray, image: np.ndarray) -> None:
-        """Write the matrix times some columns, (own, k), into an array; both are in Fortran order.
+        """Write the matrix times some columns into an array. Collective.
 
-        Collective.
+        Args:
+            block: the columns, (own, k), in Fortran order.
+            image: array for the product, (own, k), in Fortran order.
         """
-        with self._dense(block) as given, self._dense(image) as found:
-            self._matrix.matMult(given, found)
+        with self._dense(block) as source, self._dense(image) as target:
+            self._matrix.matMult(source, target)
 
     @property
     def _takes_sparse(self) -> bool:
@@ -226,12 +233,14 @@ class Factors:
         count = columns.shape[1]
         if comm.size > 1:
             first = self._matrix.getOwnershipRange()[0]
-            own = columns.tocoo()
-            received = comm.gather((own.data, own.row + first, own.col))
+            local = columns.tocoo()
+            received = comm.gather((local.data, local.row + first, local.col))
             columns = csc_matrix((size, 0))
             if received is not None:
-                data, rows, places = (np.concatenate(part) for part in zip(*received, strict=True))
-                columns = csc_matrix((data, (rows, places)), shape=(size, count))
+                data, rows, indices = (
+                    np.concatenate(arrays) for arrays in zip(*received, strict=True)
+                )
+                columns = csc_matrix((data, (rows, indices)), shape=(size, count))
         sizes = ((columns.shape[1], count), (size if comm.rank == 0 else 0, size))
         entries = columns.indptr, columns.indices, columns.data
         rows = PETSc.Mat().createAIJ(sizes, csr=entries, comm=self._matrix.comm)
@@ -267,26 +276,30 @@ def gives_back(factor: PETSc.Mat) -> bool:
 
 def _matrix(pattern: Pattern, values: np.ndarray, half: bool, comm: Comm) -> PETSc.Mat:
     """PETSc matrix of the local rows; ``half``: of their upper triangle, for MUMPS on one rank."""
-    own = len(pattern.rows) - 1
-    sizes = (own, comm.allreduce(own))
-    how = {"csr": (pattern.rows, pattern.columns, values[pattern.places]), "comm": comm}
-    made = PETSc.Mat()
+    local_rows = len(pattern.rows) - 1
+    sizes = (local_rows, comm.allreduce(local_rows))
+    options = {"csr": (pattern.rows, pattern.columns, values[pattern.places]), "comm": comm}
+    matrix_of_rows = PETSc.Mat()
     matrix = (
-        made.createSBAIJ((sizes, sizes), 1, **how)
+        matrix_of_rows.createSBAIJ((sizes, sizes), 1, **options)
         if half
-        else made.createAIJ((sizes, sizes), **how)
+        else matrix_of_rows.createAIJ((sizes, sizes), **options)
     )
     matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
     return matrix
 
 
 def add_between(rows: csr_matrix, inverse: np.ndarray, found: np.ndarray) -> None:
-    """Add rows K^-1 rows^T, with rows, (m, n), to an array, (m, m), in blocks: the product needs as
-    much memory.
+    """Add rows K^-1 rows^T to an array in blocks, since the product needs as much memory.
+
+    Args:
+        rows: the rows, (m, n).
+        inverse: K^-1, (n, n).
+        found: array to add to, (m, m).
     """
     used = np.flatnonzero(np.diff(rows.indptr))
-    own = csr_matrix(rows[used])
+    block_rows = csr_matrix(rows[used])
     height = max(PRODUCT_NUMBERS // max(inverse.shape[0], 1), 1)
     for first in range(0, used.size, height):
         block = slice(first, first + height)
-        found[np.ix_(used[block], used)] += (own @ (own[block] @ inverse).T).T
+        found[np.ix_(used[block], used)] += (block_rows @ (block_rows[block] @ inverse).T).T

@@ -40,7 +40,12 @@ class Rows:
         return places
 
     def at(self, table: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """Some rows of a table, (n, ...)."""
+        """Some rows of a table, (n, ...).
+
+        Args:
+            table: table of local rows, (own, ...).
+            places: indices of the rows, (n,).
+        """
         return table[places]
 
     def whole(self, table: np.ndarray) -> np.ndarray:
@@ -52,8 +57,8 @@ class Rows:
 
         The first of equal values.
         """
-        place = int(values.argmax()) if values.size else 0
-        return place, float(values[place])
+        index = int(values.argmax()) if values.size else 0
+        return index, float(values[index])
 
     def first(self, value: T) -> T:
         """Small value of the first process, on all: others may have other last digits."""
@@ -69,8 +74,8 @@ class Rows:
 
     def orthonormal(self, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Decompose a table into Q R: local rows of Q, with orthonormal columns, and R, (k, k)."""
-        found: tuple[np.ndarray, np.ndarray] = linalg.qr(table, mode="economic")
-        return found
+        factors: tuple[np.ndarray, np.ndarray] = linalg.qr(table, mode="economic")
+        return factors
 
     def matrix(self, own: csr_matrix) -> Any:
         """Local rows of a sparse matrix, (own, N), for products with tables of local rows."""
@@ -81,8 +86,15 @@ class Rows:
         return matrix
 
     def modes(self, problem: Any, basis: np.ndarray, sets: Any) -> Any:
-        """Modes of which processes share the rows, as test and trial functions, see
-        ``reduction.projection``.
+        """Modes as test and trial functions of a reduction, see ``reduction.projection``.
+
+        Args:
+            problem: the contact problem.
+            basis: local rows of the modes, (own, ell).
+            sets: index sets of the RID.
+
+        Raises:
+            NotImplementedError: if all rows are local.
         """
         raise NotImplementedError  # all rows are here
 
@@ -90,6 +102,11 @@ class Rows:
 def rows_of(own: slice, count: int, group: ProcessGroup) -> Rows:
     """Rows of a group of processes, each of which has a range of them after those of the ones
     before it.
+
+    Args:
+        own: range of rows of this process.
+        count: number of all rows.
+        group: processes that share the rows.
     """
-    found: Rows = Rows(own, count) if group.size == 1 else group.rows(own, count)
-    return found
+    rows: Rows = Rows(own, count) if group.size == 1 else group.rows(own, count)
+    return rows

@@ -26,18 +26,23 @@ _FUNCTIONS = (
 def _library() -> ctypes.CDLL | None:
     """Library of PETSc, or None if it lacks one of the functions or its numbers are not real."""
     try:
-        found = ctypes.CDLL(PETSc.__file__)
+        library = ctypes.CDLL(PETSc.__file__)
         for name in _FUNCTIONS:
-            getattr(found, name).restype = ctypes.c_int
+            getattr(library, name).restype = ctypes.c_int
     except (OSError, AttributeError):
         return None
-    return found if PETSc.ScalarType == np.float64 else None
+    return library if PETSc.ScalarType == np.float64 else None
 
 
 def eliminate_last(factor: PETSc.Mat, places: np.ndarray) -> bool:
     """Make MUMPS eliminate some rows, (n,), last when it factors a matrix.
 
-    False if that is impossible.
+    Args:
+        factor: factor matrix of PETSc, not yet factored.
+        places: indices of the rows, (n,).
+
+    Returns:
+        False if that is impossible.
     """
     library = _library()
     if library is None:
@@ -61,10 +66,17 @@ def invert_last(factor: PETSc.Mat) -> bool:
 
 @contextmanager
 def left_of(factor: PETSc.Mat, count: int) -> Iterator[np.ndarray]:
-    """Schur complement on the rows that were eliminated last, (count, count), or its inverse:
-    PETSc's read-only array.
+    """Schur complement on the rows that were eliminated last, or its inverse.
 
-    Of the former only the upper triangle is valid. MemoryError if PETSc does not return the array.
+    Args:
+        factor: factor matrix of PETSc.
+        count: number of these rows.
+
+    Yields:
+        PETSc's read-only array, (count, count). Of the complement only the upper triangle is valid.
+
+    Raises:
+        MemoryError: if PETSc does not return the array.
     """
     library = _library()
     assert library is not None

@@ -66,6 +66,10 @@ def ordering_of(block_size: int, plane: str) -> str:
     """Ordering for :class:`FreeCholesky`: MUMPS in space, else the given one.
 
     ``nd`` replaces a missing MUMPS.
+
+    Args:
+        block_size: components of the displacement, 3 in space.
+        plane: ordering for problems in the plane.
     """
     if not PETSc.Sys.hasExternalPackage("mumps"):
         return "nd" if plane == "mumps" else plane
@@ -75,13 +79,16 @@ def ordering_of(block_size: int, plane: str) -> str:
 def low_rank_of(block_size: int, dofs: int, *, anew: bool = False) -> float | None:
     """Tolerance of MUMPS' compression, or None for whole factors.
 
-    ``anew``: factors are made for every parameter.
+    Args:
+        block_size: components of the displacement, 3 in space.
+        dofs: number of dofs.
+        anew: True if factors are made for every parameter.
     """
     if ordering_of(block_size, "mumps") != "mumps" or block_size != 3:
         return None
     (first, usual), *_ = LOW_RANK
-    found = next((part for least, part in reversed(LOW_RANK) if dofs >= least), None)
-    return usual if found is None and anew and dofs >= min(ANEW, first) else found
+    tolerance = next((eps for least, eps in reversed(LOW_RANK) if dofs >= least), None)
+    return usual if tolerance is None and anew and dofs >= min(ANEW, first) else tolerance
 
 
 def singular_stiffness(scene: str) -> str:
@@ -161,17 +168,17 @@ class FreeCholesky:
             and self.last is not None
             and PETSc.Sys.hasExternalPackage("mumps")
         ):
-            here = np.flatnonzero(np.isin(self._first + self._free, self.last))
+            local_last = np.flatnonzero(np.isin(self._first + self._free, self.last))
             shared = substructures(
-                pattern, stiffness.data, prefix, self._comm, here, low_rank=self.low_rank
+                pattern, stiffness.data, prefix, self._comm, local_last, low_rank=self.low_rank
             )
             if shared.possible:
                 return shared
         last = None if self.last is None else np.searchsorted(self._columns, self.last)
-        how = prefix, self._ordering, self._comm
-        whole = Factors(pattern, stiffness.data, *how, low_rank=self.low_rank, last=last)
-        self.last = self.last if whole.last is not None else None
-        return whole
+        settings = prefix, self._ordering, self._comm
+        factors = Factors(pattern, stiffness.data, *settings, low_rank=self.low_rank, last=last)
+        self.last = self.last if factors.last is not None else None
+        return factors
 
     def between_last(self, rows: csr_matrix) -> np.ndarray | None:
         """Product rows K^-1 rows^T, (m, m), of rows, (m, own dofs); None if they reach beyond
@@ -179,12 +186,12 @@ class FreeCholesky:
         """
         comm = self._comm
         alone = comm.size == 1  # S is large, and messages are copies
-        whole = rows if alone else csr_matrix(hstack(comm.allgather(rows)))
-        reached = whole.indices[np.isin(whole.indices, self._columns)]
+        gathered = rows if alone else csr_matrix(hstack(comm.allgather(rows)))
+        reached = gathered.indices[np.isin(gathered.indices, self._columns)]
         if self.last is None or not np.isin(reached, self.last).all():
             return None
         with self.lock:
-            return self._there().between_last(csr_matrix(whole[:, self.last]))
+            return self._there().between_last(csr_matrix(gathered[:, self.last]))
 
     def _pattern_of(self, stiffness: csr_matrix) -> Pattern:
         """Pattern of the entries between free dofs of a matrix.
@@ -192,15 +199,15 @@ class FreeCholesky:
         Only the upper triangle for MUMPS on one rank.
         """
         marks = np.arange(stiffness.nnz, dtype=stiffness.indices.dtype)
-        inside = csr_matrix((marks, stiffness.indices, stiffness.indptr), shape=stiffness.shape)
-        inside = inside[self._free][:, self._columns]
+        entries = csr_matrix((marks, stiffness.indices, stiffness.indptr), shape=stiffness.shape)
+        entries = entries[self._free][:, self._columns]
         half = self._ordering == "mumps" and self._comm.size == 1
         if half:
-            inside.data += 1  # keeps the index 0
-            inside = triu(inside, format="csr")
-            inside.data -= 1
-        inside.sort_indices()
-        return Pattern(inside.indptr, inside.indices, inside.data)
+            entries.data += 1  # keeps the index 0
+            entries = triu(entries, format="csr")
+            entries.data -= 1
+        entries.sort_indices()
+        return Pattern(entries.indptr, entries.indices, entries.data)
 
     def _known_pattern(self, stiffness: csr_matrix) -> Pattern:
         if self._pattern is None:
@@ -212,7 +219,11 @@ class FreeCholesky:
         return stiffness is self._factored
 
     def refactor(self, stiffness: csr_matrix) -> None:
-        """Factor another matrix with the same pattern, unless it is the one factored last."""
+        """Factor another matrix with the same pattern, unless it is the one factored last.
+
+        Raises:
+            NotSolvableError: if the matrix is singular.
+        """
         with self.lock:
             if stiffness is self._factored:
                 return
@@ -242,12 +253,14 @@ class FreeCholesky:
         vectors one shows it.
         """
         vectors = np.random.default_rng(0)
-        known = np.zeros(stiffness.shape[1])
-        own = slice(self._first, self._first + self._own)
+        solution = np.zeros(stiffness.shape[1])
+        local_rows = slice(self._first, self._first + self._own)
         for _ in range(TRIES):
-            known[self._columns] = vectors.standard_normal(self._columns.size)
-            lost = self.solve(stiffness @ known) - known[own]
-            error, size = _norms(np.array([lost @ lost, known[own] @ known[own]]), self._comm)
+            solution[self._columns] = vectors.standard_normal(self._columns.size)
+            lost = self.solve(stiffness @ solution) - solution[local_rows]
+            error, size = _norms(
+                np.array([lost @ lost, solution[local_rows] @ solution[local_rows]]), self._comm
+            )
             if not SURE * size < error <= LOST * size:  # also for NaN
                 return bool(error <= SURE * size)
         return True
@@ -291,13 +304,13 @@ class FreeCholesky:
         before = np.full(sizes.shape, np.inf)
         for steps in range(REFINED + 1):
             factors.multiply(solutions, image)
-            left = np.asfortranarray(columns - image)
-            lengths = _norms((left * left).sum(axis=0), self._comm)
+            residual = np.asfortranarray(columns - image)
+            lengths = _norms((residual * residual).sum(axis=0), self._comm)
             gains = (lengths > REFINED_RESIDUAL * sizes) & (lengths < HALF * before)
             if steps == REFINED or not gains.any():
                 break
             before = lengths
-            factors.solve_block(left, change)
+            factors.solve_block(residual, change)
             solutions += change
         if not (lengths <= STALLED_RESIDUAL * sizes).all():
             raise NotSolvableError(
@@ -310,46 +323,51 @@ class FreeCholesky:
         """Solutions for columns of a sparse matrix of local rows, zero on imposed dofs, (own dofs,
         m). Collective.
         """
-        found = np.zeros((self._own, columns.shape[1]), order="F")
-        for part, solutions in self.solved_blocks(columns, refined=True):
-            found[:, part] = solutions
-        return found
+        table = np.zeros((self._own, columns.shape[1]), order="F")
+        for span, solutions in self.solved_blocks(columns, refined=True):
+            table[:, span] = solutions
+        return table
 
     def solved_blocks(
         self, columns: spmatrix, dofs: np.ndarray | None = None, *, refined: bool = False
     ) -> Iterator[tuple[slice, np.ndarray]]:
-        """Slices of columns, and their solutions at all local dofs or some, (own dofs or ``dofs``,
-        k). Collective.
+        """Solve for columns in blocks. Collective.
 
-        ``refined``: refine solutions by compressed factors.
+        Args:
+            columns: local rows of the right-hand sides, (own dofs, m).
+            dofs: local dofs of the solutions; None for all.
+            refined: refine solutions by compressed factors.
+
+        Yields:
+            Slices of columns, and their solutions, (own dofs or ``dofs``, k).
         """
         columns = columns.tocsr()[self._free].tocsc()
-        own, count = columns.shape
+        free_count, count = columns.shape
         wanted = np.arange(self._own) if dofs is None else dofs
-        place = np.full(self._own, -1)
-        place[self._free] = np.arange(own)
-        moving = place[wanted] >= 0
-        rows = place[wanted[moving]]
+        free_index = np.full(self._own, -1)
+        free_index[self._free] = np.arange(free_count)
+        moving = free_index[wanted] >= 0
+        rows = free_index[wanted[moving]]
         refining = refined and self.low_rank is not None
         most = REFINED_NUMBERS if refining else SOLVED_NUMBERS
         each = self._columns.size / self._comm.size  # the same blocks on all ranks
         block_size = max(min(RIGHT_SIDES, int(most / each), count), 1)
-        solutions = np.empty((own, block_size), order="F")
+        solutions = np.empty((free_count, block_size), order="F")
         for first in range(0, count, block_size):
-            part = slice(first, min(first + block_size, count))
-            width = part.stop - first
-            some = columns[:, part]
-            if not self._comm.allreduce(some.nnz):  # an error in MUMPS
-                yield part, np.zeros((wanted.size, width), order="F")
+            span = slice(first, min(first + block_size, count))
+            width = span.stop - first
+            block = columns[:, span]
+            if not self._comm.allreduce(block.nnz):  # an error in MUMPS
+                yield span, np.zeros((wanted.size, width), order="F")
                 continue
             with self.lock:
                 factors = self._there()
-                factors.solve_block(some, solutions[:, :width])
+                factors.solve_block(block, solutions[:, :width])
                 if refining:
-                    self._refine(factors, some, solutions[:, :width])
-            found = np.zeros((wanted.size, width), order="F")
-            found[moving] = solutions[rows, :width]
-            yield part, found
+                    self._refine(factors, block, solutions[:, :width])
+            values = np.zeros((wanted.size, width), order="F")
+            values[moving] = solutions[rows, :width]
+            yield span, values
 
 
 def _norms(squares: np.ndarray, comm: Comm) -> np.ndarray:

@@ -16,7 +16,12 @@ from hhr_dolfinx.errors import SceneError
 def lame_parameters(young: float, poisson: float) -> tuple[float, float]:
     """Lamé parameters (λ, μ) from E and ν, in the unit of E.
 
-    SceneError if the elastic energy is not positive.
+    Args:
+        young: Young's modulus E.
+        poisson: Poisson's ratio ν.
+
+    Raises:
+        SceneError: if the elastic energy is not positive.
     """
     if not (0 < young < math.inf and -1 < poisson < 0.5):
         raise SceneError(
@@ -59,8 +64,10 @@ MATERIALS = {
 
 
 def elastic(name: str) -> Elastic:
-    """Constants of a material; raise SceneError for an unknown name, with the nearest known
-    ones.
+    """Constants of a material by name, in SI units.
+
+    Raises:
+        SceneError: for an unknown name, with the nearest known one.
     """
     if name in MATERIALS:
         return MATERIALS[name]

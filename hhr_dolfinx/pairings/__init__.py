@@ -55,10 +55,15 @@ class Pairing(Protocol):
         """Facet tags of the surfaces."""
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """Contact rows of the surfaces, with ``dofs`` columns.
-
-        SceneError if they do not face each other.
+        """Contact rows of the surfaces.
 
         PairingWarnings report nodes beyond the edge of the other surface, which get no condition,
         and deep overlaps.
+
+        Args:
+            surfaces: surfaces of the tags, in their order.
+            dofs: number of dofs, the columns of the rows.
+
+        Raises:
+            SceneError: if the surfaces do not face each other.
         """

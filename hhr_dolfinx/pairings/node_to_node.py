@@ -51,23 +51,29 @@ class NodeToNode(KnownArguments):
         return (self.first, self.second)
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """One row for each pair of nodes, one with a side that looks along n, the other with one
-        against n.
+        """One row for each pair of nodes whose sides look along n and against n.
+
+        Args:
+            surfaces: the first and the second surface.
+            dofs: number of dofs.
+
+        Raises:
+            SceneError: if the surfaces do not face each other node to node.
         """
         first, second = surfaces
         normal = unit(self.normal, first.points.shape[1])
         check_facing(first, normal, along=True)
         check_facing(second, normal, along=False)
-        here, areas = along_normal(first, normal)
-        here = here[tangential_order(first.points[here], normal)]
-        there, _ = along_normal(second, -normal)
-        there = there[_partners(first, second, here, there, normal)]
-        nodes = np.column_stack([first.nodes[here], second.nodes[there]])
+        first_nodes, areas = along_normal(first, normal)
+        first_nodes = first_nodes[tangential_order(first.points[first_nodes], normal)]
+        second_nodes, _ = along_normal(second, -normal)
+        second_nodes = second_nodes[_partners(first, second, first_nodes, second_nodes, normal)]
+        nodes = np.column_stack([first.nodes[first_nodes], second.nodes[second_nodes]])
         matrix = nodal_rows(
             nodes, np.tile(normal, (len(nodes), 1)), np.tile([1.0, -1.0], (len(nodes), 1)), dofs
         )
-        gap = (second.points[there] - first.points[here]) @ normal
-        rows = ContactRows(matrix, gap, nodes[:, 0], first.points[here], areas[here])
+        gap = (second.points[second_nodes] - first.points[first_nodes]) @ normal
+        rows = ContactRows(matrix, gap, nodes[:, 0], first.points[first_nodes], areas[first_nodes])
         warn_of_overlap(first, rows)
         return first.averaged(rows)
 
@@ -79,21 +85,29 @@ def _partners(
     one faces.
     """
     along = np.eye(normal.size) - np.outer(normal, normal)
-    here = first.points[own] @ along
-    there = second.points[others] @ along
-    distance, partner = cKDTree(there).query(here)
+    first_points = first.points[own] @ along
+    second_points = second.points[others] @ along
+    distance, partner = cKDTree(second_points).query(first_points)
     # the scale of the tolerance is the median distance of neighbours
-    spacing = float(np.median(cKDTree(here).query(here, k=2)[0][:, 1])) if len(here) > 1 else 1.0
+    spacing = (
+        float(np.median(cKDTree(first_points).query(first_points, k=2)[0][:, 1]))
+        if len(first_points) > 1
+        else 1.0
+    )
     lonely = distance > 1e-4 * spacing
-    if len(here) != len(there) or lonely.any() or np.unique(partner).size != partner.size:
-        unmatched = np.setdiff1d(np.arange(len(there)), partner)
+    if (
+        len(first_points) != len(second_points)
+        or lonely.any()
+        or np.unique(partner).size != partner.size
+    ):
+        unmatched = np.setdiff1d(np.arange(len(second_points)), partner)
         lost = first.points[own][lonely] if lonely.any() else second.points[others][unmatched]
         # if two nodes face the same one, none is without a partner
-        place = (lost if len(lost) else first.points[own])[0].tolist()
+        point = (lost if len(lost) else first.points[own])[0].tolist()
         raise SceneError(
-            f"surfaces {first.tag} ({len(here)} nodes that look along the normal) and "
-            f"{second.tag} ({len(there)} that look against it) do not face each other node to "
-            f"node along {rounded(normal)}: {len(lost)} nodes have no partner, e.g. at {place}. "
+            f"surfaces {first.tag} ({len(first_points)} nodes that look along the normal) and "
+            f"{second.tag} ({len(second_points)} that look against it) do not face each other node "
+            f"to node along {rounded(normal)}: {len(lost)} nodes have no partner, e.g. at {point}. "
             "Mesh both surfaces alike or use a pairing for non-matching meshes, NodeToSurface or "
             "Mortar"
         )

@@ -59,8 +59,14 @@ class Obstacle(KnownArguments):
         return (self.surface,)
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """One row u·n <= offset / |normal| - x·n for each node with a side that looks at the
-        plane.
+        """One row u·n <= offset / |normal| - x·n for each node that looks at the plane.
+
+        Args:
+            surfaces: the surface of the body.
+            dofs: number of dofs.
+
+        Raises:
+            SceneError: if the surface does not look at the plane.
         """
         (surface,) = surfaces
         normal = unit(self.normal, surface.points.shape[1])

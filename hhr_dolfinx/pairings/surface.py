@@ -37,16 +37,29 @@ class QuadraticFacets(Protocol):
     corners: np.ndarray  #: corners of each facet, (F, k)
 
     def functions(self, flat: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Facets, (q,), and their shape functions, (q, K), at points of flat parts, (q,), by those
-        of these, (q, k).
+        """Quadratic facets, (q,), and their shape functions, (q, K), at points of flat parts.
+
+        Args:
+            flat: flat part of each point, (q,).
+            values: its shape functions there, (q, k).
         """
 
     def averaged(self, surface: Surface, rows: ContactRows) -> ContactRows:
-        """Conditions of single nodes of the surface, averaged."""
+        """Conditions of single nodes of the surface, averaged.
+
+        Args:
+            surface: the surface.
+            rows: conditions of single nodes.
+        """
 
     def shared(self, surface: Surface, normals: np.ndarray, nodes: np.ndarray) -> csr_matrix:
-        """Matrix that shares the functions of nodes with imposed displacements among their
-        neighbours, (n, n).
+        """Matrix, (n, n), that shares the functions of nodes with imposed displacements among
+        neighbours.
+
+        Args:
+            surface: the surface.
+            normals: unit normals of the conditions, (n, dim).
+            nodes: nodes with conditions, (n,).
         """
 
     def sag_shares(self, outward: np.ndarray) -> np.ndarray:
@@ -99,33 +112,39 @@ class Surface:
         at_node = csr_matrix((np.ones(count * k), pairs), shape=(count, len(self.nodes))).tocsc()
         normals = np.empty((count, k, self.points.shape[1]))
         for j in range(k):
-            here, other = touches_of(at_node, self.facets[:, j])
-            smooth = np.einsum("ij,ij->i", self.outward[here], self.outward[other]) >= CREASE
-            here = here[smooth]
-            other = other[smooth]
+            corner_facets, neighbours = touches_of(at_node, self.facets[:, j])
+            smooth = (
+                np.einsum("ij,ij->i", self.outward[corner_facets], self.outward[neighbours])
+                >= CREASE
+            )
+            corner_facets = corner_facets[smooth]
+            neighbours = neighbours[smooth]
             sums = np.zeros_like(self.outward)
-            np.add.at(sums, here, self.outward[other] * self.sizes[other, None])
+            np.add.at(sums, corner_facets, self.outward[neighbours] * self.sizes[neighbours, None])
             normals[:, j] = normalised(sums)
         return normals
 
     def bulges(self, facets: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Height of the smooth surface above points of flat facets, (m,), by their shape functions,
-        (m, k).
+        """Height of the smooth surface above points of flat facets, (m,).
 
         The smooth surface has the averaged normals at the corners. With corners x and normals n it
         lies (sum w n·x - (sum w n)·(sum w x)) / 2 above the point sum w x, exactly so if its
         curvature is constant. In the middle of an edge of length h whose normals differ by an
         angle, this is h times the angle over 8.
+
+        Args:
+            facets: facet of each point, (m,).
+            weights: its shape functions there, (m, k).
         """
         corners = self.corners
         normals = self.corner_normals
         heights = normals @ (corners - corners[:, :1]).transpose(0, 2, 1)
-        found = np.zeros(len(facets))
+        sagittas = np.zeros(len(facets))
         # weights sum to one, so that the linear term is a quadratic form too, without squares
         for i, j in combinations(range(corners.shape[1]), 2):
             form = heights[:, i, i] + heights[:, j, j] - heights[:, i, j] - heights[:, j, i]
-            found += form[facets] * weights[:, i] * weights[:, j] / 2
-        return found * self.sag_shares()[facets]
+            sagittas += form[facets] * weights[:, i] * weights[:, j] / 2
+        return sagittas * self.sag_shares()[facets]
 
     def sag_shares(self) -> np.ndarray:
         """Deviation of facets from the smooth surface over that of flat facets with their normals,
@@ -170,8 +189,12 @@ def looking(surface: Surface, normals: np.ndarray, least: float) -> tuple[np.nda
     (n,).
 
     Sides are groups of facets at a node that meet smoothly: at an edge of a body the mean normal
-    looks along none. Unit normals are (n, dim), or one for all, (dim,). The cosine of such a side
-    is above ``least``.
+    looks along none.
+
+    Args:
+        surface: the surface of n nodes.
+        normals: unit normals, (n, dim), or one for all, (dim,).
+        least: cosine above which a side looks along the normal.
     """
     k = surface.facets.shape[1]
     along = np.broadcast_to(normals, surface.points.shape)[surface.facets]
@@ -180,16 +203,23 @@ def looking(surface: Surface, normals: np.ndarray, least: float) -> tuple[np.nda
     weights = surface.weights[surface.facets]
     shares = surface.sizes[:, None] * (weights + weights.sum(axis=1, keepdims=True)) / (k + 1)
     nodes = surface.facets.ravel()
-    whole = np.bincount(nodes, shares.ravel(), len(surface.nodes))
-    part = np.bincount(nodes, (shares * sides).ravel(), len(surface.nodes))
-    found = np.bincount(nodes, sides.ravel(), len(surface.nodes)) > 0
-    return found, surface.areas * np.divide(part, whole, out=np.zeros_like(whole), where=whole > 0)
+    of_nodes = np.bincount(nodes, shares.ravel(), len(surface.nodes))
+    of_sides = np.bincount(nodes, (shares * sides).ravel(), len(surface.nodes))
+    looks = np.bincount(nodes, sides.ravel(), len(surface.nodes)) > 0
+    return looks, surface.areas * np.divide(
+        of_sides, of_nodes, out=np.zeros_like(of_nodes), where=of_nodes > 0
+    )
 
 
 def along_normal(surface: Surface, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes with a side that looks along a normal, (m,), and areas of all, (n,).
+    """Nodes with a side that looks along a normal, (m,), and areas of all nodes, (n,).
 
-    All nodes of a parallel surface.
+    Args:
+        surface: the surface of n nodes.
+        normal: unit normal, (dim,).
+
+    Returns:
+        All nodes of a surface that is parallel to the normal.
     """
     looks, areas = looking(surface, normal, GRAZING_NORMAL)
     if not looks.any():
@@ -200,14 +230,16 @@ def along_normal(surface: Surface, normal: np.ndarray) -> tuple[np.ndarray, np.n
 def touches_of(at_node: csc_matrix, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pairs (position in ``nodes``, facet) for all facets at each node.
 
-    ``at_node`` is facets by nodes, CSC.
+    Args:
+        at_node: facets by nodes, CSC.
+        nodes: the nodes, (m,).
     """
     starts = at_node.indptr[nodes]
     stops = at_node.indptr[nodes + 1]
     counts = stops - starts
-    here = np.repeat(np.arange(len(nodes)), counts)
+    positions = np.repeat(np.arange(len(nodes)), counts)
     offsets = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-    return here, at_node.indices[np.repeat(starts, counts) + offsets]
+    return positions, at_node.indices[np.repeat(starts, counts) + offsets]
 
 
 def make_surface(
@@ -218,11 +250,20 @@ def make_surface(
     weights: np.ndarray,
     areas: np.ndarray,
 ) -> Surface:
-    """Make a surface from the nodes of its facets, (f, k) or (f, K), with points, weights and areas
-    of all nodes.
+    """Make a surface from the nodes of its facets.
 
-    ``inner_points`` are the middles of the far sides of the cells behind the facets, (f, dim), from
-    which outer sides and depths follow.
+    Args:
+        tag: facet tag of the surface.
+        facet_nodes: nodes of the facets, (f, k), or (f, K) of second order.
+        inner_points: middles of the far sides of the cells behind the facets, (f, dim), from which
+            outer sides and depths follow.
+        points: coordinates of all nodes, (nodes, dim).
+        weights: weights of the measure at all nodes, (nodes,), such as 2πr.
+        areas: tributary areas of all nodes, (nodes,).
+
+    Raises:
+        SceneError: for a surface without facets, with facets of no area, or with facets inside the
+            mesh.
     """
     if len(facet_nodes) == 0:
         raise SceneError(f"contact surface {tag} has no facets: the contact pair is empty")
@@ -295,9 +336,14 @@ def area_vectors(corners: np.ndarray) -> np.ndarray:
 
 
 def unit(normal: Sequence[float], dim: int) -> np.ndarray:
-    """A normal given by the user as a unit vector.
+    """A normal of the user as a unit vector, (dim,).
 
-    SceneError for a wrong length, zero, or non-finite values.
+    Args:
+        normal: the normal, of any length.
+        dim: number of its components.
+
+    Raises:
+        SceneError: for a wrong number of components, zero, or values that are not finite.
     """
     try:
         vector = np.asarray(normal, dtype=float)
@@ -314,11 +360,16 @@ def unit(normal: Sequence[float], dim: int) -> np.ndarray:
 def check_facing(
     surface: Surface, normal: np.ndarray, along: bool, *, upright: bool = False
 ) -> None:
-    """Raise SceneError if no part of a surface looks along the contact normal, or against it
-    without ``along``.
+    """Check that a surface looks along or against the contact normal.
 
-    A surface parallel to the normal, as the side of a block on an obstacle, passes only if
-    ``upright`` is set.
+    Args:
+        surface: the surface.
+        normal: unit normal, (dim,).
+        along: True if it must look along the normal, False for against it.
+        upright: accept a surface parallel to the normal, as the side of a block on an obstacle.
+
+    Raises:
+        SceneError: if no part of the surface looks so.
     """
     towards = surface.outward @ (normal if along else -normal)
     if towards.max() <= GRAZING_NORMAL and (towards.min() < -1e-9 or not upright):
@@ -341,6 +392,10 @@ def mean_normal(surface: Surface) -> np.ndarray:
 def warn_of_overlap(surface: Surface, rows: ContactRows) -> None:
     """Warn if conditions of a slave surface overlap by more than a cell: more often a mistake than
     a press fit.
+
+    Args:
+        surface: the slave surface.
+        rows: its conditions.
     """
     sizes = np.zeros(surface.nodes.max() + 1)
     sizes[surface.nodes] = surface.cell_sizes()
@@ -360,7 +415,15 @@ def warn(message: str) -> None:
 
 
 def tangential_order(points: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Order of rows that does not depend on node numbers: along the tangent, axis by axis."""
+    """Order of rows that does not depend on node numbers: along the tangent, axis by axis.
+
+    Args:
+        points: points of the rows, (m, dim).
+        normal: unit normal, (dim,).
+
+    Returns:
+        Permutation of the rows, (m,).
+    """
     tangential = points - np.outer(points @ normal, normal)
     size = np.ptp(points, axis=0).max(initial=0.0) or 1.0
     return np.lexsort(np.round(tangential / size, 9).T[::-1])
@@ -369,8 +432,13 @@ def tangential_order(points: np.ndarray, normal: np.ndarray) -> np.ndarray:
 def nodal_rows(
     nodes: np.ndarray, normals: np.ndarray, weights: np.ndarray, dofs: int
 ) -> csr_matrix:
-    """Rows sum_k weights_k n·u(nodes_k), (m, N), for nodes and weights, (m, k), and the normal of
-    each, (m, dim).
+    """Rows sum_k weights_k n·u(nodes_k), (m, N).
+
+    Args:
+        nodes: nodes of each row, (m, k).
+        normals: unit normal of each row, (m, dim).
+        weights: weights of the nodes, (m, k).
+        dofs: number of dofs N.
     """
     m, dim = normals.shape
     columns = nodes[:, :, None] * dim + np.arange(dim)
@@ -390,13 +458,16 @@ def normalised(vectors: np.ndarray) -> np.ndarray:
 
 
 def shape_functions(local: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Shape functions, (m, k), and slopes, (m, k, 2), of the unit triangle (k = 3) or
-    tensor-ordered square, (m, 2).
+    """Shape functions, (m, k), and slopes, (m, k, 2), of the unit triangle or square.
+
+    Args:
+        local: reference coordinates, (m, 2).
+        k: 3 for the triangle, 4 for the square in tensor order.
     """
     x, y = local.T
-    one = np.ones_like(x)
+    ones = np.ones_like(x)
     if k == 3:
-        values = np.stack([one - x - y, x, y], axis=1)
+        values = np.stack([ones - x - y, x, y], axis=1)
         slopes = np.broadcast_to([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]], (len(x), 3, 2))
     else:
         values = np.stack([(1 - x) * (1 - y), x * (1 - y), (1 - x) * y, x * y], axis=1)

@@ -22,12 +22,12 @@ class JoinedBody(FreeBody):
 
     def described(self, ways: np.ndarray) -> str:
         """See :class:`FreeBody`."""
-        ends = np.cumsum([len(part.motions) for part in self.parts])[:-1]
+        ends = np.cumsum([len(component.motions) for component in self.parts])[:-1]
         texts = []
-        for part, own in zip(self.parts, np.split(ways, ends, axis=1), strict=True):
-            _, sizes, rows = np.linalg.svd(own, full_matrices=False)
-            if len(kept := rows[sizes > ALMOST_NONE]):
-                texts.append(f"{part.name} {part.described(kept)}")
+        for component, motions in zip(self.parts, np.split(ways, ends, axis=1), strict=True):
+            _, sizes, rows = np.linalg.svd(motions, full_matrices=False)
+            if len(combinations := rows[sizes > ALMOST_NONE]):
+                texts.append(f"{component.name} {component.described(combinations)}")
         return f"moves in parts: {'; '.join(texts)}"
 
 
@@ -38,8 +38,14 @@ def joined_bodies(
     imposed: np.ndarray,
     hypothesis: str,
 ) -> list[FreeBody]:
-    """Bodies of components, with the motions that vanish on ``imposed`` dofs, (nodes, dim), and
-    break no constraint.
+    """Bodies of components, with the motions that vanish on imposed dofs and break no constraint.
+
+    Args:
+        components: connected components of the mesh, with all of their motions.
+        prolongation: prolongation of the constraints.
+        points: coordinates of the nodes, (nodes, dim).
+        imposed: imposed dofs, (nodes, dim) bool.
+        hypothesis: hypothesis of the scene.
     """
     assert prolongation.map is not None
     groups = _groups(components, prolongation.map, points)
@@ -51,8 +57,8 @@ def _groups(
 ) -> list[list[FreeBody]]:
     """Components that constraints join."""
     owner = np.full(len(points), -1)
-    for number, one in enumerate(components):
-        owner[one.nodes] = number
+    for number, component in enumerate(components):
+        owner[component.nodes] = number
     rows, columns = (owner[dofs // points.shape[1]] for dofs in coupling.nonzero())
     graph = csr_matrix((np.ones(rows.size), (rows, columns)), shape=(len(components),) * 2)
     labels = connected_components(graph, directed=False)[1]
@@ -71,20 +77,24 @@ def _joined(
     They are those of the body as a whole, unless constraints let its parts move in more ways, as a
     hinge does.
     """
-    nodes = np.sort(np.concatenate([one.nodes for one in parts]))
+    nodes = np.sort(np.concatenate([component.nodes for component in parts]))
     motions = rigid_motions(points[nodes], hypothesis)
-    body = FreeBody(" with ".join(one.name for one in parts), nodes, motions, np.eye(len(motions)))
-    whole, apart = (
-        np.hstack([one.columns(len(points)) for one in group]) for group in ([body], parts)
+    body = FreeBody(
+        " with ".join(component.name for component in parts), nodes, motions, np.eye(len(motions))
+    )
+    fields, apart = (
+        np.hstack([component.columns(len(points)) for component in group])
+        for group in ([body], parts)
     )
     # combinations that vanish on imposed dofs and break no constraint
     held = imposed.ravel()
     of_whole, of_parts = (
-        vanishing(np.vstack([one[held], prolongation.broken(one)])) for one in (whole, apart)
+        vanishing(np.vstack([component[held], prolongation.broken(component)]))
+        for component in (fields, apart)
     )
     if len(of_parts) > len(of_whole):
         return JoinedBody(body.name, nodes, _at_nodes(apart, points, nodes), of_parts, tuple(parts))
-    return replace(body, motions=_at_nodes(whole, points, nodes), left=of_whole)
+    return replace(body, motions=_at_nodes(fields, points, nodes), left=of_whole)
 
 
 def _at_nodes(columns: np.ndarray, points: np.ndarray, nodes: np.ndarray) -> np.ndarray:

@@ -62,7 +62,8 @@ class RigidMotion:
     def equations(self, assembler: Assembler) -> ConstraintEquations:
         """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`.
 
-        SceneError for too few nodes.
+        Raises:
+            SceneError: for too few nodes, or an axisymmetric mesh.
         """
         nodes, points = nodes_at(assembler, self.place, self)
         dim = points.shape[1]
@@ -78,17 +79,18 @@ class RigidMotion:
         _, triangle, order = qr(motions, mode="economic", pivoting=True)
         rank = int((np.abs(np.diag(triangle)) > 1e-9 * abs(triangle[0, 0])).sum())
         leading = order[:rank]
-        rest = order[rank:]
+        following = order[rank:]
         follows = (
-            np.linalg.lstsq(motions[:, leading].T, np.eye(rank), rcond=None)[0].T @ motions[:, rest]
+            np.linalg.lstsq(motions[:, leading].T, np.eye(rank), rcond=None)[0].T
+            @ motions[:, following]
         )
         dofs = (dim * nodes[:, None] + coupled).ravel()
-        count = rest.size
+        count = following.size
         leads = [
             (-follows[k], np.arange(count), np.full(count, dofs[leading[k]])) for k in range(rank)
         ]
-        entries = [(np.ones(count), np.arange(count), dofs[rest]), *leads]
-        return equations_of(entries, dofs[rest], assembler.size, loose=True)
+        entries = [(np.ones(count), np.arange(count), dofs[following]), *leads]
+        return equations_of(entries, dofs[following], assembler.size, loose=True)
 
 
 def fit_of(
@@ -99,12 +101,21 @@ def fit_of(
     coupled: np.ndarray,
     turns: Sequence[tuple[int, int]],
 ) -> np.ndarray | None:
-    """Coefficients, (n, dim), of the displacements of points in a component of the motion of a
-    reference point.
+    """Coefficients of the displacements of points in the motion of a reference point.
 
     The displacement a and the rotation b of the point x minimise the sum of w |u_k - a - b x (x_k -
-    x)|^2 over points, (n, dim), in ``coupled`` components; ``weights`` w, (n,), have the sum 1.
-    None if the component is undetermined.
+    x)|^2 over points in the coupled components.
+
+    Args:
+        points: coordinates of the points, (n, dim).
+        weights: weights w, (n,), with the sum 1.
+        component: component of the motion: displacements, then rotations.
+        point: the reference point, (dim,); None for the weighted centre.
+        coupled: coupled components of the displacement.
+        turns: pair of axes of each rotation.
+
+    Returns:
+        Coefficients, (n, dim); None if the component is undetermined.
     """
     dim = points.shape[1]
     size = np.ptp(points, axis=0).max() or 1.0
@@ -138,26 +149,29 @@ class _Coupled:
     by_area: bool | str = True
 
     def __post_init__(self) -> None:
-        what = f"the {type(self).__name__} of {self.place!r}"
+        description = f"the {type(self).__name__} of {self.place!r}"
         if self.by_area not in (True, False, EDGES_ONLY, ANGLES):
-            known = f"True, False, {EDGES_ONLY!r} or {ANGLES!r}"
-            raise SceneError(f"by_area = {self.by_area!r} of {what} must be {known}")
+            choices = f"True, False, {EDGES_ONLY!r} or {ANGLES!r}"
+            raise SceneError(f"by_area = {self.by_area!r} of {description} must be {choices}")
         if self.by_area == ANGLES and (self.component < 3 or self.point or self.components):
             raise SceneError(
-                f"by_area = {ANGLES!r} of {what} is for a rotation in space, 3 to 5, about the "
-                "centre alone"
+                f"by_area = {ANGLES!r} of {description} is for a rotation in space, 3 to 5, about "
+                "the centre alone"
             )
-        check_place(what, self.place)
+        check_place(description, self.place)
         if not is_whole(self.component, 0) or self.component > 5:
             raise SceneError(
-                f"component {self.component!r} of {what} must be 0 to 5, in the plane 0, 1 or 2"
+                f"component {self.component!r} of {description} must be 0 to 5, in the plane 0, 1 "
+                "or 2"
             )
         if self.point is not None:
-            object.__setattr__(self, "point", as_tuple(f"the point of {what}", self.point))
+            object.__setattr__(self, "point", as_tuple(f"the point of {description}", self.point))
             if not all(is_number(value) for value in self.point):
-                raise SceneError(f"point = {self.point} of {what} must be finite coordinates")
+                raise SceneError(
+                    f"point = {self.point} of {description} must be finite coordinates"
+                )
         _check_components(self)
-        check_amplitude(self, what, formulas=True)
+        check_amplitude(self, description, formulas=True)
 
     def _fit(self, assembler: Assembler) -> tuple[np.ndarray, np.ndarray]:
         """Dofs of the nodes, (n dim,), and their coefficients in the component of the motion."""
@@ -179,15 +193,15 @@ class _Coupled:
                 points, turns[self.component - dim]
             ).ravel()
         coupled = _coupled(self, dim)
-        found = fit_of(
+        coefficients = fit_of(
             points, self._weights(assembler, nodes), self.component, self.point, coupled, turns
         )
-        if found is None:
+        if coefficients is None:
             raise SceneError(
                 f"the nodes of {self!r} leave component {self.component} undetermined: couple "
                 "more nodes"
             )
-        return (dim * nodes[:, None] + np.arange(dim)).ravel(), found.ravel()
+        return (dim * nodes[:, None] + np.arange(dim)).ravel(), coefficients.ravel()
 
     def _weights(self, assembler: Assembler, nodes: np.ndarray) -> np.ndarray:
         """Weights of nodes with the sum 1, (n,)."""
@@ -223,10 +237,10 @@ def _angles(points: np.ndarray, turn: tuple[int, int]) -> np.ndarray:
     away = points - points.mean(axis=0)
     squares = (away[:, list(turn)] ** 2).sum(axis=1)
     beside = squares > UNDETERMINED**2 * (away**2).sum(axis=1).mean()
-    found = np.zeros_like(points)
-    for axis, other, sign in ((turn[0], turn[1], -1.0), (turn[1], turn[0], 1.0)):
-        found[beside, axis] = sign * away[beside, other] / squares[beside]
-    shares: np.ndarray = (found - found.mean(axis=0)) / len(points)
+    coefficients = np.zeros_like(points)
+    for axis, normal_axis, sign in ((turn[0], turn[1], -1.0), (turn[1], turn[0], 1.0)):
+        coefficients[beside, axis] = sign * away[beside, normal_axis] / squares[beside]
+    shares: np.ndarray = (coefficients - coefficients.mean(axis=0)) / len(points)
     return shares
 
 
@@ -236,12 +250,12 @@ def _of_edges(weights: np.ndarray, facets: np.ndarray) -> np.ndarray:
     """
     if facets.shape[1] <= 2 * QUADRILATERAL_CORNERS:
         return weights
-    found = weights.copy()
+    edge_weights = weights.copy()
     middle = facets[:, -1]
-    np.add.at(found, facets[:, QUADRILATERAL_CORNERS:-1], weights[middle, None] / 2)
-    np.add.at(found, facets[:, :QUADRILATERAL_CORNERS], -weights[middle, None] / 4)
-    found[middle] = 0.0
-    return found
+    np.add.at(edge_weights, facets[:, QUADRILATERAL_CORNERS:-1], weights[middle, None] / 2)
+    np.add.at(edge_weights, facets[:, :QUADRILATERAL_CORNERS], -weights[middle, None] / 4)
+    edge_weights[middle] = 0.0
+    return edge_weights
 
 
 @dataclass(frozen=True)
@@ -268,12 +282,13 @@ class MeanMotion(_Coupled):
     def equations(self, assembler: Assembler) -> ConstraintEquations:
         """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`.
 
-        SceneError for undetermined motions.
+        Raises:
+            SceneError: for undetermined motions.
         """
-        dofs, found = self._fit(assembler)
-        kept = found != 0
-        entries = found[kept], np.zeros(int(kept.sum()), dtype=int), dofs[kept]
-        dependent = dofs[[np.abs(found).argmax()]]
+        dofs, coefficients = self._fit(assembler)
+        nonzero = coefficients != 0
+        entries = coefficients[nonzero], np.zeros(int(nonzero.sum()), dtype=int), dofs[nonzero]
+        dependent = dofs[[np.abs(coefficients).argmax()]]
         return equations_of([entries], dependent, assembler.size, np.ones(1), loose=True)
 
 
@@ -299,22 +314,24 @@ class CoupledForce(_Coupled):
 
     def terms(self, assembler: Assembler) -> list[Term]:
         """One vector."""
-        dofs, found = self._fit(assembler)
-        columns = csc_matrix((found, (dofs, np.zeros_like(dofs))), shape=(assembler.size, 1))
+        dofs, coefficients = self._fit(assembler)
+        columns = csc_matrix((coefficients, (dofs, np.zeros_like(dofs))), shape=(assembler.size, 1))
         return [Term(self.amplitude, columns)]
 
 
 def _check_components(item: RigidMotion | _Coupled) -> None:
-    given = item.components
-    if given is None:
+    components = item.components
+    if components is None:
         return
-    given = as_tuple(f"components of {type(item).__name__}", given)
-    if not given or not all(is_whole(one, 0) and one < 3 for one in given):
+    components = as_tuple(f"components of {type(item).__name__}", components)
+    if not components or not all(
+        is_whole(component, 0) and component < 3 for component in components
+    ):
         raise SceneError(
-            f"components = {given} of the {type(item).__name__} of {item.place!r} must be among "
-            "0, 1 and 2"
+            f"components = {components} of the {type(item).__name__} of {item.place!r} must be "
+            "among 0, 1 and 2"
         )
-    object.__setattr__(item, "components", tuple(sorted(set(given))))
+    object.__setattr__(item, "components", tuple(sorted(set(components))))
 
 
 def _coupled(item: RigidMotion | _Coupled, dim: int) -> np.ndarray:

@@ -47,7 +47,16 @@ class CutMesh(MeshFile):
 
 
 def cut(raw: RawMesh, name: str) -> RawMesh:
-    """The mesh in which cells on the upper side of a section have nodes of their own."""
+    """The mesh in which cells on the upper side of a section have nodes of their own.
+
+    Args:
+        raw: the mesh.
+        name: surface or set of nodes on the section.
+
+    Raises:
+        FileContentError: for a missing section, one that is not flat, or one with cells on one side
+            alone.
+    """
     nodes = (
         np.unique(raw.surfaces[name])
         if name in raw.surfaces
@@ -57,20 +66,22 @@ def cut(raw: RawMesh, name: str) -> RawMesh:
         raise FileContentError(
             f"there is no section {name!r} in the file: name a surface, or a set of nodes"
         )
-    inside = np.isin(raw.cells, nodes)
-    upper = inside.any(axis=1) & (
+    on_section = np.isin(raw.cells, nodes)
+    upper = on_section.any(axis=1) & (
         _heights(raw, name, nodes, raw.points[raw.cells].mean(axis=1)) > 0
     )
-    lower = inside.any(axis=1) & ~upper
-    doubled = nodes if raw.sides is None else np.union1d(nodes, _between(raw, raw.sides, inside))
+    lower = on_section.any(axis=1) & ~upper
+    doubled = (
+        nodes if raw.sides is None else np.union1d(nodes, _between(raw, raw.sides, on_section))
+    )
     numbers = np.arange(len(raw.points))
     numbers[doubled] = len(raw.points) + np.arange(doubled.size)
     cells = np.where(upper[:, None], numbers[raw.cells], raw.cells)
     sides = None if raw.sides is None else np.where(upper[:, None], numbers[raw.sides], raw.sides)
     pair = []
-    for part in (lower, upper):
+    for mask in (lower, upper):
         faces = [
-            cells[np.ix_(part & inside[:, face].all(axis=1), face)]
+            cells[np.ix_(mask & on_section[:, face].all(axis=1), face)]
             for face in map(list, FACES[raw.kind])
         ]
         pair.append(np.concatenate(faces))
@@ -78,7 +89,7 @@ def cut(raw: RawMesh, name: str) -> RawMesh:
         raise FileContentError(
             f"the section {name!r} has cells on one side alone: it must lie inside a body"
         )
-    others = {
+    surfaces = {
         key: _turned(raw, value, upper, numbers)
         for key, value in raw.surfaces.items()
         if key != name
@@ -88,7 +99,7 @@ def cut(raw: RawMesh, name: str) -> RawMesh:
         points=np.vstack([raw.points, raw.points[doubled]]),
         cells=cells,
         sides=sides,
-        surfaces={**others, name: pair[0], f"{name}{OTHER_SIDE}": pair[1]},
+        surfaces={**surfaces, name: pair[0], f"{name}{OTHER_SIDE}": pair[1]},
         nodes={key: value for key, value in raw.nodes.items() if key != name},
     )
 
@@ -97,11 +108,14 @@ def _heights(raw: RawMesh, name: str, nodes: np.ndarray, places: np.ndarray) -> 
     """Distances of places, (n, dim), above the plane of a section, along the axis that it faces
     most.
     """
-    own = raw.points[nodes]
-    middle = own.mean(axis=0)
-    normal = np.linalg.svd(own - middle)[2][-1]
+    section_points = raw.points[nodes]
+    middle = section_points.mean(axis=0)
+    normal = np.linalg.svd(section_points - middle)[2][-1]
     normal = normal * np.sign(normal[np.abs(normal).argmax()])
-    if np.abs((own - middle) @ normal).max() > FLAT_SECTION * np.ptp(own, axis=0).max():
+    if (
+        np.abs((section_points - middle) @ normal).max()
+        > FLAT_SECTION * np.ptp(section_points, axis=0).max()
+    ):
         raise FileContentError(f"the section {name!r} is not flat: cut along a plane")
     return (places - middle) @ normal
 
@@ -113,7 +127,9 @@ def _between(raw: RawMesh, sides: np.ndarray, inside: np.ndarray) -> np.ndarray:
 
 def _turned(raw: RawMesh, facets: np.ndarray, upper: np.ndarray, numbers: np.ndarray) -> np.ndarray:
     """Facets of another surface, with the new nodes where they are sides of upper cells."""
-    every = np.concatenate([raw.cells[np.ix_(upper, face)] for face in map(list, FACES[raw.kind])])
-    known = {tuple(sorted(row)) for row in every.tolist()}
-    own = np.array([tuple(sorted(row)) in known for row in facets.tolist()], dtype=bool)
-    return np.where(own[:, None], numbers[facets], facets) if len(facets) else facets
+    upper_facets = np.concatenate(
+        [raw.cells[np.ix_(upper, face)] for face in map(list, FACES[raw.kind])]
+    )
+    upper_sides = {tuple(sorted(row)) for row in upper_facets.tolist()}
+    moved = np.array([tuple(sorted(row)) in upper_sides for row in facets.tolist()], dtype=bool)
+    return np.where(moved[:, None], numbers[facets], facets) if len(facets) else facets

@@ -42,16 +42,16 @@ class DirectedDisplacement:
 
     def __post_init__(self) -> None:
         check_place("directed displacement", self.place)
-        what = f"the directed displacement of {self.place!r}"
+        description = f"the directed displacement of {self.place!r}"
         vectors = ["axis_direction"] + ["direction"] * (self.direction not in ROUND)
         for name in (*vectors, *(["axis_point"] if self.axis_point is not None else [])):
-            vector = as_tuple(f"{name} of {what}", getattr(self, name))
+            vector = as_tuple(f"{name} of {description}", getattr(self, name))
             if not all(map(is_number, vector)) or (name in vectors and not any(vector)):
                 raise SceneError(
-                    f"{name} = {vector} of {what} must be finite numbers, and not all zero"
+                    f"{name} = {vector} of {description} must be finite numbers, and not all zero"
                 )
             object.__setattr__(self, name, tuple(map(float, vector)))
-        check_amplitude(self, what, formulas=True)
+        check_amplitude(self, description, formulas=True)
 
     def equations(self, assembler: Assembler) -> ConstraintEquations:
         """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`.
@@ -91,9 +91,9 @@ class DirectedDisplacement:
         away -= (away @ axis)[:, None] * axis
         lengths = np.linalg.norm(away, axis=1)
         if lengths.min() <= ON_AXIS * size:
-            place = points[lengths.argmin()].tolist()
+            on_axis = points[lengths.argmin()].tolist()
             raise SceneError(
-                f"{self!r}: the node at {place} is on the axis: leave it out, or hold it by a "
+                f"{self!r}: the node at {on_axis} is on the axis: leave it out, or hold it by a "
                 "Displacement"
             )
         radial = away / lengths[:, None]

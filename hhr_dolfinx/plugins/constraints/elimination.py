@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags, hstack, vstack
@@ -21,7 +21,7 @@ from scipy.sparse.linalg import SuperLU, splu
 from hhr_dolfinx.amplitudes import Amplitude, bound
 from hhr_dolfinx.contact.prolongation import Prolongation
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.formulas import box_samples, formula_of
+from hhr_dolfinx.formulas import Formula, box_samples, formula_of
 from hhr_dolfinx.full_order.eliminated import DependentDofs
 from hhr_dolfinx.loads import Assembler, Term, Terms
 from hhr_dolfinx.parameters import is_number
@@ -75,7 +75,7 @@ class Constraint(Protocol):
     """Interface of a constraint, an item of ``Scene.constraints``."""
 
     @property
-    def amplitude(self) -> Any:
+    def amplitude(self) -> Amplitude | Formula | str | float:
         """Amplitude of the right-hand sides, as of a displacement."""
 
     def equations(self, assembler: Assembler) -> ConstraintEquations:
@@ -91,50 +91,57 @@ def eliminated(
 ) -> DependentDofs:
     """Dependent dofs of the constraints of a scene, and lifts of their right-hand sides.
 
-    ``free`` dofs are not imposed, (N,) bool, and ``imposed`` are the lifts of those that are.
+    Args:
+        scene: the scene.
+        assembler: returns the interface of the mesh for a constraint.
+        cell_nodes: nodes of each cell, (cells, n).
+        free: True for dofs that are not imposed, (N,) bool.
+        imposed: lifts of imposed dofs.
 
     Raises:
         SceneError: for equations that determine the same dof twice, depend on each other, or are
             broken by displacements that are imposed.
     """
-    found = []
+    constraints = []
     middle = None
-    for item in scene.constraints:
-        given = _checked(item, item.equations(assembler(item)), scene, free.size)
-        middle = _shares(given, free.size) if given.middle else middle
-        part, left_out = _without_imposed(given, free)
-        amplitude = bound(_amplitude_of(item), scene.parameters)
-        alone = given.take(left_out)
-        size = np.abs(given.values).max(initial=0.0)
+    for constraint in scene.constraints:
+        equations = _checked(
+            constraint, constraint.equations(assembler(constraint)), scene, free.size
+        )
+        middle = _shares(equations, free.size) if equations.middle else middle
+        remaining, left_out = _without_imposed(equations, free)
+        amplitude = bound(_amplitude_of(constraint), scene.parameters)
+        alone = equations.take(left_out)
+        size = np.abs(equations.values).max(initial=0.0)
         _check_kept(
             scene,
-            repr(item),
+            repr(constraint),
             alone.rows,
             [Term(amplitude, csc_matrix(-alone.values[:, None]))],
             size,
             imposed,
         )
-        found.append((amplitude, part))
-    found = _decided(scene, found, free, imposed)
-    rows = csr_matrix(vstack([part.rows for _, part in found]))
-    dependent = np.concatenate([part.dependent for _, part in found])
-    _check_once(scene, [part for _, part in found], dependent)
+        constraints.append((amplitude, remaining))
+    constraints = _decided(scene, constraints, free, imposed)
+    rows = csr_matrix(vstack([remaining.rows for _, remaining in constraints]))
+    dependent = np.concatenate([remaining.dependent for _, remaining in constraints])
+    _check_once(scene, [remaining for _, remaining in constraints], dependent)
     factors = _factored(scene, csc_matrix(rows[:, dependent]))
-    own = np.zeros(free.size, dtype=bool)
-    own[dependent] = True
-    follows = _solved(factors, csc_matrix(rows @ diags((~own).astype(float))), dependent)
+    is_dependent = np.zeros(free.size, dtype=bool)
+    is_dependent[dependent] = True
+    follows = _solved(factors, csc_matrix(rows @ diags((~is_dependent).astype(float))), dependent)
     terms = []
-    ends = np.cumsum([0, *(part.dependent.size for _, part in found)])
-    for (amplitude, part), first in zip(found, ends, strict=False):
+    ends = np.cumsum([0, *(remaining.dependent.size for _, remaining in constraints)])
+    for (amplitude, remaining), first in zip(constraints, ends, strict=False):
         if amplitude != Amplitude():
             given_there = np.zeros(dependent.size)
-            given_there[first : first + part.values.size] = part.values
+            given_there[first : first + remaining.values.size] = remaining.values
             column = factors.solve(given_there), (dependent, np.zeros_like(dependent))
             terms.append(Term(amplitude, csc_matrix(column, shape=(free.size, 1))))
-    coupling = csr_matrix(follows + diags((~own).astype(float)))
+    coupling = csr_matrix(follows + diags((~is_dependent).astype(float)))
     no_lifts = csc_matrix((free.size, 0))
     prolongation = Prolongation(
-        free & ~own, free, no_lifts, coupling, _groups(cell_nodes, follows, own)
+        free & ~is_dependent, free, no_lifts, coupling, _groups(cell_nodes, follows, is_dependent)
     )
     joined = partial(without_tied, scene, cell_nodes)
     return DependentDofs(prolongation, terms, joined, partial(without_repeated, middle))
@@ -161,11 +168,11 @@ def _checked(
             or not ((dependent >= 0) & (dependent < size)).all(),
             f"are {count}, and have right-hand sides of the shape {shape}": shape != (count,),
             "have coefficients or right-hand sides that are no finite numbers": not all(
-                np.isrealobj(part) and np.isfinite(part).all()
-                for part in (csr_matrix(given.rows).data, given.values)
+                np.isrealobj(values) and np.isfinite(values).all()
+                for values in (csr_matrix(given.rows).data, given.values)
             ),
         }
-        fault = next((words for words, found in faults.items() if found), "")
+        fault = next((words for words, is_fault in faults.items() if is_fault), "")
     if fault:
         raise SceneError(f"equations of {item!r} of scene '{scene.name}' {fault}: see Equations")
     return (
@@ -173,15 +180,15 @@ def _checked(
     )
 
 
-def _amplitude_of(item: Constraint) -> Any:
+def _amplitude_of(item: Constraint) -> Amplitude | Formula:
     """Its amplitude, also of a user's constraint that has a number or a text, as displacements
     take.
     """
-    given = item.amplitude
+    amplitude = item.amplitude
     return (
-        formula_of(given, f"the amplitude of {item!r}")
-        if isinstance(given, str) or is_number(given)
-        else given
+        formula_of(amplitude, f"the amplitude of {item!r}")
+        if isinstance(amplitude, str) or is_number(amplitude)
+        else amplitude  # type: ignore[return-value]
     )
 
 
@@ -190,9 +197,9 @@ def _shares(given: ConstraintEquations, size: int) -> csr_matrix:
     imposed or lead now.
     """
     entries = given.rows.tocoo()
-    kept = entries.data < 0
-    places = given.dependent[entries.row[kept]], entries.col[kept]
-    return csr_matrix((-entries.data[kept], places), shape=(size, size))
+    negative = entries.data < 0
+    positions = given.dependent[entries.row[negative]], entries.col[negative]
+    return csr_matrix((-entries.data[negative], positions), shape=(size, size))
 
 
 def _solved(factors: SuperLU, others: csc_matrix, dependent: np.ndarray) -> csr_matrix:
@@ -200,12 +207,12 @@ def _solved(factors: SuperLU, others: csc_matrix, dependent: np.ndarray) -> csr_
     N).
     """
     used = np.flatnonzero(np.diff(others.indptr))
-    parts = [csc_matrix((dependent.size, 0))]
+    blocks = [csc_matrix((dependent.size, 0))]
     for first in range(0, used.size, COLUMNS_AT_ONCE):
         solved = -factors.solve(others[:, used[first : first + COLUMNS_AT_ONCE]].toarray())
         solved[np.abs(solved) <= COEFFICIENT_ROUND_OFF * np.abs(solved).max(initial=0.0)] = 0.0
-        parts.append(csc_matrix(solved))
-    entries = csc_matrix(hstack(parts)).tocoo()
+        blocks.append(csc_matrix(solved))
+    entries = csc_matrix(hstack(blocks)).tocoo()
     size = others.shape[1]
     return csr_matrix(
         (entries.data, (dependent[entries.row], used[entries.col])), shape=(size, size)
@@ -221,27 +228,31 @@ def _decided(
     """Constraints in which loose equations determine dofs of their own, without those that others
     imply.
     """
-    if not any(part.loose for _, part in found):
+    if not any(equations.loose for _, equations in found):
         return found
-    rows = csr_matrix(vstack([part.rows for _, part in found]))
-    loose = np.concatenate([np.full(part.dependent.size, part.loose) for _, part in found])
-    dependent, implied = chosen(
-        rows, np.concatenate([part.dependent for _, part in found]), loose, free
+    rows = csr_matrix(vstack([equations.rows for _, equations in found]))
+    loose = np.concatenate(
+        [np.full(equations.dependent.size, equations.loose) for _, equations in found]
     )
-    ends = np.cumsum([0, *(part.dependent.size for _, part in found)])
+    dependent, implied = chosen(
+        rows, np.concatenate([equations.dependent for _, equations in found]), loose, free
+    )
+    ends = np.cumsum([0, *(equations.dependent.size for _, equations in found)])
     spans = [slice(first, last) for first, last in pairwise(ends)]
     sides = [
-        Term(amplitude, csc_matrix(-implied[:, span] @ part.values[:, None]))
-        for span, (amplitude, part) in zip(spans, found, strict=True)
+        Term(amplitude, csc_matrix(-implied[:, span] @ equations.values[:, None]))
+        for span, (amplitude, equations) in zip(spans, found, strict=True)
     ]
-    size = max((np.abs(part.values).max(initial=0.0) for _, part in found), default=0.0)
-    what = " and ".join(
-        repr(item) for item, (_, part) in zip(scene.constraints, found, strict=True) if part.loose
+    size = max((np.abs(equations.values).max(initial=0.0) for _, equations in found), default=0.0)
+    names = " and ".join(
+        repr(constraint)
+        for constraint, (_, equations) in zip(scene.constraints, found, strict=True)
+        if equations.loose
     )
-    _check_kept(scene, what, implied @ rows, sides, size, imposed)
+    _check_kept(scene, names, implied @ rows, sides, size, imposed)
     return [
-        (amplitude, replace(part, dependent=dependent[span]).take(dependent[span] >= 0))
-        for span, (amplitude, part) in zip(spans, found, strict=True)
+        (amplitude, replace(equations, dependent=dependent[span]).take(dependent[span] >= 0))
+        for span, (amplitude, equations) in zip(spans, found, strict=True)
     ]
 
 
@@ -259,12 +270,12 @@ def _check_kept(
     ``size`` is that of all right-hand sides of their constraints: a normal has components of
     round-off, and products of rows cancel.
     """
-    moved = [Term(one.amplitude, csc_matrix(rows @ one.columns)) for one in imposed]
+    moved = [Term(term.amplitude, csc_matrix(rows @ term.columns)) for term in imposed]
     terms = Terms(scene.parameters, sides=[*values, *moved])
     amplitudes = terms.amplitudes()
     sides = terms.columns("sides", rows.shape[0])
-    parts = [abs(rows) @ abs(one.columns) for one in imposed]
-    size = max(size, *(part.max() for part in parts if part.nnz), 0.0)
+    sizes = [abs(rows) @ abs(term.columns) for term in imposed]
+    size = max(size, *(products.max() for products in sizes if products.nnz), 0.0)
     for point in box_samples(scene.parameters, EQUATION_SAMPLES) if rows.shape[0] else ():
         theta = amplitudes(point)
         if np.abs(sides @ theta).max() > BROKEN * size * np.abs(theta.values).max():
@@ -285,23 +296,29 @@ def _without_imposed(
     scale = 1 / np.where(scale > 0, scale, 1.0)
     rows = csr_matrix(diags(scale) @ part.rows)
     dependent = part.dependent.copy()
-    kept = np.ones(dependent.size, dtype=bool)
+    determined = np.ones(dependent.size, dtype=bool)
     if part.loose:
         dependent[~free[dependent]] = -1
-        kept = np.asarray(abs(rows[:, free]).max(axis=1).toarray()).ravel() > COEFFICIENT_ROUND_OFF
+        determined = (
+            np.asarray(abs(rows[:, free]).max(axis=1).toarray()).ravel() > COEFFICIENT_ROUND_OFF
+        )
         return replace(part, rows=rows, dependent=dependent, values=scale * part.values).take(
-            kept
-        ), ~kept
+            determined
+        ), ~determined
     for row in np.flatnonzero(~free[dependent]):
         span = slice(rows.indptr[row], rows.indptr[row + 1])
         columns = rows.indices[span]
         sizes = np.abs(rows.data[span])
         sizes[~free[columns] | (sizes <= COEFFICIENT_ROUND_OFF * sizes.max())] = 0.0
-        others = np.where(np.isin(columns, dependent), 0.0, sizes)
-        kept[row] = sizes.max() > 0
+        independent = np.where(np.isin(columns, dependent), 0.0, sizes)
+        determined[row] = sizes.max() > 0
         # a dof that another equation determines too is refused
-        dependent[row] = columns[(others if others.any() else sizes).argmax()] if kept[row] else -1
-    return ConstraintEquations(rows, dependent, scale * part.values).take(kept), ~kept
+        dependent[row] = (
+            columns[(independent if independent.any() else sizes).argmax()]
+            if determined[row]
+            else -1
+        )
+    return ConstraintEquations(rows, dependent, scale * part.values).take(determined), ~determined
 
 
 def _check_once(scene: Scene, found: list[ConstraintEquations], dependent: np.ndarray) -> None:
@@ -309,14 +326,14 @@ def _check_once(scene: Scene, found: list[ConstraintEquations], dependent: np.nd
     values, counts = np.unique(dependent, return_counts=True)
     if (counts > 1).any():
         twice = values[counts > 1][0]
-        which = [
-            repr(item)
-            for item, part in zip(scene.constraints, found, strict=True)
-            if twice in part.dependent
+        names = [
+            repr(constraint)
+            for constraint, equations in zip(scene.constraints, found, strict=True)
+            if twice in equations.dependent
         ]
         raise SceneError(
             f"dof {twice} of scene '{scene.name}' follows by several equations, of "
-            f"{' and '.join(which)}: leave one of them out, or let it determine another dof by "
+            f"{' and '.join(names)}: leave one of them out, or let it determine another dof by "
             "writing that first"
         )
 
@@ -343,11 +360,11 @@ def _groups(cell_nodes: np.ndarray, follows: csr_matrix, own: np.ndarray) -> csr
     following[np.flatnonzero(own) // dim] = True
     touched = cell_nodes[following[cell_nodes].any(axis=1)]
     starts = np.arange(0, touched.size + 1, cell_nodes.shape[1])
-    inside = csr_matrix(
+    in_cells = csr_matrix(
         (np.ones(touched.size), touched.ravel(), starts), shape=(len(touched), count)
     )
     entries = follows.tocoo()
     nodes = csr_matrix(
         (np.ones(entries.nnz), (entries.row // dim, entries.col // dim)), shape=(count, count)
     )
-    return csr_matrix(inside + inside @ nodes)
+    return csr_matrix(in_cells + in_cells @ nodes)

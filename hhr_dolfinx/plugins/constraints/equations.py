@@ -32,8 +32,16 @@ def equations_of(
     values: np.ndarray | None = None,
     loose: bool = False,
 ) -> ConstraintEquations:
-    """Equations of coefficients; right-hand sides are 0 if none are given."""
-    data, rows, columns = (np.concatenate(part) for part in zip(*entries, strict=True))
+    """Equations of coefficients.
+
+    Args:
+        entries: coefficients with their rows and columns, in one or several parts.
+        dependent: dof that each equation determines, (k,).
+        size: number of dofs.
+        values: right-hand sides for the amplitude 1, (k,); None for 0.
+        loose: True if an equation may determine another one of its dofs.
+    """
+    data, rows, columns = (np.concatenate(arrays) for arrays in zip(*entries, strict=True))
     matrix = csr_matrix((data, (rows, columns)), shape=(dependent.size, size))
     return ConstraintEquations(
         matrix, dependent, np.zeros(dependent.size) if values is None else values, loose
@@ -43,8 +51,13 @@ def equations_of(
 def nodes_at(
     assembler: Assembler, place: Tag | Place, what: object, whole: bool = True
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers of nodes and their coordinates, (n, dim), of a set with all of its facets if
-    ``whole``.
+    """Numbers of the nodes of a place and their coordinates, (n, dim).
+
+    Args:
+        assembler: interface of the mesh.
+        place: facet tag, set of nodes, or a place.
+        what: the constraint, for the message.
+        whole: of a set that holds whole facets take all of their nodes.
 
     Raises:
         SceneError: if there are none.
@@ -85,36 +98,44 @@ class Equation:
                 f"terms = {self.terms!r} of an equation must be triples (place, component, "
                 "coefficient)"
             )
-        for place, component, coefficient in terms:
-            check_place("term of an equation", place)
+        for term_place, component, coefficient in terms:
+            check_place("term of an equation", term_place)
             if not is_whole(component, 0) or not is_number(coefficient) or coefficient == 0:
                 raise SceneError(
-                    f"{(place, component, coefficient)} of an equation needs a component and a "
-                    "coefficient"
+                    f"{(term_place, component, coefficient)} of an equation needs a component and "
+                    "a coefficient"
                 )
         object.__setattr__(self, "terms", terms)
         check_amplitude(self, "an equation", formulas=True)
 
     def equations(self, assembler: Assembler) -> ConstraintEquations:
-        """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`."""
+        """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`.
+
+        Raises:
+            SceneError: for a component that does not exist, and for places with different numbers
+                of nodes.
+        """
         (dim,) = assembler.test.ufl_shape
-        found = []
-        for place, component, _ in self.terms:
+        nodes_of_terms = []
+        for term_place, component, _ in self.terms:
             if component >= dim:
                 raise SceneError(
                     f"component {component} of {self!r} does not exist in {dim} dimensions"
                 )
-            nodes, points = nodes_at(assembler, place, self)
-            found.append(nodes[_in_order(points)])
-        count = max(nodes.size for nodes in found)
-        if any(nodes.size not in (1, count) for nodes in found) or found[0].size != count:
+            nodes, points = nodes_at(assembler, term_place, self)
+            nodes_of_terms.append(nodes[_in_order(points)])
+        count = max(nodes.size for nodes in nodes_of_terms)
+        if (
+            any(nodes.size not in (1, count) for nodes in nodes_of_terms)
+            or nodes_of_terms[0].size != count
+        ):
             raise SceneError(
-                f"places of {self!r} have {[nodes.size for nodes in found]} nodes: give one or as "
-                "many as the first"
+                f"places of {self!r} have {[nodes.size for nodes in nodes_of_terms]} nodes: give "
+                "one or as many as the first"
             )
         entries = [
             (np.full(count, float(c)), np.arange(count), np.broadcast_to(dim * nodes + k, count))
-            for nodes, (_, k, c) in zip(found, self.terms, strict=True)
+            for nodes, (_, k, c) in zip(nodes_of_terms, self.terms, strict=True)
         ]
         return equations_of(entries, entries[0][2].copy(), assembler.size, np.ones(count))
 
@@ -165,12 +186,12 @@ class Periodic:
 
     def turn(self, dim: int) -> np.ndarray:
         """Rotation by the angle, (dim, dim)."""
-        found = np.eye(dim)
-        one, other = (0, 1) if dim == 2 else ((1, 2), (2, 0), (0, 1))[self.axis]
+        rotation = np.eye(dim)
+        first, second = (0, 1) if dim == 2 else ((1, 2), (2, 0), (0, 1))[self.axis]
         cosine = np.cos(self.angle)
         sine = np.sin(self.angle)
-        found[np.ix_([one, other], [one, other])] = [[cosine, -sine], [sine, cosine]]
-        return found
+        rotation[np.ix_([first, second], [first, second])] = [[cosine, -sine], [sine, cosine]]
+        return rotation
 
     def equations(self, assembler: Assembler) -> ConstraintEquations:
         """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`.
@@ -189,33 +210,33 @@ class Periodic:
                 f"{self!r} turns the plane (r, z), and an axisymmetric body with it: leave out "
                 "the angle"
             )
-        own, places = nodes_at(assembler, self.follower, self)
-        others, sources = nodes_at(assembler, self.leader, self)
+        followers, follower_points = nodes_at(assembler, self.follower, self)
+        leaders, sources = nodes_at(assembler, self.leader, self)
         turn = self.turn(dim)
         turned = sources @ turn.T + (
             0.0 if self.shift is None else np.array(self.shift, dtype=float)
         )
-        far, which = cKDTree(turned).query(places)
+        far, leader_index = cKDTree(turned).query(follower_points)
         size = np.ptp(assembler.points(), axis=0).max()
         if far.max() > self.tolerance * size:
             bad = int(far.argmax())
             raise SceneError(
-                f"{self!r}: the node at {places[bad].tolist()} lies {far[bad]:.3g} beside those "
-                "of the leader, turned and shifted: mesh both surfaces alike, or tie them"
+                f"{self!r}: the node at {follower_points[bad].tolist()} lies {far[bad]:.3g} beside "
+                "those of the leader, turned and shifted: mesh both surfaces alike, or tie them"
             )
-        count = own.size * dim
-        dofs = (dim * own[:, None] + np.arange(dim)).ravel()
+        count = followers.size * dim
+        dofs = (dim * followers[:, None] + np.arange(dim)).ravel()
         entries: list[Any] = [(np.ones(count), np.arange(count), dofs)]
         for k in range(dim):
             entries.append(
                 (
-                    -np.tile(turn[:, k], own.size),
+                    -np.tile(turn[:, k], followers.size),
                     np.arange(count),
-                    np.repeat(dim * others[which] + k, dim),
+                    np.repeat(dim * leaders[leader_index] + k, dim),
                 )
             )
         # of a node on the axis u = R u says nothing along the axis, nor of a shift
-        says = (own != others[which])[:, None] | (
+        says = (followers != leaders[leader_index])[:, None] | (
             np.abs(turn - np.eye(dim)).max(axis=1) > COINCIDENT_NODES
         )
         return equations_of(entries, dofs, assembler.size, loose=True).take(says.ravel())

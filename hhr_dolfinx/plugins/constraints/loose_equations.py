@@ -22,10 +22,18 @@ others.
 def chosen(
     rows: csr_matrix, dependent: np.ndarray, loose: np.ndarray, free: np.ndarray
 ) -> tuple[np.ndarray, csr_matrix]:
-    """Dofs that equations determine, (k,), with -1 for implied ones, and combinations, (implied,
-    k), without free dofs.
+    """Dofs that equations determine, (k,), with -1 for implied equations.
 
-    Loose equations, (k,) bool, keep their dof if it is free and no other equation determines it.
+    Loose equations keep their dof if it is free and no other equation determines it.
+
+    Args:
+        rows: coefficients of the equations, (k, N).
+        dependent: dof that each equation determines, (k,).
+        loose: equations that may determine another one of their dofs, (k,) bool.
+        free: True for dofs that are not imposed, (N,) bool.
+
+    Returns:
+        The dofs, and combinations of equations without free dofs, (implied, k).
     """
     order = np.argsort(loose, kind="stable")
     _, first = np.unique(dependent[order], return_index=True)
@@ -46,9 +54,9 @@ def _factors(rows: csr_matrix, dependent: np.ndarray, fixed: np.ndarray) -> Supe
 
     None if they depend on each other.
     """
-    own = csc_matrix(rows[fixed][:, dependent[fixed]]) if fixed.any() else csc_matrix(identity(1))
+    block = csc_matrix(rows[fixed][:, dependent[fixed]]) if fixed.any() else csc_matrix(identity(1))
     try:
-        factors = splu(own)
+        factors = splu(block)
     except RuntimeError:  # singular in structure
         return None
     return factors if np.abs(factors.U.diagonal()).min() > IMPLIED else None
@@ -68,27 +76,27 @@ def _eliminated(
     if fixed.any():
         coefficients = rows[undecided][:, dependent[fixed]].toarray()
         multipliers = factors.solve(np.ascontiguousarray(coefficients.T), trans="T").T
-    rest = csc_matrix(rows[undecided] - csr_matrix(multipliers) @ rows[fixed])
+    remaining = csc_matrix(rows[undecided] - csr_matrix(multipliers) @ rows[fixed])
     open_dofs = free.copy()
     open_dofs[dependent[fixed]] = False
-    columns = np.flatnonzero((np.diff(rest.indptr) > 0) & open_dofs)
-    dense = rest[:, columns].toarray() if columns.size else np.zeros((numbers.size, 1))
+    columns = np.flatnonzero((np.diff(remaining.indptr) > 0) & open_dofs)
+    dense = remaining[:, columns].toarray() if columns.size else np.zeros((numbers.size, 1))
     _, triangle, order = qr(dense.T, mode="economic", pivoting=True)
     count = int((np.abs(np.diag(triangle)) > IMPLIED).sum())
-    own = order[:count]
+    independent = order[:count]
     implied = order[count:]
-    found = dependent.copy()
-    found[numbers] = -1
+    chosen_dofs = dependent.copy()
+    chosen_dofs[numbers] = -1
     if count:
-        _, _, pivots = qr(dense[own], mode="economic", pivoting=True)
-        found[numbers[own]] = columns[pivots[:count]]
+        _, _, pivots = qr(dense[independent], mode="economic", pivoting=True)
+        chosen_dofs[numbers[independent]] = columns[pivots[:count]]
     shares = (
-        np.linalg.lstsq(dense[own].T, dense[implied].T, rcond=None)[0].T
+        np.linalg.lstsq(dense[independent].T, dense[implied].T, rcond=None)[0].T
         if count
         else np.zeros((implied.size, 0))
     )
     combined = np.zeros((implied.size, dependent.size))
     combined[np.arange(implied.size), numbers[implied]] = 1.0
-    combined[:, numbers[own]] -= shares
-    combined[:, fixed] = shares @ multipliers[own] - multipliers[implied]
-    return found, csr_matrix(combined)
+    combined[:, numbers[independent]] -= shares
+    combined[:, fixed] = shares @ multipliers[independent] - multipliers[implied]
+    return chosen_dofs, csr_matrix(combined)

@@ -35,9 +35,17 @@ class _Section:
 
     @classmethod
     def of(cls, assembler: Assembler, name: str) -> _Section:
-        """The section of this name; SceneError for sides whose nodes do not coincide."""
+        """Section of a name.
+
+        Args:
+            assembler: interface of the mesh.
+            name: name of the section.
+
+        Raises:
+            SceneError: for sides whose nodes do not coincide.
+        """
         below, above = (assembler.surface(tag) for tag in (name, f"{name}{OTHER_SIDE}"))
-        far, which = cKDTree(above.points).query(below.points)
+        far, partner = cKDTree(above.points).query(below.points)
         if (
             len(below.nodes) != len(above.nodes)
             or far.max() > 1e-9 * np.ptp(below.points, axis=0).max()
@@ -47,7 +55,7 @@ class _Section:
                 "sections)"
             )
         first = int(np.linalg.norm(below.points - below.points.mean(axis=0), axis=1).argmin())
-        return cls(below.nodes, above.nodes[which], mean_normal(below), first)
+        return cls(below.nodes, above.nodes[partner], mean_normal(below), first)
 
     def dofs(self, nodes: np.ndarray) -> np.ndarray:
         """Dofs of nodes, (n,), one after another: (n dim,)."""
@@ -116,10 +124,10 @@ class ForcedSection:
         middle = slice(normal.size * section.first, normal.size * (section.first + 1))
         along = csr_matrix(np.tile(np.outer(normal, normal), (section.above.size, 1)))
         dofs = section.dofs(section.above)
-        found = ConstraintEquations(
+        equations = ConstraintEquations(
             csr_matrix(openings - along @ openings[middle]), dofs, np.zeros(dofs.size)
         )
-        return found.take(np.arange(dofs.size) != middle.start + np.abs(normal).argmax())
+        return equations.take(np.arange(dofs.size) != middle.start + np.abs(normal).argmax())
 
 
 @dataclass(frozen=True)
@@ -140,10 +148,14 @@ class BoltForce:
         check_amplitude(self, f"the force in section {self.section!r}", formulas=True)
 
     def check_scene(self, scene: Scene) -> None:
-        """Raise SceneError without a section that follows the force."""
+        """Check that the section follows the force.
+
+        Raises:
+            SceneError: without a section that follows the force.
+        """
         if not any(
-            isinstance(item, ForcedSection) and item.section == self.section
-            for item in scene.constraints
+            isinstance(constraint, ForcedSection) and constraint.section == self.section
+            for constraint in scene.constraints
         ):
             raise SceneError(
                 f"the BoltForce of section {self.section!r} acts on one pair of nodes, which the "

@@ -25,12 +25,21 @@ def without_repeated(
     pairs: np.ndarray,
     gaps: np.ndarray,
 ) -> Conditions:
-    """Conditions, their pairs, (m,), and gaps by term, (m, 1 + T), with one instead of several that
-    are the same for V.
+    """Conditions with one instead of several that are the same for V.
 
     Such are those at both edges of a periodic surface: one bears the force of all, at their mean by
-    areas. ``middle`` are positive shares of dofs whose conditions are parts of those at other
-    nodes, (N, N).
+    areas.
+
+    Args:
+        middle: positive shares of dofs whose conditions are parts of those at other nodes, (N, N);
+            None without any.
+        prolongation: prolongation of the constraints.
+        rows: the conditions.
+        pairs: their contact pairs, (m,).
+        gaps: their gaps by term, (m, 1 + T).
+
+    Returns:
+        Conditions, their pairs, and their gaps.
     """
     if middle is not None:
         rows, pairs, gaps = _without_middles(middle, rows, pairs, gaps)
@@ -38,25 +47,30 @@ def without_repeated(
     squares = np.asarray(acting.multiply(acting).sum(axis=1)).ravel()
     touched = np.flatnonzero(abs(rows.matrix) @ prolongation.dependent.astype(float) > 0)
     beside = coo_matrix(acting[touched] @ acting.T)
-    one = touched[beside.row]
-    other = beside.col
+    first_index = touched[beside.row]
+    second_index = beside.col
     size = max(np.ptp(rows.points, axis=0).max(initial=0.0), np.abs(gaps).max(initial=0.0))
-    same = squares[one] + squares[other] - 2 * beside.data <= REPEATED_CONDITION**2 * squares[one]
-    same &= (pairs[one] == pairs[other]) & (
-        np.abs(gaps[one] - gaps[other]).max(axis=1) <= REPEATED_CONDITION * size
+    same = (
+        squares[first_index] + squares[second_index] - 2 * beside.data
+        <= REPEATED_CONDITION**2 * squares[first_index]
+    )
+    same &= (pairs[first_index] == pairs[second_index]) & (
+        np.abs(gaps[first_index] - gaps[second_index]).max(axis=1) <= REPEATED_CONDITION * size
     )
     m = pairs.size
-    graph = csr_matrix((np.ones(int(same.sum())), (one[same], other[same])), shape=(m, m))
+    graph = csr_matrix(
+        (np.ones(int(same.sum())), (first_index[same], second_index[same])), shape=(m, m)
+    )
     count, label = connected_components(graph, directed=False)
     if count == m:
         return rows, pairs, gaps
     _, first, label = np.unique(label, return_index=True, return_inverse=True)
     areas = np.bincount(label, rows.areas)
     mean = csr_matrix((rows.areas / areas[label], (label, np.arange(m))), shape=(count, m))
-    kept = replace(
+    merged = replace(
         rows.take(first), matrix=csr_matrix(mean @ rows.matrix), gap=mean @ rows.gap, areas=areas
     )
-    return kept, pairs[first], mean @ gaps
+    return merged, pairs[first], mean @ gaps
 
 
 def _without_middles(
@@ -77,19 +91,23 @@ def _without_middles(
     keys = pairs * (of_middles.shape[0] + 1) + dim * rows.slaves
     wanted = pairs[middle[entries.row]] * (of_middles.shape[0] + 1) + entries.col
     order = np.argsort(keys)
-    place = order[np.minimum(np.searchsorted(keys[order], wanted), count - 1)]
-    there = keys[place] == wanted
+    position = order[np.minimum(np.searchsorted(keys[order], wanted), count - 1)]
+    matches = keys[position] == wanted
     shares = csr_matrix(
-        (entries.data[there], (place[there], middle[entries.row[there]])), shape=(count, count)
+        (entries.data[matches], (position[matches], middle[entries.row[matches]])),
+        shape=(count, count),
     )
-    given = np.asarray(shares.sum(axis=0)).ravel()
-    kept = np.flatnonzero(given == 0)
-    whole = csr_matrix(
-        shares @ diags(1 / np.where(given > 0, given, 1.0)) + diags((given == 0).astype(float))
-    )[kept]
-    areas = whole @ rows.areas
-    mean = diags(1 / areas) @ whole @ diags(rows.areas)
-    others = replace(
-        rows.take(kept), matrix=csr_matrix(mean @ rows.matrix), gap=mean @ rows.gap, areas=areas
+    sums = np.asarray(shares.sum(axis=0)).ravel()
+    remaining = np.flatnonzero(sums == 0)
+    weights = csr_matrix(
+        shares @ diags(1 / np.where(sums > 0, sums, 1.0)) + diags((sums == 0).astype(float))
+    )[remaining]
+    areas = weights @ rows.areas
+    mean = diags(1 / areas) @ weights @ diags(rows.areas)
+    edge_rows = replace(
+        rows.take(remaining),
+        matrix=csr_matrix(mean @ rows.matrix),
+        gap=mean @ rows.gap,
+        areas=areas,
     )
-    return others, pairs[kept], mean @ gaps
+    return edge_rows, pairs[remaining], mean @ gaps

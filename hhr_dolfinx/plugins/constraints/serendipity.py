@@ -32,22 +32,23 @@ class Serendipity:
     def equations(self, assembler: Assembler) -> ConstraintEquations:
         """See :class:`~hhr_dolfinx.plugins.constraints.elimination.Constraint`.
 
-        SceneError for other cells.
+        Raises:
+            SceneError: for other cells.
         """
         cells = assembler.cells()
         if cells.shape[1] not in MID_FACE_CELLS:
             raise SceneError("Serendipity() needs quadrilaterals or hexahedra of second order")
-        middle, others, shares = _middles(MID_FACE_CELLS[cells.shape[1]])
+        middle, sources, shares = _middles(MID_FACE_CELLS[cells.shape[1]])
         # the middle of a face between two cells is determined once, by the first of them
         nodes, first = np.unique(cells[:, middle], return_index=True)
-        cell, place = np.unravel_index(first, (len(cells), middle.size))
+        cell, middle_index = np.unravel_index(first, (len(cells), middle.size))
         (dim,) = assembler.test.ufl_shape
         count = dim * nodes.size
         dofs = (dim * nodes[:, None] + np.arange(dim)).ravel()
         entries = [(np.ones(count), np.arange(count), dofs)]
-        for k, node in enumerate(others):
+        for k, node in enumerate(sources):
             columns = (dim * cells[cell, node][:, None] + np.arange(dim)).ravel()
-            values = np.repeat(-shares[place, k], dim)
+            values = np.repeat(-shares[middle_index, k], dim)
             entries.append((values[values != 0], np.flatnonzero(values), columns[values != 0]))
         return replace(equations_of(entries, dofs, assembler.size, loose=True), middle=True)
 
@@ -59,17 +60,17 @@ def _middles(cell: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     The value in the middle is that of the shape functions of the serendipity element there: -1/4 at
     each corner, and 1/2 at the edges of a face, or 1/4 at those of a hexahedron.
     """
-    edges, faces = (np.array(part) for part in compat.topology(cell))
+    edges, faces = (np.array(arrays) for arrays in compat.topology(cell))
     corners = int(edges.max()) + 1
     ends = np.concatenate(
         [np.arange(corners)[:, None].repeat(2, axis=1), edges]
     )  # corners on both sides of each node
-    whole = np.arange(corners)
+    all_corners = np.arange(corners)
     if cell == "hexahedron":
-        sides = [*faces, whole]
+        sides = [*faces, all_corners]
         of_edges = np.array([*[0.5] * len(faces), 0.25])
     else:
-        sides = [whole]
+        sides = [all_corners]
         of_edges = np.array([0.5])
     on_side = np.array([np.isin(ends, side).all(axis=1) for side in sides])
     shares = on_side * np.where(np.arange(len(ends)) < corners, -0.25, of_edges[:, None])

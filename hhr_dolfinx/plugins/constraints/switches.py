@@ -57,7 +57,12 @@ def mean_motion(draft: SceneDraft) -> SceneDraft:
 
 
 def coupled_force(draft: SceneDraft, neutral: bool) -> SceneDraft:
-    """A force on the reference point of the right flank of the lower block."""
+    """A force on the reference point of the right flank of the lower block.
+
+    Args:
+        draft: the scene to extend.
+        neutral: True for values that leave the answer as it is.
+    """
     draft = draft.with_load_parameter("tug", 0.01, neutral)
     force = CoupledForce(side(FIRST, 0, True), 1, Amplitude(slopes={"tug": 1.0}))
     return draft.with_loads(force)
@@ -65,10 +70,10 @@ def coupled_force(draft: SceneDraft, neutral: bool) -> SceneDraft:
 
 def directed(draft: SceneDraft) -> SceneDraft:
     """The component of a displacement along a diagonal is imposed at a flank of the upper block."""
-    place = draft.nodes(draft.flanks[0], 1.2, 1.55)
+    nodes = draft.nodes(draft.flanks[0], 1.2, 1.55)
     along = draft.vector(1.0, 1.0)
     amplitude = Amplitude(slopes={"drag": 0.5})
-    return draft.with_constraints(DirectedDisplacement(place, along, amplitude))
+    return draft.with_constraints(DirectedDisplacement(nodes, along, amplitude))
 
 
 def serendipity(draft: SceneDraft) -> SceneDraft:
@@ -78,21 +83,31 @@ def serendipity(draft: SceneDraft) -> SceneDraft:
 
 
 def tie(draft: SceneDraft, neutral: bool) -> SceneDraft:
-    """The parts of the upper block beside a section are tied, as if it were not cut."""
+    """The parts of the upper block beside a section are tied, as if it were not cut.
+
+    Args:
+        draft: the scene to extend.
+        neutral: True for values that leave the answer as it is; a tie always does.
+    """
     return draft.with_mesh(sectioned).with_constraints(Tie(SECTION + OTHER_SIDE, SECTION))
 
 
 def preload(draft: SceneDraft, neutral: bool) -> SceneDraft:
-    """The upper block is shortened at a section."""
+    """The upper block is shortened at a section.
+
+    Args:
+        draft: the scene to extend.
+        neutral: True for values that leave the answer as it is.
+    """
     draft = draft.with_load_parameter("shortened", 0.005, neutral).with_mesh(sectioned)
     return draft.with_constraints(Preload(SECTION, Amplitude(slopes={"shortened": 1.0})))
 
 
 def bolt_force(draft: SceneDraft) -> SceneDraft:
     """A force at a section pushes the lower part of the upper block down, which a bedding holds."""
-    known = registry.named("public")
-    draft.exclude("Springs" not in known, "a part that a force alone moves needs a bedding")
-    bedding = registry.load(known["Springs"])(side(SECOND, 0, False), 1, 1.0, bedding=True)
+    public = registry.named("public")
+    draft.exclude("Springs" not in public, "a part that a force alone moves needs a bedding")
+    bedding = registry.load(public["Springs"])(side(SECOND, 0, False), 1, 1.0, bedding=True)
     draft = draft.with_load_parameter("bolt", 0.1, False).with_mesh(sectioned)
     force = BoltForce(SECTION, Amplitude(slopes={"bolt": -1.0}))
     return draft.with_constraints(ForcedSection(SECTION)).with_loads(force, bedding)
@@ -111,11 +126,17 @@ def sectioned(geometry: Geometry) -> Geometry:
 
 
 def gmsh_text(mesh: dmesh.Mesh, cells: dmesh.MeshTags, facets: dmesh.MeshTags) -> str:
-    """Text of a file of gmsh, version 2.2, with the section as a surface of its own."""
+    """Text of a file of gmsh, version 2.2, with the section as a surface of its own.
+
+    Args:
+        mesh: the mesh.
+        cells: tags of its cells.
+        facets: tags of its facets.
+    """
     dim = mesh.geometry.dim
     mesh.topology.create_connectivity(dim - 1, 0)
     middle = 4 / 3 if dim == 2 else 1.5
-    inside = dmesh.locate_entities(mesh, dim - 1, lambda x: np.isclose(x[1], middle))
+    section_facets = dmesh.locate_entities(mesh, dim - 1, lambda x: np.isclose(x[1], middle))
     kind = mesh.topology.cell_name()
     number, order = {
         "triangle": (2, [0, 1, 2]),
@@ -129,11 +150,19 @@ def gmsh_text(mesh: dmesh.Mesh, cells: dmesh.MeshTags, facets: dmesh.MeshTags) -
     values = np.zeros(len(nodes), dtype=int)
     values[cells.indices] = cells.values
     rows = [(number, tag, nodes[cell][order]) for cell, tag in enumerate(values)]
-    for indices, tags in ((facets.indices, facets.values), (inside, np.full(inside.size, 9999))):
+    for indices, tags in (
+        (facets.indices, facets.values),
+        (section_facets, np.full(section_facets.size, 9999)),
+    ):
         corners = dmesh.entities_to_geometry(mesh, dim - 1, np.asarray(indices, dtype=np.int32))
-        rows += [(sides, tag, own[turned]) for tag, own in zip(tags, corners, strict=True)]
+        rows += [
+            (sides, tag, cell_nodes[turned]) for tag, cell_nodes in zip(tags, corners, strict=True)
+        ]
     points = [f"{k + 1} {x!r} {y!r} {z!r}" for k, (x, y, z) in enumerate(mesh.geometry.x.tolist())]
-    numbered = [(k, cell, 2, tag, tag, *(own + 1)) for k, (cell, tag, own) in enumerate(rows, 1)]
+    numbered = [
+        (k, cell, 2, tag, tag, *(cell_nodes + 1))
+        for k, (cell, tag, cell_nodes) in enumerate(rows, 1)
+    ]
     elements = [" ".join(map(str, row)) for row in numbered]
     text = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$PhysicalNames", "1"]
     text += [f'{dim - 1} 9999 "{SECTION}"', "$EndPhysicalNames"]

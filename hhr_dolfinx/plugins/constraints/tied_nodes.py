@@ -34,48 +34,60 @@ def without_tied(
     pairs: np.ndarray,
     opened: np.ndarray,
 ) -> Conditions:
-    """Conditions, their pairs, (m,), and openings, (m, k), without those at tied nodes.
+    """Conditions without those at tied nodes.
 
     Neighbours of these take over their areas. It warns of tied nodes without neighbours in their
     pair.
+
+    Args:
+        scene: the scene.
+        cell_nodes: nodes of each cell, (cells, n).
+        prolongation: prolongation of the constraints.
+        rows: the conditions.
+        pairs: their contact pairs, (m,).
+        opened: their openings, (m, k).
+
+    Returns:
+        Conditions, their pairs, and their openings.
     """
     tied = _tied(cell_nodes, prolongation, rows)
     if not tied.size:
         return rows, pairs, opened
     m = pairs.size
-    kept = np.setdiff1d(np.arange(m), tied)
+    untied = np.setdiff1d(np.arange(m), tied)
     shares = _shares(cell_nodes, rows, pairs, tied)
     lost = tied[np.diff(shares.indptr) == 0]
     for pair in np.unique(pairs[lost]).tolist():
-        own = lost[pairs[lost] == pair]
+        alone = lost[pairs[lost] == pair]
         warn(
-            f"{own.size} nodes of contact {pair} of {tuple(scene.contacts[pair].tags)} with the "
-            f"area {rows.areas[own].sum():.3g} are tied to its other surface, and their "
+            f"{alone.size} nodes of contact {pair} of {tuple(scene.contacts[pair].tags)} with "
+            f"the area {rows.areas[alone].sum():.3g} are tied to its other surface, and their "
             "neighbours too: the tie bears their force, which the forces and areas of the contact "
             "leave out. Let the tie and the contact have surfaces of their own",
             SceneWarning,
         )
-    whole = csr_matrix((np.ones(kept.size), (kept, kept)), shape=(m, m))
+    weights = csr_matrix((np.ones(untied.size), (untied, untied)), shape=(m, m))
     entries = shares.tocoo()
-    whole += csr_matrix((entries.data, (entries.col, tied[entries.row])), shape=(m, m))
-    whole = csr_matrix(whole[kept])
-    areas = whole @ rows.areas
+    weights += csr_matrix((entries.data, (entries.col, tied[entries.row])), shape=(m, m))
+    weights = csr_matrix(weights[untied])
+    areas = weights @ rows.areas
     # a node without an area, as on an axis, takes nothing over
-    own = np.where(areas[:, None] > 0, 0.0, 1.0)
-    parts = diags(1 / np.where(areas > 0, areas, 1.0)) @ whole @ diags(rows.areas)
+    alone = np.where(areas[:, None] > 0, 0.0, 1.0)
+    scaled = diags(1 / np.where(areas > 0, areas, 1.0)) @ weights @ diags(rows.areas)
     mean = csr_matrix(
-        parts + csr_matrix((own.ravel(), (np.arange(kept.size), kept)), shape=(kept.size, m))
+        scaled
+        + csr_matrix((alone.ravel(), (np.arange(untied.size), untied)), shape=(untied.size, m))
     )
     # the gap of a tied node is closed, whatever the mesh has there
     closed = np.ones(m)
     closed[tied] = 0.0
     taken = replace(
-        rows.take(kept),
+        rows.take(untied),
         matrix=csr_matrix(mean @ rows.matrix),
         gap=mean @ (closed * rows.gap),
         areas=areas,
     )
-    return taken, pairs[kept], mean @ (closed[:, None] * opened)
+    return taken, pairs[untied], mean @ (closed[:, None] * opened)
 
 
 def _tied(cell_nodes: np.ndarray, prolongation: Prolongation, rows: ContactRows) -> np.ndarray:
@@ -105,9 +117,9 @@ def _sums(matrix: csr_matrix, normals: np.ndarray, body: np.ndarray) -> csr_matr
     """Sums of the entries of rows along their normals, (k, dim), over each body, (k, bodies)."""
     entries = matrix.tocoo()
     node, component = np.divmod(entries.col, normals.shape[1])
-    places = entries.row, body[node]
+    positions = entries.row, body[node]
     return csr_matrix(
-        (entries.data * normals[entries.row, component], places),
+        (entries.data * normals[entries.row, component], positions),
         shape=(len(normals), body.max() + 1),
     )
 
@@ -119,16 +131,16 @@ def _shares(
     cell and a pair.
     """
     count, width = cell_nodes.shape
-    inside = csr_matrix(
+    in_cells = csr_matrix(
         (np.ones(cell_nodes.size), cell_nodes.ravel(), np.arange(0, cell_nodes.size + 1, width)),
         shape=(count, int(cell_nodes.max()) + 1),
     ).tocsc()
-    beside = (inside[:, rows.slaves[tied]].T @ inside[:, rows.slaves]).tocoo()
-    kept = (
+    beside = (in_cells[:, rows.slaves[tied]].T @ in_cells[:, rows.slaves]).tocoo()
+    neighbours = (
         (pairs[tied][beside.row] == pairs[beside.col])
         & ~np.isin(beside.col, tied)
         & (rows.areas[beside.col] > 0)
     )
-    row, col = beside.row[kept], beside.col[kept]
+    row, col = beside.row[neighbours], beside.col[neighbours]
     sums = np.bincount(row, rows.areas[col], tied.size)
     return csr_matrix((rows.areas[col] / sums[row], (row, col)), shape=(tied.size, pairs.size))

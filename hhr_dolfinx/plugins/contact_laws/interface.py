@@ -97,7 +97,7 @@ class Interface(ContactLaw, Rebuilt):
         """See :class:`ContactLaw`."""
         return self._joined(count, [part.law.distinct(part.rows.size) for part in self.ranges])
 
-    def opened(self, memory: Mapping[str, Any]) -> np.ndarray:
+    def opened(self, memory: Memory) -> np.ndarray:
         """See :class:`ContactLaw`."""
         count = sum(part.rows.size for part in self.ranges)
         return self._joined(count, [part.law.opened(memory) for part in self.ranges])
@@ -159,7 +159,7 @@ class Interface(ContactLaw, Rebuilt):
             for size, value in {"N_lambda": part.rows.size, **part.law.sizes}.items()
         }
 
-    def stored(self, memory: Mapping[str, Any]) -> dict[str, Any]:
+    def stored(self, memory: Memory) -> dict[str, Any]:
         """See :class:`ContactLaw`."""
         return {
             name: array for part in self.ranges for name, array in part.law.stored(memory).items()

@@ -27,11 +27,17 @@ from hhr_dolfinx.plugins.elasticity.parts import grading_of, parts_of
 def eigenstress(
     discretisation: DiscreteSpace, tag: Tag, strain: Expr, vector: Callable[[ufl.Form], np.ndarray]
 ) -> list[tuple[Formula, np.ndarray]]:
-    """Nodal forces that produce an eigenstrain of a free body, 3x3.
+    """Nodal forces that produce an eigenstrain of a free body.
 
     Each part of its stiffness gives its modulus, an expression of the parameters, and forces for
     the modulus 1, (N,). For bodies with laws these are zero: a single zero vector makes the
     amplitude of the strain a term of θ.
+
+    Args:
+        discretisation: functions on the mesh of the scene.
+        tag: cell tag of the body.
+        strain: the eigenstrain, 3x3, in UFL.
+        vector: assembles a form that is linear in v, (N,).
 
     Raises:
         SceneError: if no body has the tag.
@@ -43,8 +49,8 @@ def eigenstress(
             f"an eigenstrain is that of cell tag {tag}, and the bodies of scene '{scene.name}' "
             f"have the tags {tags}"
         )
-    place = tags.index(tag)
-    body = scene.bodies[place]
+    index = tags.index(tag)
+    body = scene.bodies[index]
     if scene.reader:
         return [(Formula("1"), np.zeros(discretisation.size))]
     hypothesis = scene.hypothesis
@@ -60,7 +66,7 @@ def eigenstress(
             )
         ]
     if discretisation.mean_dilatation[
-        place
+        index
     ]:  # the strain at the points at which the body evaluates its strain
         dx = dx(degree=degree_of(discretisation))
     measured = elasticity.in_plane(
@@ -68,25 +74,28 @@ def eigenstress(
     )
     weight = elasticity.volume_weight(discretisation.mesh, hypothesis)
     # the product of two means is not the mean of the product, which the form needs
-    graded = averaged(discretisation, place, _graded(discretisation, place, strain))
+    graded = averaged(discretisation, index, _graded(discretisation, index, strain))
     stresses = elasticity.isotropic_parts(graded, hypothesis)
-    found = []
-    for part in parts_of(body, hypothesis):
-        moduli = map(discretisation.constant, part.moduli)
+    terms = []
+    for stiffness_part in parts_of(body, hypothesis):
+        moduli = map(discretisation.constant, stiffness_part.moduli)
         stress = sum(
-            modulus * item
-            for modulus, item in zip(moduli, stresses, strict=True)
+            modulus * stress_part
+            for modulus, stress_part in zip(moduli, stresses, strict=True)
             if float(modulus.value)
         )
         forces = vector(weight * ufl.inner(stress, measured) * dx)
-        found.append((Formula(part.factor).times(Formula(part.rest)), forces))
-    return found
+        terms.append((Formula(stiffness_part.factor).times(Formula(stiffness_part.rest)), forces))
+    return terms
 
 
 def eigenstrain_at(discretisation: DiscreteSpace, place: int, point: np.ndarray) -> Expr | None:
-    """Eigenstrain of a body at a point of the parameters, (P,), times its grading.
+    """Eigenstrain of a body times its grading; None without eigenstrains.
 
-    None without eigenstrains.
+    Args:
+        discretisation: functions on the mesh of the scene.
+        place: index of the body in the scene.
+        point: parameters, (P,).
     """
     scene = discretisation.scene
     tag = scene.bodies[place].tag
@@ -94,9 +103,9 @@ def eigenstrain_at(discretisation: DiscreteSpace, place: int, point: np.ndarray)
     for load in scene.loads:
         if (
             hasattr(load, "eigenstrain_of")
-            and (found := load.eigenstrain_of(tag, discretisation.mesh)) is not None
+            and (eigenstrain := load.eigenstrain_of(tag, discretisation.mesh)) is not None
         ):
-            amplitude, strain = found
+            amplitude, strain = eigenstrain
             names = scene.parameters.names
             if isinstance(amplitude, Amplitude):
                 slopes = (
@@ -117,8 +126,12 @@ def _graded(discretisation: DiscreteSpace, place: int, strain: Expr) -> Expr:
 
 
 def averaged(discretisation: DiscreteSpace, place: int, strain: Expr) -> Expr:
-    """A strain with the mean change of volume of each cell, if the body uses the mean
-    dilatation.
+    """Strain with the mean change of volume of each cell, if the body uses the mean dilatation.
+
+    Args:
+        discretisation: functions on the mesh of the scene.
+        place: index of the body in the scene.
+        strain: the strain, 3x3, in UFL.
     """
     if not discretisation.mean_dilatation[place]:
         return strain
@@ -129,6 +142,10 @@ def cell_means(space: DiscreteSpace, field: Expr) -> fem.Function:
     """Mean of a UFL scalar over each cell's volume, by the rule of the stiffness.
 
     On the cells of this rank.
+
+    Args:
+        space: functions on the mesh of the scene.
+        field: the scalar, in UFL.
     """
     means = fem.Function(fem.functionspace(space.mesh, ("Discontinuous Lagrange", 0)))
     dx = ufl.dx(space.mesh, metadata={"quadrature_degree": degree_of(space)})
@@ -139,6 +156,6 @@ def cell_means(space: DiscreteSpace, field: Expr) -> fem.Function:
         fem.assemble_vector(compat.jitted(fem.form, form * dx)).array
         for form in (field * volume, volume)
     )
-    own = means.function_space.dofmap.index_map.size_local
-    means.x.array[:own] = change[:own] / size[:own]
+    owned = means.function_space.dofmap.index_map.size_local
+    means.x.array[:owned] = change[:owned] / size[:owned]
     return means

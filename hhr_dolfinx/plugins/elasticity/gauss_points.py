@@ -56,9 +56,14 @@ def degree_of(space: DiscreteSpace) -> int:
 def add_stiffness(
     discretisation: DiscreteSpace, matrix: PETSc.Mat, moduli: dict[int, tuple[float, float]]
 ) -> None:
-    """Add the stiffness of bodies with a mean dilatation, by index: λ and μ of each.
+    """Add the stiffness of bodies with a mean dilatation.
 
-    On each rank that of its cells.
+    Each rank adds that of its cells.
+
+    Args:
+        discretisation: functions on the mesh of the scene.
+        matrix: stiffness to add to.
+        moduli: λ and μ of each body by its index.
     """
     bodies = discretisation.cell_bodies()
     cells = np.flatnonzero(np.isin(bodies, list(moduli)))
@@ -68,8 +73,8 @@ def add_stiffness(
     unit = np.zeros(operator.components)
     unit[:3] = 1.0
     elastic = np.empty((of_point.size, *identity.shape))
-    for place, (lam, mu) in moduli.items():
-        elastic[of_point == place] = lam * np.outer(unit, unit) + 2 * mu * identity
+    for index, (lam, mu) in moduli.items():
+        elastic[of_point == index] = lam * np.outer(unit, unit) + 2 * mu * identity
     elastic *= gradings(discretisation, moduli, cells).reshape(-1, 1, 1)
     dofs = operator.dofs.astype(PETSc.IntType)
     elements = operator.element_stiffness(elastic).reshape(len(cells), dofs.shape[1] ** 2)
@@ -77,32 +82,40 @@ def add_stiffness(
 
 
 def gradings(discretisation: DiscreteSpace, places: Iterable[int], cells: np.ndarray) -> np.ndarray:
-    """Grading of the moduli of bodies, by their indices, at the Gauss points of cells, (cells,
-    per_cell).
+    """Grading of the moduli of bodies at the Gauss points of cells, (cells, per_cell).
+
+    Args:
+        discretisation: functions on the mesh of the scene.
+        places: indices of the bodies.
+        cells: numbers of the cells on this rank, (cells,).
     """
     mesh = discretisation.mesh
     bodies = discretisation.cell_bodies()[cells]
     points, weights = compat.quadrature(mesh.topology.cell_name(), degree_of(discretisation))
-    found = np.ones((len(cells), len(weights)))
-    for place in places:
-        grading = discretisation.scene.bodies[place].grading
-        own = np.flatnonzero(bodies == place)
+    values = np.ones((len(cells), len(weights)))
+    for index in places:
+        grading = discretisation.scene.bodies[index].grading
+        of_body = np.flatnonzero(bodies == index)
         if grading is not None:
             # a grading that is a number has no mesh
             plain = abs(ufl.JacobianDeterminant(mesh))
-            parts = (grading(ufl.SpatialCoordinate(mesh)) * plain, plain)
+            integrands = (grading(ufl.SpatialCoordinate(mesh)) * plain, plain)
             graded, size = (
-                compat.jitted(fem.Expression, part, points).eval(mesh, cells[own].astype(np.int32))
-                for part in parts
+                compat.jitted(fem.Expression, integrand, points).eval(
+                    mesh, cells[of_body].astype(np.int32)
+                )
+                for integrand in integrands
             )
-            found[own] = (graded / size).reshape(len(own), len(weights))
-    return found
+            values[of_body] = (graded / size).reshape(len(of_body), len(weights))
+    return values
 
 
 def tabulated(discretisation: DiscreteSpace, cells: np.ndarray) -> CellStrains:
-    """Strain at the Gauss points of some cells of this rank, with local numbers of the dofs.
+    """Strain at the Gauss points of some cells, with local numbers of the dofs. Collective.
 
-    Collective.
+    Args:
+        discretisation: functions on the mesh of the scene.
+        cells: numbers of the cells on this rank, (cells,).
     """
     compat.require_numba()
     mesh = discretisation.mesh

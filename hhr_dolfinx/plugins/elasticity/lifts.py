@@ -22,20 +22,28 @@ RIGID_VALUES = 1e-10
 def rigid_lifts(
     hypothesis: str, lifts: csc_matrix, free: np.ndarray, points: np.ndarray, cell_nodes: np.ndarray
 ) -> csc_matrix:
-    """Replace lifts, (N, 1 + T), by rigid motions of whole bodies if these have the imposed values.
+    """Replace lifts by rigid motions of whole bodies if these have the imposed values.
 
     Each term is checked separately: in a body that it moves, the other imposed dofs stay zero.
-    Given lifts are nonzero on imposed dofs alone, those that are not ``free``, (N,) bool;
-    ``points``, (nodes, dim), and ``cell_nodes``, (cells, n), are those of the mesh.
+
+    Args:
+        hypothesis: hypothesis of the scene.
+        lifts: lifts that are nonzero on imposed dofs alone, (N, 1 + T).
+        free: False for imposed dofs, (N,) bool.
+        points: coordinates of the nodes, (nodes, dim).
+        cell_nodes: nodes of each cell, (cells, n).
+
+    Returns:
+        Lifts, (N, 1 + T).
     """
-    part = components_of_nodes(len(points), cell_nodes)
-    found = [lifts[:, [term]] for term in range(lifts.shape[1])]
+    label = components_of_nodes(len(points), cell_nodes)
+    terms = [lifts[:, [term]] for term in range(lifts.shape[1])]
     imposed = ~free.reshape(points.shape)
     for term in np.flatnonzero(np.diff(lifts.indptr)):
-        values = found[term].toarray().reshape(points.shape)
+        values = terms[term].toarray().reshape(points.shape)
         moving = values.copy()
-        for number in np.unique(part[np.any(values, axis=1)]):
-            nodes = np.flatnonzero(part == number)
+        for number in np.unique(label[np.any(values, axis=1)]):
+            nodes = np.flatnonzero(label == number)
             motions = rigid_motions(points[nodes], hypothesis)
             held = imposed[nodes]
             wanted = values[nodes]
@@ -45,5 +53,5 @@ def rigid_lifts(
                 continue
             rigid[held] = wanted[held]
             moving[nodes] = np.where(np.abs(rigid) > RIGID_VALUES * np.abs(rigid).max(), rigid, 0.0)
-        found[term] = csc_matrix(moving.reshape(-1, 1))
-    return csc_matrix(hstack(found))
+        terms[term] = csc_matrix(moving.reshape(-1, 1))
+    return csc_matrix(hstack(terms))

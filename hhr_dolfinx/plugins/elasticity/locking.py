@@ -28,6 +28,10 @@ def keeps_volume(body: Body, scene: Scene) -> bool:
 
     A body whose Poisson's ratio depends on parameters does if it would anywhere in the parameter
     range.
+
+    Args:
+        body: the body.
+        scene: its scene.
     """
     if scene.hypothesis == "plane_stress" or scene.states_stress(body):
         return False
@@ -47,31 +51,36 @@ def mean_dilatation(scene: Scene, cell: str, order: int = 1) -> tuple[bool, ...]
     It warns of bodies that keep their volume on cells that lock. Functions of degree 2 do not lock,
     but their pressures at single nodes alternate in nearly incompressible elastic bodies; it warns
     of that too.
+
+    Args:
+        scene: the scene.
+        cell: kind of the cells of its mesh.
+        order: degree of the displacement.
     """
     bodies = tuple(keeps_volume(body, scene) for body in scene.bodies)
     if order == 1 and cell not in SIMPLICES:
         return bodies
     for body, keeps in zip(scene.bodies, bodies, strict=True):
-        why = (
+        reason = (
             "has a law"
             if body.law is not None
             else f"is nearly incompressible, nu = {body.poisson}"
         )
-        said = f"body {body.tag} of scene '{scene.name}' {why}, and its"
+        message = f"body {body.tag} of scene '{scene.name}' {reason}, and its"
         if keeps and order == 1:
-            said += (
+            message += (
                 f" cells are of the kind {cell}, which lock: the body answers too stiffly, bears "
                 "more than its limit load, and its pressures oscillate from cell to cell. Mesh it "
                 f"with {SIMPLICES[cell]}, which do not lock here"
             )
-            warn(said, LockingWarning)
+            warn(message, LockingWarning)
         elif keeps and body.law is None:
-            said += (
+            message += (
                 " displacements are of second order: sums and means of contact pressures are "
                 "right, and those of single nodes alternate around them. Read resultants and "
                 "means, or refine: the errors fall with the square of the cells"
             )
-            warn(said, LockingWarning)
+            warn(message, LockingWarning)
     return (False,) * len(bodies)
 
 
@@ -81,5 +90,9 @@ def gauss_degree(cell: str, order: int) -> int:
     Of first order quadrilaterals get 2 x 2 points and hexahedra 2 x 2 x 2; of second order 3 along
     each axis, and triangles 3 points and tetrahedra 4, which integrate the stiffness of straight
     cells exactly.
+
+    Args:
+        cell: kind of the cells.
+        order: degree of the displacement.
     """
     return 2 if order == 1 or cell in SIMPLICES else 4

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import reduce
 from operator import add
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import ufl
@@ -25,6 +25,9 @@ from hhr_dolfinx.formulas import Modulus, Scalar
 from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
 from hhr_dolfinx.plugins.elasticity.gauss_points import add_stiffness
 
+if TYPE_CHECKING:
+    from ufl.core.expr import Expr
+
 
 def parts_by_modulus(discretisation: DiscreteSpace) -> tuple[list[csr_matrix], tuple[Modulus, ...]]:
     """Local rows of the parts of K, each with its pattern, and their moduli."""
@@ -32,13 +35,21 @@ def parts_by_modulus(discretisation: DiscreteSpace) -> tuple[list[csr_matrix], t
     names = scene.parameters.names
     groups: list[tuple[Modulus, dict[int, tuple[float, float]]]] = []
     constant = {}
-    for place, body in enumerate(scene.bodies):
-        for part in parts_of(body, scene.hypothesis):
+    for index, body in enumerate(scene.bodies):
+        for stiffness_part in parts_of(body, scene.hypothesis):
             if body.varies:
-                groups.append((Modulus(part.factor, part.rest, names), {place: part.moduli}))
+                groups.append(
+                    (
+                        Modulus(stiffness_part.factor, stiffness_part.rest, names),
+                        {index: stiffness_part.moduli},
+                    )
+                )
             else:
-                factor = float(part.factor)
-                constant[place] = factor * part.moduli[0], factor * part.moduli[1]
+                factor = float(stiffness_part.factor)
+                constant[index] = (
+                    factor * stiffness_part.moduli[0],
+                    factor * stiffness_part.moduli[1],
+                )
     varies = bool(groups)
     if constant:
         groups.append((Modulus("1", "1", names), constant))
@@ -55,18 +66,26 @@ def with_springs(
     moduli: tuple[Modulus, ...],
     first: int = 0,
 ) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
-    """Parts of K and their moduli, with a constant stiffness to ground of each dof, (N,).
+    """Parts of K and their moduli, with a constant stiffness to ground.
 
-    Rows begin at ``first``.
+    Args:
+        names: names of the parameters.
+        springs: stiffness to ground of each dof, (N,).
+        terms: local rows of the parts of K, (own, N) each.
+        moduli: modulus of each part; empty if K is constant.
+        first: first of the local rows.
     """
-    known = terms[0]
-    rows = first + np.repeat(np.arange(known.shape[0]), np.diff(known.indptr))
-    data = np.where(known.indices == rows, springs[rows], 0.0)
+    first_term = terms[0]
+    rows = first + np.repeat(np.arange(first_term.shape[0]), np.diff(first_term.indptr))
+    data = np.where(first_term.indices == rows, springs[rows], 0.0)
     if not moduli:
         return (
-            csr_matrix((known.data + data, known.indices, known.indptr), shape=known.shape),
+            csr_matrix(
+                (first_term.data + data, first_term.indices, first_term.indptr),
+                shape=first_term.shape,
+            ),
         ), ()
-    grounded = csr_matrix((data, known.indices, known.indptr), shape=known.shape)
+    grounded = csr_matrix((data, first_term.indices, first_term.indptr), shape=first_term.shape)
     return (*terms, grounded), (*moduli, Modulus("1", "1", names))
 
 
@@ -79,25 +98,29 @@ class CommonPattern:
     def __init__(self, matrices: list[csr_matrix]):
         # boolean entries, whose sums and products keep their order: entries of large matrices are
         # slow to sort
-        own = [
-            csr_matrix((np.ones(item.nnz, bool), item.indices, item.indptr), shape=item.shape)
-            for item in matrices
+        patterns = [
+            csr_matrix(
+                (np.ones(matrix.nnz, bool), matrix.indices, matrix.indptr), shape=matrix.shape
+            )
+            for matrix in matrices
         ]
-        whole = reduce(add, own).astype(np.int32)
-        whole.data = np.arange(1, whole.nnz + 1, dtype=np.int32)  # indices plus one: none is zero
-        self._shape = whole.shape
-        self._indptr = whole.indptr
-        self._indices = whole.indices
-        self._places = [whole.multiply(item).data - 1 for item in own]
+        union = reduce(add, patterns).astype(np.int32)
+        union.data = np.arange(1, union.nnz + 1, dtype=np.int32)  # indices plus one: none is zero
+        self._shape = union.shape
+        self._indptr = union.indptr
+        self._indices = union.indices
+        self._places = [union.multiply(matrix).data - 1 for matrix in patterns]
 
     def filled(self, matrices: list[csr_matrix]) -> tuple[csr_matrix, ...]:
         """Matrices with the patterns of those, in the common one."""
-        found = []
-        for item, places in zip(matrices, self._places, strict=True):
+        filled_matrices = []
+        for matrix, indices in zip(matrices, self._places, strict=True):
             data = np.zeros(self._indices.size)
-            data[places] = item.data
-            found.append(csr_matrix((data, self._indices, self._indptr), shape=self._shape))
-        return tuple(found)
+            data[indices] = matrix.data
+            filled_matrices.append(
+                csr_matrix((data, self._indices, self._indptr), shape=self._shape)
+            )
+        return tuple(filled_matrices)
 
 
 def empty_matrix(space: DiscreteSpace) -> PETSc.Mat:
@@ -111,9 +134,13 @@ def _assembled(discretisation: DiscreteSpace, members: dict[int, tuple[float, fl
     """
     matrix = empty_matrix(discretisation)
     averaged = {
-        place: moduli for place, moduli in members.items() if discretisation.mean_dilatation[place]
+        index: moduli for index, moduli in members.items() if discretisation.mean_dilatation[index]
     }
-    ordinary = [_form(discretisation, *item) for item in members.items() if item[0] not in averaged]
+    ordinary = [
+        _form(discretisation, *weighted)
+        for weighted in members.items()
+        if weighted[0] not in averaged
+    ]
     if ordinary:
         fem_petsc.assemble_matrix(matrix, compat.jitted(fem.form, sum(ordinary)))
     if averaged:
@@ -133,8 +160,8 @@ def _form(discretisation: DiscreteSpace, place: int, moduli: tuple[float, float]
     volume, shape = elasticity.isotropic_parts(elasticity.strain(trial, hypothesis), hypothesis)
     weights = [discretisation.constant(value) for value in moduli]
     stress = sum(
-        weight * part
-        for weight, part in zip(weights, (volume, shape), strict=True)
+        weight * stress_part
+        for weight, stress_part in zip(weights, (volume, shape), strict=True)
         if float(weight.value)
     )
     measured = elasticity.in_plane(elasticity.strain(test, hypothesis), hypothesis)
@@ -153,7 +180,12 @@ class StiffnessPart(NamedTuple):
 
 
 def parts_of(body: Body, hypothesis: str) -> Iterator[StiffnessPart]:
-    """Parts of the stiffness of a body."""
+    """Parts of the stiffness of a body.
+
+    Args:
+        body: the body.
+        hypothesis: hypothesis of the scene.
+    """
     factor = body.young if isinstance(body.young, str) else repr(float(body.young))
     volume, shape = elasticity.unit_moduli(str(body.poisson), hypothesis)
     if isinstance(body.poisson, str):
@@ -167,8 +199,13 @@ def parts_of(body: Body, hypothesis: str) -> Iterator[StiffnessPart]:
         )
 
 
-def grading_of(discretisation: DiscreteSpace, body: Body) -> object:
-    """Grading of a body's modulus as a field; 1 without a grading."""
+def grading_of(discretisation: DiscreteSpace, body: Body) -> Expr | float:
+    """Grading of a body's modulus as a field; 1 without a grading.
+
+    Args:
+        discretisation: functions on the mesh of the scene.
+        body: the body.
+    """
     if body.grading is None or discretisation.scene.states_stress(body):
         return 1.0
     return body.grading(ufl.SpatialCoordinate(discretisation.mesh))

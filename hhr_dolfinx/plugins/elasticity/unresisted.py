@@ -17,14 +17,20 @@ ROUND_OFF_OF_ENERGY = 1e-13
 def unresisted(
     bodies: list[FreeBody], problem: ContactProblem, stiffness: csr_matrix
 ) -> list[FreeBody]:
-    """Bodies with the motions along which a stiffness, local rows (own, N), does no work."""
-    left = []
+    """Bodies with the motions along which a stiffness does no work.
+
+    Args:
+        bodies: bodies with rigid motions.
+        problem: the contact problem.
+        stiffness: local rows of the stiffness, (own, N).
+    """
+    remaining = []
     for body in bodies:
         columns = body.columns(len(problem.points))
-        own = columns[problem.rows]
-        sizes = problem.spread.sum(abs(own).T @ (abs(stiffness) @ abs(columns)))
-        energies = problem.spread.sum(own.T @ (stiffness @ columns))
+        local_columns = columns[problem.rows]
+        sizes = problem.spread.sum(abs(local_columns).T @ (abs(stiffness) @ abs(columns)))
+        energies = problem.spread.sum(local_columns.T @ (stiffness @ columns))
         values, ways = np.linalg.eigh((energies + energies.T) / 2)
         ways = ways[:, np.abs(values) <= ROUND_OFF_OF_ENERGY * sizes.max()]
-        left.append(replace(body, left=ways.T @ body.left))
-    return [body for body in left if len(body.left)]
+        remaining.append(replace(body, left=ways.T @ body.left))
+    return [body for body in remaining if len(body.left)]

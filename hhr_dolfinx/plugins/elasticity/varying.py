@@ -72,8 +72,8 @@ class VaryingElasticity(ConstantElasticity):
             fem_petsc.assemble_matrix(matrix, self.form(space))
         bodies = zip(space.scene.bodies, self.mean_dilatation, strict=True)
         constants = {
-            place: lame_parameters(float(body.young), float(body.poisson))
-            for place, (body, mean) in enumerate(bodies)
+            index: lame_parameters(float(body.young), float(body.poisson))
+            for index, (body, mean) in enumerate(bodies)
             if mean
         }
         add_stiffness(space, matrix, constants)
@@ -94,11 +94,15 @@ class VaryingElasticity(ConstantElasticity):
         return np.sum([load.stiffness(space.assembler(load)) for load in resisting], axis=0)
 
     def lifted(self, space: DiscreteSpace, lifts: csc_matrix, free: np.ndarray) -> csc_matrix:
-        """Rigid motions of whole bodies where these have the imposed values, if K depends on
-        parameters.
+        """Replace lifts by rigid motions of whole bodies if K depends on parameters.
 
         Inelastic bodies, bodies with a variable shape, and bodies that constraints join keep their
         lifts.
+
+        Args:
+            space: functions on the mesh of the scene.
+            lifts: lifts that are nonzero on imposed dofs alone, (N, 1 + T).
+            free: False for imposed dofs, (N,) bool.
         """
         scene = space.scene
         if (
@@ -116,6 +120,12 @@ class VaryingElasticity(ConstantElasticity):
         """See :class:`ConstantElasticity`.
 
         A strain that is a load, times the grading, is subtracted from the graded strain.
+
+        Args:
+            space: functions on the mesh of the scene.
+            place: index of the body in the scene.
+            field: the displacement.
+            point: parameters, (P,).
         """
         scene = space.scene
         hypothesis = scene.hypothesis
@@ -145,5 +155,12 @@ class VaryingElasticity(ConstantElasticity):
     def eigenstress(
         self, space: DiscreteSpace, tag: Tag, strain: Expr, vector: Callable[[ufl.Form], np.ndarray]
     ) -> list[tuple[Formula, np.ndarray]]:
-        """See :class:`ConstantElasticity`."""
+        """See :class:`ConstantElasticity`.
+
+        Args:
+            space: functions on the mesh of the scene.
+            tag: cell tag of the body.
+            strain: the eigenstrain, 3x3, in UFL.
+            vector: assembles a form that is linear in v, (N,).
+        """
         return eigenstress(space, tag, strain, vector)

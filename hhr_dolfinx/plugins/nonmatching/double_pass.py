@@ -56,7 +56,15 @@ class DoublePass:
         return (self.first, self.second)
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """Rows of both passes without duplicates."""
+        """Rows of both passes without duplicates.
+
+        Args:
+            surfaces: the first and the second surface.
+            dofs: number of dofs.
+
+        Raises:
+            SceneError: if the surfaces do not face each other in either pass.
+        """
         first, second = surfaces
         if self.normal is not None:
             unit(self.normal, first.points.shape[1])  # refuses what is no vector
@@ -80,15 +88,15 @@ class DoublePass:
                 f"only one pass of surfaces {self.tags} has conditions; of the other: {refusals[0]}"
             )
             return passes[0]
-        one, two = passes
-        kept, beta = _independent(one.matrix, two.matrix)
+        first_rows, two = passes
+        independent, beta = _independent(first_rows.matrix, two.matrix)
         if beta < POOR_INF_SUP:
             warn(
                 f"the double pass of surfaces {self.tags} has an inf-sup constant of {beta:.1e} "
                 "relative to its norm: pressures will oscillate. Use Mortar, or NodeToSurface "
                 "with the finer surface as slave"
             )
-        return joined([one, two.take(kept)])
+        return joined([first_rows, two.take(independent)])
 
 
 def _independent(one: csr_matrix, two: csr_matrix) -> tuple[np.ndarray, float]:
@@ -99,9 +107,11 @@ def _independent(one: csr_matrix, two: csr_matrix) -> tuple[np.ndarray, float]:
     first = one[:, columns].toarray()
     second = two[:, columns].toarray()
     basis, _ = linalg.qr(first.T, mode="economic")
-    rest = second - (second @ basis) @ basis.T
-    _, triangle, order = linalg.qr(rest.T, mode="economic", pivoting=True)
+    remaining = second - (second @ basis) @ basis.T
+    _, triangle, order = linalg.qr(remaining.T, mode="economic", pivoting=True)
     size = np.abs(np.diag(triangle))
-    kept = np.sort(order[: int((size > SPANNED_ROW * np.linalg.norm(second, axis=1).max()).sum())])
-    values = linalg.svdvals(np.vstack([first, second[kept]]))
-    return kept, float(values[-1] / values[0])
+    independent = np.sort(
+        order[: int((size > SPANNED_ROW * np.linalg.norm(second, axis=1).max()).sum())]
+    )
+    values = linalg.svdvals(np.vstack([first, second[independent]]))
+    return independent, float(values[-1] / values[0])

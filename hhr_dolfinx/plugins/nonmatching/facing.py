@@ -54,13 +54,19 @@ class Opposed(NamedTuple):
 
 
 def opposed(slave: Surface, master: Surface, overlap: float) -> Opposed:
-    """Partners of the slave nodes; bodies may overlap by the length ``overlap`` beyond a cell."""
+    """Partners of the slave nodes on the master surface.
+
+    Args:
+        slave: the slave surface.
+        master: the master surface.
+        overlap: length by which bodies may overlap beyond a cell.
+    """
     closest = closest_points(slave.points, master.corners)
     normals = _towards(master, closest)
     facing = looking(slave, normals, FACING_DIRECTIONS)[0]
-    others = np.flatnonzero(~facing)
-    if others.size:
-        closest = _of_opposed(slave, master, others, closest)
+    averted = np.flatnonzero(~facing)
+    if averted.size:
+        closest = _of_opposed(slave, master, averted, closest)
         normals = _towards(master, closest)
         facing = looking(slave, normals, FACING_DIRECTIONS)[0]
     depth = np.einsum("md,md->m", closest.offsets, normals)
@@ -74,8 +80,8 @@ def opposed(slave: Surface, master: Surface, overlap: float) -> Opposed:
     overhanging = facing & ~behind & beyond
     # back sides of bodies of one cell are no deeper than a cell, but farther behind the partner
     # than beyond the edge
-    deeper = depth[others] > FACING_DIRECTIONS * np.linalg.norm(closest.offsets[others], axis=1)
-    overhanging[others[deeper]] = False
+    deeper = depth[averted] > FACING_DIRECTIONS * np.linalg.norm(closest.offsets[averted], axis=1)
+    overhanging[averted[deeper]] = False
     return Opposed(closest, normals, facing, behind, beyond, overhanging, depth)
 
 
@@ -113,17 +119,17 @@ def _of_opposed(
     sides, of_node = _sides_of(slave, nodes)
     middles = master.corners.mean(axis=1)
     reach = np.linalg.norm(master.corners - middles[:, None], axis=2).max(axis=1)
-    found = ClosestPoints(*(part.copy() for part in closest))
+    opposed_points = ClosestPoints(*(values.copy() for values in closest))
     # all sides of a node are in one batch
     count = max(1, FACING_PAIRS // len(middles))
     for first in range(0, nodes.size, count):
-        some = nodes[first : first + count]
-        own = (of_node >= first) & (of_node < first + count)
-        starts = np.searchsorted(of_node[own] - first, np.arange(some.size))
+        batch = nodes[first : first + count]
+        in_batch = (of_node >= first) & (of_node < first + count)
+        starts = np.searchsorted(of_node[in_batch] - first, np.arange(batch.size))
         against = np.logical_or.reduceat(
-            sides[own] @ master.outward.T < -FACING_DIRECTIONS, starts, axis=0
+            sides[in_batch] @ master.outward.T < -FACING_DIRECTIONS, starts, axis=0
         )
-        distance = np.where(against, cdist(slave.points[some], middles), np.inf)
+        distance = np.where(against, cdist(slave.points[batch], middles), np.inf)
         # a facet is at least as far as its middle less its radius, and the nearest one at most as
         # far as a middle
         bound = distance.min(axis=1)
@@ -134,28 +140,28 @@ def _of_opposed(
         if not having.size:
             continue
         nearest = closest_of(
-            slave.points[some[having]],
+            slave.points[batch[having]],
             master.corners,
             bound[having],
             np.searchsorted(having, point),
             facet,
         )
-        for part, nearer in zip(found, nearest, strict=True):
-            part[some[having]] = nearer
-    return found
+        for values, nearer in zip(opposed_points, nearest, strict=True):
+            values[batch[having]] = nearer
+    return opposed_points
 
 
 def _sides_of(surface: Surface, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Unit normals of the sides of some nodes, (s, dim), and the index of each side's node among
     (l,), sorted, (s,).
     """
-    place = np.full(len(surface.nodes), -1)
-    place[nodes] = np.arange(nodes.size)
-    of_corner = place[surface.facets].ravel()
-    own = of_corner >= 0
-    normals = surface.corner_normals.reshape(-1, surface.points.shape[1])[own]
+    index = np.full(len(surface.nodes), -1)
+    index[nodes] = np.arange(nodes.size)
+    of_corner = index[surface.facets].ravel()
+    selected = of_corner >= 0
+    normals = surface.corner_normals.reshape(-1, surface.points.shape[1])[selected]
     # all facets of one side have the same corner normal
     _, first = np.unique(
-        np.column_stack([of_corner[own], np.round(normals, 9)]), axis=0, return_index=True
+        np.column_stack([of_corner[selected], np.round(normals, 9)]), axis=0, return_index=True
     )
-    return normals[first], of_corner[own][first]
+    return normals[first], of_corner[selected][first]

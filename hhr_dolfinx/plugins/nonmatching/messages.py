@@ -30,6 +30,10 @@ def warn_of_tilt(surface: Surface, normal: np.ndarray) -> None:
     """Warn if a flat surface looks neither along nor against a unit normal.
 
     One parallel to it is refused later.
+
+    Args:
+        surface: the surface.
+        normal: unit normal, (dim,).
     """
     mean = surface.sizes @ surface.outward / surface.sizes.sum()
     length = np.linalg.norm(mean)
@@ -44,7 +48,13 @@ def warn_of_tilt(surface: Surface, normal: np.ndarray) -> None:
 
 
 def never_facing(slave: Surface, master: Surface, why: str) -> str:
-    """Message for surfaces without a common part."""
+    """Message for surfaces without a common part.
+
+    Args:
+        slave: the slave surface.
+        master: the master surface.
+        why: the reason.
+    """
     return (
         f"surfaces {slave.tag} and {master.tag} never face each other: {why}; slave around "
         f"{slave.points.mean(axis=0).tolist()}, master around "
@@ -63,8 +73,13 @@ def beyond_overlap(deepest: float) -> str:
 
 
 def warn_beyond_edge(slave: Surface, master: Surface, lost: np.ndarray, advice: str = "") -> None:
-    """Warn of slave nodes, a mask ``lost``, that look past the edge of the master and get no
-    condition.
+    """Warn of slave nodes that look past the edge of the master and get no condition.
+
+    Args:
+        slave: the slave surface.
+        master: the master surface.
+        lost: these nodes, (n,) bool.
+        advice: end of the message.
     """
     if lost.any():
         warn(
@@ -75,8 +90,13 @@ def warn_beyond_edge(slave: Surface, master: Surface, lost: np.ndarray, advice: 
 
 
 def warn_of_sag(slave: Surface, master: Surface, rows: ContactRows, sag: float) -> None:
-    """Warn if the mesh makes the gap, by the mean of :meth:`Surface.bulges` over the parts that
-    face each other.
+    """Warn if the gap is one of the mesh.
+
+    Args:
+        slave: the slave surface.
+        master: the master surface.
+        rows: the conditions.
+        sag: mean of :meth:`Surface.bulges` over the parts that face each other.
     """
     gap = float(rows.areas @ np.abs(rows.gap) / rows.areas.sum())
     least = LEAST_SAG if slave.quadratic is None else LEAST_SAG_OF_CURVES

@@ -94,7 +94,15 @@ class NodeToSurface(SlaveAndMaster):
     at_nodes: bool = False
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """One row for each slave node that faces the master surface."""
+        """One row for each slave node that faces the master surface.
+
+        Args:
+            surfaces: the slave and the master surface.
+            dofs: number of dofs.
+
+        Raises:
+            NeverFacingError: if the surfaces do not face each other.
+        """
         slave, master = surfaces
         rows, facets, weights = self._paired(slave, master, dofs)
         warn_of_overlap(slave, rows)
@@ -110,7 +118,10 @@ class NodeToSurface(SlaveAndMaster):
     ) -> ContactRows:
         """Rows of deformed surfaces without warnings.
 
-        They may overlap by the length ``overlap`` beyond a cell.
+        Args:
+            surfaces: the slave and the master surface.
+            dofs: number of dofs.
+            overlap: length by which bodies may overlap beyond a cell.
         """
         slave, master = surfaces
         rows = self._paired(slave, master, dofs, overlap)[0]
@@ -123,9 +134,9 @@ class NodeToSurface(SlaveAndMaster):
         there.
         """
         if self.normal is None:
-            kept, closest, normals, areas = _closest(slave, master, overlap)
+            paired, closest, normals, areas = _closest(slave, master, overlap)
         else:
-            kept, closest, normals, areas = _along(
+            paired, closest, normals, areas = _along(
                 slave, master, unit(self.normal, slave.points.shape[1])
             )
         nodes = master.facets[closest.facets]
@@ -133,9 +144,9 @@ class NodeToSurface(SlaveAndMaster):
         if (
             master.quadratic is not None
         ):  # the displacement has other functions than the flat parts of the facets
-            whole, weights = master.quadratic.functions(closest.facets, weights)
-            nodes = master.quadratic.nodes[whole]
-        order = kept[tangential_order(slave.points[kept], mean_normal(slave))]
+            quadratic_facets, weights = master.quadratic.functions(closest.facets, weights)
+            nodes = master.quadratic.nodes[quadratic_facets]
+        order = paired[tangential_order(slave.points[paired], mean_normal(slave))]
         points = slave.points[order]
         master_points = np.einsum("mk,mkd->md", weights[order], master.points[nodes[order]])
         together = np.column_stack([slave.nodes[order], master.nodes[nodes[order]]])
@@ -154,14 +165,16 @@ def _without_middles(slave: Surface, rows: ContactRows) -> ContactRows:
     """
     if slave.quadratic is None or slave.quadratic.nodes.shape[1] < WITH_MIDDLE:
         return rows
-    place = np.full(slave.nodes.max() + 1, -1)
-    place[rows.slaves] = np.arange(rows.slaves.size)
-    whole = place[slave.nodes[slave.quadratic.nodes]]
-    middle = whole[:, -1]
-    edges = whole[:, FACET_CORNERS:-1]
-    there = (edges >= 0) & (middle >= 0)[:, None]
-    shares = rows.areas[middle][:, None] * there / np.maximum(there.sum(axis=1, keepdims=True), 1)
-    areas = rows.areas + np.bincount(edges[there], shares[there], rows.areas.size)
+    index = np.full(slave.nodes.max() + 1, -1)
+    index[rows.slaves] = np.arange(rows.slaves.size)
+    row_of_nodes = index[slave.nodes[slave.quadratic.nodes]]
+    middle = row_of_nodes[:, -1]
+    edges = row_of_nodes[:, FACET_CORNERS:-1]
+    has_row = (edges >= 0) & (middle >= 0)[:, None]
+    shares = (
+        rows.areas[middle][:, None] * has_row / np.maximum(has_row.sum(axis=1, keepdims=True), 1)
+    )
+    areas = rows.areas + np.bincount(edges[has_row], shares[has_row], rows.areas.size)
     return replace(rows, areas=areas).take(np.setdiff1d(np.arange(rows.slaves.size), middle))
 
 
@@ -197,16 +210,16 @@ def _along(slave: Surface, master: Surface, normal: np.ndarray) -> _Partners:
     flat = np.eye(normal.size) - along
     corners = master.corners[facing]
     # projected along the normal the surfaces are flat, and the closest point is the point hit
-    found = closest_points(
+    hit = closest_points(
         slave.points @ (flat + KEPT_HEIGHT * along), corners @ (flat + KEPT_HEIGHT * along)
     ).facets
-    weights = project(slave.points @ flat, corners[found] @ flat)
-    offsets = slave.points @ flat - np.einsum("mk,mkd->md", weights, corners[found] @ flat)
-    closest = ClosestPoints(np.flatnonzero(facing)[found], weights, offsets)
+    weights = project(slave.points @ flat, corners[hit] @ flat)
+    offsets = slave.points @ flat - np.einsum("mk,mkd->md", weights, corners[hit] @ flat)
+    closest = ClosestPoints(np.flatnonzero(facing)[hit], weights, offsets)
     beyond = np.linalg.norm(offsets, axis=1) > EDGE_OVERHANG * master.lengths()[closest.facets]
     looks, areas = looking(slave, normal, GRAZING_NORMAL)
-    kept = _kept(slave, master, beyond | ~looks, beyond & looks)
-    return _Partners(kept, closest, np.tile(normal, (len(slave.nodes), 1)), areas)
+    paired = _kept(slave, master, beyond | ~looks, beyond & looks)
+    return _Partners(paired, closest, np.tile(normal, (len(slave.nodes), 1)), areas)
 
 
 def _closest(slave: Surface, master: Surface, allowed: float) -> _Partners:
@@ -214,19 +227,22 @@ def _closest(slave: Surface, master: Surface, allowed: float) -> _Partners:
 
     Bodies may overlap by a cell plus ``allowed``.
     """
-    found = opposed(slave, master, allowed)
-    closest = found.closest
-    if not found.facing.any():
+    partners = opposed(slave, master, allowed)
+    closest = partners.closest
+    if not partners.facing.any():
         raise NeverFacingError(
             never_facing(slave, master, "the closest facets all look the same way as the slave")
         )
-    if not (found.facing & ~found.behind).any():
+    if not (partners.facing & ~partners.behind).any():
         raise NeverFacingError(
-            never_facing(slave, master, beyond_overlap(found.depth[found.facing].max()))
+            never_facing(slave, master, beyond_overlap(partners.depth[partners.facing].max()))
         )
-    areas = looking(slave, found.normals, FACING_DIRECTIONS)[1]
+    areas = looking(slave, partners.normals, FACING_DIRECTIONS)[1]
     return _Partners(
-        _kept(slave, master, ~found.meets, found.overhanging), closest, found.normals, areas
+        _kept(slave, master, ~partners.meets, partners.overhanging),
+        closest,
+        partners.normals,
+        areas,
     )
 
 

@@ -32,9 +32,13 @@ class ClosestPoints(NamedTuple):
 
 
 def closest_points(points: np.ndarray, corners: np.ndarray) -> ClosestPoints:
-    """Closest points of (m, dim) on facets by their corners, (f, k, dim).
+    """Closest points on facets.
 
     Among equally near ones the first counts.
+
+    Args:
+        points: the points, (m, dim).
+        corners: corners of the facets, (f, k, dim).
     """
     middles = corners.mean(axis=1)
     radius = np.linalg.norm(corners - middles[:, None], axis=2).max()
@@ -43,19 +47,25 @@ def closest_points(points: np.ndarray, corners: np.ndarray) -> ClosestPoints:
         0
     ]
     tree = cKDTree(middles)
-    parts = []
+    batches = []
     for first in range(0, len(points), PROJECTED_AT_ONCE):
-        some = slice(first, first + PROJECTED_AT_ONCE)
-        pairs = pairs_within(tree, points[some], (bound[some] + radius) * (1 + BOX_ENLARGEMENT))
-        parts.append(closest_of(points[some], corners, bound[some], *pairs))
-    return ClosestPoints(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+        batch = slice(first, first + PROJECTED_AT_ONCE)
+        pairs = pairs_within(tree, points[batch], (bound[batch] + radius) * (1 + BOX_ENLARGEMENT))
+        batches.append(closest_of(points[batch], corners, bound[batch], *pairs))
+    return ClosestPoints(*(np.concatenate(arrays) for arrays in zip(*batches, strict=True)))
 
 
 def closest_of(
     points: np.ndarray, corners: np.ndarray, bound: np.ndarray, point: np.ndarray, facet: np.ndarray
 ) -> ClosestPoints:
-    """Closest points on the facets that each point is paired with, none of them farther than its
-    bound, (m,).
+    """Closest points on the facets that each point is paired with.
+
+    Args:
+        points: the points, (m, dim).
+        corners: corners of the facets, (f, k, dim).
+        bound: distance of each point that its closest one does not exceed, (m,).
+        point: index of the point of each pair, (p,), sorted.
+        facet: index of the facet of each pair, (p,).
     """
     size = np.ptp(corners)
     # for a distant point many facets are within reach, but few of their boxes are near enough
@@ -79,25 +89,35 @@ def closest_of(
 def pairs_within(
     centres: cKDTree, points: np.ndarray, reach: np.ndarray, norm: float = 2.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of a point and a centre within the reach of the point, (p,) each, point by point."""
-    found = centres.query_ball_point(points, reach, p=norm)
-    counts = np.array([len(item) for item in found], dtype=np.int64)
-    near = np.fromiter(chain.from_iterable(found), dtype=np.int64, count=int(counts.sum()))
+    """Pairs of a point and a centre within the reach of the point, (p,) each, point by point.
+
+    Args:
+        centres: tree of the centres.
+        points: the points, (m, dim).
+        reach: reach of each point, (m,).
+        norm: order of the norm of distances.
+    """
+    neighbours = centres.query_ball_point(points, reach, p=norm)
+    counts = np.array([len(near_centres) for near_centres in neighbours], dtype=np.int64)
+    near = np.fromiter(chain.from_iterable(neighbours), dtype=np.int64, count=int(counts.sum()))
     return np.repeat(np.arange(len(points)), counts), near
 
 
 def project(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Shape functions, (m, k), at the closest point of one facet, (m, k, dim), for each point, (m,
-    dim).
+    """Shape functions at the closest point of one facet for each point, (m, k).
+
+    Args:
+        points: the points, (m, dim).
+        corners: corners of the facet of each point, (m, k, dim).
     """
     k = corners.shape[1]
     if k == 2:
         return _on_segment(points, corners)
-    weights, inside = _inside(points, corners)
-    if inside.all():
+    weights, is_inside = _inside(points, corners)
+    if is_inside.all():
         return weights
     sides = [[0, 1], [1, 2], [2, 0]] if k == 3 else [[0, 1], [1, 3], [3, 2], [2, 0]]
-    best = np.where(inside, 0.0, np.inf)
+    best = np.where(is_inside, 0.0, np.inf)
     for side in sides:
         on_side = np.zeros_like(weights)
         on_side[:, side] = _on_segment(points, corners[:, side])
@@ -109,8 +129,13 @@ def project(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 
 def local_coordinates(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Reference coordinates of the orthogonal projection on a facet, inside or not, by
-    Gauss-Newton, (m, 2).
+    """Reference coordinates of the orthogonal projection on a facet by Gauss-Newton, (m, 2).
+
+    The projection may lie outside of the facet.
+
+    Args:
+        points: the points, (m, 3).
+        corners: corners of the facet of each point, (m, k, 3).
     """
     k = corners.shape[1]
     local = np.full((len(points), 2), 1 / k if k == 3 else 0.5)
@@ -118,9 +143,9 @@ def local_coordinates(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     moving = np.arange(len(points))
     for _ in range(1 if k == 3 else 20):
         values, slopes = shape_functions(local[moving], k)
-        own = corners[moving]
-        residual = points[moving] - (values[:, None] @ own)[:, 0]
-        tangents = slopes.transpose(0, 2, 1) @ own
+        facets = corners[moving]
+        residual = points[moving] - (values[:, None] @ facets)[:, 0]
+        tangents = slopes.transpose(0, 2, 1) @ facets
         step = _least_squares(tangents, (tangents @ residual[:, :, None])[:, :, 0])
         # a bilinear map folds far outside of the facet
         local[moving] = np.clip(local[moving] + step, -2.0, 3.0)

@@ -67,14 +67,22 @@ class Facets:
         return self, replace(self, turned=-self.turned)
 
     def normals(self, sizes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Unit normals of the smooth surface at the closest points, at an edge the way to it."""
+        """Unit normals of the smooth surface at the closest points; at an edge the direction to it.
+
+        Args:
+            sizes: place and scale, (dim + 1,).
+            points: the points, (m, dim).
+
+        Returns:
+            Unit normals, (m, dim), and points beyond the end, (m,) bool.
+        """
         local = (points - sizes[:-1]) / sizes[-1]
         facets, weights, offsets = closest_points(local, self.corners)
         flat = self.flat[facets]
         smooth = normalised(np.einsum("mk,mkd->md", weights, self.smooth[facets]))
         if self.curve.size:
-            place, tangent = self._on_curve(facets, weights, local, None)
-            offsets = local - place
+            curve_points, tangent = self._on_curve(facets, weights, local, None)
+            offsets = local - curve_points
             flat = smooth = normalised(_rotated(tangent))
         lengths = np.linalg.norm(np.ptp(self.corners[facets], axis=1), axis=1)
         heights = np.einsum("md,md->m", offsets, flat)
@@ -93,15 +101,21 @@ class Facets:
         return self.turned * np.where(edge[:, None], straight, smooth), beyond
 
     def along(self, sizes: np.ndarray, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-        """Distances along normals to the nearest front, (m,)."""
+        """Distances along normals to the nearest front, (m,).
+
+        Args:
+            sizes: place and scale, (dim + 1,).
+            points: the points, (m, dim).
+            normals: unit normals, (m, dim).
+        """
         local = (points - sizes[:-1]) / sizes[-1]
         count = max(1, OBSTACLE_PAIRS // len(self.corners))
-        parts = [slice(first, first + count) for first in range(0, len(local), count)]
-        found = [self._crossed(np.real(local[part]), normals[part]) for part in parts]
-        places, vectors = (np.concatenate(part) for part in zip(*found, strict=True))
+        batches = [slice(first, first + count) for first in range(0, len(local), count)]
+        crossings = [self._crossed(np.real(local[batch]), normals[batch]) for batch in batches]
+        entries, vectors = (np.concatenate(batch) for batch in zip(*crossings, strict=True))
         with np.errstate(all="ignore"):
             across = np.einsum("md,md->m", normals, vectors)
-            return sizes[-1] * np.einsum("md,md->m", places - local, vectors) / across
+            return sizes[-1] * np.einsum("md,md->m", entries - local, vectors) / across
 
     def _crossed(self, local: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Nearest points at which lines along normals enter the obstacle, NaN without one, and its
@@ -137,17 +151,17 @@ class Facets:
         weights = np.column_stack([1 - inner.sum(axis=1), inner])
         order = np.lexsort((np.abs(gap), point))
         order = order[(weights[order] >= -EDGE_ROUND_OFF).all(axis=1)]
-        found, first = np.unique(point[order], return_index=True)
+        hit, first = np.unique(point[order], return_index=True)
         facet = facet[order[first]]
         weights = weights[order[first]]
-        places = np.full_like(local, np.nan)
+        entries = np.full_like(local, np.nan)
         vectors = np.zeros_like(local)
-        places[found] = np.einsum("mk,mkd->md", weights, self.corners[facet])
-        vectors[found] = self.flat[facet]
+        entries[hit] = np.einsum("mk,mkd->md", weights, self.corners[facet])
+        vectors[hit] = self.flat[facet]
         if self.curve.size:
-            places[found], tangents = self._on_curve(facet, weights, local[found], normals[found])
-            vectors[found] = _rotated(tangents)
-        return places, vectors
+            entries[hit], tangents = self._on_curve(facet, weights, local[hit], normals[hit])
+            vectors[hit] = _rotated(tangents)
+        return entries, vectors
 
     def _on_curve(
         self, chords: np.ndarray, weights: np.ndarray, local: np.ndarray, normals: np.ndarray | None
@@ -158,10 +172,10 @@ class Facets:
         The place on the curve is the index of a piece plus a fraction of it.
         """
         pieces = self.curve.shape[1]
-        place = (chords + weights[:, 1]) * pieces / len(self.corners)
+        position = (chords + weights[:, 1]) * pieces / len(self.corners)
         for step in range(CURVE_ITERATIONS + 1):
-            piece = np.clip(np.floor(place).astype(int), 0, pieces - 1)
-            t = (place - piece)[:, None]
+            piece = np.clip(np.floor(position).astype(int), 0, pieces - 1)
+            t = (position - piece)[:, None]
             a, b, c, d = self.curve[:, piece]
             point = ((a * t + b) * t + c) * t + d
             tangent = (3 * a * t + 2 * b) * t + c
@@ -175,8 +189,10 @@ class Facets:
                     slope + np.einsum("md,md->m", point - local, second), 0.1 * slope
                 )
             change = np.einsum("md,md->m", point - local, across) / slope
-            place = place - np.clip(change, -0.5, 0.5)
-            place = np.clip(place, 0.0, pieces) if self.ends.any() else np.mod(place, pieces)
+            position = position - np.clip(change, -0.5, 0.5)
+            position = (
+                np.clip(position, 0.0, pieces) if self.ends.any() else np.mod(position, pieces)
+            )
         return point, tangent
 
 
@@ -186,9 +202,16 @@ def _rotated(vectors: np.ndarray) -> np.ndarray:
 
 
 def facets_of(points: np.ndarray, facets: np.ndarray, curve: np.ndarray | None = None) -> Facets:
-    """Segments or triangles, (f, dim), oriented alike, with smooth normals.
+    """Segments or triangles, oriented alike, with smooth normals.
 
-    SceneError for a surface with one side.
+    Args:
+        points: the nodes, (n, dim).
+        facets: nodes of the segments or triangles, (f, dim).
+        curve: coefficients of the pieces of a cubic curve, (4, pieces, 2), of which segments are
+            the chords.
+
+    Raises:
+        SceneError: for a surface with one side.
     """
     count, k = facets.shape
     # sides of facets, without a corner each, and +1 or -1 by their direction
@@ -277,12 +300,12 @@ class Profile(_Drawn):
         closed = np.array_equal(points[0], points[-1])
         powers = None
         if self.smooth and len(steps) > 1:
-            parts = CURVE_CHORDS if knots is None else 1
+            chords = CURVE_CHORDS if knots is None else 1
             knots = np.append(0.0, np.cumsum(steps)) if knots is None else knots
             spline = CubicSpline(knots, points, bc_type="periodic" if closed else "not-a-knot")
             powers = spline.c * (np.diff(knots) ** np.arange(3, -1, -1)[:, None])[:, :, None]
             points = spline(
-                np.interp(np.arange(parts * len(steps) + 1) / parts, np.arange(len(knots)), knots)
+                np.interp(np.arange(chords * len(steps) + 1) / chords, np.arange(len(knots)), knots)
             )
         count = len(points) - 1
         following = np.arange(1, count + 1) % (count if closed else count + 1)
@@ -303,16 +326,18 @@ class Profile(_Drawn):
                 f"the curve {self.curve!r} of a Profile must be a formula of one of x, y, r and "
                 "z, and its ends increase, between=(-1, 1)"
             )
-        places = np.linspace(between[0], between[1], CURVE_SAMPLES)
+        positions = np.linspace(between[0], between[1], CURVE_SAMPLES)
         with np.errstate(all="ignore"):
-            values = np.broadcast_to(formula({name: places}), CURVE_SAMPLES)
+            values = np.broadcast_to(formula({name: positions}), CURVE_SAMPLES)
         if not np.isfinite(values).all():
-            bad = places[~np.isfinite(values)][0]
+            bad = positions[~np.isfinite(values)][0]
             raise SceneError(
                 f"the curve {self.curve!r} of a Profile is not finite at {name} = {bad:g}: move "
                 "its ends"
             )
-        return np.column_stack([places, values] if name in "xr" else [values, places]), places
+        return np.column_stack(
+            [positions, values] if name in "xr" else [values, positions]
+        ), positions
 
 
 @dataclass(frozen=True)
@@ -336,21 +361,23 @@ class RigidMesh(_Drawn):
 
     def _drawn(self) -> Facets:
         listed = isinstance(self.mesh, tuple | list)
-        given = (
+        arrays = (
             _read(Path(self.mesh))
             if isinstance(self.mesh, str | Path)
             else tuple(self.mesh if listed else ())
         )
-        points, *parts = (_array(part) for part in given or ((),))
+        points, *facet_blocks = (_array(block) for block in arrays or ((),))
         # a polygon of more corners would lose the others
-        parts = [
-            part.astype(np.int64) for part in parts if part.ndim == 2 and part.shape[1] in (3, 4)
+        facet_blocks = [
+            block.astype(np.int64)
+            for block in facet_blocks
+            if block.ndim == 2 and block.shape[1] in (3, 4)
         ]
         three = [
-            part[:, corners]
-            for part in parts
+            block[:, corners]
+            for block in facet_blocks
             for corners in ([0, 1, 2], [0, 2, 3])
-            if part.shape[1] > max(corners)
+            if block.shape[1] > max(corners)
         ]
         facets = np.concatenate([np.zeros((0, 3), dtype=np.int64), *three])
         wrong = points.shape[1:] != (3,) or not np.isfinite(points).all() or not facets.size

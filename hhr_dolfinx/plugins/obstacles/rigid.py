@@ -64,14 +64,23 @@ class RigidShape(Protocol):
     """
 
     def normals(self, sizes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Unit normals from points, (m, dim), into the obstacle, and points beyond its end, (m,)
-        bool.
+        """Unit normals from points into the obstacle.
+
+        Args:
+            sizes: sizes of the obstacle, (k,).
+            points: the points, (m, dim).
+
+        Returns:
+            Unit normals, (m, dim), and points beyond the end of the obstacle, (m,) bool.
         """
 
     def along(self, sizes: np.ndarray, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
         """Distances along unit normals, (m,), NaN where these miss it.
 
-        Complex sizes carry a derivative.
+        Args:
+            sizes: sizes of the obstacle, (k,); complex ones carry a derivative.
+            points: the points, (m, dim).
+            normals: unit normals, (m, dim).
         """
 
     def sides(self) -> Sequence[RigidShape]:
@@ -81,9 +90,16 @@ class RigidShape(Protocol):
 def distances(
     shape: RigidShape, sizes: np.ndarray, points: np.ndarray, normals: np.ndarray
 ) -> np.ndarray:
-    """Distances along unit normals, (m,), large ones where these miss the obstacle."""
-    found = shape.along(sizes, points, normals)
-    return np.where(np.isnan(np.real(found)), FAR * np.ptp(points, axis=0).max(initial=0.0), found)
+    """Distances along unit normals, (m,), large ones where these miss the obstacle.
+
+    Args:
+        shape: the obstacle.
+        sizes: its sizes, (k,).
+        points: the points, (m, dim).
+        normals: unit normals, (m, dim).
+    """
+    gaps = shape.along(sizes, points, normals)
+    return np.where(np.isnan(np.real(gaps)), FAR * np.ptp(points, axis=0).max(initial=0.0), gaps)
 
 
 @dataclass(frozen=True)
@@ -108,14 +124,14 @@ class Distances(Rebuilt):
     def _formulas(self) -> tuple[Formula, ...]:
         return tuple(Scalar(text, self.names).formula for text in self.sizes)
 
-    def _at(self, values: Mapping[str, Any]) -> np.ndarray:
+    def _at(self, values: Mapping[str, float] | Mapping[str, complex]) -> np.ndarray:
         sizes = np.array([formula(values) for formula in self._formulas])
         return distances(self.shape, sizes, self.points, self.normals)
 
     def __call__(self, point: np.ndarray) -> tuple[list[int], list[float]]:
         """Columns and changes of the gaps at a point, (P,)."""
-        found = self._at(dict(zip(self.names, point.tolist(), strict=True))) - self.still
-        return list(range(self.count)), found.tolist()
+        changes = self._at(dict(zip(self.names, point.tolist(), strict=True))) - self.still
+        return list(range(self.count)), changes.tolist()
 
     def scalars(self) -> tuple[Scalar, ...] | None:
         """Formulas of the columns, for programs that evaluate formulas alone.
@@ -189,11 +205,15 @@ class Rigid(KnownArguments):
 
     def _vector(self, name: str) -> tuple[Size, ...]:
         """A field that is a vector of numbers or formulas."""
-        found = as_tuple(f"{name} of a {type(self).__name__}", getattr(self, name))
-        if len(found) != self.dimension or (name == "axis" and all(part == 0 for part in found)):
-            what = f"{name} = {found} of a {type(self).__name__}"
-            raise SceneError(f"{what} must have {self.dimension} components, and an axis a length")
-        return found
+        components = as_tuple(f"{name} of a {type(self).__name__}", getattr(self, name))
+        if len(components) != self.dimension or (
+            name == "axis" and all(component == 0 for component in components)
+        ):
+            description = f"{name} = {components} of a {type(self).__name__}"
+            raise SceneError(
+                f"{description} must have {self.dimension} components, and an axis a length"
+            )
+        return components
 
     @property
     def _varies(self) -> bool:
@@ -213,8 +233,15 @@ class Rigid(KnownArguments):
         return replace(self, box=parameters)
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """One row u·n <= g for each node with a side that looks at the obstacle, with g in the
-        middle of the box.
+        """One row u·n <= g for each node that looks at the obstacle, with g in the middle of the
+        box.
+
+        Args:
+            surfaces: the surface of the body.
+            dofs: number of dofs.
+
+        Raises:
+            SceneError: if the surface does not look at the obstacle.
         """
         (surface,) = surfaces
         shape, rows, normals, lost = self._conditions(surface, dofs)
@@ -230,7 +257,12 @@ class Rigid(KnownArguments):
         return surface.averaged(rows)
 
     def gap_terms(self, surfaces: Sequence[Surface], rows: ContactRows) -> list[Term]:
-        """Changes of the gaps of the rows over the box; none if no size depends on parameters."""
+        """Changes of the gaps of the rows over the box; none if no size depends on parameters.
+
+        Args:
+            surfaces: the surface of the body.
+            rows: its conditions.
+        """
         if not self._varies or self.box is None:
             return []
         from hhr_dolfinx.loads import Term  # a model file has these classes and needs no forms
@@ -274,7 +306,7 @@ class Rigid(KnownArguments):
                 f"has {dim}"
             )
         sizes = self._at(None if self.box is None else self.box.middle)
-        found = []
+        sides = []
         for shape in self._shape.sides():
             normals, beyond = shape.normals(sizes, surface.points)
             looks, areas = looking(surface, normals, GRAZING_NORMAL)
@@ -282,8 +314,8 @@ class Rigid(KnownArguments):
             nodes = np.flatnonzero(looks & ~beyond)
             # of both sides of an obstacle the body is on that which is nearer to what looks at it
             distance = np.abs(gaps[nodes]).mean() if nodes.size else np.inf
-            found.append((distance, shape, nodes, normals, gaps, areas, looks & beyond))
-        _, shape, nodes, normals, gaps, areas, lost = min(found, key=lambda one: one[0])
+            sides.append((distance, shape, nodes, normals, gaps, areas, looks & beyond))
+        _, shape, nodes, normals, gaps, areas, lost = min(sides, key=lambda one: one[0])
         if not nodes.size:
             raise SceneError(
                 f"surface {surface.tag} around {surface.points.mean(axis=0).tolist()} does not "
@@ -321,9 +353,9 @@ class Rigid(KnownArguments):
         for point in (
             box_samples(self.box, NORMAL_SAMPLES) if self._varies and self.box is not None else ()
         ):
-            there = self._at(point)
-            now, beyond = shape.normals(there, rows.points)
-            near = (distances(shape, there, rows.points, normals) < sizes) & ~beyond
+            sizes_at_point = self._at(point)
+            now, beyond = shape.normals(sizes_at_point, rows.points)
+            near = (distances(shape, sizes_at_point, rows.points, normals) < sizes) & ~beyond
             worst = np.where(near, np.minimum(worst, np.einsum("md,md->m", now, normals)), worst)
         angle = np.rad2deg(np.arccos(np.clip(worst.min(), -1.0, 1.0)))
         if angle > TURN:

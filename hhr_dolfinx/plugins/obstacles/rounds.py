@@ -32,7 +32,15 @@ class Quadric:
         return (self,)
 
     def normals(self, sizes: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Unit normals, zero at a centre or on an axis."""
+        """Unit normals, zero at a centre or on an axis.
+
+        Args:
+            sizes: sizes of the obstacle, (k,).
+            points: the points, (m, dim).
+
+        Returns:
+            Unit normals, (m, dim), and False for each point: nothing lies beyond an end.
+        """
         dim = points.shape[1]
         offsets = points - sizes[:dim]
         axis = _axis(sizes, dim) if self.kind != "sphere" else np.zeros(dim)
@@ -54,6 +62,11 @@ class Quadric:
         With offsets d from the place, a g^2 + 2 b g + c = 0. The value is negative inside, and
         falls along a normal from outside, which decides between both roots: g = c / (-b + root),
         from inside g = c / (-b - root).
+
+        Args:
+            sizes: sizes of the obstacle, (k,).
+            points: the points, (m, dim).
+            normals: unit normals, (m, dim).
         """
         dim = points.shape[1]
         offsets = points - sizes[:dim]
@@ -71,18 +84,23 @@ class Quadric:
         inner = b * b - a * c
         root = np.sqrt(np.where(np.real(inner) >= 0, inner, np.nan))
         with np.errstate(all="ignore"):
-            found = c / (-b + (-root if self.inside else root))
+            gaps = c / (-b + (-root if self.inside else root))
             if self.kind == "cone":
                 # the other half of the double cone is no obstacle
-                found = np.where(np.real(height + found * rise) >= 0, found, np.nan)
-                found = np.where(at_place & (np.real(height) < 0), straight, found)
-        return found
+                gaps = np.where(np.real(height + gaps * rise) >= 0, gaps, np.nan)
+                gaps = np.where(at_place & (np.real(height) < 0), straight, gaps)
+        return gaps
 
     def written(
         self, sizes: Sequence[str], point: np.ndarray, normal: np.ndarray, far: float
     ) -> str:
-        """The same as a formula, of formulas of the sizes, for one point and its normal, (dim,)
-        each.
+        """Distance along a normal as a formula of the sizes.
+
+        Args:
+            sizes: formulas of the sizes.
+            point: the point, (dim,).
+            normal: unit normal, (dim,).
+            far: distance if the normal misses the obstacle.
         """
         return written_gap(self.kind, self.inside, sizes, point, normal, far, TIP)
 

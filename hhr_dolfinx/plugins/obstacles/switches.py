@@ -19,7 +19,12 @@ CYLINDER_AXIS = (0.0, 0.0, 1.0)
 
 
 def circle(draft: SceneDraft, neutral: bool) -> SceneDraft:
-    """A circle, in space a cylinder, at the right flank of the upper block."""
+    """A circle, in space a cylinder, at the right flank of the upper block.
+
+    Args:
+        draft: the scene to extend.
+        neutral: True for an obstacle that nothing reaches.
+    """
     center = draft.flanks[1] + (1.0 + FAR if neutral else 0.995)
     flank = side(SECOND, 0, True)
     if draft.dimension == 3:
@@ -30,7 +35,12 @@ def circle(draft: SceneDraft, neutral: bool) -> SceneDraft:
 
 
 def moving_circle(draft: SceneDraft, neutral: bool) -> SceneDraft:
-    """A circle or cylinder that is pushed into the left flank of the lower block."""
+    """A circle or cylinder that is pushed into the left flank of the lower block.
+
+    Args:
+        draft: the scene to extend.
+        neutral: True for an obstacle that nothing reaches.
+    """
     draft = draft.with_load_parameter("depth", 0.015, neutral)
     start = -FAR if neutral else 0.0
     center = f"{start} + depth"
@@ -48,7 +58,12 @@ def moving_circle(draft: SceneDraft, neutral: bool) -> SceneDraft:
 
 
 def cone(draft: SceneDraft, neutral: bool) -> SceneDraft:
-    """A cone in space, at the right flank of the upper block."""
+    """A cone in space, at the right flank of the upper block.
+
+    Args:
+        draft: the scene to extend.
+        neutral: True for an obstacle that nothing reaches.
+    """
     draft = draft.of_hypothesis("solid")
     tip = (draft.flanks[1] + (FAR if neutral else -0.003), 1.5, 0.5)
     flank = side(SECOND, 0, True)
@@ -56,7 +71,12 @@ def cone(draft: SceneDraft, neutral: bool) -> SceneDraft:
 
 
 def profile(draft: SceneDraft, neutral: bool) -> SceneDraft:
-    """A curve in the plane, at the right flank of the upper block."""
+    """A curve in the plane, at the right flank of the upper block.
+
+    Args:
+        draft: the scene to extend.
+        neutral: True for an obstacle that nothing reaches.
+    """
     draft.exclude(draft.dimension == 3, "a profile is a curve in the plane")
     height = np.linspace(0.5, 2.5, 21)
     curve = np.column_stack([0.3 * (height - 1.5) ** 2, height])
@@ -65,7 +85,12 @@ def profile(draft: SceneDraft, neutral: bool) -> SceneDraft:
 
 
 def rigid_mesh(draft: SceneDraft, neutral: bool) -> SceneDraft:
-    """A surface of triangles in space, at the right flank of the upper block."""
+    """A surface of triangles in space, at the right flank of the upper block.
+
+    Args:
+        draft: the scene to extend.
+        neutral: True for an obstacle that nothing reaches.
+    """
     draft = draft.of_hypothesis("solid")
     ridge = [(0.1 * abs(y - 1.5), y, z) for y in (0.0, 1.5, 3.0) for z in (-1.0, 2.0)]
     points = np.array(ridge)

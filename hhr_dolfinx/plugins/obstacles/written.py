@@ -48,8 +48,10 @@ def written_gap(
         root = f"({b})**2-({c}-({sizes[-1]})**2)"
         return _chosen(root, _root(f"{c}-({sizes[-1]})**2", b, root, inside), _number(far))
     axis = _unit(sizes[dim : 2 * dim])
-    height = f"({_sum(f'{d}*{part}' for d, part in zip(offsets, axis, strict=True))})"
-    rise = _short(f"({_sum(f'{_number(n)}*{part}' for n, part in zip(normal, axis, strict=True))})")
+    height = f"({_sum(f'{d}*{component}' for d, component in zip(offsets, axis, strict=True))})"
+    rise = _short(
+        f"({_sum(f'{_number(n)}*{component}' for n, component in zip(normal, axis, strict=True))})"
+    )
     cone = kind == "cone"
     share = _short(f"(1+tan(pi/180*({sizes[-1]}))**2)") if cone else "1"
     size = "0" if cone else f"({sizes[-1]})**2"
@@ -77,8 +79,8 @@ def _short(text: str) -> str:
 
 def _unit(axis: Sequence[str]) -> list[str]:
     """Components of a vector of formulas over its length."""
-    length = f"sqrt({_sum(f'({part})**2' for part in axis)})"
-    return [_short(f"(({part})/{length})") for part in axis]
+    length = f"sqrt({_sum(f'({component})**2' for component in axis)})"
+    return [_short(f"(({component})/{length})") for component in axis]
 
 
 def _root(c: str, b: str, root: str, inside: bool) -> str:

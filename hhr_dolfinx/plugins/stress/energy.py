@@ -46,6 +46,10 @@ def energy_of(probe: ModelProbe, output: NamedOutput) -> Functional:
     """Elastic energy of all bodies, an ``ElasticEnergy``: by the stress of laws, else by the work
     of forces.
 
+    Args:
+        probe: interface of the model.
+        output: the ``ElasticEnergy``.
+
     Raises:
         SceneError: for laws whose plug-in knows no elasticity of the bodies.
     """
@@ -57,8 +61,8 @@ def energy_of(probe: ModelProbe, output: NamedOutput) -> Functional:
                 "gives no elasticity C of the bodies, of which the energy ∫ σ : C^-1 σ / 2 needs "
                 "the inverse: leave it out"
             )
-        found: Functional = probe.laws.energy(output)
-        return found
+        functional: Functional = probe.laws.energy(output)
+        return functional
     problem = probe.problem
     # a unilateral condition with a force has no slack; those of other laws have
     unilateral = problem.law is UNILATERAL
@@ -73,7 +77,7 @@ def energy_of(probe: ModelProbe, output: NamedOutput) -> Functional:
         return Energy(output.name, output.unit, *_entries(work.rows), names, work.moduli, *arrays)
     touching = np.arange(0 if unilateral else len(problem.gaps), dtype=np.int64)
     pressed = csr_matrix(problem.contact[touching])
-    own = (pressed @ problem.lifts.tocsc()[:, work.lifted]).toarray()
+    moved = (pressed @ problem.lifts.tocsc()[:, work.lifted]).toarray()
     stiff = np.zeros(0) if springs is None else springs
     held = np.flatnonzero(stiff)
     size = problem.free.size
@@ -85,7 +89,7 @@ def energy_of(probe: ModelProbe, output: NamedOutput) -> Functional:
     pairs = list(_strain_energies(probe.discretisation, output)) if strained else []
     rows = _entries(csr_matrix(vstack([work.rows, pressed, grounded, forces])))
     factors = tuple(text for text, _ in pairs)
-    more = touching, own, stiff[held], terms
+    more = touching, moved, stiff[held], terms
     energies = np.array([energy for _, energy in pairs], dtype=float)
     return StoredEnergy(
         output.name, output.unit, *rows, names, work.moduli, *arrays, *more, factors, energies
@@ -94,8 +98,8 @@ def energy_of(probe: ModelProbe, output: NamedOutput) -> Functional:
 
 def _entries(matrix: csr_matrix) -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
     """Rows of an output as its first fields."""
-    found: coo_matrix = matrix.tocoo()
-    return matrix.shape[0], found.row.astype(np.int64), found.col.astype(np.int64), found.data
+    entries: coo_matrix = matrix.tocoo()
+    return matrix.shape[0], entries.row.astype(np.int64), entries.col.astype(np.int64), entries.data
 
 
 def _work(probe: ModelProbe, problem: ContactProblem) -> WorkOfForces:
@@ -108,17 +112,19 @@ def _work(probe: ModelProbe, problem: ContactProblem) -> WorkOfForces:
     lifted = np.flatnonzero(np.diff(problem.lifts.tocsc().indptr))
     lifts = problem.lifts.tocsc()[:, lifted]
     pulls = problem.pulls if problem.moduli else (problem.pulled,)
-    pulled = [csc_matrix(part[:, lifted]) for part in pulls]
-    acting = (problem.prolongation.restrict(part) for part in pulled)
-    blocks = [external[:, loaded], *(masked(part, problem.free) for part in acting)]
+    pulled = [csc_matrix(pull[:, lifted]) for pull in pulls]
+    acting = (problem.prolongation.restrict(pull) for pull in pulled)
+    blocks = [external[:, loaded], *(masked(pull, problem.free) for pull in acting)]
     rows = csr_matrix(hstack([csc_matrix(block) for block in blocks]).T)
     terms = np.concatenate([loaded, np.tile(lifted, count)]).astype(np.int64)
-    parts = np.concatenate([np.full(loaded.size, -1), np.repeat(np.arange(count), lifted.size)])
-    squares = np.array([(lifts.T @ part).toarray() for part in pulled])
+    part_of_terms = np.concatenate(
+        [np.full(loaded.size, -1), np.repeat(np.arange(count), lifted.size)]
+    )
+    squares = np.array([(lifts.T @ pull).toarray() for pull in pulled])
     squares = squares.reshape(count, lifted.size, lifted.size)
-    own = (rows @ lifts).toarray()
+    moved = (rows @ lifts).toarray()
     return WorkOfForces(
-        rows, moduli, terms, parts.astype(np.int64), lifted.astype(np.int64), squares, own
+        rows, moduli, terms, part_of_terms.astype(np.int64), lifted.astype(np.int64), squares, moved
     )
 
 
@@ -142,18 +148,26 @@ def _strain_energies(
     """
     mesh = discretisation.mesh
     loads = [load for load in discretisation.scene.loads if hasattr(load, "eigenstrain_of")]
-    for place, body in enumerate(discretisation.scene.bodies):
-        given = [load.eigenstrain_of(body.tag, mesh) for load in loads]
+    for index, body in enumerate(discretisation.scene.bodies):
+        eigenstrains = [load.eigenstrain_of(body.tag, mesh) for load in loads]
         strains = [
-            (text_of(amplitude, output), strain) for amplitude, strain in filter(None, given)
+            (text_of(amplitude, output), strain) for amplitude, strain in filter(None, eigenstrains)
         ]
-        for (first, own), (second, other) in product(strains, repeat=2):
-            for modulus, energy in _energies(discretisation, place, own, other):
+        for (first, first_strain), (second, second_strain) in product(strains, repeat=2):
+            for modulus, energy in _energies(discretisation, index, first_strain, second_strain):
                 yield f"({first}) * ({second}) * ({modulus})", energy
 
 
 def text_of(amplitude: Amplitude | Formula, output: NamedOutput) -> str:
-    """An amplitude of a strain as a formula."""
+    """An amplitude of a strain as a formula.
+
+    Args:
+        amplitude: the amplitude.
+        output: the output that needs it, for the message.
+
+    Raises:
+        SceneError: if names of parameters cannot stand in a formula.
+    """
     if not isinstance(amplitude, Amplitude):
         return amplitude.text
     wrong = [name for name in amplitude.slopes if not name.isidentifier()]
@@ -200,8 +214,10 @@ def _energies(
     )
     measured = elasticity.in_plane(averaged(discretisation, place, other), hypothesis)
     stresses = elasticity.isotropic_parts(graded, hypothesis)
-    for part in parts_of(body, hypothesis):
-        moduli = map(discretisation.constant, part.moduli)
+    for stiffness_part in parts_of(body, hypothesis):
+        moduli = map(discretisation.constant, stiffness_part.moduli)
         chosen = zip(moduli, stresses, strict=True)
-        stress = sum(modulus * item for modulus, item in chosen if float(modulus.value))
-        yield f"({part.factor}) * ({part.rest})", energy(stress, measured)
+        stress = sum(
+            modulus * stress_part for modulus, stress_part in chosen if float(modulus.value)
+        )
+        yield f"({stiffness_part.factor}) * ({stiffness_part.rest})", energy(stress, measured)

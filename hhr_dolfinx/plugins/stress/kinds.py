@@ -57,12 +57,18 @@ class Mises(Functional):
         return float(self.shares @ values if self.shares.size else values.max())
 
     def followed(self, state: State, there: Functional, shifted: State) -> float:
-        """Stress of the cell where it is largest, or the mean."""
+        """Stress of the cell where it is largest, or the mean.
+
+        Args:
+            state: state at which the cell is found.
+            there: the output at another point.
+            shifted: state at that point.
+        """
         assert isinstance(there, Mises)
         if self.shares.size:
             return there.value(shifted)
-        place = von_mises(self._stress(state)[0]).argmax()
-        return float(von_mises(there._stress(shifted)[0])[place])
+        cell = von_mises(self._stress(state)[0]).argmax()
+        return float(von_mises(there._stress(shifted)[0])[cell])
 
     def slopes(self, state: State) -> Slopes:
         """Slopes by the chain rule through the stress."""
@@ -79,17 +85,19 @@ class Mises(Functional):
         scale = np.divide(1.5 * shares, values, out=np.zeros(values.size), where=values > 0)
         along = scale[:, None] * deviator
         volume, shape = self._moduli
-        found = (
+        measured = (
             volume.value(state.point) * np.outer(along @ unit, unit)
             + 2 * shape.value(state.point) * along
         )
-        found *= self.grading[:, None]
+        measured *= self.grading[:, None]
         if self.plane_stress:
-            found *= np.array([1.0, 1.0, 0.0, 1.0])
+            measured *= np.array([1.0, 1.0, 0.0, 1.0])
         point = np.sum(along * of_volume) * volume.derivative(state.point)
         point = point + np.sum(along * of_shape) * shape.derivative(state.point)
         return Slopes(
-            measured=found.ravel(), point=point, kink=kink or bool((values[shares > 0] == 0).any())
+            measured=measured.ravel(),
+            point=point,
+            kink=kink or bool((values[shares > 0] == 0).any()),
         )
 
 
@@ -118,10 +126,10 @@ class StrainedMises(Mises):
 
     def slopes(self, state: State) -> Slopes:
         """Slopes by the chain rule, also through the amplitudes."""
-        found = super().slopes(state)
-        along = found.measured @ self.rest
+        of_strains = super().slopes(state)
+        along = of_strains.measured @ self.rest
         changes = [amplitude.derivative(state.point) for amplitude in self._amplitudes]
-        return found._replace(point=found.point - along @ np.array(changes))
+        return of_strains._replace(point=of_strains.point - along @ np.array(changes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,9 +196,13 @@ class Energy(Functional):
         for modulus, slope in zip(self._moduli, of_weights, strict=True):
             point += slope * modulus.derivative(state.point)
         of_forces = -(self.gaps @ theta[self.gap_terms]) / 2
-        every = np.arange(state.forces.size)
+        conditions = np.arange(state.forces.size)
         return Slopes(
-            every, of_forces, theta[self.terms] * weights[self.parts] / 2, of_theta / 2, point / 2
+            conditions,
+            of_forces,
+            theta[self.terms] * weights[self.parts] / 2,
+            of_theta / 2,
+            point / 2,
         )
 
     def indices(self) -> dict[str, np.ndarray]:
@@ -246,26 +258,26 @@ class StoredEnergy(Energy):
         stress.
         """
         work, moved, sprung, strained = self._parts(state)
-        found = super().value(work) - float(state.forces[self.touching] @ moved) / 2
-        found -= float(self.springs @ sprung**2) / 2 + float(state.theta[self.strained] @ strained)
+        energy = super().value(work) - float(state.forces[self.touching] @ moved) / 2
+        energy -= float(self.springs @ sprung**2) / 2 + float(state.theta[self.strained] @ strained)
         factors = np.array([factor.value(state.point) for factor in self._factors])
-        return found + float(factors @ self.strains)
+        return energy + float(factors @ self.strains)
 
     def slopes(self, state: State) -> Slopes:
         """Slopes by the product rule."""
         work, moved, sprung, strained = self._parts(state)
-        found = super().slopes(work)
-        forces = found.forces.copy()
+        of_work = super().slopes(work)
+        forces = of_work.forces.copy()
         forces[self.touching] -= moved / 2
         pressed = state.forces[self.touching]
-        theta = found.theta.copy()
+        theta = of_work.theta.copy()
         np.add.at(theta, self.lifted, pressed @ self.own_touching / 2)
         np.add.at(theta, self.strained, -strained)
-        rows = found.measured, -pressed / 2, -self.springs * sprung, -state.theta[self.strained]
-        point = found.point.copy()
+        rows = of_work.measured, -pressed / 2, -self.springs * sprung, -state.theta[self.strained]
+        point = of_work.point.copy()
         for factor, energy in zip(self._factors, self.strains, strict=True):
             point += energy * factor.derivative(state.point)
-        return found._replace(
+        return of_work._replace(
             forces=forces, theta=theta, measured=np.concatenate(rows), point=point
         )
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import ufl
@@ -22,13 +22,16 @@ if TYPE_CHECKING:
     from hhr_dolfinx.body import Body
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
     from hhr_dolfinx.outputs import ModelProbe, NamedOutput
+    from hhr_dolfinx.plugins.stress.outputs import VonMises
     from hhr_dolfinx.scene import Scene
 
 
-def _cells_of(discretisation: DiscreteSpace, problem: ContactProblem, output: Any) -> np.ndarray:
+def _cells_of(
+    discretisation: DiscreteSpace, problem: ContactProblem, output: VonMises
+) -> np.ndarray:
     """Numbers of the cells of a body within the box of an output."""
     try:
-        inside = cells_of_body(discretisation, output.tag)
+        selected = cells_of_body(discretisation, output.tag)
     except SceneError as error:
         raise SceneError(f"output '{output.name}': {error}") from None
     if output.where is not None:
@@ -39,27 +42,32 @@ def _cells_of(discretisation: DiscreteSpace, problem: ContactProblem, output: An
                 "coordinates, as the mesh"
             )
         within = (middles >= np.array(output.where[0])) & (middles <= np.array(output.where[1]))
-        if not (inside & within.all(axis=1)).any():
-            low = middles[inside].min(axis=0).tolist()
-            high = middles[inside].max(axis=0).tolist()
+        if not (selected & within.all(axis=1)).any():
+            low = middles[selected].min(axis=0).tolist()
+            high = middles[selected].max(axis=0).tolist()
             raise SceneError(
                 f"output '{output.name}': no cell of body {output.tag} has its middle in "
                 f"{output.where}; they lie between {low} and {high}: enlarge the box"
             )
-        inside &= within.all(axis=1)
-    return np.flatnonzero(inside)
+        selected &= within.all(axis=1)
+    return np.flatnonzero(selected)
 
 
-def mises_of(probe: ModelProbe, output: Any) -> Functional:
-    """Stress of the cells of an output, a ``VonMises``."""
+def mises_of(probe: ModelProbe, output: VonMises) -> Functional:
+    """Von Mises' stress of the cells of an output.
+
+    Args:
+        probe: interface of the model.
+        output: the output.
+    """
     discretisation = probe.discretisation
     laws = probe.laws
     cells = _cells_of(discretisation, probe.base, output)
     mean = output.kind == "mean"
     if laws is not None:
         return laws.mises(output, cells)
-    place = next(k for k, body in enumerate(discretisation.scene.bodies) if body.tag == output.tag)
-    strain, dofs, factors, volumes = strains_of_cells(discretisation, cells, place)
+    index = next(k for k, body in enumerate(discretisation.scene.bodies) if body.tag == output.tag)
+    strain, dofs, factors, volumes = strains_of_cells(discretisation, cells, index)
     count, components, _ = strain.shape
     rows = np.broadcast_to(
         np.arange(count * components).reshape(count, components, 1), strain.shape
@@ -72,23 +80,23 @@ def mises_of(probe: ModelProbe, output: Any) -> Functional:
         columns[used].astype(np.int64),
         strain[used],
     )
-    body = discretisation.scene.bodies[place]
+    body = discretisation.scene.bodies[index]
     scene = discretisation.scene
     moduli = moduli_of(body, scene)
     flat = scene.hypothesis == "plane_stress"
     shares = volumes / volumes.sum() if mean else np.zeros(0)
     names = scene.parameters.names
-    given = output.name, output.unit, *matrix, names, *moduli, flat, factors, shares
-    amplitudes, rest = _at_rest(discretisation, cells, place, output)
-    if flat or scene.states_stress(body) or _deviates(rest):
-        found = (
-            StrainedMises(*given, amplitudes, rest.reshape(count * components, -1))
+    fields = output.name, output.unit, *matrix, names, *moduli, flat, factors, shares
+    amplitudes, eigenstrains = _at_rest(discretisation, cells, index, output)
+    if flat or scene.states_stress(body) or _deviates(eigenstrains):
+        functional = (
+            StrainedMises(*fields, amplitudes, eigenstrains.reshape(count * components, -1))
             if amplitudes
-            else Mises(*given)
+            else Mises(*fields)
         )
     else:  # a change of volume has no part in it
-        found = Mises(*given)
-    return probe.on_cells(found, cells)
+        functional = Mises(*fields)
+    return probe.on_cells(functional, cells)
 
 
 def moduli_of(body: Body, scene: Scene) -> tuple[str, str]:
@@ -96,6 +104,10 @@ def moduli_of(body: Body, scene: Scene) -> tuple[str, str]:
 
     Where elasticity is not Hooke's, those that leave the stress of :func:`strains_of_cells` as it
     is.
+
+    Args:
+        body: the body.
+        scene: its scene.
     """
     if scene.states_stress(body):
         return "0", "0.5"
@@ -128,9 +140,9 @@ def strains_of_cells(
         cells: increasing, in the order of ``cell_nodes``, (c,).
         place: index of the body in the scene.
     """
-    own = _of_rank(discretisation, cells).astype(np.int32)
-    parts = discretisation.group.gathered(_tabulated(discretisation, own, place))
-    return [np.concatenate(part) for part in zip(*parts, strict=True)]
+    local_cells = _of_rank(discretisation, cells).astype(np.int32)
+    arrays_of_ranks = discretisation.group.gathered(_tabulated(discretisation, local_cells, place))
+    return [np.concatenate(arrays) for arrays in zip(*arrays_of_ranks, strict=True)]
 
 
 def _at_rest(
@@ -143,20 +155,24 @@ def _at_rest(
     scene = discretisation.scene
     body = scene.bodies[place]
     loads = [load for load in scene.loads if hasattr(load, "eigenstrain_of")]
-    given = [found for load in loads if (found := load.eigenstrain_of(body.tag, mesh)) is not None]
+    eigenstrains = [
+        strain_of_load
+        for load in loads
+        if (strain_of_load := load.eigenstrain_of(body.tag, mesh)) is not None
+    ]
     stress_of = scene.own_stress(body, mesh) or (lambda strain: strain)
-    own = _of_rank(discretisation, cells).astype(np.int32)
+    local_cells = _of_rank(discretisation, cells).astype(np.int32)
     middle = compat.interpolation_points(
         fem.functionspace(mesh, ("Discontinuous Lagrange", 0)).element
     )
-    one = discretisation.constant(1.0)  # a strain that is a number has no mesh
-    tables = [np.zeros((len(own), 6 if scene.hypothesis == "solid" else 4, 0))]
-    for _, strain in given:
-        measured = elasticity.kelvin(stress_of(one * strain), scene.hypothesis)
-        table = compat.jitted(fem.Expression, measured, middle).eval(mesh, own)
-        tables.append(table.reshape(len(own), -1, 1))
-    rest = np.concatenate(discretisation.group.gathered(np.concatenate(tables, axis=2)))
-    return tuple(text_of(amplitude, output) for amplitude, _ in given), rest
+    unit = discretisation.constant(1.0)  # a strain that is a number has no mesh
+    tables = [np.zeros((len(local_cells), 6 if scene.hypothesis == "solid" else 4, 0))]
+    for _, strain in eigenstrains:
+        measured = elasticity.kelvin(stress_of(unit * strain), scene.hypothesis)
+        table = compat.jitted(fem.Expression, measured, middle).eval(mesh, local_cells)
+        tables.append(table.reshape(len(local_cells), -1, 1))
+    measured_strains = np.concatenate(discretisation.group.gathered(np.concatenate(tables, axis=2)))
+    return tuple(text_of(amplitude, output) for amplitude, _ in eigenstrains), measured_strains
 
 
 def _deviates(tensors: np.ndarray) -> bool:
@@ -165,7 +181,7 @@ def _deviates(tensors: np.ndarray) -> bool:
 
 
 def _of_rank(discretisation: DiscreteSpace, cells: np.ndarray) -> np.ndarray:
-    """Those of some increasing cells that this rank has, by its own numbers."""
+    """Local numbers of the cells of this rank among some increasing cells."""
     first = sum(
         discretisation.group.gathered(_own_cells(discretisation))[: discretisation.group.number]
     )
@@ -175,7 +191,7 @@ def _of_rank(discretisation: DiscreteSpace, cells: np.ndarray) -> np.ndarray:
 def _tabulated(
     discretisation: DiscreteSpace, cells: np.ndarray, place: int
 ) -> tuple[np.ndarray, ...]:
-    """The same arrays for some cells of this rank."""
+    """Arrays of :func:`strains_of_cells` for some cells of this rank."""
     mesh = discretisation.mesh
     space = discretisation.space
     hypothesis = discretisation.scene.hypothesis

@@ -13,10 +13,20 @@ if TYPE_CHECKING:
 
 
 def energy(draft: SceneDraft, neutral: bool) -> SceneDraft:
-    """The elastic energy, which changes no answer."""
+    """The elastic energy, which changes no answer.
+
+    Args:
+        draft: the scene to extend.
+        neutral: without effect, since an output changes no answer.
+    """
     return replace(draft, outputs=(*draft.outputs, ElasticEnergy("energy")))
 
 
 def von_mises(draft: SceneDraft, neutral: bool) -> SceneDraft:
-    """Von Mises' stress of the lower block, which changes no answer."""
+    """Von Mises' stress of the lower block, which changes no answer.
+
+    Args:
+        draft: the scene to extend.
+        neutral: without effect, since an output changes no answer.
+    """
     return replace(draft, outputs=(*draft.outputs, VonMises("mises", FIRST)))
