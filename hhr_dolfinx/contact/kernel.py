@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from hhr_dolfinx.amplitudes import Amplitudes
     from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities
     from hhr_dolfinx.contact.law import ContactLaw
-    from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
     from hhr_dolfinx.linear.rows import Rows
 
 
@@ -33,7 +32,7 @@ class Kernel(Protocol):
     idle: np.ndarray  #: the same without loads and resistance, (N, l), which answers do not have
     law: ContactLaw  #: of the problem's conditions, in the form that solves for motions
 
-    def at(self, problem: ContactProblem) -> Kernel:
+    def at(self, problem: Any) -> Kernel:
         """Kernel of the problem on another shape of bodies that it does not move.
 
         Raises:
@@ -47,7 +46,7 @@ class Kernel(Protocol):
             None if contact resists none.
         """
 
-    def exact(self, problem: ContactProblem, responses: Any) -> Any:
+    def exact(self, problem: Any, responses: Any) -> Any:
         """``Elimination`` at a constant stiffness, by the ``Responses`` of the pinned bodies.
 
         Args:
@@ -77,9 +76,7 @@ class Kernel(Protocol):
             basis: the given basis, (own, ell).
         """
 
-    def balanced(
-        self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets, reduced: Any
-    ) -> Any:
+    def balanced(self, problem: Any, basis: np.ndarray, sets: Any, reduced: Any) -> Any:
         """Replace the equations tested with the first r modes by the balance of whole bodies.
 
         Args:
@@ -143,7 +140,7 @@ class Kernels(Protocol):
             modes: the motions, (n, r).
         """
 
-    def of(self, scene: Any, problem: ContactProblem, bodies: Sequence[Any]) -> Kernel:
+    def of(self, scene: Any, problem: Any, bodies: Sequence[Any]) -> Kernel:
         """Kernel of a problem with these free bodies.
 
         Args:

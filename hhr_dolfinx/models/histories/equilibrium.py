@@ -29,9 +29,17 @@ if TYPE_CHECKING:
 class StressOutput(Protocol):
     """An output of the stress of some cells."""
 
-    name: str  #: its name
-    unit: str  #: its unit, as text
-    kind: str  #: ``mean`` for the mean over the volume, otherwise the largest value
+    @property
+    def name(self) -> str:
+        """Its name."""
+
+    @property
+    def unit(self) -> str:
+        """Its unit, as text."""
+
+    @property
+    def kind(self) -> str:
+        """``mean`` for the mean over the volume, otherwise the largest value."""
 
 
 class LawsAtPlaces(Protocol):

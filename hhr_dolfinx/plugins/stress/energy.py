@@ -27,6 +27,7 @@ from hhr_dolfinx.plugins.stress.kinds import Energy, StoredEnergy
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Formula
     from hhr_dolfinx.full_order.discretisation import Discretisation
+    from hhr_dolfinx.models.histories.equilibrium import StressOutput
     from hhr_dolfinx.outputs import ModelProbe, NamedOutput
 
 
@@ -158,7 +159,7 @@ def _strain_energies(
                 yield f"({first}) * ({second}) * ({modulus})", energy
 
 
-def text_of(amplitude: Amplitude | Formula, output: NamedOutput) -> str:
+def text_of(amplitude: Amplitude | Formula, output: NamedOutput | StressOutput) -> str:
     """An amplitude of a strain as a formula.
 
     Args:

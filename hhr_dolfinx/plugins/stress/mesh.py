@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import ufl
@@ -15,19 +16,32 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.full_order.outputs import cells_of_body
 from hhr_dolfinx.models.functionals.functional import Functional
+from hhr_dolfinx.models.histories.equilibrium import StressOutput
 from hhr_dolfinx.plugins.stress.energy import text_of
 from hhr_dolfinx.plugins.stress.kinds import Mises, StrainedMises
 
 if TYPE_CHECKING:
     from hhr_dolfinx.body import Body
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
-    from hhr_dolfinx.outputs import ModelProbe, NamedOutput
-    from hhr_dolfinx.plugins.stress.outputs import VonMises
+    from hhr_dolfinx.outputs import ModelProbe
+    from hhr_dolfinx.parameters import Tag
     from hhr_dolfinx.scene import Scene
 
 
+class StressInCells(StressOutput, Protocol):
+    """An output of the stress in some cells of a body."""
+
+    @property
+    def tag(self) -> Tag:
+        """Cell tag of the body."""
+
+    @property
+    def where(self) -> tuple[Sequence[float], Sequence[float]] | None:
+        """Corners of a box with the middles of the cells; None for all cells."""
+
+
 def _cells_of(
-    discretisation: DiscreteSpace, problem: ContactProblem, output: VonMises
+    discretisation: DiscreteSpace, problem: ContactProblem, output: StressInCells
 ) -> np.ndarray:
     """Numbers of the cells of a body within the box of an output."""
     try:
@@ -53,7 +67,7 @@ def _cells_of(
     return np.flatnonzero(selected)
 
 
-def mises_of(probe: ModelProbe, output: VonMises) -> Functional:
+def mises_of(probe: ModelProbe, output: StressInCells) -> Functional:
     """Von Mises' stress of the cells of an output.
 
     Args:
@@ -146,7 +160,7 @@ def strains_of_cells(
 
 
 def _at_rest(
-    discretisation: DiscreteSpace, cells: np.ndarray, place: int, output: NamedOutput
+    discretisation: DiscreteSpace, cells: np.ndarray, place: int, output: StressOutput
 ) -> tuple[tuple[str, ...], np.ndarray]:
     """Strains that cause no stress: amplitudes as formulas, (e,), and what the rows measure, (c,
     components, e).
