@@ -42,13 +42,20 @@ class Directions:
 
     @classmethod
     def spanned(cls, columns: np.ndarray, gram: Callable[[np.ndarray], np.ndarray]) -> Directions:
-        """The span of columns, which may be dependent, (n, m)."""
-        left, sizes, _ = linalg.svd(columns, full_matrices=False)
-        left = left[:, sizes > NEGLIGIBLE_MODE * sizes.max(initial=0.0)]
+        """The span of columns, which may be dependent.
+
+        Args:
+            columns: the columns, (n, m).
+            gram: multiplies columns by the matrix of the scalar product.
+        """
+        directions, sizes, _ = linalg.svd(columns, full_matrices=False)
+        directions = directions[:, sizes > NEGLIGIBLE_MODE * sizes.max(initial=0.0)]
         energies, axes = (
-            linalg.eigh(left.T @ gram(left)) if left.size else (np.ones(0), np.zeros((0, 0)))
+            linalg.eigh(directions.T @ gram(directions))
+            if directions.size
+            else (np.ones(0), np.zeros((0, 0)))
         )
-        return cls(left @ (axes / np.sqrt(energies)), gram)
+        return cls(directions @ (axes / np.sqrt(energies)), gram)
 
     def distance(self, field: np.ndarray) -> float:
         """Distance of a vector, (n,), to the space."""
@@ -73,7 +80,12 @@ class Domain:
 
     @classmethod
     def of(cls, full: FullModel, sets: IndexSets) -> Domain:
-        """The RID of a reduced model of a full model on one rank."""
+        """The RID of a reduced model of a full model on one rank.
+
+        Args:
+            full: the full model.
+            sets: index sets of the RID.
+        """
         from petsc4py import PETSc
 
         problem = full.problem
