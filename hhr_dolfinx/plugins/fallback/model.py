@@ -135,8 +135,8 @@ class FallbackModel(AnsweringModel):
         quantity = "displacement or forces, in energy," if self.of is None else self.of
         error_of_reduced = known_error(self.reduced.fields)
         return (
-            f"{error_of_reduced}. Where {quantity} may be off by more than {self.tolerance:g} the full "
-            "model answers"
+            f"{error_of_reduced}. Where {quantity} may be off by more than {self.tolerance:g} "
+            "the full model answers"
         )
 
     @property

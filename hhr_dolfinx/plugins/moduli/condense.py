@@ -483,8 +483,8 @@ def _check_supports(full: FullModel) -> None:
             raise NotSolvableError(
                 f"at {problem.parameters.described(point)} nothing but contact holds "
                 f"{unheld[0].name} which {unheld[0].described(unheld[0].left)} there: K is "
-                "singular at this corner of the box, and S grows without limit towards it, so that nothing "
-                "interpolates it. Narrow the box"
+                "singular at this corner of the box, and S grows without limit towards it, so "
+                "that nothing interpolates it. Narrow the box"
             )
 
 

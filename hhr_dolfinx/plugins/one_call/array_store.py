@@ -44,7 +44,15 @@ class ArrayStore:
         return arrays if header == self._header(key) else None
 
     def save(self, key: str, arrays: Mapping[str, np.ndarray]) -> None:
-        """Store arrays of finite numbers under a key; FileError if the file cannot be written."""
+        """Store arrays of finite numbers.
+
+        Args:
+            key: their key.
+            arrays: arrays by name.
+
+        Raises:
+            FileError: if the file cannot be written.
+        """
         write_arrays(self._path(key), self._header(key), arrays, tidy=False)
 
     def _header(self, key: str) -> dict[str, str | int]:

@@ -80,7 +80,9 @@ class Reduction:
         occurrence.
         """
         return tuple(
-            dict.fromkeys(item.outcome for item in self.tried if len(item.outcome) > LONG_OUTCOME)
+            dict.fromkeys(
+                attempt.outcome for attempt in self.tried if len(attempt.outcome) > LONG_OUTCOME
+            )
         )
 
     @property
@@ -102,7 +104,7 @@ class Reduction:
             "known by",
             "outcome",
         )
-        rows = [heads, *(self._row(number, item) for number, item in enumerate(self.tried))]
+        rows = [heads, *(self._row(number, attempt) for number, attempt in enumerate(self.tried))]
         widths = [max(len(row[k]) for row in rows) for k in range(len(heads))]
         lines = [
             "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
@@ -122,9 +124,9 @@ class Reduction:
             return f"there is no model: {self.reason}; {spent}"
         if not self.met:
             return f"{target} is not met: {self.reason}. The best model is returned; {spent}"
-        item = self.tried[self.chosen]
+        model = self.tried[self.chosen]
         sure = (
-            f"at {100 * CONFIDENCE:g} % confidence at most {100 * item.beyond:.2g} % of the box "
+            f"at {100 * CONFIDENCE:g} % confidence at most {100 * model.beyond:.2g} % of the box "
             "exceeds it"
         )
         where = (
@@ -134,8 +136,8 @@ class Reduction:
         )
         return "; ".join(
             [
-                f"{target} is met{where}, {item.known}",
-                *([] if math.isnan(item.beyond) else [sure]),
+                f"{target} is met{where}, {model.known}",
+                *([] if math.isnan(model.beyond) else [sure]),
                 spent,
             ]
         )

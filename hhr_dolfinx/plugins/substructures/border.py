@@ -139,9 +139,9 @@ def _connected(
     for highest, labels_of_border, (edge_start, edge_end) in received:
         ends += [(np.arange(border.size), bases[-1] + labels_of_border), (edge_start, edge_end)]
         bases.append(bases[-1] + highest + 1)
-    vertex, right = (np.concatenate(side) for side in zip(*ends, strict=True))
+    left_end, right = (np.concatenate(side) for side in zip(*ends, strict=True))
     graph_of_ranks = coo_matrix(
-        (np.ones(vertex.size, dtype=bool), (vertex, right)), shape=(bases[-1], bases[-1])
+        (np.ones(left_end.size, dtype=bool), (left_end, right)), shape=(bases[-1], bases[-1])
     )
     _, labels_of_all = connected_components(graph_of_ranks, directed=False)
     return labels_of_all[: border.size], labels_of_all[bases[comm.rank] + labels[: inner.shape[0]]]
@@ -173,10 +173,10 @@ def _cover(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """
     if not one.size:
         return one
-    lefts, start_vertex = np.unique(one, return_inverse=True)
+    lefts, left_vertex = np.unique(one, return_inverse=True)
     rights, right = np.unique(other, return_inverse=True)
     edges = csr_matrix(
-        (np.ones(start_vertex.size, dtype=bool), (start_vertex, right)),
+        (np.ones(left_vertex.size, dtype=bool), (left_vertex, right)),
         shape=(lefts.size, rights.size),
     )
     matched = maximum_bipartite_matching(edges, perm_type="column")  # right vertex of each left one

@@ -62,7 +62,7 @@ class Substructures:
         at = self._border.place[first : first + row_count]
         self._edge = np.flatnonzero(at >= 0)
         self._at = at[self._edge]
-        largest = max((number.size for number in self._border.parts), default=0)
+        largest = max((component.size for component in self._border.parts), default=0)
         self.possible = largest <= MOST_AT_BORDER
         if not self.possible:
             return
@@ -70,7 +70,7 @@ class Substructures:
         # interior rows by the part of the border that they are connected to, which avoids Schur
         # complements with zeros; small parts form one group
         interior = np.flatnonzero(at < 0)
-        sizes = np.array([number.size for number in self._border.parts] + [0])
+        sizes = np.array([component.size for component in self._border.parts] + [0])
         label = np.where(sizes[self._border.part_of] < SMALL_PART, -1, self._border.part_of)
         self._insides = [
             _InteriorFactors(
