@@ -38,7 +38,7 @@ from hhr_dolfinx.models.estimates import (
 from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.path import check_settings
-from hhr_dolfinx.models.model import AnsweringModel
+from hhr_dolfinx.models.model import AnsweringModel, KeptModel
 from hhr_dolfinx.parameters import ParameterSpace, PointsLike, is_number
 from hhr_dolfinx.trained import USUAL
 from hhr_dolfinx.warn import collected, repeat
@@ -46,7 +46,6 @@ from hhr_dolfinx.warn import collected, repeat
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.models.bound import Bound
-    from hhr_dolfinx.models.condensed import CondensedModel
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
     from hhr_dolfinx.reduction.recipe import Recipe
     from hhr_dolfinx.study.training.train import Training
@@ -417,7 +416,7 @@ def safe_model(
     of: str | None = None,
     recipe: Recipe | None = None,
     checked: bool = True,
-) -> FallbackModel | CondensedModel:
+) -> FallbackModel | KeptModel:
     """Build a model whose answers all have errors within a tolerance.
 
     For elastic bodies of constant stiffness without friction it is the condensed model, which is

@@ -138,7 +138,7 @@ def grown(
     solved_points = {
         point.tobytes(): solved(point) for point in typical(space, axes)
     }  # the growth evaluates them too
-    shapes = {name: np.shape(part) for name, part in next(iter(solved_points.values())).items()}
+    shapes = {name: np.shape(array) for name, array in next(iter(solved_points.values())).items()}
     sizes = {
         name: size_in_box([arrays[name] for arrays in solved_points.values()]) for name in shapes
     }
@@ -149,12 +149,12 @@ def grown(
         point = space.middle
         point[axes] = values
         arrays = solved_points.pop(point.tobytes(), None) or solved(point)
-        return np.concatenate([np.ravel(part) / sizes[name] for name, part in arrays.items()])
+        return np.concatenate([np.ravel(array) / sizes[name] for name, array in arrays.items()])
 
     def scale(values: np.ndarray) -> float:
         """Largest of the parts."""
         return max(
-            (float(np.linalg.norm(part)) for part in unstacked(values, shapes.values())),
+            (float(np.linalg.norm(block)) for block in unstacked(values, shapes.values())),
             default=0.0,
         )
 

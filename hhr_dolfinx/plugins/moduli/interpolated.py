@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Annotated, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, Protocol
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Scalar
     from hhr_dolfinx.models.condensed import CondensedModel
     from hhr_dolfinx.models.functionals.functional import AllOutputs
+    from hhr_dolfinx.models.many import ManyAnswers
     from hhr_dolfinx.plugins.moduli.shaped import ReshapedElimination
 
 
@@ -375,13 +376,13 @@ class Compliances(Elimination):
     def stiffness(self, point: np.ndarray) -> InterpolatedStiffness:
         """S and its parts at a point, (P,)."""
         schur = np.zeros((len(self.gaps), len(self.gaps)))
-        parts = []
+        evaluated = []
         for component in self.parts:
             along = component.interpolant.along_modes(point)
             compliance = component.compliance(point)
             schur[component.block] += component.schur(compliance * along)
-            parts.append((component, along, compliance))
-        return InterpolatedStiffness(schur, parts, self.symmetric)
+            evaluated.append((component, along, compliance))
+        return InterpolatedStiffness(schur, evaluated, self.symmetric)
 
     def _compliance_times(self, stiffness: InterpolatedStiffness, forces: np.ndarray) -> np.ndarray:
         """K^-1 B^T times forces, (m,) or (m, k)."""
@@ -462,9 +463,7 @@ class Compliances(Elimination):
 
         return made
 
-    def answers(
-        self, model: CondensedModel, points: np.ndarray, raise_on_failure: bool
-    ) -> SeveralAnswers:
+    def answers(self, model: Any, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
         """Answers to many parameters.
 
         Neighbours of equal stiffness share S and factors, else S of many points is computed at
@@ -570,7 +569,7 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
             return None
         return self._estimated(self.bound, answer.parameter[None], answer.multipliers[None])[0]
 
-    def estimates(self, many: SeveralAnswers) -> Estimates | None:
+    def estimates(self, many: ManyAnswers) -> Estimates | None:
         """Bounds of many answers, as many at once as memory allows."""
         bound = self.bound
         if bound is None:

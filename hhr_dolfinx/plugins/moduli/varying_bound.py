@@ -207,13 +207,13 @@ class VaryingBound(Rebuilt):
         energies = np.zeros(len(points))
         for block in self._blocks:
             theta_of_point = unknown[:, block.modes]
-            for part, entries in zip(block.parts, block.entries, strict=True):
-                energies += weights[:, part] * np.sum(
+            for index, entries in zip(block.parts, block.entries, strict=True):
+                energies += weights[:, index] * np.sum(
                     theta_of_point @ entries.reshape(len(block.modes), -1) * theta_of_point, axis=1
                 )
         pulled = np.sum(theta @ projected.terms.forces.T * unknown, axis=1)
-        for part, lifts in zip(weights.T, projected.terms.lifts, strict=True):
-            pulled -= part * np.sum(theta @ lifts.T * unknown, axis=1)
+        for weight, lifts in zip(weights.T, projected.terms.lifts, strict=True):
+            pulled -= weight * np.sum(theta @ lifts.T * unknown, axis=1)
         return energies, pulled, unknown @ projected.contact_trial.T
 
 

@@ -91,19 +91,25 @@ class Mortar(SlaveAndMaster):
             )
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """One row for each slave node whose surroundings face the master surface."""
+        """One row for each slave node whose surroundings face the master surface.
+
+        Args:
+            surfaces: slave and master.
+            dofs: number of columns of the rows.
+        """
         slave, master = surfaces
-        every, seen = self._faced(slave, master, 0.0)
+        segments, seen = self._faced(slave, master, 0.0)
         rows = self._rows(slave, master, seen, dofs)
         idle = ~np.isin(slave.nodes, rows.slaves)
         if idle.any():
             if self.normal is None:
                 count = len(slave.facets)
-                whole, left = (
-                    np.bincount(some.slave, some.measures, count) for some in (every, seen)
+                area, seen_area = (
+                    np.bincount(selection.slave, selection.measures, count)
+                    for selection in (segments, seen)
                 )
                 hidden = np.zeros(len(slave.nodes), dtype=bool)  # in part, by a body between
-                hidden[slave.facets[left < whole * (1 - BOX_ENLARGEMENT)]] = True
+                hidden[slave.facets[seen_area < area * (1 - BOX_ENLARGEMENT)]] = True
                 looks = opposed(slave, master, 0.0).overhanging & ~hidden
             else:
                 looks = looking(slave, unit(self.normal, slave.points.shape[1]), GRAZING_NORMAL)[0]
@@ -115,7 +121,10 @@ class Mortar(SlaveAndMaster):
     ) -> ContactRows:
         """Rows of deformed surfaces, as :meth:`rows`.
 
-        They may overlap by the length ``overlap`` beyond a cell.
+        Args:
+            surfaces: slave and master in their deformed position.
+            dofs: number of columns of the rows.
+            overlap: length by which the surfaces may overlap beyond a cell.
         """
         slave, master = surfaces
         return self._rows(slave, master, self._faced(slave, master, overlap)[1], dofs)
@@ -141,19 +150,29 @@ class Mortar(SlaveAndMaster):
             # overlap
             flat = np.eye(dim) - np.outer(normal, normal)
             pairs = _near_pairs(slave.corners @ flat, master.corners @ flat, 0.0)
-        here, there = pairs
+        slave_facets, master_facets = pairs
         # the slave looks along its direction of projection, and the master against it
-        opposite = np.einsum("pd,pd->p", directions[here], master.outward[there]) < -cosine
-        opposite &= np.einsum("pd,pd->p", directions[here], slave.outward[here]) > cosine
-        pairs = _overlapping(slave, master, directions, here[opposite], there[opposite])
-        every = common_parts(slave, master, directions, *pairs)
-        if not every.measures.size:
+        opposite = (
+            np.einsum("pd,pd->p", directions[slave_facets], master.outward[master_facets]) < -cosine
+        )
+        opposite &= (
+            np.einsum("pd,pd->p", directions[slave_facets], slave.outward[slave_facets]) > cosine
+        )
+        pairs = _overlapping(
+            slave, master, directions, slave_facets[opposite], master_facets[opposite]
+        )
+        segments = common_parts(slave, master, directions, *pairs)
+        if not segments.measures.size:
             raise NeverFacingError(
                 never_facing(slave, master, "no facet of one lies in front of a facet of the other")
             )
-        seen = every if self.normal is not None else _meeting(slave, master, every, reach, overlap)
+        seen = (
+            segments
+            if self.normal is not None
+            else _meeting(slave, master, segments, reach, overlap)
+        )
         _check_one_layer(slave, master, seen)
-        return every, seen
+        return segments, seen
 
     def _rows(self, slave: Surface, master: Surface, segments: Segments, dofs: int) -> ContactRows:
         """Integrate over the segments and divide by the weight of each multiplier function."""
@@ -203,9 +222,11 @@ class Mortar(SlaveAndMaster):
         )
         matrix = _along_normals(onto_slave, slave.nodes, normals, dofs)
         matrix = matrix - _along_normals(onto_master, master.nodes, normals, dofs)
-        kept = np.flatnonzero(covered)
-        kept = kept[tangential_order(slave.points[kept], mean_normal(slave))]
-        rows = ContactRows(csr_matrix(matrix), gap, slave.nodes, slave.points, area).take(kept)
+        conditions = np.flatnonzero(covered)
+        conditions = conditions[tangential_order(slave.points[conditions], mean_normal(slave))]
+        rows = ContactRows(csr_matrix(matrix), gap, slave.nodes, slave.points, area).take(
+            conditions
+        )
         warn_of_overlap(slave, rows)
         bulges = slave.bulges(segments.slave, segments.slave_values)
         bulges = bulges + master.bulges(segments.master, segments.master_values)
@@ -218,14 +239,14 @@ class Mortar(SlaveAndMaster):
 def _check_one_layer(slave: Surface, master: Surface, segments: Segments) -> None:
     """Raise SceneError for slave facets that are covered more than once."""
     covered = np.bincount(segments.slave, segments.measures, len(slave.facets))
-    whole = slave.sizes * slave.weights[slave.facets].mean(axis=1)
+    areas = slave.sizes * slave.weights[slave.facets].mean(axis=1)
     # a facet on the axis of symmetry has no area
-    times = np.divide(covered, whole, out=np.zeros(len(whole)), where=whole > 0)
+    times = np.divide(covered, areas, out=np.zeros(len(areas)), where=areas > 0)
     if times.max() > 1.05:
-        place = slave.corners[times.argmax()].mean(axis=0).tolist()
+        centre = slave.corners[times.argmax()].mean(axis=0).tolist()
         raise SceneError(
             f"several layers of master surface {master.tag} face slave surface {slave.tag} at "
-            f"{place}: give each layer a tag and a contact pair of its own"
+            f"{centre}: give each layer a tag and a contact pair of its own"
         )
 
 
@@ -267,7 +288,7 @@ def _meeting(
     # a body can only lie between if there is room for it
     roomy = np.unique(segments.slave[distance > slave.depths[segments.slave]])
     seen = ~behind & (distance <= _own_body(slave, roomy, reach)[segments.slave])
-    return Segments(*(part[seen] for part in segments))
+    return Segments(*(array[seen] for array in segments))
 
 
 def _own_body(slave: Surface, facets: np.ndarray, reach: float) -> np.ndarray:
@@ -276,17 +297,19 @@ def _own_body(slave: Surface, facets: np.ndarray, reach: float) -> np.ndarray:
     """
     nearest = np.full(len(slave.facets), np.inf)
     if facets.size:
-        here, there = _near_pairs(slave.corners[facets], slave.corners, reach)
-        here, there = _overlapping(slave, slave, slave.outward, facets[here], there)
-        alike = np.einsum("pd,pd->p", slave.outward[here], slave.outward[there]) > FACING_DIRECTIONS
+        facet, opposite = _near_pairs(slave.corners[facets], slave.corners, reach)
+        facet, opposite = _overlapping(slave, slave, slave.outward, facets[facet], opposite)
+        alike = (
+            np.einsum("pd,pd->p", slave.outward[facet], slave.outward[opposite]) > FACING_DIRECTIONS
+        )
         along = np.einsum(
             "pd,pd->p",
-            (slave.corners[there] - slave.corners[here]).mean(axis=1),
-            slave.outward[here],
+            (slave.corners[opposite] - slave.corners[facet]).mean(axis=1),
+            slave.outward[facet],
         )
-        way = alike & (along > slave.depths[here])
-        parts = common_parts(slave, slave, slave.outward, here[way], there[way])
-        np.minimum.at(nearest, parts.slave, _distances(slave, slave, parts))
+        way = alike & (along > slave.depths[facet])
+        segments = common_parts(slave, slave, slave.outward, facet[way], opposite[way])
+        np.minimum.at(nearest, segments.slave, _distances(slave, slave, segments))
     return nearest
 
 
@@ -295,10 +318,10 @@ def _distances(slave: Surface, master: Surface, segments: Segments) -> np.ndarra
     (q,).
     """
     pairs, of_point = _pairs(len(master.facets), segments.slave, segments.master)
-    here, there = np.divmod(pairs, len(master.facets))
-    normals = slave.outward[here][:, :, None]
-    lows = (slave.corners[here] @ normals)[:, :, 0]
-    highs = (master.corners[there] @ normals)[:, :, 0]
+    slave_facets, master_facets = np.divmod(pairs, len(master.facets))
+    normals = slave.outward[slave_facets][:, :, None]
+    lows = (slave.corners[slave_facets] @ normals)[:, :, 0]
+    highs = (master.corners[master_facets] @ normals)[:, :, 0]
     return (segments.master_values * highs[of_point] - segments.slave_values * lows[of_point]).sum(
         axis=1
     )
@@ -415,7 +438,7 @@ def _near_pairs(
     Facets are given by their corners, (f, k, dim) and (g, l, dim).
     """
     boxes = [(corners.min(axis=1), corners.max(axis=1)) for corners in (first, second)]
-    (middle, half), (others, other_half) = (
+    (middle, half), (other_middle, other_half) = (
         ((low + high) / 2, (high - low) / 2) for low, high in boxes
     )
     half = (
@@ -423,8 +446,11 @@ def _near_pairs(
         + reach
         + BOX_ENLARGEMENT * max(np.ptp(first, axis=(0, 1)).max(), np.ptp(second, axis=(0, 1)).max())
     )
-    here, there = pairs_within(
-        cKDTree(others), middle, (half + other_half.max(axis=0)).max(axis=1), np.inf
+    index_first, index_second = pairs_within(
+        cKDTree(other_middle), middle, (half + other_half.max(axis=0)).max(axis=1), np.inf
     )
-    meet = (np.abs(middle[here] - others[there]) <= half[here] + other_half[there]).all(axis=1)
-    return here[meet], there[meet]
+    meet = (
+        np.abs(middle[index_first] - other_middle[index_second])
+        <= half[index_first] + other_half[index_second]
+    ).all(axis=1)
+    return index_first[meet], index_second[meet]

@@ -35,9 +35,10 @@ class Middles:
 
         ``nodes`` must hold all of ``between`` too.
         """
-        kept = np.isin(self.nodes, nodes)
+        present = np.isin(self.nodes, nodes)
         return Middles(
-            np.searchsorted(nodes, self.nodes[kept]), np.searchsorted(nodes, self.between[kept])
+            np.searchsorted(nodes, self.nodes[present]),
+            np.searchsorted(nodes, self.between[present]),
         )
 
 
@@ -70,8 +71,8 @@ class CellStrain(NamedTuple):
         if self.hoop is not None:
             radial = at_corners.reshape(*self.cells.shape, dim, -1)[:, :, 0]
             strain[:, 2] = np.einsum("ck,ckp->cp", self.hoop, radial)
-        for place, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))[: strain.shape[1] - 3], start=3):
-            strain[:, place] = (slopes[:, i, j] + slopes[:, j, i]) / np.sqrt(2)
+        for row, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))[: strain.shape[1] - 3], start=3):
+            strain[:, row] = (slopes[:, i, j] + slopes[:, j, i]) / np.sqrt(2)
         if self.dilatation is not None:
             corners = at_corners.reshape(len(self.cells), -1, strain.shape[2])
             mean = np.einsum("ck,ckp->cp", self.dilatation.reshape(len(self.cells), -1), corners)
@@ -122,8 +123,8 @@ class MovingCells:
         """The strain at a point, (P,)."""
         values = dict(zip(self.parameters, point.tolist(), strict=True))
         points = self.points.copy()
-        for shape, own in zip(self.shapes, self.moved, strict=True):
-            points[own] = shape.moved(self.points[own], self.coordinates, values)
+        for shape, moved_nodes in zip(self.shapes, self.moved, strict=True):
+            points[moved_nodes] = shape.moved(self.points[moved_nodes], self.coordinates, values)
         corners = self.middles.placed(points)[self.cells]
         gradients, _ = _mapped_gradients(corners, self.slopes)
         hoop = (

@@ -147,17 +147,17 @@ def beyond(used: dict[str, Ellipticity], sharp: dict[str, Ellipticity]) -> dict[
     """
     reasons = {}
     for name in used.keys() & sharp.keys():
-        given = used[name]
+        claimed = used[name]
         reference = sharp[name]
-        if given.continuity < reference.continuity * (1 - SLACK):
+        if claimed.continuity < reference.continuity * (1 - SLACK):
             reasons[name] = (
-                f"M_a = {given.continuity:.3g} is no constant of (2.7), which are "
+                f"M_a = {claimed.continuity:.3g} is no constant of (2.7), which are "
                 f"{reference.continuity:.3g} and more"
             )
-        elif given.coercivity > reference.coercivity * (1 + SLACK):
+        elif claimed.coercivity > reference.coercivity * (1 + SLACK):
             constant_name = CONSTANT_NAMES.get(name, "alpha of (2.9)")
             reasons[name] = (
-                f"{given.coercivity:.3g} is no {constant_name}, which are "
+                f"{claimed.coercivity:.3g} is no {constant_name}, which are "
                 f"{reference.coercivity:.3g} and less"
             )
     return reasons
