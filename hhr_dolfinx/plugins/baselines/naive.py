@@ -70,7 +70,7 @@ class NaiveFullOrder(AnsweringModel):
         contact = problem.contact[:, free]
         last = {"free": np.zeros(free.size)}
 
-        def saddle_point(active, _):
+        def saddle_point(active: np.ndarray, _: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
             rows = scale * contact[active]
             matrix = bmat([[stiffness, rows.T], [rows, None]], format="csc")
             try:

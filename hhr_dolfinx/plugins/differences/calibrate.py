@@ -43,8 +43,9 @@ def calibrate(draft: Draft) -> None:
 def _calibrated(
     model: ReducedModel, known: Sequence[Sequence[History]], log: StageLog
 ) -> ReducedModel:
-    """The model with a calibrated indicator, by the first set of histories with usable
-    increments.
+    """The model with a calibrated indicator.
+
+    The first set of histories with usable increments calibrates it.
     """
     largest = max(
         np.linalg.norm(answer.multipliers)

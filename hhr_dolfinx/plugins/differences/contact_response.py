@@ -23,9 +23,7 @@ CANCELLED = 1e-3
 
 
 class Outside(NamedTuple):
-    """Partition of the contact conditions into given and free ones (k and m - k of m
-    conditions).
-    """
+    """Partition of the m contact conditions into k given and m - k free ones."""
 
     inside: np.ndarray  #: indices of the given conditions, (k,)
     outside: np.ndarray  #: indices of the free ones, (m - k,)

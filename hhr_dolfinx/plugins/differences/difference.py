@@ -47,8 +47,9 @@ SQUARES = 1e-14
 
 
 class Exact(NamedTuple):
-    """Exact forces of n answers, (n, m), their rigid motions, (n, r), and True for those that were
-    found, (n,) bool.
+    """Exact forces and rigid motions of n answers.
+
+    Forces, (n, m), motions, (n, r), and True for those that were found, (n,) bool.
 
     For the others, the forces are those of the answer.
     """

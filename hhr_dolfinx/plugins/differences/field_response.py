@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class FieldResponse:
-    """Coordinates of the displacement in columns C, and X_F θ (N dofs, 1 + T terms, m conditions, c
-    columns).
+    """Coordinates of the displacement in columns C, and X_F θ.
+
+    N dofs, 1 + T terms, m conditions, c columns.
 
     Forces solve the contact problem on S from the statuses of an answer. For bodies that only
     contact holds the last columns of the displacement are their rigid motions R, whose coordinates

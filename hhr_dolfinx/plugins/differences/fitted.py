@@ -43,8 +43,9 @@ fitted.
 
 
 def mark_of(problem: ContactProblem) -> np.ndarray:
-    """Fingerprint of a scene: x·K x, x·f, y·(B x) and y·D at two points of the box, x and y random,
-    (8,).
+    """Fingerprint of a scene: products with random vectors at two points of the box, (8,).
+
+    x·K x, x·f, y·(B x) and y·D, with x and y random.
     """
     rng = np.random.default_rng(0)
     held = problem.held
@@ -67,8 +68,9 @@ def mark_of(problem: ContactProblem) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class FittedForces:
-    """Completion of contact forces and statuses by modes of training forces, fitted to those of the
-    RID.
+    """Completion of contact forces and statuses by modes of training forces.
+
+    The modes are fitted to the forces of the RID.
 
     See :class:`~hhr_dolfinx.models.answer.InterfaceCompletion`.
     """
@@ -265,9 +267,7 @@ forces_outside = FittedForces.fitted
 
 
 def _alike(one: str | np.ndarray | float, other: str | np.ndarray | float) -> bool:
-    """True for equal texts, and for arrays that differ by no more than round-off of the numbers of
-    one scene.
-    """
+    """True for equal texts, and for arrays that differ by round-off of the numbers of one scene."""
     if isinstance(one, str) or isinstance(other, str) or np.shape(one) != np.shape(other):
         return bool(np.array_equal(one, other))
     off = np.abs(np.subtract(one, other)).max(initial=0.0)

@@ -313,8 +313,9 @@ def field_response(full: FullModel, forces: np.ndarray, most: int) -> Bounding:
 
 
 def load_response(full: FullModel) -> tuple[np.ndarray, csc_matrix]:
-    """K^-1 loads, (own, 1 + T), as a product of few columns, (own, k), and a sparse matrix, (k, 1 +
-    T).
+    """K^-1 loads, (own, 1 + T), as a product of few columns and a sparse matrix.
+
+    The columns are (own, k), the matrix is (k, 1 + T).
 
     The columns belong to the nonzero terms, or to the loaded dofs if there are fewer of these, as
     for a pressure up to a height that is a parameter.

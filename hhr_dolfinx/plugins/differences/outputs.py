@@ -59,8 +59,9 @@ class OutputDifference:
         return float(self.least[[functional.name for functional in functionals.items].index(name)])
 
     def fits(self, functionals: Functionals) -> bool:
-        """True if these can be estimates of some outputs: sizes agree, and no smallest denominator
-        is negative.
+        """True if these can be estimates of some outputs.
+
+        Sizes agree, and no smallest denominator is negative.
         """
         rows = sum(functional.count for functional in functionals.items if self.knows(functional))
         return (

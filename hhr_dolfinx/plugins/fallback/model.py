@@ -65,8 +65,7 @@ class _NotGoodEnough(Exception):
 
 
 class FallbackModel(AnsweringModel):
-    """Model whose answers come from a reduced model, or from the full one if the reduced error may
-    exceed a tolerance.
+    """Model that calls the full one if the error of a reduced one may exceed a tolerance.
 
     The relative error of each answer is at most ``tolerance``, in the quantity ``of``: ``forces``,
     nodal contact forces in the Euclidean norm; ``pressure``, the largest error of a nodal pressure
@@ -144,8 +143,10 @@ class FallbackModel(AnsweringModel):
         return self.reduced
 
     def columns(self, many: Iterable[Answer]) -> dict[str, np.ndarray]:
-        """See :meth:`AnsweringModel.columns`: 1 for answers of the full model, and the columns of
-        the reduced model.
+        """See :meth:`AnsweringModel.columns`.
+
+        The first column is 1 for answers of the full model; the others are those of the reduced
+        one.
         """
         answers = list(many)
         fell = np.array([self.fell_back(answer) for answer in answers], dtype=bool)
@@ -177,8 +178,7 @@ class FallbackModel(AnsweringModel):
         return self.full._answered(point, None, outside, gradient)
 
     def follow(self, path: Path, settings: MarchSettings, **how: Any) -> History:
-        """See :class:`AnsweringModel`; one model answers the whole history of a law that
-        remembers.
+        """See :class:`AnsweringModel`; one model answers the whole history of a law that remembers.
 
         Args:
             path: the load path.
@@ -198,8 +198,9 @@ class FallbackModel(AnsweringModel):
     def _reduced_history(
         self, path: Path, settings: MarchSettings, how: dict[str, Any]
     ) -> History | None:
-        """History of the reduced model; None if it has none, or if the error of an increment may be
-        too large.
+        """History of the reduced model.
+
+        None if it has none, or if the error of an increment may be too large.
 
         Warnings of a discarded history are discarded too.
         """
@@ -250,8 +251,7 @@ class FallbackModel(AnsweringModel):
     def solve_many(
         self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL
     ) -> SeveralAnswers:
-        """Answer many parameters at once by the reduced model, those with a large error by the full
-        one.
+        """Answer many parameters by the reduced model, those with a large error by the full one.
 
         Args:
             points: parameters, (n, P).
@@ -333,8 +333,9 @@ def _remedy(full: FullOrderModel) -> str:
 
 
 def _check_alike(reduced: AnsweringModel, full: FullOrderModel) -> None:
-    """Check that a reduced model has a bound, and that the full one is of the same scene: box, S
-    and an answer.
+    """Check that a reduced model has a bound, and that the full one is of the same scene.
+
+    Box, S and an answer are compared.
     """
     fields = reduced.fields if isinstance(reduced, AnsweringModel) else ModelFields()
     bound = fields.bound
@@ -360,9 +361,7 @@ def _check_alike(reduced: AnsweringModel, full: FullOrderModel) -> None:
 
 
 def _check_same_law(reduced: AnsweringModel, full: FullOrderModel) -> None:
-    """ReductionError unless a reduced model with a law of interfaces was built from this full
-    model.
-    """
+    """Raise ReductionError unless a reduced model with a law was built from this full model."""
     interface = reduced.fields.interface
     if full.law.plugins != interface.whole.plugins or full.equilibrium is not None:
         unlike = "bodies that flow" if full.equilibrium is not None else full.law.name

@@ -86,8 +86,9 @@ class Round(NamedTuple):
 
 
 class GreedyChoice(NamedTuple):
-    """Points of the box in the order in which they were chosen, (S, P), the models on the way, and
-    their recipe.
+    """Chosen points of the box, the models on the way, and their recipe.
+
+    Points are in the order in which they were chosen, (S, P).
     """
 
     points: np.ndarray
@@ -323,8 +324,9 @@ def _marched(model: AnsweringModel, path: LoadPath) -> History | None:
 def _chosen(
     errors: np.ndarray, candidates: np.ndarray, known: np.ndarray, space: ParameterSpace, count: int
 ) -> np.ndarray:
-    """Numbers of the candidates to add, (k,): by their error vectors if all have one, else by
-    distances.
+    """Indices of the candidates to add, (k,).
+
+    They are chosen by their error vectors if all have one, else by distances.
     """
     if errors.shape[1] == 1 or (np.linalg.norm(errors, axis=1) >= UNSOLVED_CANDIDATE / 2).any():
         return apart(candidates, np.linalg.norm(errors, axis=1), known, space, count)
@@ -389,8 +391,9 @@ def apart(
 
 
 class KeptChoice:
-    """Choice of a greedy training, kept next to its answers, so that an interrupted one
-    continues.
+    """Choice of a greedy training, stored next to its answers.
+
+    An interrupted training continues from it.
     """
 
     def __init__(

@@ -107,8 +107,7 @@ class LargestEstimate:
 
 @dataclass(frozen=True)
 class ForceError:
-    """Error of all contact forces, a vector, against a condensed model that keeps all contact
-    conditions.
+    """Error of all contact forces, a vector, against a condensed model with all conditions.
 
     For constant stiffness condensation is exact, and the indicator is the error. Otherwise
     condensation is interpolated between few parameters, and accurate to a small part of the
@@ -230,8 +229,9 @@ def restricted(problem: ContactProblem, sets: IndexSets) -> Restriction:
 
 @dataclass(frozen=True)
 class CellStiffness:
-    """K of some cells alone at any point, without boundary conditions, (N, N): no cell outside adds
-    to an interface.
+    """K of some cells alone at any point, without boundary conditions, (N, N).
+
+    No cell outside adds to an interface.
     """
 
     part: Discretisation  #: the discretisation with the bodies of these cells
@@ -271,7 +271,7 @@ def _terms(part: Discretisation) -> tuple[tuple[csr_matrix, ...], tuple[Modulus,
 
 
 def _of_cells(discretisation: Discretisation, cells: np.ndarray) -> Discretisation:
-    """The same discretisation, without bodies in all other cells."""
+    """The discretisation without bodies in all other cells."""
     mesh = discretisation.mesh
     tags = discretisation._cell_tags
     owned = mesh.topology.index_map(mesh.topology.dim).size_local
@@ -288,8 +288,9 @@ def _of_cells(discretisation: Discretisation, cells: np.ndarray) -> Discretisati
 
 
 class _OnRid(ABC):
-    """An indicator by the full equations of the RID, with the interpolated displacement of its
-    interface, (1.72).
+    """An indicator by the full equations of the RID.
+
+    The displacement of its interface is interpolated, (1.72).
     """
 
     def prepared(self, full: FullOrderModel) -> Score:
@@ -363,8 +364,9 @@ class Eta(_OnRid):
 
 @dataclass(frozen=True)
 class Eta2(_OnRid):
-    """The indicator (2.124) of the thesis: residual on the RID, and jump on its interface to the
-    interpolated field.
+    """The indicator (2.124) of the thesis.
+
+    Residual on the RID, and jump on its interface to the interpolated field.
 
     It uses the energy norm of the cells of the RID, in which the form a has α = M_a = 1: |R|_{K^-1}
     + 2 |jump|_a. The printed number is absolute; here it is divided by the energy norm of the
@@ -408,9 +410,7 @@ def _ratio(error: np.ndarray, exact: np.ndarray, floor: float = 0.0) -> float:
 def _interpolated(
     problem: ContactProblem, known: SnapshotSet, answers: Sequence[Answer], dofs: np.ndarray
 ) -> np.ndarray:
-    """U0 on some dofs between training answers, at the points of some answers, (n, dofs), see
-    (1.72).
-    """
+    """U0 on some dofs between training answers, (n, dofs), see (1.72)."""
     from scipy.interpolate import RBFInterpolator
 
     lower, upper = np.array([problem.parameters.lower, problem.parameters.upper])

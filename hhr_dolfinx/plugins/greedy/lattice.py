@@ -13,8 +13,9 @@ from hhr_dolfinx.sampling import Sobol
 
 @dataclass(frozen=True)
 class Lattice:
-    """Points drawn uniformly from a regular grid: they share coordinates, and many lie on the sides
-    of the box.
+    """Points drawn uniformly from a regular grid.
+
+    They share coordinates, and many lie on the sides of the box.
 
     Many answers then have the field of a load in common and differ by contact only. On the pellet
     150 answers on a grid span a space that takes 500 answers elsewhere, so that greedy trainings

@@ -187,8 +187,9 @@ class Clusters:
         recipe: Recipe,
         points: np.ndarray,
     ) -> tuple[ReducedModel, np.ndarray, list[str]]:
-        """Model of a cluster, estimates of its forces at points of its region, and warnings of its
-        check.
+        """Model of a cluster, estimated errors of its forces, and warnings of its check.
+
+        Errors are those at points of its region.
         """
         floor = least_forces(full, snapshots)
         candidates = []
@@ -299,8 +300,9 @@ def _by(choice: Choice, number: int, points: np.ndarray, reach: np.ndarray) -> n
 
 
 def moving(columns: np.ndarray) -> np.ndarray:
-    """True for displacements, (N, S), above round-off of the largest, which have a direction,
-    (S,).
+    """True for displacements above round-off of the largest, which have a direction, (S,).
+
+    Displacements are (N, S).
     """
     sizes = np.abs(columns).max(axis=0)
     return sizes > STILL * sizes.max(initial=0.0)
@@ -355,8 +357,9 @@ def together(
 
 
 def _alike(models: list[ReducedModel]) -> list[Any]:
-    """Fields of the models with a common least size of forces for relative errors: that of all
-    training.
+    """Fields of the models with a common smallest denominator of relative errors of forces.
+
+    It is that of all training.
     """
     fields = [model.fields for model in models]
     bounds: list[Any] = [fields_of_model.bound for fields_of_model in fields]

@@ -55,8 +55,9 @@ class GridCells(NamedTuple):
 
 
 def grid_cells(points: np.ndarray) -> GridCells:
-    """Cells of a regular grid of any number of parameters, with any spacing, from its points in any
-    order, (S, P).
+    """Cells of a regular grid of any number of parameters, with any spacing.
+
+    The points, (S, P), may be in any order.
 
     Raises:
         ReductionError: for points that are no grid, or a single one.

@@ -91,8 +91,9 @@ class Choice:
 
     @cached_property
     def _nodes(self) -> list[tuple[int, float, int, int, int]]:
-        """Axis, cut, low, high and label of each node as plain numbers, which Python follows ten
-        times as fast.
+        """Axis, cut, low, high and label of each node as plain numbers.
+
+        Python follows these ten times as fast.
         """
         columns = (self.axis, self.cut, self.low, self.high, self.label)
         return list(zip(*(column.tolist() for column in columns), strict=True))
@@ -275,8 +276,9 @@ class LocalModels(KeptModel):
         return checked_start(start, count if count in sizes else sizes[0])
 
     def _criteria(self, numbers: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Criteria against answers of models, of numbers (n,), to points, (n, P), the most
-        important first: (3, n).
+        """Criteria against answers of models to points, the most important first: (3, n).
+
+        The models are given by their numbers, (n,), the points are (n, P).
 
         No solution: infinite. Outside the training range of the model: 1. The larger of the
         relative estimates of displacement and forces, and, if these are infinite, in units; 0
@@ -377,8 +379,9 @@ def _scene_of(model: ReducedModel) -> list:
 
 
 def _same_arrays(one: Reconstruction, two: Reconstruction, point: np.ndarray) -> bool:
-    """True if gaps, θ at a point, and, if both have them, S, lifts and loads belong to one
-    scene.
+    """True if the arrays of two models belong to one scene.
+
+    These are gaps, θ at a point, and, if both have them, S, lifts and loads.
     """
     theta_of_one = one.amplitudes(point)
     theta_of_two = two.amplitudes(point)

@@ -311,8 +311,9 @@ def _worst(errors: np.ndarray, wished: float) -> np.ndarray:
 
 
 class _TooLargeError(Exception):
-    """A model that a part must not have, and its modes: NaN if only some were counted, infinite if
-    it is unreliable.
+    """A model that a part must not have, and its modes.
+
+    NaN if only some modes were counted, infinite if the model is unreliable.
     """
 
     def __init__(self, why: str, modes: float = np.inf):

@@ -34,8 +34,9 @@ class ChordalBounds(NamedTuple):
 
 
 def coordinates(columns: np.ndarray) -> np.ndarray:
-    """Columns, (N, S), in an orthonormal basis of their span, (r, S), r = min(N, S): the same
-    lengths and products.
+    """Columns, (N, S), in an orthonormal basis of their span, (r, S), r = min(N, S).
+
+    Lengths and products do not change.
 
     ReductionError for an invalid table of real numbers.
     """
@@ -92,8 +93,9 @@ def snapshot_distances(columns: np.ndarray) -> np.ndarray:
 def theorem_9(
     exact: np.ndarray, reduced: np.ndarray, weights: np.ndarray, factor: float = 1.0
 ) -> ChordalBounds:
-    """Right sides of theorem 9: the distance of a reduced answer from the exact one, by the angles
-    of their spaces.
+    """Right sides of theorem 9, by the angles of two spaces.
+
+    They bound the distance of a reduced answer from the exact one.
 
     The first, |sin(theta) U*^T gamma*|, is the distance of the exact answer to the reduced space.
     If this has more functions than V*, both hold as well; ell is the number of functions of V*.
@@ -127,8 +129,9 @@ def theorem_9(
 
 
 def _distances(padded: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Grassmann distances of bases stored as rows padded with zeros, (n, a, r), ``counts`` of them
-    valid, (n, n).
+    """Grassmann distances of bases, (n, n).
+
+    Bases are stored as rows padded with zeros, (n, a, r), ``counts`` of them valid.
     """
     distances = _from_cosines(padded, counts)
     upper = np.triu(np.ones(distances.shape, dtype=bool), 1)
@@ -161,8 +164,9 @@ def _from_cosines(padded: np.ndarray, counts: np.ndarray) -> np.ndarray:
 
 
 def _from_sines(padded: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Distances from sines, for pairs of bases of one dimension that are close, given by their
-    numbers, (k,) each.
+    """Distances from sines, for pairs of close bases of one dimension.
+
+    The pairs are given by their numbers, (k,) each.
     """
     _, width, size = padded.shape
     distances = [np.zeros(0)]

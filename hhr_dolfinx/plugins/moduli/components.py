@@ -97,8 +97,9 @@ def _acting(columns: csc_matrix, dofs: np.ndarray) -> np.ndarray:
 
 
 class ComponentSolver:
-    """Computes S and the load response of one connected component, with factors that are updated at
-    each point.
+    """Computes S and the load response of one connected component.
+
+    Its factors are updated at each point.
 
     If only moduli of whole bodies vary, the factors of the full model serve all points. Each rank
     of it has all rows. Columns of K^-1 B^T are used and discarded. A ``store`` keeps solutions for
@@ -141,8 +142,9 @@ class ComponentSolver:
         return arrays
 
     def _solved(self, point: np.ndarray) -> dict[str, np.ndarray]:
-        """Solve by factors that eliminate contact last, or by columns of K^-1 B^T, which serve
-        loads too (symmetry).
+        """Solve by factors that eliminate contact last, or by columns of K^-1 B^T.
+
+        The columns serve loads too (symmetry).
 
         The former return the work of loads too.
         """
@@ -280,8 +282,9 @@ class ComponentSolver:
             self._factors.release()
 
     def with_stiffness(self, point: np.ndarray) -> ContactProblem:
-        """The problem at a point; that of the middle if K of the component is a multiple of the one
-        there.
+        """The problem at a point, with K of the component up to a factor.
+
+        It is that of the middle if K is a multiple of the one there.
         """
         return self.problem if self.serves_all else self._at(point)
 

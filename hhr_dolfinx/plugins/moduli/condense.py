@@ -127,9 +127,7 @@ GRID_BUDGETS = (200, 800, 800, 800, 800)
 
 @dataclass(frozen=True, eq=False)
 class CondensedFacts:
-    """Facts of an interpolated condensation, in its
-    :class:`~hhr_dolfinx.reduction.reductor.Record`.
-    """
+    """Facts of an interpolated condensation, for the record of its construction."""
 
     settings: GridSettings  #: targets of its grids
     evaluations: list[int]  #: solutions of the parts of the scene, one number for each grid
@@ -140,16 +138,15 @@ class CondensedFacts:
 
     @property
     def doubt(self) -> float:
-        """Expected error of S of grids that spent their budget before they converged; 0 for
-        others.
-        """
+        """Expected error of S of grids that spent their budget before they converged; else 0."""
         worst = max([self.unresolved, *self.surpluses])
         return 0.0 if self.finer or worst <= self.settings.tolerance else worst
 
 
 class _Prepared(NamedTuple):
-    """The task of all attempts, and solvers of all components, which keep their solutions for
-    further tasks.
+    """The task of all attempts, and solvers of all components.
+
+    The solvers keep their solutions for further tasks.
     """
 
     task: Task
@@ -270,8 +267,7 @@ class _Prepared(NamedTuple):
 
 @dataclass(frozen=True)
 class Condensation(Reductor[_Prepared]):
-    """Interpolated condensation: a model that keeps all contact conditions and interpolates their
-    compliance.
+    """Interpolated condensation: keeps all contact conditions and interpolates their compliance.
 
     Displacements of snapshots span the fields; the contact forces do not need them. Without
     snapshots, fields of typical forces and loads at some nodes of the grids do.
@@ -442,8 +438,9 @@ class Condensation(Reductor[_Prepared]):
 
 
 def _check_motions(problem: ContactProblem) -> None:
-    """Refuse a shape that changes how contact acts on the motions of bodies that it alone holds, or
-    their loads.
+    """Refuse a shape that changes how contact acts on motions of bodies that it alone holds.
+
+    Or one that changes their loads.
     """
     kernel: Any = problem.kernel
     if kernel is None or problem.reshaped is None:
@@ -466,9 +463,7 @@ def _check_motions(problem: ContactProblem) -> None:
 
 
 def _check_supports(full: FullModel) -> None:
-    """Refuse a user-defined system that leaves motions at a corner of the box and not in the
-    middle.
-    """
+    """Refuse a user-defined system that leaves motions only at a corner of the box."""
     from hhr_dolfinx.full_order.free_bodies import free_bodies
     from hhr_dolfinx.plugins.elasticity.unresisted import unresisted
 
@@ -500,8 +495,9 @@ def _with_motions(compliances: Compliances, problem: ContactProblem) -> Any:
 def _starts_beside_motions(
     eliminated: Any, points: np.ndarray, problem: ContactProblem
 ) -> tuple[KnownStatuses, np.ndarray]:
-    """Starts, and typical forces, (S, m), of answers at points, (S, P), where contact alone holds
-    bodies.
+    """Starts and typical forces, (S, m), where contact alone holds bodies.
+
+    They are those of answers at points, (S, P).
     """
     nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
     model = CondensedModel(
@@ -519,8 +515,9 @@ def _starts_beside_motions(
 def _starts_along_paths(
     eliminated: Any, points: np.ndarray, problem: ContactProblem, announce: Announce
 ) -> tuple[KnownStatuses, np.ndarray]:
-    """Starts and typical forces, (S, m), with a law that remembers: increments start from the one
-    before.
+    """Starts and typical forces, (S, m), with a law that remembers.
+
+    Increments start from the previous one.
 
     Forces are those along paths through a few of the points, (S, P), each, which load, unload and
     reverse; parameters that stay along a path are those of its first point.
@@ -641,8 +638,9 @@ def _finer(compliances: Compliances, bound: FieldBound | None) -> Compliances:
 def _fields_seen(
     compliances: Compliances, solvers: list[ComponentSolver], forces: np.ndarray
 ) -> list[np.ndarray]:
-    """Displacements at some shapes under typical forces, (S, m), (N, k) each: few snapshots do not
-    span them.
+    """Displacements at some shapes under typical forces, (N, k) each.
+
+    Few snapshots do not span them. The forces are (S, m).
     """
     forces = forces.T
     forces = pod(forces / np.maximum(np.linalg.norm(forces, axis=0), LEAST_NORM), FORCE_TOLERANCE)[

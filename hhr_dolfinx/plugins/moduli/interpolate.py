@@ -185,8 +185,9 @@ def grown(
 
 
 def round_off_of_gaps(problem: ContactProblem) -> float:
-    """Norm of gaps below which they may be round-off of coordinates, as where surfaces stay flush
-    in every shape.
+    """Norm of gaps below which they may be round-off of coordinates.
+
+    Gaps of surfaces that stay flush in every shape are.
     """
     return CLOSED_GAP * float(np.ptp(problem.points, axis=0).max()) * math.sqrt(len(problem.gaps))
 

@@ -85,9 +85,7 @@ class Compliance:
 
     @cached_property
     def where(self) -> slice | np.ndarray:
-        """Its conditions, as a slice if they are contiguous: adding there is several times as
-        fast.
-        """
+        """Its conditions, as a slice if they are contiguous, which is several times as fast."""
         first = self.conditions[0]
         last = self.conditions[-1]
         return (
@@ -109,8 +107,9 @@ class Compliance:
         return np.concatenate([self.forced, self.lifted])
 
     def compliance(self, point: np.ndarray) -> float:
-        """1 / E, which is positive wherever amplitudes are evaluated, see
-        :class:`~hhr_dolfinx.amplitudes.Limits`.
+        """1 / E, which is positive wherever amplitudes are evaluated.
+
+        See :class:`~hhr_dolfinx.amplitudes.Limits`.
         """
         return 1.0 if self.factor is None else 1.0 / self.factor.value(point)
 
@@ -214,8 +213,9 @@ class Compliance:
 
 
 def _check_places(part: Compliance, number: int, conditions: int, unknowns: int) -> None:
-    """Raise ValueError for indices out of ranges that no annotation declares, or arrays of other
-    sizes.
+    """Raise ValueError for indices out of their range, or arrays of other sizes.
+
+    No annotation declares these ranges.
     """
     named = {"conditions": (part.conditions, conditions)}
     if part.primal is not None:
@@ -290,9 +290,7 @@ class Compliances(Elimination):
     symmetric: bool = True  #: whether S is symmetric
 
     def __post_init__(self) -> None:
-        """Refuse parts that do not fit these gaps, amplitudes and parameters; files may be
-        wrong.
-        """
+        """Refuse parts that do not fit these gaps, amplitudes and parameters of a file."""
         for number, component in enumerate(self.parts):
             _check_places(component, number, len(self.gaps), self.unknowns)
 
@@ -539,8 +537,9 @@ class FieldBound(Bound, Protocol):
 
 @dataclass(frozen=True)
 class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
-    """Fields of interpolated condensation: by Galerkin's method on a basis, the best in energy
-    under given forces.
+    """Fields of interpolated condensation, by Galerkin's method on a basis.
+
+    They are the best in energy under given forces.
     """
 
     amplitudes: Amplitudes  #: θ as a function of the parameters

@@ -41,8 +41,9 @@ Two random places miss the corners of a box.
 
 @cache
 def leja_points() -> tuple[float, ...]:
-    """Leja points of [-1, 1]: 0, and then always where the product of distances to those before is
-    largest.
+    """Leja points of [-1, 1]: each one is farthest from those before, by the product of distances.
+
+    The first is 0.
     """
     candidates = np.cos(np.linspace(0, np.pi, 20_001))
     points = [0.0]
@@ -86,8 +87,9 @@ class Interpolant:
 
     @cached_property
     def _bases(self) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes and denominators of the polynomials along an axis, up to the largest level, (L,)
-        each.
+        """Nodes and denominators of the polynomials along an axis, (L,) each.
+
+        They go up to the largest level.
         """
         return _bases_up_to(int(self.levels.max(initial=0)))
 
@@ -116,8 +118,9 @@ class Interpolant:
 
     @property
     def nodes(self) -> np.ndarray:
-        """Coordinates along its axes at which the function was evaluated, in the order of the
-        polynomials, (n, d).
+        """Coordinates along its axes at which the function was evaluated, (n, d).
+
+        They are in the order of the polynomials.
         """
         return self.lower + (nodes_of(self.levels) + 1) / 2 * (self.upper - self.lower)
 
@@ -209,8 +212,9 @@ def unstacked(values: np.ndarray, shapes: Iterable[tuple[int, ...]]) -> list[np.
 
 
 def probes_of(dimension: int) -> np.ndarray:
-    """Random places of [-1, 1]^d, (n, d), at which no function of interest vanishes unless it is
-    zero.
+    """Random points of [-1, 1]^d, (n, d).
+
+    No function of interest vanishes there unless it is zero.
     """
     return np.random.default_rng(0).uniform(-1, 1, (RANDOM_WEIGHTS, dimension))
 
@@ -319,9 +323,7 @@ class _Growing:
         return np.array(self.order, dtype=np.int64).reshape(len(self.order), len(self.lower))
 
     def next(self) -> tuple[int, ...]:
-        """The next term: first the levels that are always included, then the term of the largest
-        surplus.
-        """
+        """The next term: first the levels that are always included, then by the largest surplus."""
         early = [levels for levels in self.waiting if self.is_early(levels)]
         return early[0] if early else max(self.waiting, key=self.waiting.__getitem__)
 
@@ -398,8 +400,9 @@ def _admissible(levels: tuple[int, ...], order: list[tuple[int, ...]]) -> bool:
 
 
 def _compressed(values: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
-    """Few directions for all columns; the rest is less than ``tolerance`` of the largest singular
-    value.
+    """Few directions for all columns.
+
+    The remainder is less than ``tolerance`` of the largest singular value.
     """
     modes, sizes, weights = svd(values, full_matrices=False, overwrite_a=True)
     rank = max(1, int((sizes > tolerance * sizes[0]).sum()))

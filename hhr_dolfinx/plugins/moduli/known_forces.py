@@ -97,8 +97,9 @@ class DiagonalBlock:
 
     @classmethod
     def of(cls, block: ModeBlock) -> DiagonalBlock | None:
-        """Diagonal form of a block; None if it has more than two parts, or is not symmetric and
-        definite.
+        """Diagonal form of a block.
+
+        None if it has more than two parts, or is not symmetric and definite.
         """
         size = block.modes.size
         matrices = block.entries.reshape(-1, size, size)

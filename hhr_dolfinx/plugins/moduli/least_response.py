@@ -121,9 +121,7 @@ class FactoredResponse(ContactResponse):
 
     @cached_property
     def amplified(self) -> tuple[float, np.ndarray]:
-        """Largest Euclidean norm of forces of S norm 1, and largest force at each condition,
-        (m,).
-        """
+        """Largest norm of forces of S norm 1, and largest force at each condition, (m,)."""
         longest, sizes = amplified_by(self.lower) if self.known is None else self.known
         scale = math.sqrt(self.least)
         return longest / scale, sizes / scale

@@ -322,8 +322,10 @@ class VaryingThere(NamedTuple):
     def _norms(
         self, unknown: np.ndarray, forces: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Energy norms of V γ less fields in equilibrium with forces, and of these with and without
-        the lift, (n,).
+        """Energy norms of the errors of fields V γ, and of fields in equilibrium, (n,) each.
+
+        Errors are differences from the fields in equilibrium with forces. The norms of these are
+        those with and without the lift.
         """
         energies_of_fields, loaded, pressed = self.owner.fields(
             unknown, self.found.points, self.found.theta

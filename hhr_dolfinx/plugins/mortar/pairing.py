@@ -53,8 +53,9 @@ MULTIPLIERS = ("dual", "standard")
 
 @dataclass(frozen=True)
 class Mortar(SlaveAndMaster):
-    """Weighted non-penetration ``∫ psi_j (u_s - u_m)·n ds <= ∫ psi_j g ds``, divided by ``∫ psi_j
-    ds``.
+    """Weighted non-penetration of two surfaces.
+
+    ``∫ psi_j (u_s - u_m)·n ds <= ∫ psi_j g ds``, divided by ``∫ psi_j ds``.
 
     With this scale B has the size of nodal rows, and multipliers are nodal forces. Dual functions
     psi_j are biorthogonal to the shape functions of the slave and tie each row to one slave node;
@@ -130,8 +131,9 @@ class Mortar(SlaveAndMaster):
         return self._rows(slave, master, self._faced(slave, master, overlap)[1], dofs)
 
     def _faced(self, slave: Surface, master: Surface, overlap: float) -> tuple[Segments, Segments]:
-        """Common parts of opposite facets, and the ones among them that can touch because no body
-        lies between.
+        """Common parts of opposite facets, and the ones among them that can touch.
+
+        No body lies between these.
         """
         dim = slave.points.shape[1]
         if self.normal is None:
@@ -253,9 +255,7 @@ def _check_one_layer(slave: Surface, master: Surface, segments: Segments) -> Non
 def _overlapping(
     slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs whose enclosing circles overlap when projected along the direction of the slave
-    facet.
-    """
+    """Pairs whose enclosing circles overlap along the direction of the slave facet."""
     middles = [surface.corners.mean(axis=1) for surface in (slave, master)]
     radii = [
         np.linalg.norm(surface.corners - middle[:, None], axis=2).max(axis=1)
@@ -292,8 +292,9 @@ def _meeting(
 
 
 def _own_body(slave: Surface, facets: np.ndarray, reach: float) -> np.ndarray:
-    """Distance along the normals of some slave facets to the next part of the same body, else
-    infinite, (f,).
+    """Distance of some slave facets to the next part of the same body, else infinite, (f,).
+
+    It is that along the normals.
     """
     nearest = np.full(len(slave.facets), np.inf)
     if facets.size:
@@ -314,8 +315,9 @@ def _own_body(slave: Surface, facets: np.ndarray, reach: float) -> np.ndarray:
 
 
 def _distances(slave: Surface, master: Surface, segments: Segments) -> np.ndarray:
-    """Distance from slave to master along the normal of the slave facet at each quadrature point,
-    (q,).
+    """Distance from slave to master along the normal of the slave facet, (q,).
+
+    There is one for each quadrature point.
     """
     pairs, of_point = _pairs(len(master.facets), segments.slave, segments.master)
     slave_facets, master_facets = np.divmod(pairs, len(master.facets))
@@ -328,8 +330,9 @@ def _distances(slave: Surface, master: Surface, segments: Segments) -> np.ndarra
 
 
 class _Side(NamedTuple):
-    """Functions of one surface at quadrature points: nodes of its facets, (f, k), facet, (q,), and
-    values, (q, k).
+    """Functions of one surface at quadrature points.
+
+    Nodes of its facets, (f, k), facet, (q,), and values, (q, k).
     """
 
     facets: np.ndarray
@@ -338,8 +341,9 @@ class _Side(NamedTuple):
 
 
 def _displaced(surface: Surface, flat: _Side) -> _Side:
-    """Functions of the displacement at the points of flat functions: the same, or those of second
-    order.
+    """Functions of the displacement at the points of flat functions.
+
+    They are these, or those of second order.
     """
     if surface.quadratic is None:
         return flat
@@ -347,8 +351,9 @@ def _displaced(surface: Surface, flat: _Side) -> _Side:
 
 
 def _pairs(facets: int, here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of facets as ``here * facets of the other surface + there``, and the pair of each
-    point, (q,).
+    """Pairs of facets as one number each, and the pair of each point, (q,).
+
+    The number is ``here * facets of the other surface + there``.
 
     Points of one pair follow each other in few runs; each run counts as a pair.
     """
@@ -358,9 +363,7 @@ def _pairs(facets: int, here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray
 
 
 def _dual_functions(slave: Surface, segments: Segments) -> np.ndarray:
-    """Functions biorthogonal to the shape functions on the covered part of each slave facet, (q,
-    k).
-    """
+    """Functions biorthogonal to the shape functions on the covered part of facets, (q, k)."""
     count, k = slave.facets.shape
     values = segments.slave_values
     weighted = values * segments.measures[:, None]
@@ -399,8 +402,9 @@ def _shared(shared: csr_matrix | None, assembled: csr_matrix) -> csr_matrix:
 
 
 def _summed(values: np.ndarray, places: np.ndarray, count: int) -> np.ndarray:
-    """Sums of the rows of ``values``, (q, r), with the same index in ``places``, (q,): (count,
-    r).
+    """Sums of the rows of ``values``, (q, r), with the same index, (count, r).
+
+    The indices are ``places``, (q,).
     """
     ones = np.ones(len(places))
     starts = np.arange(len(places) + 1)
@@ -432,8 +436,9 @@ def _along_normals(
 def _near_pairs(
     first: np.ndarray, second: np.ndarray, reach: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of facets, (p,) each, whose bounding boxes meet, those of the first enlarged by the
-    length ``reach``.
+    """Pairs of facets, (p,) each, whose bounding boxes meet.
+
+    Those of the first are enlarged by the length ``reach``.
 
     Facets are given by their corners, (f, k, dim) and (g, l, dim).
     """

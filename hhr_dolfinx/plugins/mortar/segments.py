@@ -91,8 +91,9 @@ def common_parts(
 def _segments(
     slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray
 ) -> Segments:
-    """Common parts of segments in the plane: master nodes are projected on the slave along the
-    direction.
+    """Common parts of segments in the plane.
+
+    Master nodes are projected on the slave along the direction.
     """
     start, end = slave.corners[here].transpose(1, 0, 2)
     cross = lambda a, b: a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]  # noqa: E731
@@ -128,8 +129,9 @@ def _segments(
 def _polygons(
     slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray
 ) -> Segments:
-    """Common parts of facets in space, projected along the direction of the slave facet and cut
-    into triangles.
+    """Common parts of facets in space, cut into triangles.
+
+    Facets are projected along the direction of the slave facet.
     """
     # two unit vectors orthogonal to each direction, (f, 3, 2)
     first = np.cross(directions, np.eye(3)[np.abs(directions).argmin(axis=1)])
@@ -173,8 +175,9 @@ def _polygons(
 def _common_triangles(
     slave: Surface, master: Surface, here: np.ndarray, there: np.ndarray, flat: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles that fill the common part of each pair: number of the pair (t,), corners (t, 3,
-    2).
+    """Triangles that fill the common part of each pair.
+
+    Number of the pair, (t,), and corners, (t, 3, 2).
     """
     with extra("mortar", "mortar in space"):
         import shapely
@@ -212,8 +215,9 @@ def _on_triangles(
     local: np.ndarray,
     weights: np.ndarray,
 ) -> tuple[list[np.ndarray], np.ndarray]:
-    """Shape functions of both facets at the quadrature points of each triangle, and the weights
-    times its area.
+    """Shape functions of both facets at the quadrature points of each triangle, and weights.
+
+    Weights are multiplied by its area.
     """
     sides = triangles[:, 1:] - triangles[:, :1]
     area = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]) / 2

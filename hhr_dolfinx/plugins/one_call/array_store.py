@@ -31,8 +31,9 @@ class ArrayStore:
         self._problem = problem
 
     def load(self, key: str) -> dict[str, np.ndarray] | None:
-        """Load the arrays of a key; None, with a warning for a damaged file, if they are not
-        there.
+        """Load the arrays of a key.
+
+        None if they are not there, or damaged, with a warning.
         """
         try:
             header, arrays = read_arrays(self._path(key), *ARRAYS)

@@ -71,8 +71,9 @@ class BudgetSpentError(HHRError):
 
 
 class FewAnswersError(ConvergenceError):
-    """Too few queries of the box have an answer: no model can be built or checked, however many
-    more are solved for.
+    """Too few queries of the box have an answer.
+
+    No model can be built or checked, however many more are solved for.
     """
 
 
@@ -355,8 +356,9 @@ class SearchContext:
         )
 
     def _look(self, found: Sequence[Exact]) -> None:
-        """Warn once of faults that no check of a model detects: strains that are not small, bodies
-        that never touch.
+        """Warn once of faults that no check of a model detects.
+
+        These are strains that are not small, and bodies that never touch.
         """
         if self.looked or not found:
             return

@@ -76,9 +76,7 @@ class Reduction:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Reasons why models were refused or stopped, each once, in the order of their
-        occurrence.
-        """
+        """Reasons why models were refused or stopped, each once, in the order of occurrence."""
         return tuple(
             dict.fromkeys(
                 attempt.outcome for attempt in self.tried if len(attempt.outcome) > LONG_OUTCOME
@@ -164,8 +162,9 @@ class Reduction:
 
 
 def share_beyond(count: int) -> float:
-    """Largest share of the box that may exceed a limit, if none of so many random points does, with
-    confidence.
+    """Largest share of the box that may exceed a limit, with confidence.
+
+    None of so many random points does.
 
     With a larger share p, the probability (1 - p)^count of none in ``count`` points would be below
     1 - CONFIDENCE.

@@ -193,8 +193,9 @@ def reduce(
 
 
 def _found(context: SearchContext, kept: Path | None) -> tuple[Any, Reduction]:
-    """Result of the first rank, kept in a folder, on all ranks; the others solve for it
-    meanwhile.
+    """Result of the first rank on all ranks, and in a folder.
+
+    The other ranks solve for it meanwhile.
     """
     comm = context.workers.comm
     result: Any = None
@@ -248,8 +249,9 @@ def _keep_record(folder: Path | None, reduction: Reduction) -> None:
 def _opened(
     folder: str | Path | None, full: FullOrderModel
 ) -> tuple[Path | None, SnapshotStore | None, ArrayStore | None]:
-    """Folder of the results, and in it stores of full answers and of solutions of connected
-    components.
+    """Folder of the results, with its stores.
+
+    One has full answers, the other solutions of connected components.
     """
     if folder is None:
         return None, None, None
@@ -343,8 +345,9 @@ def attempts(context: SearchContext) -> Iterator[Proposal]:
 
 
 class _Found:
-    """Models of a search so far, None for one that was not built, a row for each, and the last
-    error of one.
+    """Models of a search so far, a row for each, and the last error.
+
+    None for a model that was not built.
     """
 
     def __init__(self, context: SearchContext):
@@ -419,8 +422,9 @@ class _Found:
             yield attempt
 
     def _judge(self, outcome: Outcome) -> None:
-        """Keep a model or the reason of its refusal, and decide whether similar ones are worth
-        trying.
+        """Keep a model or the reason of its refusal.
+
+        Decide whether similar models are worth trying.
         """
         method = outcome.candidate.method
         error = outcome.error
@@ -505,8 +509,9 @@ def _try(context: SearchContext, attempt: Proposal) -> tuple[Any, Tried]:
 
 
 def _made(attempt: Proposal) -> Any:
-    """The model of a proposal; without fields if these are not affordable and the target does
-    without.
+    """The model of a proposal.
+
+    Without fields if these are not affordable and the target does without.
     """
     try:
         return attempt.make()
@@ -519,8 +524,9 @@ def _made(attempt: Proposal) -> Any:
 def _judged(
     context: SearchContext, model: KeptModel, method: str = ""
 ) -> tuple[np.ndarray, str, float]:
-    """Largest known errors of a model, by the norms of the target, their source, and the share that
-    may exceed it.
+    """Largest known errors of a model, their source, and the share that may exceed the target.
+
+    Errors are in the norms of the target.
     """
     if context.family is not None:
         exact = context.fresh(FRESH_PATHS)
@@ -560,9 +566,7 @@ def _judged(
 def _seen(
     context: SearchContext, model: KeptModel, suspects: np.ndarray | None
 ) -> tuple[np.ndarray, str, float]:
-    """Errors at fresh answers, including those at suspected points, and at answers of earlier
-    checks.
-    """
+    """Errors at fresh answers, at suspected points, and at answers of earlier checks."""
     before = list(context.held_out)
     random = FRESH if suspects is None else FRESH - len(suspects)
     exact = context.fresh(random, suspects)
@@ -583,8 +587,9 @@ def _seen(
 
 
 def _silent(context: SearchContext, model: KeptModel, points: np.ndarray) -> np.ndarray | None:
-    """Some of the points at which an exact model has no answer, or no finite error of an output of
-    the target.
+    """Some of the points at which an exact model has no answer.
+
+    Or no finite error of an output of the target.
     """
     wanted = set(context.target.outputs)
     unanswered = []
@@ -602,8 +607,9 @@ def _silent(context: SearchContext, model: KeptModel, points: np.ndarray) -> np.
 
 
 def _unresolved(model: KeptModel) -> float:
-    """Expected error of an interpolation that spent its budget before it converged; zero for any
-    other model, and for one that answers by the interpolation of its bound.
+    """Expected error of an interpolation that spent its budget before it converged.
+
+    Zero for any other model, and for one that answers by the interpolation of its bound.
     """
     facts = None if model.offline is None else model.offline.facts
     return UNRESOLVED * float(getattr(facts, "doubt", 0.0))
@@ -702,8 +708,10 @@ def _size(model: KeptModel) -> int:
 def _chosen(
     tried: Sequence[Tried], models: Sequence[KeptModel | None], target: Target
 ) -> int | None:
-    """Number of the most accurate of the models that meet the target within a factor of the
-    fastest; else of all.
+    """Index of the model to return; None without any.
+
+    The most accurate of the models that meet the target within a factor of the fastest; else the
+    most accurate of all.
 
     None without any model.
     """

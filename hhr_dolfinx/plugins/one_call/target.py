@@ -84,8 +84,9 @@ class Budget:
 
 @dataclass(frozen=True)
 class Target:
-    """Largest relative error of quantities: ``pressure``, ``forces``, ``displacement``, or outputs
-    by name.
+    """Largest relative error of quantities.
+
+    These are ``pressure``, ``forces``, ``displacement``, or outputs by name.
     """
 
     error: float
@@ -184,8 +185,9 @@ class TargetErrors:
         }
 
     def know(self, exact: Sequence[Exact]) -> None:
-        """Update least sizes from exact answers: denominators of errors are at least a thousandth
-        of the largest.
+        """Update smallest denominators from exact answers.
+
+        They are a thousandth of the largest value.
         """
         for name in self.target.of:
             sizes = [self._largest(name, answer) for query in exact for answer in steps_of(query)]
@@ -206,9 +208,7 @@ class TargetErrors:
         return np.array([self._relative(name, found, steps) for name in self.target.of])
 
     def forces_off(self, worst: np.ndarray) -> bool:
-        """True if contact forces may miss the target, by the largest errors in the order of the
-        target.
-        """
+        """True if contact forces may miss the target, by the largest errors of each norm."""
         errors = dict(zip(self.target.of, worst.tolist(), strict=True))
         seen = [errors[name] for name in ("forces", PRESSURE) if name in errors]
         return not seen or max(seen) > self.target.error
@@ -233,8 +233,9 @@ class TargetErrors:
         )
 
     def _round_off(self, name: str, answer: Answer) -> float:
-        """Change of an output of an exact answer if displacements and forces change by round-off of
-        their largest.
+        """Change of an output of an exact answer by round-off of displacements and forces.
+
+        Round-off is relative to the largest of these.
         """
         dice = np.random.default_rng(0)
         value = answer.outputs()[name]
@@ -283,8 +284,9 @@ class TargetErrors:
         return self._last[1]
 
     def _largest(self, name: str, answer: Answer) -> float:
-        """Size of an exact answer; for an output that is a sum, with absolute values of its
-        terms.
+        """Size of an exact answer.
+
+        For an output that is a sum, with absolute values of its terms.
         """
         size = self._size(name, answer, self._read(name, answer))
         total = self._sums.get(name)

@@ -104,8 +104,9 @@ class Workers:
             return error
 
     def _taken(self, item: Answer | History | tuple[str, str]) -> Found:
-        """Result of another rank; RuntimeError for a failure outside this package, which no other
-        attempt can cure.
+        """Result of another rank.
+
+        RuntimeError for a failure outside this package, which no other attempt can cure.
         """
         if isinstance(item, Answer):
             return item._replace(fields=self.full)

@@ -61,7 +61,7 @@ class OfHistories(OfPoints):
         """Errors are indicated."""
 
     def with_corners(self, model: Checked) -> Checked:
-        """The same: a point takes dozens of increments, and the full model warns."""
+        """See :class:`OfPoints`: a point takes dozens of increments, and the full model warns."""
         return model
 
     def compared(

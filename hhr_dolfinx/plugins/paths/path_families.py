@@ -46,8 +46,9 @@ class Sampling(Protocol):
 
 
 class NamedPath(list[tuple[float, np.ndarray]]):
-    """A load path, a list of times in s and parameters, (P,), with a name and its family
-    parameters.
+    """A load path with a name and its family parameters.
+
+    It is a list of times in s and parameters, (P,).
 
     Attributes:
         name: name of the family, with the values; it labels the path in reports.
@@ -218,8 +219,9 @@ class PathFamily:
         )
 
     def paths(self, drawn: Sampling | np.ndarray) -> list[NamedPath]:
-        """Paths of a sampling, such as ``Sobol(12)``, or of points of the family parameters, (n,
-        P_own).
+        """Paths of a sampling, such as ``Sobol(12)``, or of points of the family parameters.
+
+        Points are (n, P_own).
 
         Raises:
             ParameterError: as :meth:`path`, and for other objects.
@@ -234,8 +236,9 @@ class PathFamily:
     def training(
         self, count: int, seed: int = 1, *, least_part: float = LEAST_PART, cycles: int = 1
     ) -> list[NamedPath]:
-        """Training paths: corners of the family parameters, then points inside, every other one at
-        a part load.
+        """Training paths: corners of the family parameters, then points inside.
+
+        Every other one is at a part load.
 
         The largest plastic strains occur at corners, which points inside never reach: on two
         rollers 5 % of all paths, with errors of forces of 31 to 46 %, were near one corner.
@@ -376,8 +379,9 @@ def _part_of(path: NamedPath, share: float) -> NamedPath:
 
 
 def _cycled(path: NamedPath, cycles: int) -> NamedPath:
-    """Path that is followed ``cycles`` times, and backwards between two times, at the same
-    rates.
+    """Path that is followed ``cycles`` times at the same rates.
+
+    It is followed backwards between two times.
     """
     pairs = list(path)
     for _ in range(cycles - 1):

@@ -29,8 +29,9 @@ place.
 
 @dataclass(frozen=True)
 class Nodes(KnownArguments):
-    """The nodes at which a function of the coordinates is true, ``Nodes(lambda x: np.isclose(x[0],
-    0))``.
+    """The nodes at which a function of the coordinates is true.
+
+    ``Nodes(lambda x: np.isclose(x[0], 0))``.
 
     Attributes:
         where: function of coordinates, (dim, n), as of DOLFINx' ``locate_dofs_geometrical``, which
@@ -169,8 +170,9 @@ class NodalForce(KnownArguments):
 
 @dataclass(frozen=True)
 class Springs(KnownArguments):
-    """A spring to ground at each node, or a bedding per area: forces -k (u - amplitude) along a
-    component.
+    """A spring to ground at each node, or a bedding per area.
+
+    Forces are -k (u - amplitude) along a component.
 
     Attributes:
         place: the name of a set of nodes in the file of the mesh, a tag of facets, or

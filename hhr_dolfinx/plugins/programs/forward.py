@@ -176,9 +176,7 @@ class Forward:
         np.fmin(self.reach, distances, out=self.reach)
 
     def watch_sign(self, part: int) -> None:
-        """Take in the distance to the points at which the single output of a part changes its
-        sign.
-        """
+        """Take in the distance to sign changes of the single output of a part."""
         program = self._program
         register = int(program.outputs[program.output_ends[part] - 1])
         self._watch([register], [self._values[register]])

@@ -102,8 +102,9 @@ _SAME = {"Variable", "Conj", "Real"}
 
 
 class _Walk:
-    """One walk through an expression; each part is translated once for each component and each free
-    index.
+    """One walk through an expression.
+
+    Each part is translated once for each component and each free index.
     """
 
     def __init__(self, graph: Graph, inputs: Mapping[ufl.core.expr.Expr, list[int]]):

@@ -74,8 +74,9 @@ Node = tuple
 
 
 class Graph:
-    """Nodes, each an operation with the numbers of its operands, ``("const", value)`` or
-    ``("input", name, place)``.
+    """Nodes, each an operation with the numbers of its operands.
+
+    ``("const", value)`` or ``("input", name, place)``.
     """
 
     def __init__(self) -> None:

@@ -26,8 +26,9 @@ LT, LE, EQ, AND, OR, NOT, SELECT = (
 
 @compiled(inner=True, error_model="numpy")
 def _powers(bases: np.ndarray, exponents: np.ndarray, to: np.ndarray) -> None:
-    """Set ``to`` to powers: by products, which are quicker, if all exponents are the same small
-    whole number.
+    """Set ``to`` to powers.
+
+    By products, which are quicker, if all exponents are the same small whole number.
     """
     shared = exponents[0]
     same = 0
@@ -52,8 +53,9 @@ def _powers(bases: np.ndarray, exponents: np.ndarray, to: np.ndarray) -> None:
 
 @compiled(inner=True, error_model="numpy")
 def _rare(code: int, x: float, y: float) -> float:
-    """Operations that call a function of the C library, in which most of their time is spent, and
-    rare ones.
+    """Operations that call a function of the C library, and rare ones.
+
+    The former spend most of their time in that function.
     """
     if code == EXP:
         return np.exp(x)

@@ -27,8 +27,9 @@ MOST_REGISTERS = 100_000
 
 @dataclass(frozen=True, eq=False)
 class Program(Rebuilt):
-    """Parts of straight-line code on common registers: the inputs, then the numbers, then results
-    of operations.
+    """Parts of straight-line code on common registers.
+
+    These are the inputs, then the numbers, then results of operations.
 
     Raises:
         SceneError: for unknown operations, and registers that do not exist or are not computed
@@ -174,8 +175,9 @@ class Program(Rebuilt):
 
 @dataclass(frozen=True)
 class Order:
-    """Order in which parts are executed on the same registers: values of a part are there in those
-    after it.
+    """Order in which parts are executed on the same registers.
+
+    Values of a part are available in the parts after it.
     """
 
     parents: tuple[int | None, ...]  #: part before each, as a tree; None for the first
@@ -233,8 +235,9 @@ class Order:
 
 
 class _Registers:
-    """Registers of values: one is used again after the last use of its value, if no later part
-    needs it.
+    """Registers of values.
+
+    One is used again after the last use of its value, if no later part needs it.
     """
 
     def __init__(self, graph: Graph, fixed: dict[int, int], first: int, order: Order):

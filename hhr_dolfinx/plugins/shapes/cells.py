@@ -43,8 +43,9 @@ class Middles:
 
 
 class CellStrain(NamedTuple):
-    """Strain of fields on cells with given nodes; multiplies values at their nodes like a
-    matrix.
+    """Strain of fields on cells with given nodes.
+
+    It multiplies values at their nodes like a matrix.
     """
 
     cells: np.ndarray  #: nodes of each, (c, k)
@@ -55,8 +56,9 @@ class CellStrain(NamedTuple):
     )  #: mean contribution of each dof to the trace, (c, k, dim); None for the midpoint's
 
     def __matmul__(self, field: np.ndarray) -> np.ndarray:
-        """Kelvin's notation, cell by cell, (c components, ...), of values node by node, (n dim,
-        ...).
+        """Kelvin's notation of the strain, cell by cell, (c components, ...).
+
+        The field has values node by node, (n dim, ...).
         """
         dim = self.gradients.shape[1]
         columns = field.shape[1:]
@@ -82,9 +84,7 @@ class CellStrain(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MovingCells:
-    """Cells of a body whose nodes depend on shapes; maps a point to the strain of the cells
-    there.
-    """
+    """Cells of a body whose nodes depend on shapes; maps a point to the strain of the cells."""
 
     shapes: tuple[Shape, ...]  #: of the scene that move any of its nodes
     moved: tuple[Annotated[Booleans, "nodes"], ...]  #: nodes that each shape moves, (n,)
@@ -135,9 +135,7 @@ class MovingCells:
         )
 
     def _dilatation(self, corners: np.ndarray) -> np.ndarray:
-        """Mean contribution of each dof to the trace of the strain over the volume of each cell,
-        (c, k, dim).
-        """
+        """Mean contribution of each dof to the trace of the strain in each cell, (c, k, dim)."""
         total = np.zeros_like(corners)
         volume = np.zeros(len(corners))
         for weight, values, slopes in zip(
@@ -154,8 +152,9 @@ class MovingCells:
 
 
 def _mapped_gradients(corners: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Gradients of the shape functions, (c, dim, k), and sizes of the map, (c,), from slopes on the
-    reference cell.
+    """Gradients of the shape functions, (c, dim, k), and sizes of the map, (c,).
+
+    They follow from slopes on the reference cell.
     """
     count = len(corners)
     dim = slopes.shape[1]

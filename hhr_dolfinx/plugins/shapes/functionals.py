@@ -40,7 +40,7 @@ class MovingMises(Mises):
 
 
 class OverShapes(AllOutputs):
-    """How outputs are read on other shapes.
+    """Outputs that are read on other shapes.
 
     Fields of their answers have ``coordinates``, (s,), on which rows of the outputs act: the
     displacement, or its components in a basis; and ``coordinate_changes``, derivatives of all
@@ -136,8 +136,9 @@ class ShapedFunctionals(Functionals):
 
 @dataclass(frozen=True, eq=False)
 class ReshapedFunctionals(OverShapes):
-    """All outputs of a scene whose shape depends on parameters, for a displacement of s
-    coordinates.
+    """All outputs of a scene whose shape depends on parameters.
+
+    The displacement has s coordinates.
 
     The coordinates are the modes of a basis, followed by the amplitudes of imposed displacements.
     """

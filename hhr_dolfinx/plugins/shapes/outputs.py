@@ -83,8 +83,9 @@ class FullShapeFunctionals(OverShapes):
 
 @dataclass(frozen=True)
 class MovingProbe(ModelProbe):
-    """Interface for an output if shapes are parameters: other terms of θ may act on another shape,
-    and cells move.
+    """Interface for an output if shapes are parameters.
+
+    Other terms of θ may act on another shape, and cells move.
     """
 
     moving: Callable[

@@ -338,8 +338,9 @@ class Reshaped(StillMesh):
             )
 
     def _check_constraints(self, problem: ContactProblem) -> None:
-        """Raise SceneError for constraints whose coefficients depend on shapes, by the shape of a
-        corner of the box.
+        """Raise SceneError for constraints whose coefficients depend on shapes.
+
+        The shape of a corner of the box is compared.
         """
         coupling = problem.prolongation.map
         moved = np.repeat(self._moving_nodes(), problem.block_size)
@@ -361,9 +362,7 @@ class Reshaped(StillMesh):
             )
 
     def _check_areas(self, problem: ContactProblem) -> None:
-        """A law that reads areas keeps those of one shape: slave surfaces with such a law must keep
-        theirs.
-        """
+        """Refuse a law that reads areas on slave surfaces whose areas change with a shape."""
         law = problem.law
         if not law.plugin or law.reshapes:
             return

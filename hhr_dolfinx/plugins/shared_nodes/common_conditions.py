@@ -159,8 +159,9 @@ class CommonConditions:
         return normals_of(self.given.rows.matrix, self.given.rows.slaves, self._dim)
 
     def _aligned(self, first: np.ndarray) -> np.ndarray:
-        """Normals of all conditions; that of the ``first``, (m,), where slave and master change
-        their roles.
+        """Normals of all conditions.
+
+        That of the ``first``, (m,), where slave and master change their roles.
         """
         normals = self._normals
         turned = np.einsum("md,md->m", normals, normals[first]) < 0.0
@@ -277,8 +278,9 @@ class CommonConditions:
         return f"contact {number} of {', '.join(map(str, self.given.scene.contacts[number].tags))}"
 
     def _areas(self, label: np.ndarray) -> np.ndarray:
-        """Area of each condition, (m,); conditions of one slave surface have no more than its area
-        together.
+        """Area of each condition, (m,).
+
+        Conditions of one slave surface have no more than its area together.
         """
         conditions = self.given
         areas = conditions.rows.areas.copy()
@@ -299,9 +301,7 @@ class CommonConditions:
     def _shares_of_nodes(
         self, common: np.ndarray, label: np.ndarray, parts: np.ndarray, normals: np.ndarray
     ) -> csr_matrix:
-        """Share of common conditions, (s,), in the entries of the joined rows at each node, (s,
-        nodes).
-        """
+        """Share of common conditions in the entries of the joined rows at each node, (s, nodes)."""
         entries = self.given.rows.matrix[common].tocoo()
         row = common[entries.row]
         weights = parts[row] * entries.data * normals[label[row], entries.col % self._dim]

@@ -104,8 +104,9 @@ class SlidingModel(KeptModel):
         return self.base.sizes
 
     def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
-        """Compliance and free motion of all dofs of the surfaces, as rows that are no conditions
-        yet.
+        """Compliance and free motion of all dofs of the surfaces, as rows.
+
+        These rows are no conditions.
         """
         return self.base.contacts()
 
@@ -119,8 +120,7 @@ class SlidingModel(KeptModel):
         self.base.check_range(point, outside)
 
     def pressures(self, answer: Answer) -> np.ndarray:
-        """Pressure forces of the slave nodes, (C,), followed by those of the pairs that do not
-        slide.
+        """Pressure forces of the slave nodes, (C,), then those of the pairs that do not slide.
 
         Forces of an answer have all directions, on both surfaces.
         """

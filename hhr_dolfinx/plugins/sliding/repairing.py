@@ -131,7 +131,7 @@ class SlidingPair:
             yield "its openings are not those of its slave nodes and parameters"
 
     def opened(self, point: np.ndarray) -> np.ndarray:
-        """What openings add to the gap of each slave node at a point, (P,)."""
+        """Gap that openings add at each slave node at a point, (P,)."""
         return self.opening[0] + self.opening[1:] @ point - self.clearance
 
     def rows(
@@ -166,8 +166,9 @@ class SlidingPair:
 
 
 class Paired(NamedTuple):
-    """All pairs at one position (m rows of other pairs, C slave nodes, T tangential rows, n dofs of
-    surfaces).
+    """All pairs at one position.
+
+    m rows of other pairs, C slave nodes, T tangential rows, n dofs of surfaces.
     """
 
     #: R: the identity of the m rows, rows of pressures followed by tangential ones, (m + C + T, m +
@@ -292,9 +293,7 @@ class RepairingSlider(Slider):
         return solution, increment.bounds(self.friction, solution.forces)
 
     def _check_imposed(self, gap: np.ndarray, diagonal: np.ndarray, point: np.ndarray) -> None:
-        """Warn once of contacts, (C,), all of whose nodes have imposed displacements and
-        penetrate.
-        """
+        """Warn once of contacts, (C,), that penetrate while all of their nodes are imposed."""
         deep = (diagonal <= IMPOSED * diagonal.max(initial=0.0)) & (
             gap < -TOUCHING_SURFACES * self.size
         )
@@ -309,8 +308,9 @@ class RepairingSlider(Slider):
             )
 
     def _with_held(self, diagonal: np.ndarray, idle: np.ndarray) -> Friction:
-        """The law on one pairing; imposed displacements hold some tangential rows, whose friction
-        is undetermined.
+        """The law on one pairing.
+
+        Imposed displacements hold some tangential rows, whose friction is undetermined.
         """
         friction = self.friction
         held = (
@@ -398,8 +398,9 @@ class RepairingSlider(Slider):
         return 0.5 * float(surface_forces @ (solved.contact.schur @ surface_forces))
 
     def answer(self, solved: SolvedSliding) -> Answer:
-        """Answer of an increment; its forces are those of the pairs that do not slide, and on all
-        dofs of surfaces.
+        """Answer of an increment.
+
+        Its forces are those of the pairs that do not slide, and on all dofs of surfaces.
         """
         solution, reached, contact, _ = solved
         forces = reached.surface_forces
@@ -423,11 +424,13 @@ class RepairingSlider(Slider):
 
 
 def idle_contacts(schur: np.ndarray) -> np.ndarray:
-    """Contacts of a pairing, (C,) bool, whose pressures, with the compliance S, (C, C), change
-    nothing new.
+    """Contacts of a pairing whose pressures change nothing new, (C,) bool.
 
     Imposed displacements move all of their nodes, or constraints make their nodes those of a
     contact before.
+
+    Args:
+        schur: compliance S of the pressures, (C, C).
     """
     diagonal = np.diag(schur)
     idle = diagonal <= IMPOSED * diagonal.max(initial=0.0)

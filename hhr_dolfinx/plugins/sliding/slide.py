@@ -111,9 +111,7 @@ def _slides(item: Pairing) -> bool:
 
 
 def _check(scene: Scene) -> None:
-    """Raise SceneError for the first pair, body, shape or output that is not built in, with the
-    reason.
-    """
+    """Raise SceneError for the first pair, body, shape or output that is not built in."""
     if not isinstance(scene, Scene):
         raise SceneError(
             f"{type(scene).__name__} is no Scene: hhr.slide takes the scene itself, and makes "

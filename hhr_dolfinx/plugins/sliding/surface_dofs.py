@@ -26,8 +26,9 @@ from hhr_dolfinx.plugins.sliding.repairing import no_friction, nodes_of
 
 @dataclass(frozen=True)
 class SurfaceDofs(SlaveAndMaster):
-    """Rows of the identity at the nodes of two surfaces, component by component, which span all
-    contact conditions.
+    """Rows of the identity at the nodes of two surfaces, component by component.
+
+    They span all contact conditions.
     """
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
@@ -50,8 +51,9 @@ class SurfaceDofs(SlaveAndMaster):
 
 
 class SurfacesThatSlide(Discretisation):
-    """Finite element model with rows of :class:`SurfaceDofs` and of motion along curved tools,
-    which are no conditions.
+    """Finite element model with rows of surface dofs and of motion along curved tools.
+
+    See :class:`SurfaceDofs`. The rows of motion are no conditions.
 
     All of the former are kept, also those of imposed dofs, and of dofs that constraints make one:
     the displacement of a surface is ``lifts θ + T U0`` at each of its nodes, whatever moves it.
@@ -124,8 +126,9 @@ class SurfacesThatSlide(Discretisation):
 
 
 def _along(rows: ContactRows) -> ContactRows:
-    """Rows of the displacement of the slave of each condition along its tangents, (m (dim - 1),
-    N).
+    """Rows of the displacement of the slave of each condition along its tangents.
+
+    The matrix is (m (dim - 1), N).
     """
     dim = rows.points.shape[1]
     tangents = tangents_of(normals_of(rows.matrix, rows.slaves, dim))

@@ -101,8 +101,9 @@ def strain_kinds(problem: ContactProblem, *, axisymmetric: bool) -> tuple[Strain
 
 
 def _halves(gradients: np.ndarray, sign: int) -> np.ndarray:
-    """Strains (sign 1) or rotations (-1) of each cell, (cells, k, n, dim), from its gradients,
-    (cells, dim, n).
+    """Strains (sign 1) or rotations (-1) of each cell, (cells, k, n, dim).
+
+    They follow from its gradients, (cells, dim, n).
     """
     cells, dim, nodes = gradients.shape
     rows, columns = np.triu_indices(dim, k=0 if sign > 0 else 1)
@@ -114,8 +115,9 @@ def _halves(gradients: np.ndarray, sign: int) -> np.ndarray:
 
 
 def _matrix(problem: ContactProblem, nodes_of: np.ndarray, values: np.ndarray) -> csr_matrix:
-    """Rows of each cell on the displacements of its nodes, (cells, k, n, dim), as a sparse matrix,
-    (cells * k, N).
+    """Rows of each cell on the displacements of its nodes, as a sparse matrix, (cells * k, N).
+
+    The rows are (cells, k, n, dim).
     """
     dim = values.shape[3]
     columns = dim * nodes_of[:, None, :, None] + np.arange(dim)

@@ -41,8 +41,9 @@ Distributed ones need all values of one on each rank meanwhile.
 
 
 class StrainGuard(Guard):
-    """Warns of the first answer of a full model with a large strain or rotation, and of the first
-    with an absurd one.
+    """Warns of the first answer of a full model with a large strain or rotation.
+
+    It warns again of the first with an absurd one.
 
     Answers of elastic bodies are checked if their displacement is larger than that of all before,
     so that most cost one scalar product.
@@ -164,8 +165,7 @@ class StrainGuard(Guard):
             self._judge(full.problem, points, sizes)
 
     def _of_corners(self, model: AnsweringModel, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Corners of a box, (2, P), and its middle, with an answer, (S, P), and strain and rotation
-        there, (S, 2).
+        """Corners of a box and its middle, with an answer, (S, P), and strain and rotation, (S, 2).
 
         Loads that are formulas may be largest in the middle.
         """
@@ -216,8 +216,9 @@ class StrainGuard(Guard):
     def _spreads(
         self, problem: ContactProblem, points: np.ndarray, displacements: np.ndarray
     ) -> np.ndarray:
-        """The strain and the rotation that few cells exceed, (S, 2), of local rows without lifts,
-        (own, S).
+        """The strain and the rotation that few cells exceed, (S, 2).
+
+        Displacements are local rows without lifts, (own, S).
         """
         each = STRAINS_AT_ONCE if problem.spread.all_here else 1
         sizes = []
@@ -228,7 +229,7 @@ class StrainGuard(Guard):
         return np.concatenate(sizes)
 
     def _sizes(self, whole: np.ndarray) -> np.ndarray:
-        """The same of displacements, (N, S)."""
+        """Strain and rotation that few cells exceed, (S, 2), of displacements, (N, S)."""
         sizes = [kind.sizes(whole) for kind in self._kinds]
         return np.array(
             [[spread_strain(size[:, column]) for size in sizes] for column in range(whole.shape[1])]

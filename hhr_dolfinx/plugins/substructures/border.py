@@ -25,8 +25,9 @@ SENT = 2_000_000
 
 @dataclass(frozen=True)
 class BorderPart:
-    """A connected part of the border, which ``owner`` factors: first its ``common`` rows, those
-    that ranks share.
+    """A connected part of the border, which the rank ``owner`` factors.
+
+    Its first ``common`` rows are those that ranks share.
     """
 
     rows: slice
@@ -168,8 +169,9 @@ def _coupled(rows: csr_matrix, first: int, comm: Comm) -> np.ndarray:
 
 
 def _cover(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Minimum vertex cover of a bipartite graph given by its edges, (k,), by the theorem of
-    Koenig.
+    """Minimum vertex cover of a bipartite graph, by the theorem of Koenig.
+
+    The graph is given by its edges, (k,).
     """
     if not one.size:
         return one
@@ -236,8 +238,9 @@ def _blocks(count: int) -> list[slice]:
 
 
 class DenseFactors:
-    """Cholesky factors of the Schur complement on a part of the border, by its upper triangle,
-    which is overwritten.
+    """Cholesky factors of the Schur complement on a part of the border.
+
+    They are those of its upper triangle, which is overwritten.
 
     The inverse is needed after the first ``common`` rows. Unless the matrix is ``definite``, no
     method may be called.

@@ -174,9 +174,7 @@ class Substructures:
         self._dense = {}
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
-        """Local rows of the solution for the local rows of a right-hand side, (own,).
-        Collective.
-        """
+        """Local rows of the solution for those of a right-hand side, (own,). Collective."""
         solution = np.empty((rhs.size, 1), order="F")
         self.solve_block(np.asfortranarray(rhs[:, None]), solution)
         return solution[:, 0]
@@ -249,8 +247,9 @@ class Substructures:
 
 
 class _InteriorFactors:
-    """Factors of interior rows of this rank, (k,), with their Schur complement on the border, if
-    that is ``possible``.
+    """Factors of interior rows of this rank, (k,).
+
+    They have their Schur complement on the border, if that is ``possible``.
 
     ``marks`` holds the index of each entry in the pattern plus one, CSR, (own, n), and ``places``
     their indices in the values. ``reach`` are the indices in the border of the rows that the
@@ -307,9 +306,7 @@ class _InteriorFactors:
         self.factors.replace(values, lambda: self._pattern)
 
     def solved(self, columns: csc_matrix | np.ndarray) -> np.ndarray:
-        """K^-1 of the interior times columns, (k, c), followed by zeros for the border: (k + r,
-        c).
-        """
+        """K^-1 of the interior times columns, (k, c), then zeros for the border: (k + r, c)."""
         solutions = np.empty((self.rows.size + self.reach.size, columns.shape[1]), order="F")
         loads = np.zeros_like(solutions)
         loads[: self.rows.size] = columns if isinstance(columns, np.ndarray) else columns.toarray()

@@ -90,8 +90,8 @@ def check_parts(at: SystemAt, matrix: csr_matrix, problem: ContactProblem, name:
             raise SceneError(
                 f"the system of scene '{name}' states parts, and {quantity} of its equations "
                 f"differ from their sum by {error:.2g} of it at "
-                f"{problem.parameters.described(at.point)}: reductors read the parts alone. State all that depends on parameters there, or "
-                "return None"
+                f"{problem.parameters.described(at.point)}: reductors read the parts alone. "
+                "State all that depends on parameters there, or return None"
             )
 
 
@@ -101,8 +101,9 @@ def _largest(values: np.ndarray, problem: ContactProblem) -> float:
 
 
 def _of_diagonal(off: csr_matrix, sizes: csr_matrix, problem: ContactProblem) -> float:
-    """Largest entry of local rows, (own, N), over the root of the diagonals of its row and
-    column.
+    """Largest entry of local rows over the root of the diagonals of its row and column.
+
+    The rows are (own, N).
     """
     diagonal = np.zeros(problem.free.size)
     diagonal[problem.rows] = sizes.diagonal(problem.first)

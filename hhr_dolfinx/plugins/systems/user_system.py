@@ -75,9 +75,9 @@ class UserSystem:
                 if sum(len(body.left) for body in unheld_here) < count:
                     raise NotSolvableError(
                         f"{unheld[0].name} can move freely in the middle of the box: it "
-                        f"{unheld[0].described(unheld[0].left)}, and the system of the "
-                        f"scene resists that at {problem.parameters.described(point)}. Choose a box "
-                        "in which K always resists it, or hold the body by a displacement"
+                        f"{unheld[0].described(unheld[0].left)}, and the system of the scene "
+                        f"resists that at {problem.parameters.described(point)}. Choose a "
+                        "box in which K always resists it, or hold the body by a displacement"
                     )
         return unheld
 
@@ -153,7 +153,7 @@ class UserSystem:
         return self._given(problem_of_all, lambda: middle, make)
 
     def _given(self, *given: Any) -> System:
-        """What the user makes of the arguments of a system.
+        """System that the user makes of the arguments.
 
         Raises:
             SceneError: if it is no system.
@@ -216,8 +216,9 @@ def _matrix_of(at: SystemAt, name: str) -> csr_matrix:
 
 
 def _check_terms(summed: ContactProblem, given: ContactProblem, name: str) -> None:
-    """Raise SceneError for terms of a sum that do not go together, or are not in the pattern of K
-    of the bodies.
+    """Raise SceneError for terms of a sum that do not go together.
+
+    Or for terms that are not in the pattern of K of the bodies.
     """
     terms = summed.stiffness_terms
     pattern = given.own_stiffness
@@ -240,8 +241,9 @@ def _check_terms(summed: ContactProblem, given: ContactProblem, name: str) -> No
 
 
 def _warn_of_moduli(scene: Scene, weights: Iterable[Modulus]) -> None:
-    """Warn of parameters in moduli of bodies that no weight of a system names: they may be those of
-    stresses alone.
+    """Warn of parameters in moduli of bodies that no weight of a system names.
+
+    They may be those of stresses alone.
     """
     named = {
         name

@@ -29,8 +29,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Ellipticity:
-    """Constants of a: |a(v, w)| <= M_a |v| |w|, (2.7), and a(v, v) >= alpha |v|^2, (2.9), in some
-    norm.
+    """Constants of a in some norm.
+
+    |a(v, w)| <= M_a |v| |w|, (2.7), and a(v, v) >= alpha |v|^2, (2.9).
 
     Attributes:
         continuity: M_a.
@@ -42,8 +43,9 @@ class Ellipticity:
 
     @classmethod
     def of(cls, full: FullModel) -> Ellipticity:
-        """Constants of a full model in the Euclidean norm of nodal values, in the middle of the
-        box; stored with it.
+        """Constants of a full model in the Euclidean norm of nodal values.
+
+        They are those in the middle of the box, and cached with the model.
 
         Raises:
             BoundError: if ranks share the factors of K.
@@ -65,8 +67,9 @@ class Ellipticity:
 
     @classmethod
     def of_materials(cls, bodies: Iterable[Body]) -> Ellipticity:
-        """Constants by (2.143) and (2.144): the largest 2 (lambda + mu) and the smallest 2 mu of
-        all bodies.
+        """Constants of materials by (2.143) and (2.144).
+
+        The largest 2 (lambda + mu) and the smallest 2 mu of all bodies.
 
         These are constants of a in the norm of the strain in the plane. The thesis takes them for
         those in the Euclidean norm of nodal values, in which they are constants for no mesh: see

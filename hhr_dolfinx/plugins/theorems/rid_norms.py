@@ -33,8 +33,9 @@ round-off.
 
 @dataclass(frozen=True)
 class Directions:
-    """A space by vectors, (n, k), orthonormal in a norm whose Gram matrix times columns is
-    ``gram``.
+    """A space by vectors, (n, k), orthonormal in a norm.
+
+    ``gram`` multiplies columns by the Gram matrix of the norm.
     """
 
     vectors: np.ndarray
@@ -66,8 +67,9 @@ class Directions:
 
 @dataclass(frozen=True)
 class Domain:
-    """Omega_A in a full problem: K, (N, N), free dofs, (N,) bool, sets of the RID, and B[A_lambda],
-    (N_lambda_C, N).
+    """Omega_A in a full problem.
+
+    It has K, (N, N), free dofs, (N,) bool, sets of the RID, and B[A_lambda], (N_lambda_C, N).
 
     ``factor`` makes factors of K on the dofs of a mask, (N,) bool.
     """
@@ -193,8 +195,9 @@ class EuclideanNorms:
 
 @dataclass(frozen=True)
 class EnergyNorms:
-    """Energy of displacements, and the L2 norm of the contact pressure, (sum of force^2 /
-    area)^1/2.
+    """Energy of displacements, and the L2 norm of the contact pressure.
+
+    The latter is (sum of force^2 / area)^1/2.
 
     The energy on Omega_A is the least for the displacements given there: at most that of the whole
     field, and for a function of V^0 equal to it. So M_a = alpha = 1, by Cauchy and Schwarz.

@@ -128,8 +128,9 @@ class Centrifugal(KnownArguments):
 
 @dataclass(frozen=True)
 class Eigenstrain(KnownArguments):
-    """A strain ``amplitude(mu) * field(x) * strain`` that causes no stress by itself, such as
-    swelling.
+    """A strain that causes no stress by itself, such as swelling.
+
+    It is ``amplitude(mu) * field(x) * strain``.
 
     The stress is σ = C (ε - ε0), and laws of bodies use ε - ε0. The nodal forces depend on
     parameters if moduli do.
