@@ -48,10 +48,10 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
     from hhr_dolfinx.full_order.full import FullOrderModel
-    from hhr_dolfinx.models.answer import History
+    from hhr_dolfinx.models.answer import Answer, History
     from hhr_dolfinx.models.answer import Path as LoadPath
     from hhr_dolfinx.models.model import AnsweringModel
-    from hhr_dolfinx.plugins.paths.path_families import PathFamily, Sampling
+    from hhr_dolfinx.plugins.paths.path_families import NamedPath, PathFamily, Sampling
     from hhr_dolfinx.scene import Scene
 
 
@@ -271,7 +271,7 @@ class Greedy:
             return usual_recipe(full)
         return Recipe(basis=Pod(FINE, relative=True, by_body=full.problem.varies))
 
-    def _queries(self, points: np.ndarray) -> Any:
+    def _queries(self, points: np.ndarray) -> np.ndarray | list[NamedPath]:
         return points if self.family is None else self.family.paths(points)
 
     def _errors(
@@ -304,7 +304,7 @@ class Greedy:
             [errors_of_rank for errors_of_rank in comm.allgather(errors) if len(errors_of_rank)]
         )
 
-    def _answers(self, model: AnsweringModel, points: np.ndarray) -> list[Any]:
+    def _answers(self, model: AnsweringModel, points: np.ndarray) -> list[Answer | History | None]:
         """Answers or histories of a reduced model; None for a history that it cannot complete."""
         if self.family is None:
             return list(model.solve_many(points, outside="ignore", raise_on_failure=False))

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
 
@@ -30,7 +30,6 @@ from hhr_dolfinx.trained import USUAL, TrainedRange
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from hhr_dolfinx.models.answer import Start
     from hhr_dolfinx.models.many import PartedAnswers
     from hhr_dolfinx.reduction.reductor import Record
 
@@ -269,7 +268,7 @@ class LocalModels(KeptModel):
         model.check_range(point, outside)
         return model._answered(point, start, outside, gradient)
 
-    def _checked_start(self, start: Start) -> CheckedStart:
+    def _checked_start(self, start: Any) -> CheckedStart:
         """Statuses of any of the models, checked."""
         sizes = [model.own_conditions for model in self.models]
         count = np.shape(start)[0] if np.ndim(start) == 1 else 0

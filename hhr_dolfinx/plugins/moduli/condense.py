@@ -54,8 +54,8 @@ from hhr_dolfinx.timing import Announce
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.eliminations.elimination import Elimination
     from hhr_dolfinx.models.functionals.functional import AllOutputs
-    from hhr_dolfinx.plugins.moduli.interpolated import FieldBound
     from hhr_dolfinx.plugins.one_call.array_store import ArrayStore
     from hhr_dolfinx.plugins.one_call.context import SearchContext
     from hhr_dolfinx.plugins.one_call.proposals import Proposal
@@ -462,7 +462,7 @@ def _check_motions(problem: ContactProblem) -> None:
             )
 
 
-def _check_supports(full: FullModel) -> None:
+def _check_supports(full: Any) -> None:
     """Refuse a user-defined system that leaves motions only at a corner of the box."""
     from hhr_dolfinx.full_order.free_bodies import free_bodies
     from hhr_dolfinx.plugins.elasticity.unresisted import unresisted
@@ -483,7 +483,7 @@ def _check_supports(full: FullModel) -> None:
             )
 
 
-def _with_motions(compliances: Compliances, problem: ContactProblem) -> Any:
+def _with_motions(compliances: Compliances, problem: ContactProblem) -> Elimination:
     """The elimination with the motions of bodies that contact alone holds; itself without any."""
     return (
         problem.kernel.beside(compliances)
@@ -493,7 +493,7 @@ def _with_motions(compliances: Compliances, problem: ContactProblem) -> Any:
 
 
 def _starts_beside_motions(
-    eliminated: Any, points: np.ndarray, problem: ContactProblem
+    eliminated: Elimination, points: np.ndarray, problem: ContactProblem
 ) -> tuple[KnownStatuses, np.ndarray]:
     """Starts and typical forces, (S, m), where contact alone holds bodies.
 
@@ -513,7 +513,7 @@ def _starts_beside_motions(
 
 
 def _starts_along_paths(
-    eliminated: Any, points: np.ndarray, problem: ContactProblem, announce: Announce
+    eliminated: Elimination, points: np.ndarray, problem: ContactProblem, announce: Announce
 ) -> tuple[KnownStatuses, np.ndarray]:
     """Starts and typical forces, (S, m), with a law that remembers.
 
@@ -623,7 +623,7 @@ def _fields(full: FullModel, seen: list[np.ndarray], settings: GridSettings) -> 
     )
 
 
-def _finer(compliances: Compliances, bound: FieldBound | None) -> Compliances:
+def _finer(compliances: Compliances, bound: Any) -> Compliances:
     """Interpolation of the bound if its grids are as fine and small: it then has no other error."""
     if bound is None:
         return compliances

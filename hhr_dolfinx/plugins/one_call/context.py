@@ -454,7 +454,7 @@ class SearchContext:
                     raise answer
                 self._known[key] = answer
 
-    def _called(self, question: np.ndarray | AnswerPath) -> str:
+    def _called(self, question: Any) -> str:
         """Name of a path, or a point in words."""
         return str(getattr(question, "name", "")) or self.full.parameters.described(question)
 

@@ -192,7 +192,7 @@ def reduce(
     return chosen
 
 
-def _found(context: SearchContext, kept: Path | None) -> tuple[Any, Reduction]:
+def _found(context: SearchContext, kept: Path | None) -> tuple[KeptModel, Reduction]:
     """Result of the first rank on all ranks, and in a folder.
 
     The other ranks solve for it meanwhile.
@@ -305,7 +305,7 @@ def _check_paths(full: FullOrderModel, paths: object) -> None:
         raise StudyError(f"answers of scene '{name}' do not depend on paths: leave them out")
 
 
-def _searched(context: SearchContext, kept: Path | None) -> tuple[Any, Reduction]:
+def _searched(context: SearchContext, kept: Path | None) -> tuple[KeptModel, Reduction]:
     """The model to return, and its record, which is written whatever ends the search."""
     search = _Found(context)
     try:
@@ -468,7 +468,7 @@ class _Found:
         self.models.append(model)
 
 
-def _try(context: SearchContext, attempt: Proposal) -> tuple[Any, Tried]:
+def _try(context: SearchContext, attempt: Proposal) -> tuple[KeptModel | None, Tried]:
     clock = Stopwatch()
     # the search checks errors in its norms
     with ignored(StabilityWarning, UncheckedWarning, NoBoundWarning):
@@ -508,7 +508,7 @@ def _try(context: SearchContext, attempt: Proposal) -> tuple[Any, Tried]:
     return model, replace(tried, beyond=beyond) if tried.met else tried
 
 
-def _made(attempt: Proposal) -> Any:
+def _made(attempt: Proposal) -> KeptModel:
     """The model of a proposal.
 
     Without fields if these are not affordable and the target does without.

@@ -13,7 +13,6 @@ from hhr_dolfinx.compat import extra
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer
-    from hhr_dolfinx.models.model import AnsweringModel
     from hhr_dolfinx.plugins.paths.path_families import PathFamily
 
 with extra("study", "the command hhr"):
@@ -119,7 +118,7 @@ def family_of(scene: str) -> PathFamily:
     return family
 
 
-def row_of(model: AnsweringModel, answer: Answer) -> dict[str, float]:
+def row_of(model: Any, answer: Answer) -> dict[str, float]:
     """Time, parameters, largest values and outputs of a step.
 
     Args:

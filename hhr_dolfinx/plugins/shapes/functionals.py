@@ -24,7 +24,7 @@ from hhr_dolfinx.plugins.shapes.cells import CellStrain, MovingCells
 from hhr_dolfinx.plugins.stress.kinds import Mises
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.answer import Answer
+    pass
 
 ROWS_ARRAY = "rows"
 """Name of the rows of an output among its arrays."""
@@ -49,7 +49,7 @@ class OverShapes(AllOutputs):
 
     parameters: ParameterSpace  #: the box of the parameters
 
-    def read(self, here: Functionals, answer: Answer, theta: np.ndarray) -> np.ndarray:
+    def read(self, here: Functionals, answer: Any, theta: np.ndarray) -> np.ndarray:
         """Rows of the outputs times the displacement of an answer, (K,).
 
         Args:
@@ -60,7 +60,7 @@ class OverShapes(AllOutputs):
         return here.measured(answer.fields.coordinates(answer, theta))
 
     def read_changes(
-        self, here: Functionals, answer: Answer, changes: np.ndarray
+        self, here: Functionals, answer: Any, changes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of all contact forces, (N_lambda, P), and of these products, (K, P).
 
@@ -72,7 +72,7 @@ class OverShapes(AllOutputs):
         forces, coordinates = answer.fields.coordinate_changes(answer, changes)
         return forces, here.measured(coordinates)
 
-    def along_shapes(self, here: Functionals, answer: Answer, states: list[State]) -> np.ndarray:
+    def along_shapes(self, here: Functionals, answer: Any, states: list[State]) -> np.ndarray:
         """Derivatives of all outputs along the shape parameters, by differences, (outputs, P).
 
         Args:

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -38,7 +38,6 @@ from hhr_dolfinx.warn import ignored, warn
 
 if TYPE_CHECKING:
     from hhr_dolfinx.plugins.friction.laws import FrictionLaw
-    from hhr_dolfinx.plugins.sliding.model import SlidingModel
 
 PAIRINGS = 8
 """Most pairings of an increment."""
@@ -186,7 +185,7 @@ class RepairingSlider(Slider):
     ``exactly`` pairs increments until their positions converge.
     """
 
-    def __init__(self, model: SlidingModel, *, exactly: bool = False):
+    def __init__(self, model: Any, *, exactly: bool = False):
         super().__init__(model)
         self.settled = EXACTLY if exactly else SETTLED
         self.pairs: Sequence[SlidingPair] = model.pairs

@@ -19,7 +19,7 @@ from hhr_dolfinx.loads import Assembler, Term
 from hhr_dolfinx.parameters import Tag, as_tuple, check_tag, is_number
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    pass
 
 ISOTROPIC = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 """Isotropic strain of 1 along each axis."""
@@ -281,7 +281,7 @@ def _check_length(what: str, vector: tuple[float, ...], assembler: Assembler) ->
         raise SceneError(f"{what}, {vector}, must have {dim} components, as the mesh")
 
 
-def _symmetric(what: str, value: ArrayLike) -> tuple[tuple[float, ...], ...]:
+def _symmetric(what: str, value: Any) -> tuple[tuple[float, ...], ...]:
     """A symmetric 3x3 tensor, isotropic for a number."""
     try:
         tensor = float(value) * np.eye(3) if is_number(value) else np.array(value, dtype=float)
