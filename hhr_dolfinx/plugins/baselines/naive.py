@@ -70,7 +70,7 @@ class NaiveFullOrder(AnsweringModel):
         contact = problem.contact[:, free]
         last = {"free": np.zeros(free.size)}
 
-        def saddle_point(active, _):
+        def saddle_point(active: np.ndarray, _: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
             rows = scale * contact[active]
             matrix = bmat([[stiffness, rows.T], [rows, None]], format="csc")
             try:
@@ -87,13 +87,13 @@ class NaiveFullOrder(AnsweringModel):
         if start is None or isinstance(start, str):
             _, free_slack = saddle_point(np.zeros(gaps.size, dtype=bool), None)
             start = np.asarray(free_slack < 0)
-        found = active_set(saddle_point, gaps, start, pairs=Pairs.of(problem.contact_pairs))
+        statuses = active_set(saddle_point, gaps, start, pairs=Pairs.of(problem.contact_pairs))
         unknown = np.zeros(problem.free.size)
         unknown[free] = last["free"]
-        return found_as(found, point, problem.prolongation.prolong(unknown), self._full)
+        return found_as(statuses, point, problem.prolongation.prolong(unknown), self._full)
 
     def _assembled(self) -> csr_matrix:
         """K, assembled again."""
-        first, *others = self._full.discretisation.stiffness_terms()[0]
-        whole = sum(others, start=first)
-        return self._full.problem.prolongation.stiffness([whole])[0]
+        first, *further = self._full.discretisation.stiffness_terms()[0]
+        total = sum(further, start=first)
+        return self._full.problem.prolongation.stiffness([total])[0]

@@ -32,48 +32,53 @@ def calibrate(draft: Draft) -> None:
     """Calibrate the indicator of forces by known histories, held out ones before training ones."""
     shared = draft.shared
     with shared.log.stage("indicator", shared.task.announce):
-        known = [
-            item.histories for item in (shared.task.held_out, shared.snapshots) if item is not None
+        histories = [
+            snapshots.histories
+            for snapshots in (shared.task.held_out, shared.snapshots)
+            if snapshots is not None
         ]
-        draft.model = _calibrated(draft.model, known, shared.log)
+        draft.model = _calibrated(draft.model, histories, shared.log)
 
 
 def _calibrated(
     model: ReducedModel, known: Sequence[Sequence[History]], log: StageLog
 ) -> ReducedModel:
-    """The model with a calibrated indicator, by the first set of histories with usable
-    increments.
+    """The model with a calibrated indicator.
+
+    The first set of histories with usable increments calibrates it.
     """
     largest = max(
         np.linalg.norm(answer.multipliers)
-        for item in known
-        for one in item
-        for answer in one.answers
+        for set_of_histories in known
+        for trajectory in set_of_histories
+        for answer in trajectory.answers
     )
     depth = 0.0
     shares = list[float]()
     for histories in known:
         for history in histories[:MOST_TRAINING_COMPARED]:
             try:
-                found = retraced(model, history)
+                marched = retraced(model, history)
             except HHRError:  # the comparison reports it
                 continue
-            for here, there in zip(found.answers, history.answers, strict=True):
-                fields: Any = here.fields
-                inside, *at = fields.indicating(here)
+            for predicted, exact in zip(marched.answers, history.answers, strict=True):
+                fields: Any = predicted.fields
+                forces_of_rid, *at = fields.indicating(predicted)
                 depth = max(depth, fields.interface.overlap(*at))
-                said = fields.interface.misfit(inside)
-                size = float(np.linalg.norm(there.multipliers))
-                if size > SMALL_FORCE * largest and said > UNEXPLAINED_FORCES:
+                misfit = fields.interface.misfit(forces_of_rid)
+                size = float(np.linalg.norm(exact.multipliers))
+                if size > SMALL_FORCE * largest and misfit > UNEXPLAINED_FORCES:
                     shares.append(
-                        float(np.linalg.norm(here.forces() - there.multipliers)) / size / said
+                        float(np.linalg.norm(predicted.forces() - exact.multipliers))
+                        / size
+                        / misfit
                     )
         if shares:
             break
     else:
         log.skip("calibration", "no known increment has forces that its modes leave unexplained")
     share = float(np.clip(np.quantile(shares, CALIBRATED), 1.0, MOST_SHARE)) if shares else 1.0
-    own: Any = model.fields.interface
+    interface: Any = model.fields.interface
     return model.changed(
-        fields=replace(model.fields, interface=replace(own, share=share, depth=depth))
+        fields=replace(model.fields, interface=replace(interface, share=share, depth=depth))
     )

@@ -23,9 +23,7 @@ CANCELLED = 1e-3
 
 
 class Outside(NamedTuple):
-    """Partition of the contact conditions into given and free ones (k and m - k of m
-    conditions).
-    """
+    """Partition of the m contact conditions into k given and m - k free ones."""
 
     inside: np.ndarray  #: indices of the given conditions, (k,)
     outside: np.ndarray  #: indices of the free ones, (m - k,)
@@ -33,34 +31,38 @@ class Outside(NamedTuple):
     columns: np.ndarray  #: response of the free conditions to the given forces, (k, m - k)
 
     def completed(self, own: np.ndarray, free: np.ndarray) -> np.ndarray:
-        """All forces, (n, m), from given ones, (n, k), and the slack without forces, (n, m): the
-        free ones close gaps.
+        """All forces, (n, m): the free ones close gaps.
 
         Each answer has a small contact problem.
+
+        Args:
+            own: given forces, (n, k).
+            free: slack without forces, (n, m).
         """
         forces = np.zeros(free.shape)
         forces[:, self.inside] = own
         if self.outside.size:
             slacks = free[:, self.outside] + own @ self.columns
             for k in np.flatnonzero(~(slacks.min(axis=1) >= 0)):
-                found = active_set(self.equalities, slacks[k], slacks[k] < 0).forces
-                forces[k, self.outside] = np.maximum(found, 0.0)
+                forces_outside = active_set(self.equalities, slacks[k], slacks[k] < 0).forces
+                forces[k, self.outside] = np.maximum(forces_outside, 0.0)
         return forces
 
     def changes(self, forces: np.ndarray, own: np.ndarray, free: np.ndarray) -> np.ndarray:
-        """Derivatives of all completed forces, (m,), along some parameters, (m, P), at constant
-        statuses.
+        """Derivatives of all completed forces, (m, P), at constant statuses.
 
-        ``own`` are those of the given forces, (k, P), ``free`` those of the slack without forces,
-        (m, P).
+        Args:
+            forces: completed forces, (m,).
+            own: derivatives of the given forces, (k, P).
+            free: derivatives of the slack without forces, (m, P).
         """
-        found = np.zeros(free.shape)
-        found[self.inside] = own
+        slopes = np.zeros(free.shape)
+        slopes[self.inside] = own
         touching = forces[self.outside] > 0
         if touching.any():
             slacks = free[self.outside] + self.columns.T @ own
-            found[self.outside] = self.equalities.several(touching, slacks)[0]
-        return found
+            slopes[self.outside] = self.equalities.several(touching, slacks)[0]
+        return slopes
 
 
 @dataclass(frozen=True)
@@ -70,9 +72,11 @@ class ContactResponse(Rebuilt):
     schur: np.ndarray  #: symmetric and positive definite, (m, m)
 
     def outside(self, inside: np.ndarray, outside: np.ndarray | None = None) -> Outside:
-        """Partition with given forces of the conditions ``inside``.
+        """Partition with given forces of some conditions.
 
-        The others may be passed if they are known.
+        Args:
+            inside: conditions with given forces, (k,).
+            outside: all other conditions, (m - k,); None to compute them.
         """
         if outside is None:
             outside = np.setdiff1d(np.arange(len(self.schur)), inside, assume_unique=True)
@@ -91,20 +95,25 @@ class ContactResponse(Rebuilt):
         return SchurEqualities.symmetric(self.schur)
 
     def settled(self, forces: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Forces that solve the contact problem on S, (n, m), and True for those that converged,
-        (n,) bool.
+        """Forces that solve the contact problem on S.
 
-        The search starts from the statuses of given forces >= 0, (n, m), which remain if it does
-        not converge. ``free`` is the slack without forces, (n, m).
+        The search starts from the statuses of given forces, which remain if it does not converge.
+
+        Args:
+            forces: forces to start from, >= 0, (n, m).
+            free: slack without forces, (n, m).
+
+        Returns:
+            The forces, (n, m), and True for those that converged, (n,).
         """
-        found = np.empty(forces.shape)
-        left = list(range(len(forces)))
+        solution = np.empty(forces.shape)
+        unsolved = list(range(len(forces)))
         touching = self.schur.diagonal() * forces > free + forces @ self.schur
         if len(forces) > 1:
-            found, _, left = settled(self.schur, free, touching, LapackCholesky)
+            solution, _, unsolved = settled(self.schur, free, touching, LapackCholesky)
         closed = np.ones(len(forces), dtype=bool)
-        for k in left:
+        for k in unsolved:
             alone = active_set(self.equalities, free[k], touching[k])
             closed[k] = alone.status is Status.CONVERGED
-            found[k] = alone.forces if closed[k] else forces[k]
-        return np.maximum(found, 0.0), closed
+            solution[k] = alone.forces if closed[k] else forces[k]
+        return np.maximum(solution, 0.0), closed

@@ -47,8 +47,9 @@ SQUARES = 1e-14
 
 
 class Exact(NamedTuple):
-    """Exact forces of n answers, (n, m), their rigid motions, (n, r), and True for those that were
-    found, (n,) bool.
+    """Exact forces and rigid motions of n answers.
+
+    Forces, (n, m), motions, (n, r), and True for those that were found, (n,) bool.
 
     For the others, the forces are those of the answer.
     """
@@ -59,11 +60,14 @@ class Exact(NamedTuple):
 
 
 def definite(schur: np.ndarray, contact_of_motions: np.ndarray) -> np.ndarray:
-    """S + G M G^T, (m, m), equal to S on differences of balanced forces, and definite if S is on
-    these.
+    """S + G M G^T, (m, m), equal to S on differences of balanced forces.
 
-    G = B R, (m, r), has no zero columns; r = 0 if all bodies are held. Motions are scaled like a
-    force on one condition, at the condition with the largest effect.
+    It is definite if S is on these. Motions are scaled like a force on one condition, at the
+    condition with the largest effect.
+
+    Args:
+        schur: S, (m, m).
+        contact_of_motions: G = B R, (m, r), without zero columns; r = 0 if all bodies are held.
     """
     scale = schur.diagonal().mean() / np.abs(contact_of_motions).max(axis=0) ** 2
     return schur + (contact_of_motions * scale) @ contact_of_motions.T
@@ -163,7 +167,12 @@ class ExactDifference(Rebuilt):
         return self.response.outside(inside)
 
     def at(self, points: np.ndarray, theta: Thetas) -> DifferenceThere:
-        """See :class:`~hhr_dolfinx.models.bound.Bound`."""
+        """See :class:`~hhr_dolfinx.models.bound.Bound`.
+
+        Args:
+            points: parameters, (n, P); not used, since S is constant.
+            theta: θ of each answer.
+        """
         return DifferenceThere(self, theta, driven(self.free_slack, theta))
 
     def size(self, forces: np.ndarray) -> np.ndarray:
@@ -171,8 +180,12 @@ class ExactDifference(Rebuilt):
         return lengths(forces, forces @ self.schur)
 
     def left_out(self, unknown: np.ndarray, exact: np.ndarray, theta: Thetas) -> np.ndarray:
-        """Energy norms of the returned fields less the exact ones, for γ, (n, ell), and exact
-        forces, (n, m): (n,).
+        """Energy norms of the returned fields less the exact ones, (n,).
+
+        Args:
+            unknown: γ, (n, ell).
+            exact: exact forces, (n, m).
+            theta: θ of each answer.
         """
         pressed = exact @ self.lower
         if self.modes is not None and self.loads is not None:
@@ -182,11 +195,11 @@ class ExactDifference(Rebuilt):
             return lengths(off, off)
         if self.kept is None or not self.kept.shape[1]:
             return np.zeros(len(exact))
-        rest = pressed - (pressed @ self.kept) @ self.kept.T
+        remainder = pressed - (pressed @ self.kept) @ self.kept.T
         if not self.taken.shape[1]:
-            return lengths(rest, rest)
+            return lengths(remainder, remainder)
         # S is less than what L is the factor of
-        return self.size(solve_triangular(self.lower, rest.T, lower=True, trans="T").T)
+        return self.size(solve_triangular(self.lower, remainder.T, lower=True, trans="T").T)
 
 
 class DifferenceThere(NamedTuple):
@@ -207,21 +220,32 @@ class DifferenceThere(NamedTuple):
         """See :class:`~hhr_dolfinx.models.bound.BoundThere`.
 
         Gaps outside are not opened by motions.
+
+        Args:
+            own: forces on the conditions inside, (n, k).
+            outside: partition of the conditions.
         """
         return outside.completed(own, self.free)
 
     def force_changes(
         self, forces: np.ndarray, outside: Outside, gradient: Gradient, changes: np.ndarray
     ) -> np.ndarray:
-        """See :class:`~hhr_dolfinx.models.bound.BoundThere`."""
+        """See :class:`~hhr_dolfinx.models.bound.BoundThere`.
+
+        Args:
+            forces: completed forces, (m,).
+            outside: partition of the conditions.
+            gradient: derivatives of the forces inside.
+            changes: derivatives of θ, (1 + T, P).
+        """
         return outside.changes(forces, gradient.multipliers, self.owner.free_slack @ changes)
 
     def exact(self, forces: np.ndarray) -> Exact:
         """Exact forces and motions, from the statuses of the returned forces, (n, m)."""
         owner = self.owner
         if not owner.taken.shape[1]:
-            found, settled = owner.response.settled(forces, self.free)
-            return Exact(found, np.zeros((len(found), 0)), settled)
+            solution, settled = owner.response.settled(forces, self.free)
+            return Exact(solution, np.zeros((len(solution), 0)), settled)
         from hhr_dolfinx.plugins.floating.statuses import floating_set
 
         driving = owner.driving @ self.theta
@@ -238,23 +262,27 @@ class DifferenceThere(NamedTuple):
     def exact_changes(
         self, forces: np.ndarray, of_forces: Callable[[], np.ndarray], of_theta: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of the exact forces and motions of one answer, (m, P) and (r, P), at constant
-        statuses.
+        """Derivatives of the exact forces and motions of one answer, at constant statuses.
 
-        ``of_forces`` returns those of the returned forces, (m, P), ``of_theta`` are those of θ, (1
-        + T, P).
+        Args:
+            forces: the returned forces, (m,).
+            of_forces: returns the derivatives of these, (m, P).
+            of_theta: derivatives of θ, (1 + T, P).
+
+        Returns:
+            The derivatives of the forces, (m, P), and of the motions, (r, P).
         """
         owner = self.owner
-        found = self.exact(forces[None]).forces[0]
+        exact = self.exact(forces[None]).forces[0]
         free = owner.free_slack @ of_theta
         if owner.taken.shape[1]:
-            pressing, _, motions = owner.floating.several(found > 0, free, owner.driving @ of_theta)
+            pressing, _, motions = owner.floating.several(exact > 0, free, owner.driving @ of_theta)
             return pressing, motions
         motions = np.zeros((0, of_theta.shape[1]))
-        if np.array_equal(found, forces):
+        if np.array_equal(exact, forces):
             return of_forces(), motions
         none = np.zeros(0, dtype=np.int64)
-        return owner.response.outside(none).changes(found, free[:0], free), motions
+        return owner.response.outside(none).changes(exact, free[:0], free), motions
 
     def of(
         self, unknown: np.ndarray, forces: np.ndarray, slack: Callable[[], np.ndarray]
@@ -262,22 +290,31 @@ class DifferenceThere(NamedTuple):
         """See :class:`~hhr_dolfinx.models.bound.BoundThere`: differences, plus their round-off.
 
         They are infinite if the exact answer was not found.
+
+        Args:
+            unknown: γ, (n, ell).
+            forces: returned forces, (n, m).
+            slack: not used: the exact answer is known.
         """
         owner = self.owner
-        exact, _, found = self.exact(forces)
+        exact, _, converged = self.exact(forces)
         # products of many rows at once: each call has an overhead
-        every = np.array((exact, forces - exact, forces))
+        force_sets = np.array((exact, forces - exact, forces))
         norms = np.array(
-            (owner.size(every), lengths(every, every), owner.scale.peak(np.abs(every)))
+            (
+                owner.size(force_sets),
+                lengths(force_sets, force_sets),
+                owner.scale.peak(np.abs(force_sets)),
+            )
         )
         size, off, handed = np.moveaxis(norms, 1, 0)
-        given, lifted = (driven(part, self.theta) for part in (owner.given, owner.lifts))
-        parts = np.hypot(lengths(given, given), size[0])
+        imposed, lifted = (driven(columns, self.theta) for columns in (owner.given, owner.lifts))
+        sizes_of_parts = np.hypot(lengths(imposed, imposed), size[0])
         pulled = np.sum(driven(owner.cross, self.theta) * exact, axis=1)
-        energy = np.sqrt(np.maximum((1 - SQUARES) * parts**2 - 2 * pulled, 0.0))
+        energy = np.sqrt(np.maximum((1 - SQUARES) * sizes_of_parts**2 - 2 * pulled, 0.0))
         errors = np.vstack((owner.left_out(unknown, exact, self.theta), off))
         round_off = BOUND_ROUND_OFF * np.vstack(
-            (energy + CANCELLED * (parts + lengths(lifted, lifted)), size + handed)
+            (energy + CANCELLED * (sizes_of_parts + lengths(lifted, lifted)), size + handed)
         )
         sizes = np.vstack((energy, size))
         if owner.taken.shape[1]:
@@ -285,4 +322,4 @@ class DifferenceThere(NamedTuple):
             # pins
             sizes[1] = owner.size(exact - (exact @ owner.balancing) @ owner.balancing.T)
         over = np.maximum(sizes - round_off, np.append(0.0, owner.least)[:, None])
-        return estimates_of(owner.kind, np.where(found, errors + round_off, np.inf), over)
+        return estimates_of(owner.kind, np.where(converged, errors + round_off, np.inf), over)

@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class FieldResponse:
-    """Coordinates of the displacement in columns C, and X_F θ (N dofs, 1 + T terms, m conditions, c
-    columns).
+    """Coordinates of the displacement in columns C, and X_F θ.
+
+    N dofs, 1 + T terms, m conditions, c columns.
 
     Forces solve the contact problem on S from the statuses of an answer. For bodies that only
     contact holds the last columns of the displacement are their rigid motions R, whose coordinates
@@ -53,22 +54,33 @@ class FieldResponseWithin:
     fields: Reconstruction  #: has the columns
 
     def coordinates(self, answer: Answer, there: DifferenceThere, forces: np.ndarray) -> np.ndarray:
-        """Coordinates of the exact forces, with the motion of the answer along undetermined
-        motions.
+        """Coordinates of the exact forces, with the undetermined motion of the answer.
+
+        Args:
+            answer: the answer of the model.
+            there: the difference at its parameter.
+            forces: its forces on all conditions, (m,).
+
+        Returns:
+            The coordinates, (c,).
         """
         exact = there.exact(forces[None])
-        found = np.concatenate([self.response.pressed(exact.forces[0]), exact.motions[0]])
+        coordinates_of_exact = np.concatenate(
+            [self.response.pressed(exact.forces[0]), exact.motions[0]]
+        )
         if answer.undetermined is None:
-            return found
+            return coordinates_of_exact
         # the first modes of gamma and the last columns of the displacement are the rigid motions,
         # orthonormal
         along_columns, along_loads = self._along_motions
         r = len(along_columns)
         ways = answer.undetermined[:r]
         theta = self.fields.amplitudes(answer.parameter)
-        motions = along_columns @ found + along_loads @ (self.response.loading @ theta)
-        found[-r:] += ways @ (ways.T @ (answer.unknown[:r] - motions))
-        return found
+        motions = along_columns @ coordinates_of_exact + along_loads @ (
+            self.response.loading @ theta
+        )
+        coordinates_of_exact[-r:] += ways @ (ways.T @ (answer.unknown[:r] - motions))
+        return coordinates_of_exact
 
     def changes(
         self,
@@ -77,7 +89,14 @@ class FieldResponseWithin:
         of_forces: Callable[[], np.ndarray],
         of_theta: np.ndarray,
     ) -> np.ndarray:
-        """See :meth:`DifferenceThere.exact_changes`."""
+        """See :meth:`DifferenceThere.exact_changes`.
+
+        Args:
+            there: the difference at the parameter.
+            forces: the returned forces, (m,).
+            of_forces: returns the derivatives of these, (m, P).
+            of_theta: derivatives of θ, (1 + T, P).
+        """
         pressing, motions = there.exact_changes(forces, of_forces, of_theta)
         return np.vstack([self.response.pressed(pressing), motions])
 

@@ -8,7 +8,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
@@ -43,26 +43,34 @@ fitted.
 
 
 def mark_of(problem: ContactProblem) -> np.ndarray:
-    """Fingerprint of a scene: x·K x, x·f, y·(B x) and y·D at two points of the box, x and y random,
-    (8,).
+    """Fingerprint of a scene: products with random vectors at two points of the box, (8,).
+
+    x·K x, x·f, y·(B x) and y·D, with x and y random.
     """
     rng = np.random.default_rng(0)
     held = problem.held
     field = rng.standard_normal(held.size) * held
     weights = rng.standard_normal(len(problem.gaps))
-    found = []
+    products = []
     for point in problem.parameters.random(2, seed=1):
-        there = problem.at(point)
-        theta = there.amplitudes(point)
-        found += [field @ (there.stiffness @ field), field @ (there.loads @ theta)]
-        found += [weights @ (there.contact @ field), weights @ (there.gaps @ theta)]
-    return np.array(found)
+        problem_at_point = problem.at(point)
+        theta = problem_at_point.amplitudes(point)
+        products += [
+            field @ (problem_at_point.stiffness @ field),
+            field @ (problem_at_point.loads @ theta),
+        ]
+        products += [
+            weights @ (problem_at_point.contact @ field),
+            weights @ (problem_at_point.gaps @ theta),
+        ]
+    return np.array(products)
 
 
 @dataclass(frozen=True, eq=False)
 class FittedForces:
-    """Completion of contact forces and statuses by modes of training forces, fitted to those of the
-    RID.
+    """Completion of contact forces and statuses by modes of training forces.
+
+    The modes are fitted to the forces of the RID.
 
     See :class:`~hhr_dolfinx.models.answer.InterfaceCompletion`.
     """
@@ -91,8 +99,13 @@ class FittedForces:
     def fitted(
         cls, problem: ContactProblem, law: ContactLaw, within: np.ndarray, forces: np.ndarray
     ) -> FittedForces:
-        """Least-squares fit of the modes of training forces, (N_lambda, S), to the conditions of
-        the RID, (m,).
+        """Least-squares fit of the modes of training forces to the conditions of the RID.
+
+        Args:
+            problem: the contact problem.
+            law: law of the whole contact surface.
+            within: conditions of the RID, (m,).
+            forces: training forces, (N_lambda, S).
         """
         modes = pod(forces, FORCES_LEFT_OUT)[0]
         loaded = (
@@ -106,9 +119,9 @@ class FittedForces:
 
         Empty if there is none.
         """
-        known = [*ranged(self.whole, len(self.modes)).parts(), *self.mark]
-        other = [*ranged(problem.law, len(self.modes)).parts(), *mark_of(problem)]
-        same = len(known) == len(other) and all(map(_alike, known, other))
+        trained = [*ranged(self.whole, len(self.modes)).parts(), *self.mark]
+        compared = [*ranged(problem.law, len(self.modes)).parts(), *mark_of(problem)]
+        same = len(trained) == len(compared) and all(map(_alike, trained, compared))
         return "" if same else "its stiffness, its loads, its gaps or the laws of its contacts"
 
     @cached_property
@@ -127,23 +140,37 @@ class FittedForces:
         return rows, self.modes[rows] @ self.fit
 
     def forces(self, inside: np.ndarray, point: np.ndarray) -> np.ndarray:
-        """Forces on all conditions from those of the RID, (m,), limited by the laws at a point,
-        (N_lambda,).
+        """Forces on all conditions, (N_lambda,), limited by the laws at a point.
+
+        Args:
+            inside: forces of the RID, (m,).
+            point: parameters, (P,).
         """
         return self._limited(inside, np.zeros((inside.size, 0)), point)[0]
 
     def force_changes(
         self, inside: np.ndarray, changes: np.ndarray, point: np.ndarray
     ) -> np.ndarray:
-        """Derivatives of :meth:`forces`, (N_lambda, P), from those of the RID, (m, P)."""
+        """Derivatives of :meth:`forces`, (N_lambda, P).
+
+        Args:
+            inside: forces of the RID, (m,).
+            changes: their derivatives, (m, P).
+            point: parameters, (P,).
+        """
         return self._limited(inside, changes, point)[1]
 
     def completed(
         self, inside: np.ndarray, active: np.ndarray, point: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Forces and statuses of all conditions from those of the RID, (m,) each.
+        """Forces and statuses of all conditions, (N_lambda,) each.
 
-        Statuses outside by the forces.
+        Statuses outside the RID follow from the forces.
+
+        Args:
+            inside: forces of the RID, (m,).
+            active: statuses of the RID, (m,).
+            point: parameters, (P,).
         """
         forces, _, statuses = self._limited(inside, np.zeros((inside.size, 0)), point)
         statuses[self.within] = active
@@ -161,28 +188,28 @@ class FittedForces:
         active = np.zeros(len(forces), dtype=bool)
         fitted = active.copy()
         fitted[self._elsewhere[0]] = True
-        for part in self._ranges:
-            rows = part.rows
+        for law_range in self._ranges:
+            rows = law_range.rows
             x = forces[rows]
             slope = slopes[rows]
             fills = fitted[rows]
             off = (
                 fills
-                & part.law.pressing(rows.size)
+                & law_range.law.pressing(rows.size)
                 & (x <= OPEN_OUTSIDE * np.abs(x[~fills]).max(initial=0.0))
             )
             x[off] = 0.0
             slope[off] = 0.0
-            forces[rows], slopes[rows], active[rows] = part.law.limited(x, slope, fills, point)
+            forces[rows], slopes[rows], active[rows] = law_range.law.limited(x, slope, fills, point)
         return forces, slopes, active
 
     def _fitted(self, inside: np.ndarray) -> np.ndarray:
         """Values in the RID, (m, ...), completed by the modes elsewhere, (N_lambda, ...)."""
         rows, per_force = self._elsewhere
-        found = np.empty((len(self.modes), *inside.shape[1:]))
-        found[self.within] = inside
-        found[rows] = per_force @ inside
-        return found
+        values = np.empty((len(self.modes), *inside.shape[1:]))
+        values[self.within] = inside
+        values[rows] = per_force @ inside
+        return values
 
     def misfit(self, inside: np.ndarray) -> float:
         """Part of the forces in the RID, (m,), that no mode of training explains, from 0 to 1.
@@ -202,8 +229,11 @@ class FittedForces:
     ) -> float:
         """Estimated relative error of forces; infinite if bodies overlap outside the RID.
 
-        By the forces in the RID, (m,), slacks and scales of all gaps, (N_lambda,) each, and the
-        memory.
+        Args:
+            inside: forces of the RID, (m,).
+            slack: slack of all conditions, (N_lambda,).
+            scale: scales of their gaps, (N_lambda,).
+            memory: memory of the laws.
         """
         deep = self.overlap(slack, scale, memory)
         if deep > max(OVERLAP_FACTOR * self.depth, SHALLOW) or (
@@ -213,15 +243,22 @@ class FittedForces:
         return self.share * self.misfit(inside)
 
     def overlap(self, slack: np.ndarray, scale: np.ndarray, memory: Memory) -> float:
-        """Deepest overlap outside the RID, over the gap scale; 0 if none.
+        """Deepest overlap outside the RID, over the gap scale; 0 if there is none.
 
-        Worn depths are none, closed gaskets are.
+        A worn depth does not count as an overlap, a closed gasket does.
+
+        Args:
+            slack: slack of all conditions, (N_lambda,).
+            scale: scales of their gaps, (N_lambda,).
+            memory: memory of the laws.
         """
         rows = self._elsewhere[0]
         rows = rows[self.whole.pressing(len(slack))[rows]]
         opened = np.zeros(len(slack))
-        for part in self._ranges:
-            opened[part.rows] = part.law.opened(memory) if part.law.remembers else 0.0
+        for law_range in self._ranges:
+            opened[law_range.rows] = (
+                law_range.law.opened(memory) if law_range.law.remembers else 0.0
+            )
         return float((-(slack + opened)[rows] / scale[rows]).max(initial=0.0))
 
 
@@ -229,10 +266,8 @@ forces_outside = FittedForces.fitted
 """Tool of the core, see :func:`hhr_dolfinx.registry.tool`."""
 
 
-def _alike(one: Any, other: Any) -> bool:
-    """True for equal texts, and for arrays that differ by no more than round-off of the numbers of
-    one scene.
-    """
+def _alike(one: str | np.ndarray | float, other: str | np.ndarray | float) -> bool:
+    """True for equal texts, and for arrays that differ by round-off of the numbers of one scene."""
     if isinstance(one, str) or isinstance(other, str) or np.shape(one) != np.shape(other):
         return bool(np.array_equal(one, other))
     off = np.abs(np.subtract(one, other)).max(initial=0.0)

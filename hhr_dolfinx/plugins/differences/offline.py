@@ -37,10 +37,17 @@ MOST_READ = 50
 def bounding(
     full: FullModel, basis: np.ndarray, forces: np.ndarray, *, cone: bool, announce: Announce
 ) -> Bounding:
-    """Differences for a basis; S completes forces and displacement unless training forces do,
-    ``cone``.
+    """Differences for a basis, see :func:`exact_difference`.
 
-    BoundError with the hypothesis that fails.
+    Args:
+        full: the full model.
+        basis: columns of the displacement, (own, ell).
+        forces: training forces, (N_lambda, S).
+        cone: True if training forces complete forces and displacement; otherwise S does.
+        announce: reports progress; not used.
+
+    Raises:
+        BoundError: with the hypothesis that fails.
     """
     return (
         Bounding(exact_difference(full, basis, forces), basis)
@@ -61,11 +68,16 @@ def read_outputs(draft: Draft) -> None:
 def exact_difference(
     full: FullModel, basis: np.ndarray, forces: np.ndarray | None = None
 ) -> ExactDifference:
-    """Exact differences for answers with a basis, (own rows, ell), of a full model whose bodies are
-    held.
+    """Exact differences for answers of a full model whose bodies are held.
 
-    Relative errors use at least a thousandth of the largest training force, (N_lambda, S), as the
-    denominator. BoundError: see :func:`exact_arrays`.
+    Args:
+        full: the full model.
+        basis: columns of the displacement, (own rows, ell).
+        forces: training forces, (N_lambda, S); relative errors use at least a thousandth of the
+            largest one as the denominator.
+
+    Raises:
+        BoundError: see :func:`exact_arrays`.
     """
     lower, arrays = exact_arrays(full, forces)
     modes, loads = unit_energy(full, lower, basis)
@@ -77,10 +89,13 @@ def exact_arrays(
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Cholesky factor of S, and arrays of the exact answer, see :class:`ExactDifference`.
 
-    ``forces`` as above.
+    Args:
+        full: the full model.
+        forces: training forces, (N_lambda, S), see :func:`exact_difference`; None without any.
+        floating: allow bodies that only contact holds.
 
-    Bodies that only contact holds are refused unless ``floating`` is set. BoundError with the
-    hypothesis that fails.
+    Raises:
+        BoundError: with the hypothesis that fails.
     """
     problem = full.problem
     check_hypotheses(full, floating=floating)
@@ -103,7 +118,7 @@ def exact_arrays(
     rows = problem.spread
     # K times lifts, whose energy K without dependent dofs lacks
     pulled = problem.pulled.toarray()
-    gram, mixed, own = rows.sum(
+    gram, mixed, lift_gram = rows.sum(
         np.stack(
             [
                 full.per_load.T @ (problem.stiffness_of_rows @ full.per_load),
@@ -112,8 +127,8 @@ def exact_arrays(
             ]
         )
     )
-    gram = gram + mixed + mixed.T + own
-    lifting = np.sqrt(np.maximum(np.diag(own), 0.0))
+    gram = gram + mixed + mixed.T + lift_gram
+    lifting = np.sqrt(np.maximum(np.diag(lift_gram), 0.0))
     values, ways = linalg.eigh(gram)
     # K^-1 K u0 is K^-1 loads, plus the part of lifts on imposed dofs that K^-1 does not contain
     cross = problem.contact_rows_times(full.per_load)
@@ -135,7 +150,11 @@ def exact_arrays(
 
 
 def factor_of(schur: np.ndarray) -> np.ndarray:
-    """Cholesky factor of S; BoundError if it is not definite."""
+    """Cholesky factor of S.
+
+    Raises:
+        BoundError: if S is not definite.
+    """
     try:
         return linalg.cholesky(schur, lower=True)
     except linalg.LinAlgError:
@@ -147,20 +166,26 @@ def factor_of(schur: np.ndarray) -> np.ndarray:
 def singular_along(problem: ContactProblem) -> str:
     """Reason why nothing bounds errors where K is singular along motions of bodies."""
     assert problem.kernel is not None
-    why = (
+    cause = (
         "contact alone holds bodies"
         if problem.held_by_contact
         else "nothing resists some motions of bodies"
     )
     return (
-        f"{why}, and K, whose inverse is in all errors, is singular along their motions: "
+        f"{cause}, and K, whose inverse is in all errors, is singular along their motions: "
         f"{problem.kernel.described}"
     )
 
 
 def check_hypotheses(full: FullModel, *, floating: bool = False) -> None:
-    """BoundError for models without known errors, and for bodies that only contact holds unless
-    ``floating`` is set.
+    """Refuse models without known errors.
+
+    Args:
+        full: the full model.
+        floating: allow bodies that only contact holds.
+
+    Raises:
+        BoundError: with the hypothesis that fails.
     """
     problem = full.problem
     if full.equilibrium is not None:
@@ -186,33 +211,45 @@ def check_hypotheses(full: FullModel, *, floating: bool = False) -> None:
 def unit_energy(
     full: FullModel, lower: np.ndarray, basis: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Columns of V, (own rows, ell), and of K^-1 loads in directions of unit energy, see
-    :class:`ExactDifference`.
+    """Columns of V and of K^-1 loads in directions of unit energy, see :class:`ExactDifference`.
 
     The first are X L^-T, with X = K^-1 B^T and X^T K X = S = L L^T. The components along them are
     L^-1 X^T K times a field, which is L^-1 B times a field that vanishes on imposed dofs. X itself
     is not needed.
+
+    Args:
+        full: the full model.
+        lower: L, (m, m).
+        basis: V, (own rows, ell).
+
+    Returns:
+        Components of V, (r, ell), and of K^-1 loads, (r, 1 + T).
     """
     problem = full.problem
-    rest = np.hstack([basis, full.per_load])
-    sizes = energies(problem, rest)
-    along = np.zeros((len(lower), rest.shape[1]))
+    remainder = np.hstack([basis, full.per_load])
+    sizes = energies(problem, remainder)
+    along = np.zeros((len(lower), remainder.shape[1]))
     for _ in range(2):
-        more = solve_triangular(lower, problem.contact_rows_times(rest), lower=True)
+        more = solve_triangular(lower, problem.contact_rows_times(remainder), lower=True)
         along += more
-        rest = rest - full.stiffness.response_to_forces(
+        remainder = remainder - full.stiffness.response_to_forces(
             solve_triangular(lower, more, lower=True, trans="T")
         )
     ell = basis.shape[1]
-    left = energy_coordinates(problem, rest, COLUMN_ROUND_OFF * sizes)
+    coordinates = energy_coordinates(problem, remainder, COLUMN_ROUND_OFF * sizes)
     # directions are in the order of the columns that need them
-    count = len(lower) + np.count_nonzero(left[:, :ell].any(axis=1))
-    found = np.vstack([along, left])
-    return np.asfortranarray(found[:count, :ell]), np.asfortranarray(found[:, ell:])
+    count = len(lower) + np.count_nonzero(coordinates[:, :ell].any(axis=1))
+    components = np.vstack([along, coordinates])
+    return np.asfortranarray(components[:count, :ell]), np.asfortranarray(components[:, ell:])
 
 
 def energies(problem: ContactProblem, columns: np.ndarray) -> np.ndarray:
-    """Energy norm of each column, (own rows, k): (k,)."""
+    """Energy norm of each column, (k,).
+
+    Args:
+        problem: the contact problem.
+        columns: the columns, (own rows, k).
+    """
     squares = np.einsum("nk,nk->k", columns, problem.stiffness_of_rows @ columns)
     return np.sqrt(np.maximum(problem.spread.sum(squares), 0.0))
 
@@ -220,25 +257,29 @@ def energies(problem: ContactProblem, columns: np.ndarray) -> np.ndarray:
 def energy_coordinates(
     problem: ContactProblem, columns: np.ndarray, least: np.ndarray
 ) -> np.ndarray:
-    """Columns, (own rows, k), in directions of unit energy, (r, k), by Gram and Schmidt, twice.
+    """Columns in directions of unit energy, (r, k), by Gram and Schmidt, twice.
 
     Unlike a factor of the Gram matrix they are accurate to round-off of the columns even if these
-    are dependent. ``least`` is the energy norm up to which the remainder of each column is
-    round-off, (k,).
+    are dependent.
+
+    Args:
+        problem: the contact problem.
+        columns: the columns, (own rows, k).
+        least: energy norm up to which the remainder of each column is round-off, (k,).
     """
     total = problem.spread.sum
     directions, images = (np.empty(columns.shape, order="F") for _ in range(2))
     coordinates = np.zeros((columns.shape[1],) * 2, order="F")
     rank = 0
-    for k, left in enumerate(columns.T):
+    for k, column in enumerate(columns.T):
         for _ in range(2):
-            along = total(images[:, :rank].T @ left)
+            along = total(images[:, :rank].T @ column)
             coordinates[:rank, k] += along
-            left = left - directions[:, :rank] @ along
-        image = problem.stiffness_of_rows @ left
-        length = float(np.sqrt(max(total(left @ image), 0.0)))
+            column = column - directions[:, :rank] @ along
+        image = problem.stiffness_of_rows @ column
+        length = float(np.sqrt(max(total(column @ image), 0.0)))
         if length > least[k]:
-            directions[:, rank] = left / length
+            directions[:, rank] = column / length
             images[:, rank] = image / length
             coordinates[rank, k] = length
             rank += 1
@@ -246,30 +287,35 @@ def energy_coordinates(
 
 
 def field_response(full: FullModel, forces: np.ndarray, most: int) -> Bounding:
-    """The displacement as a function of loads and contact forces, with at most as many columns as a
-    model has modes.
+    """The displacement as a function of loads and contact forces, in few columns.
 
     All columns of K^-1 B^T if these are few enough. Otherwise the leading directions, in energy, of
     the response to training forces, each with the same weight, so that weak contact counts as much
     as strong contact, followed by those of the response to any forces. The rigid motions of bodies
     that only contact holds come last and do not count.
 
-    The stiffness of the full model is constant, ``forces`` are those of training, (m, S).
-    BoundError: see :func:`exact_arrays`.
+    Args:
+        full: the full model, of constant stiffness.
+        forces: training forces, (m, S).
+        most: largest number of columns, that of the modes of the model.
+
+    Raises:
+        BoundError: see :func:`exact_arrays`.
     """
     lower, arrays = exact_arrays(full, forces, floating=True)
-    columns, own, onto = columns_of_forces(full, lower, forces, most)
+    columns, directions, onto = columns_of_forces(full, lower, forces, most)
     if full.problem.kernel is not None:
         columns = np.hstack([columns, full.problem.spread.of(full.problem.kernel.motions)])
-    difference = ExactDifference(**arrays, kept=np.asfortranarray(own))
+    difference = ExactDifference(**arrays, kept=np.asfortranarray(directions))
     loaded, loading = load_response(full)
     response = FieldResponse(full.problem.spread.whole(loaded), loading, onto)
     return Bounding(difference, np.asfortranarray(columns), response)
 
 
 def load_response(full: FullModel) -> tuple[np.ndarray, csc_matrix]:
-    """K^-1 loads, (own, 1 + T), as a product of few columns, (own, k), and a sparse matrix, (k, 1 +
-    T).
+    """K^-1 loads, (own, 1 + T), as a product of few columns and a sparse matrix.
+
+    The columns are (own, k), the matrix is (k, 1 + T).
 
     The columns belong to the nonzero terms, or to the loaded dofs if there are fewer of these, as
     for a pressure up to a height that is a parameter.
@@ -281,8 +327,8 @@ def load_response(full: FullModel) -> tuple[np.ndarray, csc_matrix]:
         units = csr_matrix(
             (np.ones(dofs.size), (dofs, np.arange(dofs.size))), shape=(loads.shape[0], dofs.size)
         )
-        own = csc_matrix(full.problem.spread.of(units))
-        return np.asfortranarray(full.stiffness.columns(own)), csc_matrix(loads[dofs])
+        unit_loads = csc_matrix(full.problem.spread.of(units))
+        return np.asfortranarray(full.stiffness.columns(unit_loads)), csc_matrix(loads[dofs])
     chosen = csc_matrix(
         (np.ones(terms.size), (np.arange(terms.size), terms)), shape=(terms.size, loads.shape[1])
     )
@@ -292,38 +338,51 @@ def load_response(full: FullModel) -> tuple[np.ndarray, csc_matrix]:
 def columns_of_forces(
     full: FullModel, lower: np.ndarray, forces: np.ndarray, most: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """Basis of the displacements of forces: all of K^-1 B^T, or combinations of it if these are
-    more than ``most``.
+    """Basis of the displacements of forces: all of K^-1 B^T, or combinations of it.
 
-    L is that of S = L L^T, (m, m); forces are those of training, (m, S). Returns the columns, (own,
-    c); their directions in energy, (m, c), c = 0 if all are kept; and the map from forces to their
-    coordinates, (c, m), None if these are the forces.
+    Args:
+        full: the full model.
+        lower: L of S = L L^T, (m, m).
+        forces: training forces, (m, S).
+        most: largest number of columns.
+
+    Returns:
+        The columns, (own, c); their directions in energy, (m, c), c = 0 if all are kept; and the
+        map from forces to their coordinates, (c, m), None if these are the forces.
     """
     if len(lower) <= most:
         return full.per_force, np.zeros((len(lower), 0)), None
-    own = leading(lower.T @ forces, lower, most)
-    columns = full.stiffness.response_to_forces(solve_triangular(lower, own, lower=True, trans="T"))
-    return columns, own, np.asfortranarray(own.T @ lower.T)
+    directions = leading(lower.T @ forces, lower, most)
+    columns = full.stiffness.response_to_forces(
+        solve_triangular(lower, directions, lower=True, trans="T")
+    )
+    return columns, directions, np.asfortranarray(directions.T @ lower.T)
 
 
 def leading(columns: np.ndarray, lower: np.ndarray, count: int) -> np.ndarray:
-    """Orthonormal directions of the response to forces, most important ones first, (m, count),
-    count <= m.
+    """Orthonormal directions of the response to forces, most important ones first, (m, count).
 
-    ``columns`` are L^T times the training forces, (m, S), each of which is normalised. The
-    remaining directions are those along which forces have the largest response.
+    The columns are normalised. The remaining directions are those along which forces have the
+    largest response.
+
+    Args:
+        columns: L^T times the training forces, (m, S).
+        lower: L, (m, m).
+        count: number of directions, at most m.
     """
     sizes = np.linalg.norm(columns, axis=0)
     directions, values, _ = svd(columns[:, sizes > 0] / sizes[sizes > 0], full_matrices=False)
-    own = directions[:, values > COLUMN_ROUND_OFF * values.max(initial=0.0)][:, :count]
-    rest = lower.T - own @ (own.T @ lower.T)
-    return np.hstack([own, svd(rest)[0][:, : count - own.shape[1]]])
+    selected = directions[:, values > COLUMN_ROUND_OFF * values.max(initial=0.0)][:, :count]
+    remainder = lower.T - selected @ (selected.T @ lower.T)
+    return np.hstack([selected, svd(remainder)[0][:, : count - selected.shape[1]]])
 
 
 def output_difference(full: FullModel, training: Solutions | None = None) -> OutputDifference:
-    """Outputs of the exact answers of a full model that has outputs, whose stiffness is constant.
+    """Outputs of the exact answers of a full model with outputs and constant stiffness.
 
-    ``training`` are snapshots, whose outputs set the scale.
+    Args:
+        full: the full model.
+        training: snapshots, whose outputs set the scale; None without any.
     """
     from hhr_dolfinx.plugins.differences.outputs import OutputDifference, is_read
 
@@ -331,7 +390,11 @@ def output_difference(full: FullModel, training: Solutions | None = None) -> Out
     size = problem.free.size
     outputs = plain_outputs(full)
     assert outputs is not None
-    read = [item.matrix(size) for item in outputs.items if is_read(item, len(problem.gaps))]
+    read = [
+        functional.matrix(size)
+        for functional in outputs.items
+        if is_read(functional, len(problem.gaps))
+    ]
     rows = csr_matrix(vstack([csr_matrix((0, size)), *read]))
     loaded = problem.spread.sum(rows.tocsc()[:, problem.rows] @ full.per_load)
     free = np.asfortranarray(loaded + (rows @ problem.lifts).toarray())
@@ -351,7 +414,7 @@ def _least_outputs(full: FullModel, training: Solutions | None) -> np.ndarray:
     answers = []
     for k in np.unique(np.linspace(0, len(training.points) - 1, MOST_READ).astype(int)):
         forces = training.forces[:, k]
-        how = forces, forces > 0, 0, Status.CONVERGED, False, full
+        answer_fields = forces, forces > 0, 0, Status.CONVERGED, False, full
         unknown = full.problem.spread.whole(training.displacements[:, k])
-        answers.append(Answer(training.points[k], unknown, *how).outputs().values)
+        answers.append(Answer(training.points[k], unknown, *answer_fields).outputs().values)
     return FORCE_FLOOR * np.abs([list(values.values()) for values in answers]).max(axis=0)

@@ -24,7 +24,12 @@ MOST_ENTRIES = 4_000_000
 
 
 def is_read(item: Functional, conditions: int) -> bool:
-    """True if the exact value of an output is computed, given the number of contact conditions."""
+    """True if the exact value of an output is computed.
+
+    Args:
+        item: the output.
+        conditions: number of contact conditions.
+    """
     return item.count * conditions <= MOST_ENTRIES
 
 
@@ -44,15 +49,21 @@ class OutputDifference:
         """True if an output has an estimate."""
         return is_read(item, self.pressed.shape[1])
 
-    def least_of(self, functionals: Any, name: str) -> float:
-        """Smallest denominator for an output by its name."""
-        return float(self.least[[item.name for item in functionals.items].index(name)])
+    def least_of(self, functionals: Functionals, name: str) -> float:
+        """Smallest denominator of the relative error of an output.
 
-    def fits(self, functionals: Any) -> bool:
-        """True if these can be estimates of some outputs: sizes agree, and no smallest denominator
-        is negative.
+        Args:
+            functionals: outputs of the scene.
+            name: name of the output.
         """
-        rows = sum(item.count for item in functionals.items if self.knows(item))
+        return float(self.least[[functional.name for functional in functionals.items].index(name)])
+
+    def fits(self, functionals: Functionals) -> bool:
+        """True if these can be estimates of some outputs.
+
+        Sizes agree, and no smallest denominator is negative.
+        """
+        rows = sum(functional.count for functional in functionals.items if self.knows(functional))
         return (
             len(self.free) == rows
             and self.least.shape == (len(functionals.items),)
@@ -62,30 +73,35 @@ class OutputDifference:
     def errors(
         self, fields: Any, answer: Answer, forces: np.ndarray, exact: np.ndarray
     ) -> dict[str, float]:
-        """Differences for an answer that converged, with the round-off of the subtraction, by the
-        names of the outputs.
+        """Differences for an answer that converged, with the round-off of the subtraction.
 
-        ``fields`` are its :class:`~hhr_dolfinx.models.reconstruct.Reconstruction`, ``forces`` the
-        returned ones, (m,).
+        Args:
+            fields: fields of the model of the answer.
+            answer: the answer.
+            forces: the returned forces, (m,).
+            exact: the exact forces, (m,).
+
+        Returns:
+            The differences, by the names of the outputs.
         """
         functionals: Functionals = fields.functionals
         theta = fields.amplitudes.dense(answer.parameter)
-        own = fields.measured(answer, theta)
+        measured = fields.measured(answer, theta)
         free = self.free @ theta
         nearer = free - self.pressed @ exact
         none = np.zeros_like(exact)
         errors: dict[str, float] = {}
         first = 0
-        for item, place in zip(functionals.items, functionals.places, strict=True):
-            if not self.knows(item):
+        for functional, span in zip(functionals.items, functionals.places, strict=True):
+            if not self.knows(functional):
                 continue
-            rows = slice(first, first + item.count)
-            first += item.count
-            states = (forces, own[place]), (exact, nearer[rows]), (none, free[rows])
-            value, there, unpressed = (
-                item.value(State(pressed, read, answer.parameter, theta, answer.stress))
+            rows = slice(first, first + functional.count)
+            first += functional.count
+            states = (forces, measured[span]), (exact, nearer[rows]), (none, free[rows])
+            value, exact_value, unpressed = (
+                functional.value(State(pressed, read, answer.parameter, theta, answer.stress))
                 for pressed, read in states
             )
-            scale = abs(value) + abs(there) + CANCELLED * abs(unpressed)
-            errors[item.name] = abs(value - there) + BOUND_ROUND_OFF * scale
+            scale = abs(value) + abs(exact_value) + CANCELLED * abs(unpressed)
+            errors[functional.name] = abs(value - exact_value) + BOUND_ROUND_OFF * scale
         return errors

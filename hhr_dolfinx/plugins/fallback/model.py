@@ -38,16 +38,17 @@ from hhr_dolfinx.models.estimates import (
 from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.path import check_settings
-from hhr_dolfinx.models.model import AnsweringModel
+from hhr_dolfinx.models.model import AnsweringModel, KeptModel
 from hhr_dolfinx.parameters import ParameterSpace, PointsLike, is_number
 from hhr_dolfinx.trained import USUAL
 from hhr_dolfinx.warn import collected, repeat
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.full import FullOrderModel
-    from hhr_dolfinx.models.condensed import CondensedModel
+    from hhr_dolfinx.models.bound import Bound
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
     from hhr_dolfinx.reduction.recipe import Recipe
+    from hhr_dolfinx.study.training.train import Training
 
 _log = logging.getLogger(__name__)
 
@@ -64,8 +65,7 @@ class _NotGoodEnough(Exception):
 
 
 class FallbackModel(AnsweringModel):
-    """Model whose answers come from a reduced model, or from the full one if the reduced error may
-    exceed a tolerance.
+    """Model that calls the full one if the error of a reduced one may exceed a tolerance.
 
     The relative error of each answer is at most ``tolerance``, in the quantity ``of``: ``forces``,
     nodal contact forces in the Euclidean norm; ``pressure``, the largest error of a nodal pressure
@@ -97,7 +97,12 @@ class FallbackModel(AnsweringModel):
     instead = "its full model needs the mesh. Keep the reduced one, save_model(path, safe.reduced)"
 
     def __init__(
-        self, reduced: Any, full: FullOrderModel, tolerance: float = 0.01, *, of: str | None = None
+        self,
+        reduced: AnsweringModel,
+        full: FullOrderModel,
+        tolerance: float = 0.01,
+        *,
+        of: str | None = None,
     ):
         check_allowance(tolerance)
         _check_alike(reduced, full)
@@ -113,7 +118,7 @@ class FallbackModel(AnsweringModel):
         self.fallen = 0
 
     @property
-    def fields(self) -> Any:
+    def fields(self) -> ModelFields:
         """Fields of the reduced model; each answer has the fields of the model that computed it."""
         return self.reduced.fields
 
@@ -126,30 +131,32 @@ class FallbackModel(AnsweringModel):
     def known_error(self) -> str:
         """See :attr:`AnsweringModel.known_error`."""
         quantity = "displacement or forces, in energy," if self.of is None else self.of
-        known = known_error(self.reduced.fields)
+        error_of_reduced = known_error(self.reduced.fields)
         return (
-            f"{known}. Where {quantity} may be off by more than {self.tolerance:g} the full model "
-            "answers"
+            f"{error_of_reduced}. Where {quantity} may be off by more than {self.tolerance:g} "
+            "the full model answers"
         )
 
     @property
-    def estimating(self) -> Any:
+    def estimating(self) -> AnsweringModel:
         """The reduced model; answers of the full one are exact."""
         return self.reduced
 
     def columns(self, many: Iterable[Answer]) -> dict[str, np.ndarray]:
-        """See :meth:`AnsweringModel.columns`: 1 for answers of the full model, and the columns of
-        the reduced model.
+        """See :meth:`AnsweringModel.columns`.
+
+        The first column is 1 for answers of the full model; the others are those of the reduced
+        one.
         """
         answers = list(many)
         fell = np.array([self.fell_back(answer) for answer in answers], dtype=bool)
-        found = {"fell_back": fell.astype(float)}
+        table = {"fell_back": fell.astype(float)}
         for head, values in self.reduced.columns(
             answer for answer in answers if not self.fell_back(answer)
         ).items():
-            found[head] = np.full(len(fell), np.nan)
-            found[head][~fell] = values
-        return found
+            table[head] = np.full(len(fell), np.nan)
+            table[head][~fell] = values
+        return table
 
     def summed_up(self, sums: Mapping[str, float]) -> str:
         """See :meth:`AnsweringModel.summed_up`."""
@@ -171,8 +178,12 @@ class FallbackModel(AnsweringModel):
         return self.full._answered(point, None, outside, gradient)
 
     def follow(self, path: Path, settings: MarchSettings, **how: Any) -> History:
-        """See :class:`AnsweringModel`; one model answers the whole history of a law that
-        remembers.
+        """See :class:`AnsweringModel`; one model answers the whole history of a law that remembers.
+
+        Args:
+            path: the load path.
+            settings: settings of its increments.
+            how: further arguments of :meth:`AnsweringModel.follow`.
         """
         if not self.by_paths:
             return super().follow(path, settings, **how)
@@ -187,8 +198,9 @@ class FallbackModel(AnsweringModel):
     def _reduced_history(
         self, path: Path, settings: MarchSettings, how: dict[str, Any]
     ) -> History | None:
-        """History of the reduced model; None if it has none, or if the error of an increment may be
-        too large.
+        """History of the reduced model.
+
+        None if it has none, or if the error of an increment may be too large.
 
         Warnings of a discarded history are discarded too.
         """
@@ -213,7 +225,12 @@ class FallbackModel(AnsweringModel):
         return self.full if self.fell_back(history.answers[-1]) else self.reduced
 
     def unanswered(self, point: np.ndarray, status: Status = Status.UNDEFINED) -> Answer:
-        """Answer of NaN, of the full model, which was queried last."""
+        """Answer of NaN, of the full model, which was queried last.
+
+        Args:
+            point: parameters, (P,).
+            status: reason for the missing answer.
+        """
         return self.full.unanswered(point, status)
 
     def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
@@ -234,8 +251,12 @@ class FallbackModel(AnsweringModel):
     def solve_many(
         self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL
     ) -> SeveralAnswers:
-        """Answer many parameters, (n, P), at once by the reduced model, those with a large error by
-        the full one.
+        """Answer many parameters by the reduced model, those with a large error by the full one.
+
+        Args:
+            points: parameters, (n, P).
+            raise_on_failure: raise an error for a point without a solution.
+            outside: policy for points outside the training range, see :meth:`Model.solve`.
         """
         from hhr_dolfinx.models.many import PartedAnswers
 
@@ -260,9 +281,9 @@ class FallbackModel(AnsweringModel):
         for point in checked[~good]:
             self.fallen += 1
             exact.append(self.full.solve(point, raise_on_failure=raise_on_failure))
-        parts = [(np.flatnonzero(good), many.take(good))] if good.any() else []
-        parts += [(np.flatnonzero(~good), ListedAnswers(tuple(exact)))] if exact else []
-        return PartedAnswers.of(parts, np.where(good, 0, 1))
+        batches = [(np.flatnonzero(good), many.take(good))] if good.any() else []
+        batches += [(np.flatnonzero(~good), ListedAnswers(tuple(exact)))] if exact else []
+        return PartedAnswers.of(batches, np.where(good, 0, 1))
 
     def _reduced_answer(
         self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool
@@ -292,8 +313,12 @@ class FallbackModel(AnsweringModel):
             return False
 
 
-def check_allowance(tolerance: Any) -> None:
-    """Raise ParameterError for an invalid tolerance."""
+def check_allowance(tolerance: float) -> None:
+    """Refuse an invalid tolerance.
+
+    Raises:
+        ParameterError: if it is not a positive number.
+    """
     if not (is_number(tolerance) and tolerance > 0):
         raise ParameterError(f"tolerance = {tolerance!r} must be a positive number, such as 0.01")
 
@@ -307,17 +332,18 @@ def _remedy(full: FullOrderModel) -> str:
     )
 
 
-def _check_alike(reduced: Any, full: FullOrderModel) -> None:
-    """Check that a reduced model has a bound, and that the full one is of the same scene: box, S
-    and an answer.
+def _check_alike(reduced: AnsweringModel, full: FullOrderModel) -> None:
+    """Check that a reduced model has a bound, and that the full one is of the same scene.
+
+    Box, S and an answer are compared.
     """
     fields = reduced.fields if isinstance(reduced, AnsweringModel) else ModelFields()
     bound = fields.bound
     if bound is None and fields.estimated != FORCES_INDICATOR:
-        why = known_error(fields).removeprefix("none: ")
+        reason = known_error(fields).removeprefix("none: ")
         raise BoundError(
             "answers of this reduced model have no bound, so that nothing says when to ask the "
-            f"full one: {why}"
+            f"full one: {reason}"
         )
     if not isinstance(full, FullModel):
         raise ReductionError(
@@ -334,21 +360,19 @@ def _check_alike(reduced: Any, full: FullOrderModel) -> None:
         _check_same_scene(reduced, bound, full)
 
 
-def _check_same_law(reduced: Any, full: FullOrderModel) -> None:
-    """ReductionError unless a reduced model with a law of interfaces was built from this full
-    model.
-    """
-    own = reduced.fields.interface
-    if full.law.plugins != own.whole.plugins or full.equilibrium is not None:
-        what = "bodies that flow" if full.equilibrium is not None else full.law.name
-        raise ReductionError(f"the full model has {what}, unlike the reduced one{_remedy(full)}")
-    if differences := own.differences(full.problem):
+def _check_same_law(reduced: AnsweringModel, full: FullOrderModel) -> None:
+    """Raise ReductionError unless a reduced model with a law was built from this full model."""
+    interface = reduced.fields.interface
+    if full.law.plugins != interface.whole.plugins or full.equilibrium is not None:
+        unlike = "bodies that flow" if full.equilibrium is not None else full.law.name
+        raise ReductionError(f"the full model has {unlike}, unlike the reduced one{_remedy(full)}")
+    if differences := interface.differences(full.problem):
         raise ReductionError(
             f"the full model is that of another scene or mesh: {differences} differ{_remedy(full)}"
         )
 
 
-def _check_same_scene(reduced: Any, bound: Any, full: FullOrderModel) -> None:
+def _check_same_scene(reduced: AnsweringModel, bound: Bound, full: FullOrderModel) -> None:
     """ReductionError unless S and an answer of the full model agree with the reduced one."""
     if (
         bound.schur.shape != full.schur.shape
@@ -362,7 +386,7 @@ def _check_same_scene(reduced: Any, bound: Any, full: FullOrderModel) -> None:
     problem = full.problem.at(point)
     if answer.converged:
         gaps = problem.gaps @ problem.theta(point)
-        found = bound.at(point[None], reduced.fields.amplitudes(point)).slack(
+        slack_of_bound = bound.at(point[None], reduced.fields.amplitudes(point)).slack(
             answer.forces()[None]
         )[0]
         slack = gaps - problem.contact @ answer.unknown
@@ -372,10 +396,10 @@ def _check_same_scene(reduced: Any, bound: Any, full: FullOrderModel) -> None:
             slack = (
                 slack
                 + contact_of_motions
-                @ np.linalg.lstsq(contact_of_motions, found - slack, rcond=None)[0]
+                @ np.linalg.lstsq(contact_of_motions, slack_of_bound - slack, rcond=None)[0]
             )
         # relative to displacements: if all conditions are active, slack and gaps may be round-off
-        if np.abs(found - slack).max() > SAME_PROBLEM * max(
+        if np.abs(slack_of_bound - slack).max() > SAME_PROBLEM * max(
             np.abs(gaps).max(), np.abs(answer.unknown).max()
         ):
             raise ReductionError(
@@ -385,13 +409,13 @@ def _check_same_scene(reduced: Any, bound: Any, full: FullOrderModel) -> None:
 
 
 def safe_model(
-    training: Any,
+    training: Training,
     tolerance: float = 0.01,
     *,
     of: str | None = None,
     recipe: Recipe | None = None,
     checked: bool = True,
-) -> FallbackModel | CondensedModel:
+) -> FallbackModel | KeptModel:
     """Build a model whose answers all have errors within a tolerance.
 
     For elastic bodies of constant stiffness without friction it is the condensed model, which is
@@ -408,12 +432,15 @@ def safe_model(
         BoundError: if answers of the reduced model have no bound.
         ParameterError: for an invalid tolerance, an unknown quantity, or an output without a bound.
     """
-    there = training.everywhere
-    full = there.full_order
+    gathered = training.everywhere
+    full = gathered.full_order
     # before a model is built, which takes long
     check_allowance(tolerance)
     check_word(
-        [] if full.functionals is None else [item.name for item in full.functionals.items], of
+        []
+        if full.functionals is None
+        else [functional.name for functional in full.functionals.items],
+        of,
     )
     if full.law.remembers:
         check_of_forces(of)
@@ -421,4 +448,4 @@ def safe_model(
         # an estimate solves the exact problem on S: the condensed model answers with it, and is
         # faster
         return training.condense()
-    return FallbackModel(there.build(recipe, checked=checked), full, tolerance, of=of)
+    return FallbackModel(gathered.build(recipe, checked=checked), full, tolerance, of=of)

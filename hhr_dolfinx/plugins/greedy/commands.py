@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hhr_dolfinx.compat import extra
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.greedy.greedy import Greedy
 
 with extra("study", "the command hhr"):
     import click
@@ -25,8 +28,15 @@ class ChosenTraining:
     names = ("greedy", "budget")
 
     @staticmethod
-    def training(given: Mapping[str, Any]) -> Any:
-        """The training of these options."""
+    def training(given: Mapping[str, Any]) -> Greedy:
+        """The training of these options.
+
+        Args:
+            given: values of the options, by name.
+
+        Raises:
+            UsageError: for a budget without a greedy training.
+        """
         from hhr_dolfinx.plugins.greedy.greedy import Greedy
 
         if given["greedy"] is None:

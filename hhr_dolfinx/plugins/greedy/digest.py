@@ -32,13 +32,18 @@ DEEPEST_VALUE = 50
 
 
 def digest_of_values(value: object, what: str) -> str:
-    """Hexadecimal digest of settings: of their types, numbers, texts, arrays and functions, not of
-    their ``repr``.
+    """Hexadecimal digest of settings: of their types, numbers, texts, arrays and functions.
 
-    The ``repr`` of an array leaves out its middle, and that of an object may be its address.
-    User-defined functions and classes enter with the globals that they read and their class
-    attributes, those of installed packages with their names. StudyError, of ``what``, for an object
-    whose values are not accessible.
+    Their ``repr`` is not enough: that of an array leaves out its middle, and that of an object may
+    be its address. User-defined functions and classes enter with the globals that they read and
+    their class attributes, those of installed packages with their names.
+
+    Args:
+        value: the settings.
+        what: name of these, for the message.
+
+    Raises:
+        StudyError: for an object whose values are not accessible.
     """
     digest = hashlib.sha256()
     for piece in _pieces(value, what, 0, {}):
@@ -66,11 +71,11 @@ def _pieces(value: object, what: str, depth: int, seen: dict[int, int]) -> Itera
             yield f"again {seen[id(value)]}".encode()
             return
         seen[id(value)] = len(seen)
-    for part in _values_of(value, what):
-        if isinstance(part, np.ndarray) and part.dtype != object:
-            yield bytes_of(part)
+    for member in _values_of(value, what):
+        if isinstance(member, np.ndarray) and member.dtype != object:
+            yield bytes_of(member)
         else:
-            yield from _pieces(part, what, depth + 1, seen)
+            yield from _pieces(member, what, depth + 1, seen)
     yield b"end"
 
 
@@ -82,9 +87,9 @@ def _values_of(value: Any, what: str) -> list[Any]:
         array = np.asarray(value)
         return [array] if array.dtype != object else array.tolist()
     if isinstance(value, Mapping):
-        return [item for key in sorted(value, key=repr) for item in (key, value[key])]
+        return [member for key in sorted(value, key=repr) for member in (key, value[key])]
     if isinstance(value, set | frozenset):
-        return sorted(digest_of_values(item, what) for item in value)
+        return sorted(digest_of_values(member, what) for member in value)
     if isinstance(value, list | tuple):
         return list(value)
     if isinstance(value, BuiltinFunctionType | np.ufunc):
@@ -102,7 +107,10 @@ def _values_of(value: Any, what: str) -> list[Any]:
     if isinstance(value, type):
         return [value.__module__, value.__qualname__, *_class_attributes(value)]
     if is_dataclass(value):
-        return [type(value), *((item.name, getattr(value, item.name)) for item in fields(value))]
+        return [
+            type(value),
+            *((member.name, getattr(value, member.name)) for member in fields(value)),
+        ]
     if hasattr(value, "__dict__"):
         return [type(value), vars(value)]
     raise StudyError(
@@ -112,9 +120,7 @@ def _values_of(value: Any, what: str) -> list[Any]:
 
 
 def _installed(module: str) -> bool:
-    """True for a module of Python, of this package or of another installed one, that is, not
-    user-defined code.
-    """
+    """True for a module of Python, of this package or of another installed one."""
     first = module.partition(".")[0]
     file = getattr(sys.modules.get(first), "__file__", None) or ""
     if first in sys.stdlib_module_names or first == __name__.partition(".")[0]:
@@ -126,55 +132,58 @@ def _values_of_function(function: FunctionType) -> list[Any]:
     """Code, defaults, closure and, for a user-defined function, the globals that its code reads."""
     held = [cell.cell_contents for cell in function.__closure__ or ()]
     names = [function.__module__, function.__qualname__]
-    known = [*names, function.__code__, function.__defaults__, function.__kwdefaults__, held]
+    values = [*names, function.__code__, function.__defaults__, function.__kwdefaults__, held]
     if _installed(function.__module__ or ""):
-        return known
-    found: dict[str, Any] = {}
+        return values
+    globals_read: dict[str, Any] = {}
     for code in _codes(function.__code__):
         for name in {
             step.argval for step in dis.get_instructions(code) if step.opname == "LOAD_GLOBAL"
         }:
             if name not in function.__globals__:
                 continue  # a built-in of Python
-            item = found[name] = function.__globals__[name]
-            if isinstance(item, ModuleType) and not _installed(item.__name__):
-                found |= {
-                    f"{name}.{part}": vars(item)[part]
-                    for part in code.co_names
-                    if part in vars(item)
+            value = globals_read[name] = function.__globals__[name]
+            if isinstance(value, ModuleType) and not _installed(value.__name__):
+                globals_read |= {
+                    f"{name}.{attribute}": vars(value)[attribute]
+                    for attribute in code.co_names
+                    if attribute in vars(value)
                 }
-    return [*known, found]
+    return [*values, globals_read]
 
 
 def _codes(code: CodeType) -> Iterator[CodeType]:
     """A code object and those of the functions defined in it."""
     yield code
-    for part in code.co_consts:
-        if isinstance(part, CodeType):
-            yield from _codes(part)
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _codes(constant)
 
 
 def _class_attributes(kind: type) -> list[Any]:
-    """Attributes and methods of a user-defined class and its user-defined bases, without those
-    generated by Python.
+    """Attributes and methods of a user-defined class and its user-defined bases.
+
+    Those generated by Python are left out.
     """
-    found: list[Any] = []
+    attributes: list[Any] = []
     for base in kind.__mro__:
         if _installed(base.__module__):
             continue
-        for name, item in vars(base).items():
-            if isinstance(item, staticmethod | classmethod):
-                item = item.__func__
-            elif isinstance(item, property | cached_property):
-                item = item.fget if isinstance(item, property) else item.func
-            written = isinstance(item, FunctionType) and item.__code__.co_filename != "<string>"
+        for name, attribute in vars(base).items():
+            if isinstance(attribute, staticmethod | classmethod):
+                attribute = attribute.__func__
+            elif isinstance(attribute, property | cached_property):
+                attribute = attribute.fget if isinstance(attribute, property) else attribute.func
+            written = (
+                isinstance(attribute, FunctionType) and attribute.__code__.co_filename != "<string>"
+            )
             plain = (
                 not name.startswith("__")
                 and name != "_abc_impl"
-                and not isinstance(item, FunctionType)
+                and not isinstance(attribute, FunctionType)
             )
             if written or (
-                plain and not isinstance(item, MemberDescriptorType)
+                plain and not isinstance(attribute, MemberDescriptorType)
             ):  # descriptors of __slots__
-                found.append((name, item))
-    return found
+                attributes.append((name, attribute))
+    return attributes

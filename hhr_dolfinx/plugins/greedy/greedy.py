@@ -48,8 +48,11 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
     from hhr_dolfinx.full_order.full import FullOrderModel
+    from hhr_dolfinx.models.answer import Answer, History
+    from hhr_dolfinx.models.answer import Path as LoadPath
     from hhr_dolfinx.models.model import AnsweringModel
-    from hhr_dolfinx.plugins.paths.path_families import PathFamily
+    from hhr_dolfinx.plugins.paths.path_families import NamedPath, PathFamily, Sampling
+    from hhr_dolfinx.scene import Scene
 
 
 _log = logging.getLogger(__name__)
@@ -83,8 +86,9 @@ class Round(NamedTuple):
 
 
 class GreedyChoice(NamedTuple):
-    """Points of the box in the order in which they were chosen, (S, P), the models on the way, and
-    their recipe.
+    """Chosen points of the box, the models on the way, and their recipe.
+
+    Points are in the order in which they were chosen, (S, P).
     """
 
     points: np.ndarray
@@ -137,10 +141,10 @@ class Greedy:
                     f"{name} = {getattr(self, name)!r} of Greedy must be a whole number from 1"
                 )
         for name in ("start", "candidates"):
-            given = getattr(self, name)
-            if given is not None and not callable(getattr(given, "points", None)):
+            sampling = getattr(self, name)
+            if sampling is not None and not callable(getattr(sampling, "points", None)):
                 raise StudyError(
-                    f"{name} = {given!r} of Greedy must be a sampling, such as Sobol(16)"
+                    f"{name} = {sampling!r} of Greedy must be a sampling, such as Sobol(16)"
                 )
         if self.indicator is not None and not callable(getattr(self.indicator, "prepared", None)):
             raise StudyError(
@@ -154,9 +158,15 @@ class Greedy:
             if not isinstance(self.family, PathFamily):
                 raise StudyError(f"family = {self.family!r} of Greedy must be a PathFamily")
 
-    def space(self, scene: Any) -> ParameterSpace:
-        """Box of the points; StudyError for a family that does not fit the scene, or none with
-        inelastic bodies.
+    def space(self, scene: Scene) -> ParameterSpace:
+        """Box of the points that are chosen.
+
+        Args:
+            scene: the scene.
+
+        Raises:
+            StudyError: for a family that does not fit the scene, or inelastic bodies without a
+                family.
         """
         flows = any(body.law is not None for body in scene.bodies)
         if flows and self.family is None:
@@ -188,9 +198,14 @@ class Greedy:
     ) -> tuple[SnapshotSet, GreedyChoice]:
         """Compute training answers, and the record of their choice.
 
-        Each rank of ``comm`` has a full model and all answers; they share the candidates. ``solve``
-        returns answers to points, (n, P), or paths; collective. ``progress`` wraps the iteration
-        over the models. The folder of the store keeps the choice too, which later runs continue.
+        Each rank has a full model and all answers; the ranks share the candidates.
+
+        Args:
+            full: the full model.
+            solve: returns answers to points, (n, P), or paths; collective.
+            comm: ranks of the training.
+            progress: wraps the iteration over the models.
+            store: its folder keeps the choice too, which later runs continue; None without one.
         """
         space = self.space(full.scene)
         usual = ForceError() if self.family is None else LargestEstimate()
@@ -199,20 +214,20 @@ class Greedy:
         candidates = space.points(choices.points(space))
         points = space.points(start.points(space))[: self.budget]
         rounds = []
-        kept = None
+        kept_choice = None
         if store is not None and comm.rank == 0:
-            kept = KeptChoice(
+            kept_choice = KeptChoice(
                 store.folder, store.problem_digest, self, self._recipe(full), full.parameters
             )
-        earlier = comm.bcast(None if kept is None else kept.load(space))
+        earlier = comm.bcast(None if kept_choice is None else kept_choice.load(space))
         if earlier is not None:
             points, rounds = earlier
-        known = solve(self._queries(points))
+        snapshots = solve(self._queries(points))
         most = 1 + -(-max(self.budget - len(points), 0) // self.together)
         for _ in progress(range(most)):
             if rounds and rounds[-1].answers == len(points):
                 break  # an earlier run was complete
-            errors = self._errors(full, known, candidates, score, comm)
+            errors = self._errors(full, snapshots, candidates, score, comm)
             values = np.linalg.norm(errors, axis=1)
             rounds.append(Round(len(points), float(values.max()), float(np.median(values))))
             _log.info("greedy training: %d answers, indicator %.3g", *rounds[-1][:2])
@@ -226,9 +241,9 @@ class Greedy:
                 with suppress(
                     ConvergenceError
                 ):  # none of them has an answer; they are not tried again
-                    known = known.joined(solve(self._queries(more)))
-            if kept is not None:
-                kept.save(points, rounds)
+                    snapshots = snapshots.joined(solve(self._queries(more)))
+            if kept_choice is not None:
+                kept_choice.save(points, rounds)
             if not chosen.size:
                 break
         if rounds[-1].worst > self.tolerance and comm.rank == 0:
@@ -238,9 +253,9 @@ class Greedy:
                 "was wished. Raise the budget, or accept that error",
                 BudgetWarning,
             )
-        return known, GreedyChoice(points, tuple(rounds), self._recipe(full))
+        return snapshots, GreedyChoice(points, tuple(rounds), self._recipe(full))
 
-    def _samplings(self, full: FullOrderModel) -> tuple[Any, Any]:
+    def _samplings(self, full: FullOrderModel) -> tuple[Sampling, Sampling]:
         varies = self.family is None and full.problem.varies
         start = Sobol(-(-self.budget // 2)) if varies else Lattice(20)
         candidates = Sobol(2048, seed=5) if varies else Lattice(1000)
@@ -256,7 +271,7 @@ class Greedy:
             return usual_recipe(full)
         return Recipe(basis=Pod(FINE, relative=True, by_body=full.problem.varies))
 
-    def _queries(self, points: np.ndarray) -> Any:
+    def _queries(self, points: np.ndarray) -> np.ndarray | list[NamedPath]:
         return points if self.family is None else self.family.paths(points)
 
     def _errors(
@@ -270,7 +285,7 @@ class Greedy:
         """Indicators of a model of the present answers, (n, k)."""
         recipe = self._recipe(full).as_it_is()
         mine = np.array_split(candidates, comm.size)[comm.rank]
-        found = np.zeros((0, 1))
+        errors = np.zeros((0, 1))
         with group_of(comm).each("choosing where to train"):
             try:
                 model = build(full, known, recipe)
@@ -278,23 +293,25 @@ class Greedy:
                 NotSolvableError
             ) as error:  # too few answers for a model: errors are unknown in the whole box
                 _log.info("greedy training: no model of %d answers: %s", len(known.points), error)
-                found = np.full((len(mine), 1), UNSOLVED_CANDIDATE)
+                errors = np.full((len(mine), 1), UNSOLVED_CANDIDATE)
             else:
                 if len(mine):
-                    found = score(model, known, self._answers(model, mine)).reshape(len(mine), -1)
-                found[~np.isfinite(found).all(axis=1)] = UNSOLVED_CANDIDATE / np.sqrt(
-                    found.shape[1]
+                    errors = score(model, known, self._answers(model, mine)).reshape(len(mine), -1)
+                errors[~np.isfinite(errors).all(axis=1)] = UNSOLVED_CANDIDATE / np.sqrt(
+                    errors.shape[1]
                 )
-        return np.concatenate([part for part in comm.allgather(found) if len(part)])
+        return np.concatenate(
+            [errors_of_rank for errors_of_rank in comm.allgather(errors) if len(errors_of_rank)]
+        )
 
-    def _answers(self, model: AnsweringModel, points: np.ndarray) -> list[Any]:
+    def _answers(self, model: AnsweringModel, points: np.ndarray) -> list[Answer | History | None]:
         """Answers or histories of a reduced model; None for a history that it cannot complete."""
         if self.family is None:
             return list(model.solve_many(points, outside="ignore", raise_on_failure=False))
         return [_marched(model, path) for path in self.family.paths(points)]
 
 
-def _marched(model: AnsweringModel, path: Any) -> Any:
+def _marched(model: AnsweringModel, path: LoadPath) -> History | None:
     from hhr_dolfinx.models.histories.equilibrium import MarchSettings, told_once
 
     try:
@@ -307,50 +324,61 @@ def _marched(model: AnsweringModel, path: Any) -> Any:
 def _chosen(
     errors: np.ndarray, candidates: np.ndarray, known: np.ndarray, space: ParameterSpace, count: int
 ) -> np.ndarray:
-    """Numbers of the candidates to add, (k,): by their error vectors if all have one, else by
-    distances.
+    """Indices of the candidates to add, (k,).
+
+    They are chosen by their error vectors if all have one, else by distances.
     """
     if errors.shape[1] == 1 or (np.linalg.norm(errors, axis=1) >= UNSOLVED_CANDIDATE / 2).any():
         return apart(candidates, np.linalg.norm(errors, axis=1), known, space, count)
-    there = (candidates[:, None] == known).all(axis=2).any(axis=1)
-    return independent(np.where(there[:, None], 0.0, errors), count)
+    present = (candidates[:, None] == known).all(axis=2).any(axis=1)
+    return independent(np.where(present[:, None], 0.0, errors), count)
 
 
 def independent(errors: np.ndarray, count: int) -> np.ndarray:
-    """Numbers of the errors, (n, k), that are largest without the directions of those chosen
-    before, up to ``count``.
+    """Indices of the candidates with the largest independent errors, (k,).
 
-    One answer reduces all errors of the same direction. On the pellet 150 answers chosen so, 16 at
-    a time, have half the error of as many chosen by size and distance.
+    Each error counts without the directions of those chosen before. One answer reduces all errors
+    of the same direction. On the pellet 150 answers chosen so, 16 at a time, have half the error of
+    as many chosen by size and distance.
+
+    Args:
+        errors: error vectors of the candidates, (n, k).
+        count: largest number of candidates.
     """
-    left = errors.copy()
+    remaining = errors.copy()
     chosen = list[int]()
     least = DIRECTION_ROUND_OFF * np.linalg.norm(errors, axis=1).max(initial=0.0)
     while len(chosen) < count:
-        sizes = np.linalg.norm(left, axis=1)
+        sizes = np.linalg.norm(remaining, axis=1)
         worst = int(sizes.argmax())
         if not sizes[worst] > least:
             break
         chosen.append(worst)
-        direction = left[worst] / sizes[worst]
-        left -= np.outer(left @ direction, direction)
-        left[worst] = 0.0
+        direction = remaining[worst] / sizes[worst]
+        remaining -= np.outer(remaining @ direction, direction)
+        remaining[worst] = 0.0
     return np.array(chosen, dtype=np.int64)
 
 
 def apart(
     candidates: np.ndarray, values: np.ndarray, known: np.ndarray, space: ParameterSpace, count: int
 ) -> np.ndarray:
-    """Numbers of candidates, (n, P), with large values, (n,), far from present points, (S, P), and
-    each other, (k,).
+    """Indices of candidates with large values, far from present points and each other, (k,).
 
     The worst alone would be neighbours, which one answer improves all. So each value is weighted by
     the distance to the nearest present or chosen point, over the average distance. Candidates that
     are present already are never chosen.
+
+    Args:
+        candidates: points of the box, (n, P).
+        values: error of each candidate, (n,).
+        known: points of training, (S, P).
+        space: the box, which scales distances.
+        count: largest number of candidates.
     """
     lower, upper = np.array([space.lower, space.upper])
-    scaled, there = ((points - lower) / (upper - lower) for points in (candidates, known))
-    distances = cdist(scaled, there).min(axis=1, initial=np.inf)
+    scaled, scaled_known = ((points - lower) / (upper - lower) for points in (candidates, known))
+    distances = cdist(scaled, scaled_known).min(axis=1, initial=np.inf)
     chosen: list[int] = []
     while len(chosen) < count:
         worth = values * distances
@@ -363,8 +391,9 @@ def apart(
 
 
 class KeptChoice:
-    """Choice of a greedy training, kept next to its answers, so that an interrupted one
-    continues.
+    """Choice of a greedy training, stored next to its answers.
+
+    An interrupted training continues from it.
     """
 
     def __init__(
@@ -374,8 +403,8 @@ class KeptChoice:
             space.names,
             *(tuple(float(end) for end in ends) for ends in (space.lower, space.upper)),
         ]
-        parts = CHOICE_FORMAT, CHOICE_VERSION, problem, greedy, recipe, box
-        self._digest = digest_of_values(parts, "a greedy training that is kept in a folder")[:40]
+        key = CHOICE_FORMAT, CHOICE_VERSION, problem, greedy, recipe, box
+        self._digest = digest_of_values(key, "a greedy training that is kept in a folder")[:40]
         self._path = folder / f"greedy_{self._digest[:16]}.npz"
 
     def load(self, space: ParameterSpace) -> tuple[np.ndarray, list[Round]] | None:
@@ -396,8 +425,16 @@ class KeptChoice:
         return arrays["points"], [Round(*row) for row in rounds]
 
     def save(self, points: np.ndarray, rounds: list[Round]) -> None:
-        """Keep the choice so far; FileError if the file cannot be written."""
-        counts, worst, middle = (np.array(part) for part in zip(*rounds, strict=True))
+        """Store the choice so far.
+
+        Args:
+            points: chosen points, (n, P).
+            rounds: record of the rounds.
+
+        Raises:
+            FileError: if the file cannot be written.
+        """
+        counts, worst, middle = (np.array(column) for column in zip(*rounds, strict=True))
         arrays = {
             "points": points,
             "counts": counts.astype(np.int64),

@@ -37,6 +37,7 @@ from hhr_dolfinx.warn import ignored
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discretisation import Discretisation
     from hhr_dolfinx.full_order.full import FullOrderModel
+    from hhr_dolfinx.models.condensed import CondensedModel
     from hhr_dolfinx.models.reduced import ReducedModel
 
 Score = Callable[[Any, SnapshotSet, Sequence[Any]], np.ndarray]
@@ -84,13 +85,13 @@ class LargestEstimate:
             model: ReducedModel, known: SnapshotSet, answers: Sequence[Answer | History | None]
         ) -> np.ndarray:
             return np.array(
-                [NO_ANSWER if item is None else self._of(item, full) for item in answers]
+                [NO_ANSWER if query is None else self._of(query, full) for query in answers]
             )
 
         return score
 
     def _of(self, item: Answer | History, full: FullOrderModel) -> float:
-        found = []
+        estimates = []
         for answer in item.answers if isinstance(item, History) else [item]:
             if not answer.converged:
                 return NO_ANSWER
@@ -100,14 +101,13 @@ class LargestEstimate:
                     f"answers of scene '{full.scene.name}' have no estimate: take another "
                     "indicator, ForceError()"
                 )
-            found.append(max(estimate.primal_relative, estimate.dual_relative))
-        return max(found)
+            estimates.append(max(estimate.primal_relative, estimate.dual_relative))
+        return max(estimates)
 
 
 @dataclass(frozen=True)
 class ForceError:
-    """Error of all contact forces, a vector, against a condensed model that keeps all contact
-    conditions.
+    """Error of all contact forces, a vector, against a condensed model with all conditions.
 
     For constant stiffness condensation is exact, and the indicator is the error. Otherwise
     condensation is interpolated between few parameters, and accurate to a small part of the
@@ -120,7 +120,15 @@ class ForceError:
     settings: Any = None
 
     def prepared(self, full: FullOrderModel) -> Score:
-        """See :class:`GreedyIndicator`."""
+        """Indicator that compares forces with those of a condensed model.
+
+        Args:
+            full: the full model.
+
+        Raises:
+            StudyError: for inelastic bodies, and if elasticity varies where contact alone holds
+                bodies.
+        """
         _refuse_flow(full, "ForceError()")
         if full.problem.varies and full.problem.kernel is not None:
             raise StudyError(
@@ -150,7 +158,7 @@ class ForceError:
 
         return score
 
-    def _condensed(self, full: FullOrderModel, known: SnapshotSet) -> Any:
+    def _condensed(self, full: FullOrderModel, known: SnapshotSet) -> CondensedModel:
         if not full.problem.varies:
             from hhr_dolfinx.reduction.exact import exact_condensation
 
@@ -184,9 +192,12 @@ class Restriction:
 def restricted(problem: ContactProblem, sets: IndexSets) -> Restriction:
     """Cut the problem of a RID out of the whole one.
 
-    For a RID of the whole domain return the whole problem.
+    For a RID of the whole domain return the whole problem. The RID is closed: no condition outside
+    A_lambda acts on A.
 
-    The RID is closed: no condition outside A_lambda acts on A.
+    Args:
+        problem: the problem on the whole mesh.
+        sets: index sets of the RID.
     """
     problem.require_whole()
     size = problem.block_size
@@ -196,7 +207,7 @@ def restricted(problem: ContactProblem, sets: IndexSets) -> Restriction:
     number = np.full(len(problem.points), -1)
     number[nodes] = np.arange(nodes.size)
     rows = problem.contact[sets.A_lambda][:, dofs]
-    part = replace(
+    rid_problem = replace(
         problem,
         stiffness_terms=tuple(term[dofs][:, dofs] for term in problem.stiffness_terms),
         node_mass=problem.node_mass[nodes][:, nodes],
@@ -213,13 +224,14 @@ def restricted(problem: ContactProblem, sets: IndexSets) -> Restriction:
         points=problem.points[nodes],
         shares=None,
     )
-    return Restriction(part, dofs, -csr_matrix(rows))
+    return Restriction(rid_problem, dofs, -csr_matrix(rows))
 
 
 @dataclass(frozen=True)
 class CellStiffness:
-    """K of some cells alone at any point, without boundary conditions, (N, N): no cell outside adds
-    to an interface.
+    """K of some cells alone at any point, without boundary conditions, (N, N).
+
+    No cell outside adds to an interface.
     """
 
     part: Discretisation  #: the discretisation with the bodies of these cells
@@ -228,12 +240,14 @@ class CellStiffness:
 
     @classmethod
     def of(cls, full: FullOrderModel, cells: np.ndarray) -> CellStiffness:
-        """K of some cells of a full model, in the order of ``ContactProblem.cell_nodes``.
+        """K of some cells of a full model. Collective.
 
-        Collective.
+        Args:
+            full: the full model.
+            cells: numbers of the cells, in the order of ``ContactProblem.cell_nodes``.
         """
-        part = _of_cells(full.discretisation, cells)
-        return cls(part, *_terms(part))
+        discretisation = _of_cells(full.discretisation, cells)
+        return cls(discretisation, *_terms(discretisation))
 
     def at(self, point: np.ndarray) -> csr_matrix:
         """K of the cells at a point, (P,)."""
@@ -257,23 +271,26 @@ def _terms(part: Discretisation) -> tuple[tuple[csr_matrix, ...], tuple[Modulus,
 
 
 def _of_cells(discretisation: Discretisation, cells: np.ndarray) -> Discretisation:
-    """The same discretisation, without bodies in all other cells."""
+    """The discretisation without bodies in all other cells."""
     mesh = discretisation.mesh
     tags = discretisation._cell_tags
     owned = mesh.topology.index_map(mesh.topology.dim).size_local
     first = sum(discretisation.group.gathered(owned)[: discretisation.group.number])
-    kept = np.isin(tags.indices, cells - first) & (tags.indices < owned)
-    part = copy(discretisation)
-    part._cell_tags = meshtags(mesh, mesh.topology.dim, tags.indices[kept], tags.values[kept])
-    part._dx = ufl.Measure("dx", domain=mesh, subdomain_data=part._cell_tags)
+    selected = np.isin(tags.indices, cells - first) & (tags.indices < owned)
+    restricted = copy(discretisation)
+    restricted._cell_tags = meshtags(
+        mesh, mesh.topology.dim, tags.indices[selected], tags.values[selected]
+    )
+    restricted._dx = ufl.Measure("dx", domain=mesh, subdomain_data=restricted._cell_tags)
     with ignored(LockingWarning):  # building the model has warned
-        part.elasticity = elasticity_of(part)
-    return part
+        restricted.elasticity = elasticity_of(restricted)
+    return restricted
 
 
 class _OnRid(ABC):
-    """An indicator by the full equations of the RID, with the interpolated displacement of its
-    interface, (1.72).
+    """An indicator by the full equations of the RID.
+
+    The displacement of its interface is interpolated, (1.72).
     """
 
     def prepared(self, full: FullOrderModel) -> Score:
@@ -285,7 +302,10 @@ class _OnRid(ABC):
             of = self.of_model(full, model, known, domain)
             pairs = zip(answers, interface, strict=True)
             return np.array(
-                [of(answer, there) if answer.converged else NO_ANSWER for answer, there in pairs]
+                [
+                    of(answer, interface_values) if answer.converged else NO_ANSWER
+                    for answer, interface_values in pairs
+                ]
             )
 
         return score
@@ -294,7 +314,14 @@ class _OnRid(ABC):
     def of_model(
         self, full: FullOrderModel, model: ReducedModel, known: SnapshotSet, domain: _Domain
     ) -> _OfAnswer:
-        """Indicator of an answer, by the displacement of the interface."""
+        """Indicator of an answer, by the displacement of the interface.
+
+        Args:
+            full: the full model.
+            model: the reduced model.
+            known: its training answers.
+            domain: the RID of the model.
+        """
 
 
 @dataclass(frozen=True)
@@ -317,21 +344,29 @@ class Eta(_OnRid):
     def of_model(
         self, full: FullOrderModel, model: ReducedModel, known: SnapshotSet, domain: _Domain
     ) -> _OfAnswer:
-        """See :class:`_OnRid`."""
+        """See :class:`_OnRid`.
+
+        Args:
+            full: the full model.
+            model: the reduced model.
+            known: its training answers.
+            domain: the RID of the model.
+        """
         floor = force_floor(full.problem, known)
 
         def indicator(answer: Answer, there: np.ndarray) -> float:
             field, forces = domain.at(answer.parameter).solved(there, answer.parameter)
-            own = model.offline.basis[domain.inner] @ answer.unknown - field
-            return _ratio(own, field) + _ratio(answer.multipliers - forces, forces, floor)
+            difference = model.offline.basis[domain.inner] @ answer.unknown - field
+            return _ratio(difference, field) + _ratio(answer.multipliers - forces, forces, floor)
 
         return indicator
 
 
 @dataclass(frozen=True)
 class Eta2(_OnRid):
-    """The indicator (2.124) of the thesis: residual on the RID, and jump on its interface to the
-    interpolated field.
+    """The indicator (2.124) of the thesis.
+
+    Residual on the RID, and jump on its interface to the interpolated field.
 
     It uses the energy norm of the cells of the RID, in which the form a has α = M_a = 1: |R|_{K^-1}
     + 2 |jump|_a. The printed number is absolute; here it is divided by the energy norm of the
@@ -342,18 +377,27 @@ class Eta2(_OnRid):
     def of_model(
         self, full: FullOrderModel, model: ReducedModel, known: SnapshotSet, domain: _Domain
     ) -> _OfAnswer:
-        """See :class:`_OnRid`."""
+        """See :class:`_OnRid`.
+
+        Args:
+            full: the full model.
+            model: the reduced model.
+            known: its training answers.
+            domain: the RID of the model.
+        """
         stiffness = CellStiffness.of(full, model.offline.sets.cells)
 
         def indicator(answer: Answer, there: np.ndarray) -> float:
-            inside = domain.at(answer.parameter)
-            dofs = inside.part.dofs
+            equations = domain.at(answer.parameter)
+            dofs = equations.part.dofs
             field = model.offline.basis[dofs] @ answer.unknown
-            residual = inside.residual(field, answer.multipliers, answer.parameter)
+            residual = equations.residual(field, answer.multipliers, answer.parameter)
             jump = np.zeros_like(field)
             jump[domain.places] = there - field[domain.places]
-            own = stiffness.at(answer.parameter)[dofs][:, dofs]
-            return (inside.dual(residual) + 2 * norm(jump, own)) / (norm(field, own) or 1.0)
+            stiffness_of_rid = stiffness.at(answer.parameter)[dofs][:, dofs]
+            return (equations.dual(residual) + 2 * norm(jump, stiffness_of_rid)) / (
+                norm(field, stiffness_of_rid) or 1.0
+            )
 
         return indicator
 
@@ -366,9 +410,7 @@ def _ratio(error: np.ndarray, exact: np.ndarray, floor: float = 0.0) -> float:
 def _interpolated(
     problem: ContactProblem, known: SnapshotSet, answers: Sequence[Answer], dofs: np.ndarray
 ) -> np.ndarray:
-    """U0 on some dofs between training answers, at the points of some answers, (n, dofs), see
-    (1.72).
-    """
+    """U0 on some dofs between training answers, (n, dofs), see (1.72)."""
     from scipy.interpolate import RBFInterpolator
 
     lower, upper = np.array([problem.parameters.lower, problem.parameters.upper])
@@ -388,13 +430,15 @@ class _Domain:
     def __init__(self, problem: ContactProblem, sets: IndexSets):
         self._problem = problem
         self._sets = sets
-        part = restricted(problem, sets)
+        restriction = restricted(problem, sets)
         self.places = np.flatnonzero(
-            ~part.problem.free
+            ~restriction.problem.free
         )  # indices of the interface among the dofs of the RID
-        self.inner = part.dofs[part.problem.free]  # dofs of A, in the whole problem
-        self.interface = part.dofs[self.places]  # dofs of the RID outside A, in the whole problem
-        self._constant = None if problem.varies else _RidEquations(part)
+        self.inner = restriction.dofs[restriction.problem.free]  # dofs of A, in the whole problem
+        self.interface = restriction.dofs[
+            self.places
+        ]  # dofs of the RID outside A, in the whole problem
+        self._constant = None if problem.varies else _RidEquations(restriction)
 
     def at(self, point: np.ndarray) -> _RidEquations:
         return self._constant or _RidEquations(restricted(self._problem.at(point), self._sets))
@@ -406,9 +450,9 @@ class _RidEquations:
     def __init__(self, part: Restriction):
         self.part = part
         problem = part.problem
-        whole = slice(0, problem.free.size)
+        all_rows = slice(0, problem.free.size)
         self._factors = FreeCholesky(
-            problem.stiffness, problem.free, whole, "rid", "qmd", MPI.COMM_SELF
+            problem.stiffness, problem.free, all_rows, "rid", "qmd", MPI.COMM_SELF
         )
 
     @cached_property
@@ -423,7 +467,12 @@ class _RidEquations:
         )
 
     def solved(self, interface: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """U0 on A, and the forces of the RID, for U0 given on its interface, see (1.73)."""
+        """U0 on A, and the forces of the RID, for U0 imposed on its interface, see (1.73).
+
+        Args:
+            interface: U0 on the interface.
+            point: parameters, (P,).
+        """
         problem = self.part.problem
         per_force, equalities, pairs = self._contact
         theta = problem.amplitudes(point)
@@ -431,18 +480,24 @@ class _RidEquations:
         imposed[~problem.free] = interface
         unloaded = self._factors.solve(problem.loads @ theta - problem.stiffness @ imposed)
         slack = problem.gaps @ theta + self.part.gap_of @ imposed - problem.contact @ unloaded
-        found = active_set(equalities, slack, slack < 0, pairs=pairs)
-        return (unloaded - per_force @ found.forces)[problem.free], found.forces
+        statuses = active_set(equalities, slack, slack < 0, pairs=pairs)
+        return (unloaded - per_force @ statuses.forces)[problem.free], statuses.forces
 
     def residual(self, field: np.ndarray, forces: np.ndarray, point: np.ndarray) -> np.ndarray:
-        """R of (2.91) on A, 0 elsewhere, of U0 on the RID and its forces."""
+        """R of (2.91) on A, 0 elsewhere.
+
+        Args:
+            field: U0 on the RID.
+            forces: forces of the RID.
+            point: parameters, (P,).
+        """
         problem = self.part.problem
-        left = (
+        residual = (
             problem.loads @ problem.amplitudes(point)
             - problem.stiffness @ field
             - problem.contact.T @ forces
         )
-        return left * problem.free
+        return residual * problem.free
 
     def dual(self, residual: np.ndarray) -> float:
         """|R|_{K^-1}."""

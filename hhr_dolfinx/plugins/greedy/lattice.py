@@ -13,8 +13,9 @@ from hhr_dolfinx.sampling import Sobol
 
 @dataclass(frozen=True)
 class Lattice:
-    """Points drawn uniformly from a regular grid: they share coordinates, and many lie on the sides
-    of the box.
+    """Points drawn uniformly from a regular grid.
+
+    They share coordinates, and many lie on the sides of the box.
 
     Many answers then have the field of a load in common and differ by contact only. On the pellet
     150 answers on a grid span a space that takes 500 answers elsewhere, so that greedy trainings
@@ -33,15 +34,19 @@ class Lattice:
 
     def __post_init__(self) -> None:
         levels = self.levels if isinstance(self.levels, tuple) else (self.levels,)
-        what = f"Lattice({self.count!r}, levels={self.levels!r}, seed={self.seed!r})"
-        check_count_and_seed(what, self.count, self.seed)
-        if not all(is_whole(item, 2) for item in levels):
-            raise ParameterError(f"{what}: each of the levels must be an integer from 2")
+        call = f"Lattice({self.count!r}, levels={self.levels!r}, seed={self.seed!r})"
+        check_count_and_seed(call, self.count, self.seed)
+        if not all(is_whole(level, 2) for level in levels):
+            raise ParameterError(f"{call}: each of the levels must be an integer from 2")
 
     def points(self, space: ParameterSpace) -> np.ndarray:
         """The points, (n, P), with the corners of the box first if all of them fit.
 
-        ParameterError if ``levels`` has another number of parameters.
+        Args:
+            space: the box.
+
+        Raises:
+            ParameterError: if ``levels`` has another number of parameters.
         """
         size = len(space.names)
         levels = np.array(self.levels if isinstance(self.levels, tuple) else (self.levels,) * size)
@@ -49,9 +54,9 @@ class Lattice:
             raise ParameterError(
                 f"levels = {self.levels} of a Lattice must be one for each of {space.names}"
             )
-        places = self._places(levels)
+        levels_of_points = self._places(levels)
         lower, upper = np.array([space.lower, space.upper], dtype=float)
-        return lower + places / (levels - 1) * (upper - lower)
+        return lower + levels_of_points / (levels - 1) * (upper - lower)
 
     def _places(self, levels: np.ndarray) -> np.ndarray:
         if np.prod(levels.astype(float)) <= self.count:

@@ -81,7 +81,16 @@ class LocalFacts:
         doubts: list[str],
         added: int,
     ) -> None:
-        """Record the next model."""
+        """Record the next model.
+
+        Args:
+            model: the model.
+            snapshots: indices of its training answers.
+            own: number of these in its cluster.
+            errors: estimated errors of its forces at points of its cluster, (n,).
+            doubts: warnings of its check.
+            added: number of full answers that were added to its training.
+        """
         self.missed.extend(f"local model {len(self.members)}: {doubt}" for doubt in doubts)
         p95 = summary(errors)["p95"] if errors.size else float("nan")
         self.members.append(Member(snapshots, own, *sizes_of(model), p95, added))
@@ -125,12 +134,22 @@ class Clusters:
                     f"{name} = {getattr(self, name)!r} must be a part of 1, such as 0.05"
                 )
         if not isinstance(self.others, tuple | list) or not all(
-            isinstance(item, Recipe) for item in self.others
+            isinstance(recipe, Recipe) for recipe in self.others
         ):
             raise StudyError(f"others = {self.others!r} must be a list of recipes: (Recipe(...),)")
 
     def models(self, training: Training, recipe: Recipe, progress: Progress) -> LocalModels:
-        """Local models of a training; see the class."""
+        """Local models of a training, see the class.
+
+        Args:
+            training: the full model with its answers.
+            recipe: recipe of each model.
+            progress: wraps the iteration over the models.
+
+        Raises:
+            StudyError: for a cluster of less than two solutions, or one of which no recipe makes a
+                model.
+        """
         full = training.full_order
         snapshots = training.snapshots
         record = Record(self, 0, LocalFacts(), None, StageLog())
@@ -141,19 +160,19 @@ class Clusters:
         labels = choice.many(snapshots.points)[0]
         models = []
         for number in progress(range(self.count)):
-            own = snapshots.take(members[number])
+            cluster_snapshots = snapshots.take(members[number])
             held_out = training.held_out
             if held_out is not None:
-                inside = np.flatnonzero(choice.many(held_out.points)[0] == number)
-                held_out = held_out.take(inside) if inside.size else None
-            if len(own.points) < 2:
+                members_held_out = np.flatnonzero(choice.many(held_out.points)[0] == number)
+                held_out = held_out.take(members_held_out) if members_held_out.size else None
+            if len(cluster_snapshots.points) < 2:
                 raise StudyError(
-                    f"cluster {number} has {len(own.points)} solutions, and a model needs at "
-                    "least 2: take fewer clusters, or a larger overlap"
+                    f"cluster {number} has {len(cluster_snapshots.points)} solutions, and a model "
+                    "needs at least 2: take fewer clusters, or a larger overlap"
                 )
             drawn = _drawn_in(choice, number, space, self.seed)
             with record.log.stage("models"):
-                model, errors, doubts = self._best(full, own, held_out, recipe, drawn)
+                model, errors, doubts = self._best(full, cluster_snapshots, held_out, recipe, drawn)
             models.append(model)
             record.facts.add(
                 model, members[number], int((labels == number).sum()), errors, doubts, 0
@@ -168,41 +187,48 @@ class Clusters:
         recipe: Recipe,
         points: np.ndarray,
     ) -> tuple[ReducedModel, np.ndarray, list[str]]:
-        """Model of a cluster, estimates of its forces at points of its region, and warnings of its
-        check.
+        """Model of a cluster, estimated errors of its forces, and warnings of its check.
+
+        Errors are those at points of its region.
         """
         floor = least_forces(full, snapshots)
-        found = []
-        why = ""
-        for item in (
+        candidates = []
+        reason = ""
+        for candidate_recipe in (
             recipe,
-            *(self.others if recipe.trust else (other.as_it_is() for other in self.others)),
+            *(
+                self.others
+                if recipe.trust
+                else (further_recipe.as_it_is() for further_recipe in self.others)
+            ),
         ):
             try:
                 if self.modes is not None or self.conditions is not None:
                     limits = self.modes, self.conditions
-                    for count, most, what in above(sizes(full, snapshots, item), limits):
+                    for count, most, kind in above(
+                        sizes(full, snapshots, candidate_recipe), limits
+                    ):
                         raise StudyError(
-                            f"{count} {what}, and not {most} at most: give a larger tolerance, or "
+                            f"{count} {kind}, and not {most} at most: give a larger tolerance, or "
                             "more clusters"
                         )
-                model, doubts = built(full, snapshots, item, held_out)
+                model, doubts = built(full, snapshots, candidate_recipe, held_out)
             except HHRError as error:
                 if not self.others:
                     raise
-                why = str(error)
+                reason = str(error)
                 continue
             errors = force_errors(model, points, floor)
             # answers at all points first, since the scale of their forces is needed for the errors
-            known = np.maximum(errors[np.isfinite(errors)], EQUAL_ERRORS)
-            size = np.log(known).mean() if known.size else np.inf
-            found.append(((errors.size - known.size, size), model, errors, doubts))
-        if not found:
+            finite_errors = np.maximum(errors[np.isfinite(errors)], EQUAL_ERRORS)
+            size = np.log(finite_errors).mean() if finite_errors.size else np.inf
+            candidates.append(((errors.size - finite_errors.size, size), model, errors, doubts))
+        if not candidates:
             raise StudyError(
                 f"none of {1 + len(self.others)} recipes makes a model of a cluster; the last: "
-                f"{why}"
+                f"{reason}"
             )
-        return min(found, key=lambda item: item[0])[1:]
+        return min(candidates, key=lambda candidate: candidate[0])[1:]
 
     def _on_grid(self, snapshots: SnapshotSet) -> tuple[Choice, list[np.ndarray]] | None:
         """Partition of a regular grid, and the snapshots of each cluster.
@@ -250,9 +276,17 @@ class Clusters:
 def above(
     found: tuple[int, int], most: tuple[int | None, int | None]
 ) -> list[tuple[int, int, str]]:
-    """Number, limit and name of the modes and conditions of a model that are above their limits."""
+    """Sizes of a model that are above their limits.
+
+    Args:
+        found: numbers of modes and conditions.
+        most: their limits; None without one.
+
+    Returns:
+        Size, limit and name of each.
+    """
     rows = zip(found, most, ("modes", "conditions"), strict=True)
-    return [(size, limit, what) for size, limit, what in rows if limit is not None and size > limit]
+    return [(size, limit, kind) for size, limit, kind in rows if limit is not None and size > limit]
 
 
 def _by(choice: Choice, number: int, points: np.ndarray, reach: np.ndarray) -> np.ndarray:
@@ -266,8 +300,9 @@ def _by(choice: Choice, number: int, points: np.ndarray, reach: np.ndarray) -> n
 
 
 def moving(columns: np.ndarray) -> np.ndarray:
-    """True for displacements, (N, S), above round-off of the largest, which have a direction,
-    (S,).
+    """True for displacements above round-off of the largest, which have a direction, (S,).
+
+    Displacements are (N, S).
     """
     sizes = np.abs(columns).max(axis=0)
     return sizes > STILL * sizes.max(initial=0.0)
@@ -297,9 +332,15 @@ def together(
     """Set of some models.
 
     Its training range is that of all snapshots: neighbours cover each other's edges.
+
+    Args:
+        models: the models.
+        choice: tree that chooses the model of a point.
+        snapshots: all training answers.
+        record: record of the construction.
     """
     trained = TrainedRange.of(snapshots.points, models[0].parameters)
-    own = [
+    local_models = [
         model.changed(trained=trained, fields=fields)
         for model, fields in zip(models, _alike(models), strict=True)
     ]
@@ -311,37 +352,49 @@ def together(
         )
         warn(f"{record.missed[0]}{more}", LocalModelWarning)
     return LocalModels(
-        own, choice, replace(record, facts=replace(record.facts, points=snapshots.points))
+        local_models, choice, replace(record, facts=replace(record.facts, points=snapshots.points))
     )
 
 
 def _alike(models: list[ReducedModel]) -> list[Any]:
-    """Fields of the models with a common least size of forces for relative errors: that of all
-    training.
+    """Fields of the models with a common smallest denominator of relative errors of forces.
+
+    It is that of all training.
     """
     fields = [model.fields for model in models]
-    bounds: list[Any] = [item.bound for item in fields]
+    bounds: list[Any] = [fields_of_model.bound for fields_of_model in fields]
     if None in bounds:
         return fields
     least = np.max([bound.least for bound in bounds], axis=0)
     return [
-        replace(item, bound=replace(bound, least=least))
-        for item, bound in zip(fields, bounds, strict=True)
+        replace(fields_of_model, bound=replace(bound, least=least))
+        for fields_of_model, bound in zip(fields, bounds, strict=True)
     ]
 
 
 def built(
     full: FullModel, snapshots: SnapshotSet, recipe: Recipe, held_out: SnapshotSet | None
 ) -> tuple[ReducedModel, list[str]]:
-    """Model of some snapshots, and warnings of its check, which are raised only for models that are
-    kept.
+    """Model of some snapshots, and warnings of its check.
+
+    The caller raises warnings only of models that are kept.
+
+    Args:
+        full: the full model.
+        snapshots: training answers.
+        recipe: recipe of the model.
+        held_out: validation answers; None without any.
     """
     with collected() as caught:
         model = build(full, snapshots, recipe, None if recipe.trust is None else held_out)
     # a local model is trained on a part of the box on purpose
-    said = [item for item in caught if issubclass(item.category, StabilityWarning)]
+    stability_warnings = [
+        warning for warning in caught if issubclass(warning.category, StabilityWarning)
+    ]
     return model, [
-        str(item.message) for item in said if not issubclass(item.category, TrainingWarning)
+        str(warning.message)
+        for warning in stability_warnings
+        if not issubclass(warning.category, TrainingWarning)
     ]
 
 
@@ -351,33 +404,47 @@ def sizes_of(model: ReducedModel) -> tuple[int, int]:
 
 
 def least_forces(full: FullModel, snapshots: SnapshotSet) -> float:
-    """A thousandth of the largest training forces in the S norm, in the middle of the box."""
+    """A thousandth of the largest training forces in the S norm, in the middle of the box.
+
+    Args:
+        full: the full model.
+        snapshots: training answers.
+    """
     return float(least_sizes(full.problem, full.schur, snapshots.forces)[0])
 
 
 def force_errors(model: ReducedModel | LocalModels, points: np.ndarray, floor: float) -> np.ndarray:
-    """Estimated relative errors of contact forces at some points, (n,), with a least size of
-    forces.
+    """Estimated relative errors of contact forces at some points, (n,).
 
-    NaN without an estimate, infinite without an answer. If forces nearly vanish, the denominator is
-    ``floor``.
+    NaN without an estimate, infinite without an answer.
+
+    Args:
+        model: one model, or several local ones.
+        points: parameters, (n, P).
+        floor: denominator if forces nearly vanish.
     """
     if not len(points):
         return np.zeros(0)
     many = model.solve_many(points, raise_on_failure=False, outside="ignore")
     answered = many.converged
-    found = many.estimates() if answered.any() else None
-    if found is None:
+    estimates = many.estimates() if answered.any() else None
+    if estimates is None:
         return np.where(answered, np.nan, np.inf)
     # e / (|λ| - e) where that is less than e / floor
-    errors = np.fmin(found.dual_relative, found.dual / floor if floor > 0 else np.inf)
+    errors = np.fmin(estimates.dual_relative, estimates.dual / floor if floor > 0 else np.inf)
     return np.where(answered, errors, np.inf)
 
 
 def sizes(full: FullModel, snapshots: SnapshotSet, recipe: Recipe) -> tuple[int, int]:
-    """Numbers of modes and contact conditions of the model of a recipe, without it.
+    """Numbers of modes and contact conditions of the model of a recipe, without the model.
 
-    ReductionError as in `build`.
+    Args:
+        full: the full model.
+        snapshots: training answers.
+        recipe: the recipe.
+
+    Raises:
+        ReductionError: for a recipe or answers from which no model can be built.
     """
     problem = full.problem
     HyperReduction(recipe).check(Task(full, snapshots))

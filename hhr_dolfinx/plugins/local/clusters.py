@@ -55,8 +55,9 @@ class GridCells(NamedTuple):
 
 
 def grid_cells(points: np.ndarray) -> GridCells:
-    """Cells of a regular grid of any number of parameters, with any spacing, from its points in any
-    order, (S, P).
+    """Cells of a regular grid of any number of parameters, with any spacing.
+
+    The points, (S, P), may be in any order.
 
     Raises:
         ReductionError: for points that are no grid, or a single one.
@@ -66,10 +67,10 @@ def grid_cells(points: np.ndarray) -> GridCells:
         raise ReductionError(
             f"points of the shape {points.shape} must be a table of finite numbers, (S, P)"
         )
-    values, places = zip(*(_axis(column) for column in points.T), strict=True)
+    values, indices = zip(*(_axis(column) for column in points.T), strict=True)
     shape = tuple(axis.size for axis in values)
     flat = (
-        np.ravel_multi_index(places, shape)
+        np.ravel_multi_index(indices, shape)
         if np.prod(shape, dtype=float) <= len(points)
         else np.zeros(0)
     )
@@ -94,11 +95,12 @@ def grid_cells(points: np.ndarray) -> GridCells:
 
 
 def cell_bases(columns: np.ndarray, corners: np.ndarray) -> list[np.ndarray]:
-    """Orthonormal bases of cells, (N, a_j <= k) each: POD of the snapshots at their corners, (C,
-    k), section 4.2.1.
+    """Orthonormal bases of cells, (N, a_j <= k) each, by POD, section 4.2.1.
 
-    Columns are snapshots, (N, S), or their
-    :func:`~hhr_dolfinx.plugins.local.subspaces.coordinates`.
+    Args:
+        columns: snapshots, (N, S), or their
+            :func:`~hhr_dolfinx.plugins.local.subspaces.coordinates`.
+        corners: indices of the snapshots at the corners of each cell, (C, k).
 
     Raises:
         ReductionError: for a cell whose snapshots are all zero, and for errors of POD.
@@ -110,27 +112,40 @@ def cell_bases(columns: np.ndarray, corners: np.ndarray) -> list[np.ndarray]:
             f"all snapshots at the corners of cells {empty[:10].tolist()} are zero, and span no "
             "space: leave out parameters without load"
         )
-    return [pod(columns[:, own], CELL_TOLERANCE)[0] for own in corners]
+    return [pod(columns[:, corner_columns], CELL_TOLERANCE)[0] for corner_columns in corners]
 
 
 def cell_labels(grid: GridCells, columns: np.ndarray, count: int, seed: int = 1) -> np.ndarray:
-    """Labels from 0, (C,), of cells of a grid whose snapshots, (N, S), span similar spaces, section
-    4.2.1.
+    """Labels from 0, (C,), of cells of a grid whose snapshots span similar spaces, section 4.2.1.
 
-    ``count`` is the number of clusters, K, ``seed`` that of the random starts of k-medoids.
-    ReductionError for more clusters than cells, or snapshots that are not finite.
+    Args:
+        grid: the cells.
+        columns: snapshots, (N, S).
+        count: number of clusters, K.
+        seed: of the random starts of k-medoids.
+
+    Raises:
+        ReductionError: for more clusters than cells, or snapshots that are not finite.
     """
     return medoids(basis_distances(cell_bases(coordinates(columns), grid.corners)), count, seed)
 
 
 def medoids(dissimilarity: np.ndarray, count: int, seed: int = 1) -> np.ndarray:
-    """Clusters by k-medoids: each item belongs to the nearest of ``count`` items, K, chosen for the
-    least sum.
+    """Clusters by k-medoids: each item belongs to the nearest of K items, chosen for the least sum.
 
-    The dissimilarity is symmetric, not negative and with a zero diagonal, (n, n). The best of
-    several random starts, from ``seed``, and a greedy one counts. Labels 0 to K - 1, (n,), all of
-    them used, have the order in which they first occur. ReductionError for more clusters than
-    items, MissingPackageError without the package kmedoids.
+    The best of several random starts and a greedy one counts.
+
+    Args:
+        dissimilarity: symmetric, not negative and with a zero diagonal, (n, n).
+        count: number of clusters, K.
+        seed: of the random starts.
+
+    Returns:
+        Labels 0 to K - 1, (n,), all of them used, in the order in which they first occur.
+
+    Raises:
+        ReductionError: for more clusters than items.
+        MissingPackageError: without the package kmedoids.
     """
     if count > len(dissimilarity):
         raise ReductionError(
@@ -160,8 +175,8 @@ def _chosen(matrix: np.ndarray, count: int, seed: int) -> np.ndarray:
     ]
     chosen = np.unique(np.asarray(min(ends, key=lambda end: end.loss).medoids, dtype=np.int64))
     while chosen.size < count:  # one of several equal items may have been chosen twice
-        others = np.setdiff1d(np.arange(len(matrix)), chosen)
-        chosen = np.append(chosen, others[np.argmax(matrix[others][:, chosen].min(axis=1))])
+        candidates = np.setdiff1d(np.arange(len(matrix)), chosen)
+        chosen = np.append(chosen, candidates[np.argmax(matrix[candidates][:, chosen].min(axis=1))])
     return np.sort(chosen)
 
 
@@ -176,11 +191,14 @@ def _axis(column: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def separating_cut(unit: np.ndarray, labels: np.ndarray, least: float) -> tuple[int, float] | None:
-    """Axis and position of the cut that separates labels 0 and 1 of points in the unit box, (n, P).
+    """Axis and position of the cut that separates labels 0 and 1.
 
     None without one.
 
-    At least a part ``least`` of the points is on each side.
+    Args:
+        unit: points in the unit box, (n, P).
+        labels: labels of the points, (n,).
+        least: part of the points that is at least on each side.
     """
     stump = DecisionTreeClassifier(
         max_depth=1, min_samples_leaf=max(int(least * len(unit)), 1), random_state=0
@@ -190,10 +208,14 @@ def separating_cut(unit: np.ndarray, labels: np.ndarray, least: float) -> tuple[
 
 
 def tree_of_cells(cells: np.ndarray, labels: np.ndarray) -> Choice:
-    """Tree whose cuts run along the lines of a grid, from its cells, (C, 2, P), and their labels.
+    """Tree whose cuts run along the lines of a grid.
 
     Its classifier uses the numbers of cells along each axis: in a wide box it cannot separate
     narrow ones.
+
+    Args:
+        cells: corners of the cells, (C, 2, P).
+        labels: labels of the cells, (C,).
     """
     lines = []
     ranks = []
@@ -201,25 +223,31 @@ def tree_of_cells(cells: np.ndarray, labels: np.ndarray) -> Choice:
         values, rank = np.unique(ends, return_inverse=True)
         lines.append(values)
         ranks.append(rank)
-    places = np.column_stack(ranks).astype(float)
+    cell_numbers = np.column_stack(ranks).astype(float)
     space = ParameterSpace(
         tuple(f"axis_{k}" for k in range(len(lines))), (0.0,) * len(lines), (1.0,) * len(lines)
     )
-    found = _choice(DecisionTreeClassifier(random_state=0).fit(places, labels), space)
-    cut = found.cut.copy()
-    for node in np.flatnonzero(found.axis != LEAF):
-        cut[node] = lines[found.axis[node]][int(cut[node])]
-    return replace(found, cut=cut)
+    choice = _choice(DecisionTreeClassifier(random_state=0).fit(cell_numbers, labels), space)
+    cut = choice.cut.copy()
+    for node in np.flatnonzero(choice.axis != LEAF):
+        cut[node] = lines[choice.axis[node]][int(cut[node])]
+    return replace(choice, cut=cut)
 
 
 def forest_tree(
     points: np.ndarray, labels: np.ndarray, space: ParameterSpace, seed: int = 0
 ) -> Choice:
-    """One tree that approximates a random forest trained on labelled points, (n, P).
+    """One tree that approximates a random forest trained on labelled points.
 
     The forest of the thesis evaluates a hundred trees for each query, which takes longer than the
     answer of a local model. A tree trained on many points labelled by the forest agrees with it
     except along the borders.
+
+    Args:
+        points: labelled points, (n, P).
+        labels: their labels, (n,).
+        space: the box.
+        seed: of the forest, and of the random points.
     """
     forest = RandomForestClassifier(TREES, random_state=seed).fit(_unit(points, space), labels)
     drawn = np.vstack(
@@ -246,8 +274,8 @@ def _choice(classifier: DecisionTreeClassifier, space: ParameterSpace) -> Choice
     cut = np.where(inner, lower[axis] + tree.threshold * (upper - lower)[axis], 0.0)
     label = classifier.classes_[tree.value[:, 0].argmax(axis=1)].astype(np.int64)
     low, high = (
-        np.where(inner, part, 0).astype(np.int64)
-        for part in (tree.children_left, tree.children_right)
+        np.where(inner, children, 0).astype(np.int64)
+        for children in (tree.children_left, tree.children_right)
     )
     reach = np.zeros(len(space.names))
     return Choice(axis.astype(np.int64), cut, low, high, np.where(inner, LEAF, label), reach)

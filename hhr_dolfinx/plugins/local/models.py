@@ -28,7 +28,10 @@ from hhr_dolfinx.parameters import ParameterSpace, PointsLike
 from hhr_dolfinx.trained import USUAL, TrainedRange
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from hhr_dolfinx.models.many import PartedAnswers
+    from hhr_dolfinx.reduction.reductor import Record
 
 
 SAME_ARRAYS = 1e-5
@@ -58,7 +61,7 @@ class Choice:
     def __post_init__(self) -> None:
         """A query of an invalid tree would not end, or end nowhere."""
         count = len(self.axis)
-        sizes = {len(part) for part in (self.axis, self.cut, self.low, self.high, self.label)}
+        sizes = {len(column) for column in (self.axis, self.cut, self.low, self.high, self.label)}
         inner = np.flatnonzero(self.axis != LEAF)
         if (
             sizes != {count}
@@ -87,11 +90,12 @@ class Choice:
 
     @cached_property
     def _nodes(self) -> list[tuple[int, float, int, int, int]]:
-        """Axis, cut, low, high and label of each node as plain numbers, which Python follows ten
-        times as fast.
+        """Axis, cut, low, high and label of each node as plain numbers.
+
+        Python follows these ten times as fast.
         """
-        parts = (self.axis, self.cut, self.low, self.high, self.label)
-        return list(zip(*(part.tolist() for part in parts), strict=True))
+        columns = (self.axis, self.cut, self.low, self.high, self.label)
+        return list(zip(*(column.tolist() for column in columns), strict=True))
 
     @cached_property
     def _reach(self) -> list[float]:
@@ -114,44 +118,57 @@ class Choice:
                 near.append((abs(off) / width if width else 0.0, high if off <= 0 else low))
             axis, cut, low, high, label = nodes[low if off <= 0 else high]
         for _, branch in sorted(near):
-            axis, cut, low, high, other = nodes[branch]
+            axis, cut, low, high, neighbour = nodes[branch]
             while axis >= 0:
-                axis, cut, low, high, other = nodes[low if point[axis] <= cut else high]
+                axis, cut, low, high, neighbour = nodes[low if point[axis] <= cut else high]
             # both sides of a cut may belong to one model
-            if other != label:
-                return label, other
+            if neighbour != label:
+                return label, neighbour
         return label, LEAF
 
     def many(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Models and second candidates of many points, (n, P): (n,) each."""
         rows = points.tolist()
-        found = np.array([self.candidates(row) for row in rows], dtype=np.int64).reshape(
+        candidates = np.array([self.candidates(row) for row in rows], dtype=np.int64).reshape(
             len(rows), 2
         )
-        return found[:, 0], found[:, 1]
+        return candidates[:, 0], candidates[:, 1]
 
-    def boxes(self, lower: object, upper: object) -> list[tuple[int, np.ndarray, np.ndarray]]:
-        """Regions inside a box: number of the model, and corners, (P,) each, in the order of the
-        nodes.
+    def boxes(self, lower: ArrayLike, upper: ArrayLike) -> list[tuple[int, np.ndarray, np.ndarray]]:
+        """Regions inside a box, in the order of the nodes.
+
+        Args:
+            lower: lower corner of the box, (P,).
+            upper: upper corner of the box, (P,).
+
+        Returns:
+            Number of the model, and corners, (P,) each, of each region.
         """
         corners = {0: (np.array(lower, dtype=float), np.array(upper, dtype=float))}
-        found = []
+        regions = []
         for node, (axis, cut, low, high, label) in enumerate(self._nodes):
             least, most = corners.pop(node)
             if axis == LEAF:
-                found.append((label, least, most))
+                regions.append((label, least, most))
                 continue
             # a cut may lie outside of the box
             corners[low], corners[high] = halves_of(
                 least, most, axis, min(max(cut, least[axis]), most[axis])
             )
-        return found
+        return regions
 
 
 def halves_of(
     lower: np.ndarray, upper: np.ndarray, axis: int, cut: float
 ) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
-    """Corners, (P,), of the boxes below and above a cut."""
+    """Corners, (P,), of the boxes below and above a cut.
+
+    Args:
+        lower: lower corner of the box, (P,).
+        upper: upper corner of the box, (P,).
+        axis: index of the parameter that is cut.
+        cut: value of the cut.
+    """
     below = upper.copy()
     above = lower.copy()
     below[axis] = above[axis] = cut
@@ -173,7 +190,9 @@ class LocalModels(KeptModel):
     kept = ("models", "choice")
     advice = ADVICE
 
-    def __init__(self, models: Sequence[ReducedModel], choice: Choice, offline: object = None):
+    def __init__(
+        self, models: Sequence[ReducedModel], choice: Choice, offline: Record | None = None
+    ):
         self.models = tuple(models)
         self.choice = choice
         self.offline = offline
@@ -218,7 +237,14 @@ class LocalModels(KeptModel):
         return iter(())
 
     def model_of(self, answer: Answer) -> int:
-        """Number of the model that gave an answer; ReductionError if none did."""
+        """Number of the model that returned an answer.
+
+        Args:
+            answer: an answer of this set of models.
+
+        Raises:
+            ReductionError: if none of the models returned it.
+        """
         for number, model in enumerate(self.models):
             if model.fields is answer.fields:
                 return number
@@ -232,9 +258,9 @@ class LocalModels(KeptModel):
         self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool
     ) -> Answer:
         """Answer by the model of the part, or by the better one of two near a border."""
-        number, other = self.choice.candidates(point.tolist())
-        if other != LEAF:
-            number = int(self._nearer(np.array([number]), np.array([other]), point[None])[0])
+        number, neighbour = self.choice.candidates(point.tolist())
+        if neighbour != LEAF:
+            number = int(self._nearer(np.array([number]), np.array([neighbour]), point[None])[0])
         model = self.models[number]
         # statuses of another model, as along a path
         if isinstance(start, np.ndarray) and start.size != model.own_conditions:
@@ -245,12 +271,13 @@ class LocalModels(KeptModel):
     def _checked_start(self, start: Any) -> CheckedStart:
         """Statuses of any of the models, checked."""
         sizes = [model.own_conditions for model in self.models]
-        given = np.shape(start)[0] if np.ndim(start) == 1 else 0
-        return checked_start(start, given if given in sizes else sizes[0])
+        count = np.shape(start)[0] if np.ndim(start) == 1 else 0
+        return checked_start(start, count if count in sizes else sizes[0])
 
     def _criteria(self, numbers: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Criteria against answers of models, of numbers (n,), to points, (n, P), the most
-        important first: (3, n).
+        """Criteria against answers of models to points, the most important first: (3, n).
+
+        The models are given by their numbers, (n,), the points are (n, P).
 
         No solution: infinite. Outside the training range of the model: 1. The larger of the
         relative estimates of displacement and forces, and, if these are infinite, in units; 0
@@ -262,13 +289,13 @@ class LocalModels(KeptModel):
             model = self.models[number]
             many = model.solve_many(points[rows], raise_on_failure=False, outside="ignore")
             if isinstance(model.trained, TrainedRange):
-                inside = (model.trained.lower <= points[rows]) & (
+                within = (model.trained.lower <= points[rows]) & (
                     points[rows] <= model.trained.upper
                 )
-                criteria[0, rows] = ~inside.all(axis=1)
-            if (found := many.estimates()) is not None:
-                criteria[1, rows] = np.maximum(found.primal_relative, found.dual_relative)
-                criteria[2, rows] = np.maximum(found.primal, found.dual)
+                criteria[0, rows] = ~within.all(axis=1)
+            if (estimates := many.estimates()) is not None:
+                criteria[1, rows] = np.maximum(estimates.primal_relative, estimates.dual_relative)
+                criteria[2, rows] = np.maximum(estimates.primal, estimates.dual)
             criteria[:, rows[~many.converged]] = np.inf
         return criteria
 
@@ -289,23 +316,27 @@ class LocalModels(KeptModel):
     def solve_many(
         self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL
     ) -> PartedAnswers:
-        """Answer many parameters, (n, P), one batch per model, see
-        :meth:`CondensedModel.solve_many`.
+        """Answer many parameters, one batch per model, see :meth:`CondensedModel.solve_many`.
+
+        Args:
+            points: parameters, (n, P).
+            raise_on_failure: raise an error for a point without a solution.
+            outside: policy for points outside the training range, see :meth:`Model.solve`.
         """
         from hhr_dolfinx.models.many import PartedAnswers
 
         checked = self.parameters.points(points)
-        number, other = self.choice.many(checked)
-        near = np.flatnonzero(other != LEAF)
-        number[near] = self._nearer(number[near], other[near], checked[near])
-        found = []
+        number, neighbour = self.choice.many(checked)
+        near = np.flatnonzero(neighbour != LEAF)
+        number[near] = self._nearer(number[near], neighbour[near], checked[near])
+        batches = []
         for chosen in np.unique(number):
             rows = np.flatnonzero(number == chosen)
             many = self.models[chosen].solve_many(
                 checked[rows], raise_on_failure=raise_on_failure, outside=outside
             )
-            found.append((rows, many))
-        return PartedAnswers.of(found, number)
+            batches.append((rows, many))
+        return PartedAnswers.of(batches, number)
 
 
 def _check_alike(models: Sequence[ReducedModel], choice: Choice) -> None:
@@ -343,17 +374,18 @@ def _scene_of(model: ReducedModel) -> list:
     functionals = model.fields.functionals
     outputs = () if functionals is None else functionals.items
     sizes = len(model.fields.basis), model.fields.gaps.shape
-    return [model.parameters, *sizes, *(item.name for item in outputs)]
+    return [model.parameters, *sizes, *(functional.name for functional in outputs)]
 
 
 def _same_arrays(one: Reconstruction, two: Reconstruction, point: np.ndarray) -> bool:
-    """True if gaps, θ at a point, and, if both have them, S, lifts and loads belong to one
-    scene.
+    """True if the arrays of two models belong to one scene.
+
+    These are gaps, θ at a point, and, if both have them, S, lifts and loads.
     """
-    there = one.amplitudes(point)
-    beside = two.amplitudes(point)
-    alike = [(one.gaps, two.gaps), (there.values, beside.values)]
-    if not all(np.array_equal(mine, other) for mine, other in alike):
+    theta_of_one = one.amplitudes(point)
+    theta_of_two = two.amplitudes(point)
+    alike = [(one.gaps, two.gaps), (theta_of_one.values, theta_of_two.values)]
+    if not all(np.array_equal(mine, reference) for mine, reference in alike):
         return False
     if one is two or one.bound is None or two.bound is None:
         # models with and without an estimate cannot be compared near a border
@@ -364,7 +396,7 @@ def _same_arrays(one: Reconstruction, two: Reconstruction, point: np.ndarray) ->
         (one.bound.free_slack, two.bound.free_slack),
     ]
     return all(
-        abs(mine - other).max() <= SAME_ARRAYS * abs(other).max()
-        for mine, other in pairs
-        if other.size
+        abs(mine - reference).max() <= SAME_ARRAYS * abs(reference).max()
+        for mine, reference in pairs
+        if reference.size
     )

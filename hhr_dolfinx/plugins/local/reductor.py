@@ -21,6 +21,7 @@ from hhr_dolfinx.study.training.train import Progress, Training, silent
 if TYPE_CHECKING:
     from hhr_dolfinx.plugins.one_call.context import SearchContext
     from hhr_dolfinx.plugins.one_call.proposals import Proposal
+    from hhr_dolfinx.trained import Trained
 
 
 @dataclass(frozen=True)
@@ -38,15 +39,28 @@ class Local(Reductor[Task]):
     own_range: ClassVar[bool] = True
 
     def attempt(self, prepared: Task, level: int) -> tuple[LocalModels, None]:
-        """All models; their record is that of ``how``."""
+        """All models; their record is that of ``how``.
+
+        Args:
+            prepared: the task.
+            level: unused; there is one level.
+        """
         full = prepared.full
-        parts = (full, prepared.snapshots, prepared.held_out, prepared.log)
-        training = Training(*parts)  # type: ignore[arg-type]
+        arguments = (full, prepared.snapshots, prepared.held_out, prepared.log)
+        training = Training(*arguments)  # type: ignore[arg-type]
         recipe = usual_recipe(full) if self.recipe is None else self.recipe
         return self.how.models(training, recipe, self.progress), None
 
-    def compare(self, task: Task, model: LocalModels) -> tuple[None, Any]:
-        """Nothing."""
+    def compare(self, task: Task, model: LocalModels) -> tuple[None, Trained | None]:
+        """Skip the comparison: local models check themselves.
+
+        Args:
+            task: the full model and its answers.
+            model: the local models.
+
+        Returns:
+            None, and the training range.
+        """
         return None, model.trained
 
     def proposals(self, search: SearchContext) -> Iterator[Proposal]:
@@ -61,7 +75,7 @@ class Local(Reductor[Task]):
 
 
 def local(
-    training: Any,
+    training: Training,
     how: Any = None,
     *,
     recipe: Recipe | None = None,
@@ -96,11 +110,14 @@ def local(
         )
     if recipe is None and training.choice is not None:
         recipe = training.choice.recipe
-    given = usual_recipe(training.full_order) if recipe is None else recipe
-    if not isinstance(given, Recipe):
-        raise StudyError(f"{given!r} is no recipe: give a Recipe")
+    chosen_recipe = usual_recipe(training.full_order) if recipe is None else recipe
+    if not isinstance(chosen_recipe, Recipe):
+        raise StudyError(f"{chosen_recipe!r} is no recipe: give a Recipe")
     task = Task(training.full_order, training.snapshots, training.held_out)
-    found: LocalModels = made(
-        Local(how, given if checked else given.as_it_is(), progress("local models")), task
+    models: LocalModels = made(
+        Local(
+            how, chosen_recipe if checked else chosen_recipe.as_it_is(), progress("local models")
+        ),
+        task,
     )
-    return found
+    return models

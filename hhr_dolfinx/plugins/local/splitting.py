@@ -88,9 +88,9 @@ class Splitting:
     seed: int = 1
 
     def __post_init__(self) -> None:
-        given = {"modes": 2, "checks": 1, "rounds": 0, "most": 1, "seed": 0}
-        given |= {} if self.conditions is None else {"conditions": 1}
-        check_counts(**{name: (getattr(self, name), least) for name, least in given.items()})
+        limits = {"modes": 2, "checks": 1, "rounds": 0, "most": 1, "seed": 0}
+        limits |= {} if self.conditions is None else {"conditions": 1}
+        check_counts(**{name: (getattr(self, name), least) for name, least in limits.items()})
         for name in ("forces", "overlap", "strip"):
             value = getattr(self, name)
             if not (is_number(value) and 0 <= value < 1) or (name == "forces" and value == 0):
@@ -99,7 +99,13 @@ class Splitting:
                 )
 
     def models(self, training: Training, recipe: Recipe, progress: Progress) -> LocalModels:
-        """Local models of a training; see the class."""
+        """Local models of a training, see the class.
+
+        Args:
+            training: the full model with its answers.
+            recipe: recipe of each model.
+            progress: wraps the iteration over the parts.
+        """
         return _Run(self, training, recipe).grown(progress)
 
 
@@ -136,9 +142,9 @@ class _Run:
         waiting = [_Part(0, self.lower, self.upper)]
         for _ in progress(iter(waiting.__len__, 0)):
             # the largest first: if the models run out, all parts are about equally fine
-            sizes_left = [self._inside(part, 0.0).size for part in waiting]
-            part = waiting.pop(int(np.argmax(sizes_left)))
-            waiting += self._settled(part, len(waiting))
+            sizes_left = [self._inside(box, 0.0).size for box in waiting]
+            box = waiting.pop(int(np.argmax(sizes_left)))
+            waiting += self._settled(box, len(waiting))
         axis, cut, low, high, label = map(np.array, zip(*self.nodes, strict=True))
         choice = Choice(
             axis, cut, low, high, label, self.settings.strip * (self.upper - self.lower)
@@ -153,13 +159,13 @@ class _Run:
         if missing > 0:  # to separate its halves
             self._learn(self._drawn(part, missing))
         added = 0
-        for left in range(settings.rounds, -1, -1):
+        for rounds_left in range(settings.rounds, -1, -1):
             rows = self._inside(part, settings.overlap)
-            own = self._inside(part, 0.0)
+            members = self._inside(part, 0.0)
             try:
                 model, doubts = self._built(rows, part, refuse=room)
             except _TooLargeError as error:
-                halves = self._split(part._replace(stuck=error.stuck(part)), own, error)
+                halves = self._split(part._replace(stuck=error.stuck(part)), members, error)
                 if halves:
                     return halves
                 # a part that cannot be split stays whole, in later rounds too
@@ -168,35 +174,35 @@ class _Run:
             points = self._drawn(part, settings.checks)
             errors = force_errors(model, points, least_forces(self.full, self.snapshots))
             poor = points[_worst(errors, settings.forces)]
-            if left == 0 or not len(poor):
+            if rounds_left == 0 or not len(poor):
                 break
             added += len(poor)
             self._learn(poor)
         self.nodes[part.node][4] = len(self.models)
         self.models.append(model)
         self.record.facts.add(
-            model, rows, own.size, errors, self._missed(model, errors) + doubts, added
+            model, rows, members.size, errors, self._missed(model, errors) + doubts, added
         )
         return []
 
     def _missed(self, model: ReducedModel, errors: np.ndarray) -> list[str]:
         """Targets that a model misses."""
         settings = self.settings
-        found = [
-            f"{size} {what} instead of {most} at most: allow more models (most), or more of them"
-            for size, most, what in above(sizes_of(model), (settings.modes, settings.conditions))
+        misses = [
+            f"{size} {kind} instead of {most} at most: allow more models (most), or more of them"
+            for size, most, kind in above(sizes_of(model), (settings.modes, settings.conditions))
         ]
         worst = float(np.fmax.reduce(errors))
         if np.isnan(worst):
-            found.append(
+            misses.append(
                 "nothing is known of its errors: its forces were not held against the wish"
             )
         elif not worst <= settings.forces:
-            found.append(
+            misses.append(
                 f"forces may be off by {worst:.2g} instead of {settings.forces:g}: allow more "
                 "rounds, or train on more"
             )
-        return found
+        return misses
 
     def _built(
         self, rows: np.ndarray, part: _Part, *, refuse: bool
@@ -234,8 +240,8 @@ class _Run:
         with self.record.log.stage("sizes"):
             if rows.size > (few := max(2 * settings.modes, FEW)):
                 # if a subset has too many modes already, which is fast to compute
-                some = np.sort(self.rng.choice(rows, few, replace=False))
-                count = recipe.basis.modes(self.full.problem, self.snapshots.take(some)).shape[1]
+                subset = np.sort(self.rng.choice(rows, few, replace=False))
+                count = recipe.basis.modes(self.full.problem, self.snapshots.take(subset)).shape[1]
                 if count > settings.modes:
                     raise _TooLargeError(f"at least {count} modes", np.nan)
             modes, conditions = sizes(self.full, self.snapshots.take(rows), recipe)
@@ -264,11 +270,11 @@ class _Run:
         unit = (self.snapshots.points[own] - part.lower) / np.where(width > 0, width, 1.0)
         with self.record.log.stage("clusters"):
             distances = snapshot_distances(self.snapshots.displacements[:, own])
-            found = separating_cut(unit, medoids(distances, 2, self.settings.seed), BALANCE)
-        if found is None:
+            cut_through = separating_cut(unit, medoids(distances, 2, self.settings.seed), BALANCE)
+        if cut_through is None:
             return []
-        axis = found[0]
-        cut = float(part.lower[axis] + found[1] * width[axis])
+        axis = cut_through[0]
+        cut = float(part.lower[axis] + cut_through[1] * width[axis])
         first = len(self.nodes)
         self.nodes[part.node][:4] = [axis, cut, first, first + 1]
         self.nodes += [[LEAF, 0.0, 0, 0, LEAF] for _ in range(2)]
@@ -299,14 +305,15 @@ def _worst(errors: np.ndarray, wished: float) -> np.ndarray:
     """Indices of errors above the target, or without an answer; empty without any estimate."""
     if np.isnan(errors).all():
         return np.zeros(0, dtype=np.int64)
-    known = np.where(np.isnan(errors), np.inf, errors)
-    order = np.argsort(-known, kind="stable")[:LEARNED]
-    return order[known[order] > wished]
+    bounded = np.where(np.isnan(errors), np.inf, errors)
+    order = np.argsort(-bounded, kind="stable")[:LEARNED]
+    return order[bounded[order] > wished]
 
 
 class _TooLargeError(Exception):
-    """A model that a part must not have, and its modes: NaN if only some were counted, infinite if
-    it is unreliable.
+    """A model that a part must not have, and its modes.
+
+    NaN if only some modes were counted, infinite if the model is unreliable.
     """
 
     def __init__(self, why: str, modes: float = np.inf):

@@ -34,8 +34,9 @@ class ChordalBounds(NamedTuple):
 
 
 def coordinates(columns: np.ndarray) -> np.ndarray:
-    """Columns, (N, S), in an orthonormal basis of their span, (r, S), r = min(N, S): the same
-    lengths and products.
+    """Columns, (N, S), in an orthonormal basis of their span, (r, S), r = min(N, S).
+
+    Lengths and products do not change.
 
     ReductionError for an invalid table of real numbers.
     """
@@ -52,32 +53,39 @@ def basis_distances(bases: Sequence[np.ndarray]) -> np.ndarray:
     in radians. Give many bases, (N, a_j) each, in common :func:`coordinates`: their products take
     the time. ReductionError for a basis that is not orthonormal, or of another mesh.
     """
-    parts = _together({f"{number} of the bases": basis for number, basis in enumerate(bases)})
-    counts = np.array([part.shape[1] for part in parts])
-    padded = np.zeros((len(parts), counts.max(), len(parts[0])))
-    for rows, part in zip(padded, parts, strict=True):
-        rows[: part.shape[1]] = part.T
+    coordinates_of_bases = _together(
+        {f"{number} of the bases": basis for number, basis in enumerate(bases)}
+    )
+    counts = np.array([basis_coordinates.shape[1] for basis_coordinates in coordinates_of_bases])
+    padded = np.zeros((len(coordinates_of_bases), counts.max(), len(coordinates_of_bases[0])))
+    for rows, basis_coordinates in zip(padded, coordinates_of_bases, strict=True):
+        rows[: basis_coordinates.shape[1]] = basis_coordinates.T
     return _distances(padded, counts)
 
 
 def snapshot_distances(columns: np.ndarray) -> np.ndarray:
-    """Dissimilarity of snapshots of any lengths, (N, S), (4.4): the angle between the lines that
-    they span.
+    """Dissimilarity of snapshots of any lengths, (4.4): the angle between the lines that they span.
 
     The printed (4.4) has arccos(S_i^T S_j), which puts a snapshot and its opposite pi apart. (4.2),
     of which it is a case, gives zero, as both span one space. This function uses (4.2): arccos
     |S_i^T S_j|, symmetric with a zero diagonal, (S, S), in radians, at most pi / 2; errors are
-    below 1e-12. ReductionError for snapshots that are not finite, or zero, which have no direction.
+    below 1e-12.
+
+    Args:
+        columns: snapshots, (N, S).
+
+    Raises:
+        ReductionError: for snapshots that are not finite, or zero, which have no direction.
     """
-    found = coordinates(columns)
+    scaled = coordinates(columns)
     # squares of very small or large displacements would not be finite
-    scales = np.abs(found).max(axis=0)
+    scales = np.abs(scaled).max(axis=0)
     if not scales.all():
         raise ReductionError(
             f"snapshots {np.flatnonzero(scales == 0)[:10].tolist()} are zero, and have no "
             "direction: leave out parameters without load"
         )
-    lines = (found / scales).T
+    lines = (scaled / scales).T
     lines /= np.linalg.norm(lines, axis=1)[:, None]
     return _distances(lines[:, None], np.ones(len(lines), dtype=np.int64))
 
@@ -85,8 +93,9 @@ def snapshot_distances(columns: np.ndarray) -> np.ndarray:
 def theorem_9(
     exact: np.ndarray, reduced: np.ndarray, weights: np.ndarray, factor: float = 1.0
 ) -> ChordalBounds:
-    """Right sides of theorem 9: the distance of a reduced answer from the exact one, by the angles
-    of their spaces.
+    """Right sides of theorem 9, by the angles of two spaces.
+
+    They bound the distance of a reduced answer from the exact one.
 
     The first, |sin(theta) U*^T gamma*|, is the distance of the exact answer to the reduced space.
     If this has more functions than V*, both hold as well; ell is the number of functions of V*.
@@ -120,23 +129,24 @@ def theorem_9(
 
 
 def _distances(padded: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Grassmann distances of bases stored as rows padded with zeros, (n, a, r), ``counts`` of them
-    valid, (n, n).
+    """Grassmann distances of bases, (n, n).
+
+    Bases are stored as rows padded with zeros, (n, a, r), ``counts`` of them valid.
     """
-    found = _from_cosines(padded, counts)
-    upper = np.triu(np.ones(found.shape, dtype=bool), 1)
+    distances = _from_cosines(padded, counts)
+    upper = np.triu(np.ones(distances.shape, dtype=bool), 1)
     near = np.nonzero(
-        upper & (found < SMALL_ANGLE)
+        upper & (distances < SMALL_ANGLE)
     )  # bases of different dimensions are a right angle apart
-    found[near] = _from_sines(padded, *near)
-    found = np.where(upper, found, 0.0)
-    return found + found.T
+    distances[near] = _from_sines(padded, *near)
+    distances = np.where(upper, distances, 0.0)
+    return distances + distances.T
 
 
 def _from_cosines(padded: np.ndarray, counts: np.ndarray) -> np.ndarray:
     """Distances from cosines, on and above the diagonal, with errors of 1e-16 over the distance."""
     total, width, size = padded.shape
-    found = np.zeros((total, total))
+    distances = np.zeros((total, total))
     rows = max(1, PAIR_BLOCK_NUMBERS // (total * width**2))
     for start in range(0, total, rows):
         block = slice(start, min(start + rows, total))
@@ -149,59 +159,60 @@ def _from_cosines(padded: np.ndarray, counts: np.ndarray) -> np.ndarray:
         shared = np.minimum(counts[block, None], counts[start:])
         squares = np.where(np.arange(width) < shared[..., None], angles**2, 0.0).sum(axis=-1)
         surplus = np.abs(counts[block, None] - counts[start:])
-        found[block, start:] = np.sqrt(squares + surplus * np.pi**2 / 4)
-    return found
+        distances[block, start:] = np.sqrt(squares + surplus * np.pi**2 / 4)
+    return distances
 
 
 def _from_sines(padded: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Distances from sines, for pairs of bases of one dimension that are close, given by their
-    numbers, (k,) each.
+    """Distances from sines, for pairs of close bases of one dimension.
+
+    The pairs are given by their numbers, (k,) each.
     """
     _, width, size = padded.shape
-    found = [np.zeros(0)]
+    distances = [np.zeros(0)]
     step = max(1, PAIR_BLOCK_NUMBERS // (width * size))
     for start in range(0, one.size, step):
         first = padded[one[start : start + step]]
         second = padded[other[start : start + step]]
         beyond = second - (second @ first.transpose(0, 2, 1)) @ first
         squares = np.linalg.eigvalsh(beyond @ beyond.transpose(0, 2, 1))
-        found.append(np.linalg.norm(np.arcsin(np.sqrt(np.clip(squares, 0.0, 1.0))), axis=-1))
-    return np.concatenate(found)
+        distances.append(np.linalg.norm(np.arcsin(np.sqrt(np.clip(squares, 0.0, 1.0))), axis=-1))
+    return np.concatenate(distances)
 
 
 def _together(bases: dict[str, np.ndarray]) -> list[np.ndarray]:
     """Bases by their names in common coordinates, checked to be orthonormal."""
     if not bases:
         raise ReductionError("no basis is given: distances are those of at least one")
-    given = [_checked(f"basis {name}", basis) for name, basis in bases.items()]
-    sizes = {basis.shape[0] for basis in given}
+    checked_bases = [_checked(f"basis {name}", basis) for name, basis in bases.items()]
+    sizes = {basis.shape[0] for basis in checked_bases}
     if len(sizes) > 1:
         raise ReductionError(f"bases have {sorted(sizes)} rows: give those of one mesh")
-    ends = np.cumsum([basis.shape[1] for basis in given])
-    parts = np.hsplit(coordinates(np.hstack(given)), ends[:-1])
-    for name, part in zip(bases, parts, strict=True):
-        off = np.abs(part.T @ part - np.eye(part.shape[1])).max()
+    ends = np.cumsum([basis.shape[1] for basis in checked_bases])
+    blocks = np.hsplit(coordinates(np.hstack(checked_bases)), ends[:-1])
+    for name, block in zip(bases, blocks, strict=True):
+        off = np.abs(block.T @ block - np.eye(block.shape[1])).max()
         if off > ORTHONORMAL_BASIS:
             raise ReductionError(
                 f"basis {name} is not orthonormal, by {off:.2g} of V^T V - I: orthonormalise it, "
                 "by a QR factorisation for instance"
             )
-    return parts
+    return blocks
 
 
 def _checked(name: str, columns: np.ndarray) -> np.ndarray:
     """A table of finite real numbers with at least one column."""
     try:
-        found = np.asarray(columns, dtype=float)
+        table = np.asarray(columns, dtype=float)
     except (TypeError, ValueError):
         raise ReductionError(
             f"{name} must be a table of real numbers, (N, columns), and is {columns!r}"
         ) from None
-    if found.ndim != 2 or 0 in found.shape:
+    if table.ndim != 2 or 0 in table.shape:
         raise ReductionError(
-            f"{name} has the shape {found.shape}: a table of at least one column, (N, S), is needed"
+            f"{name} has the shape {table.shape}: a table of at least one column, (N, S), is needed"
         )
-    bad = np.flatnonzero(~np.isfinite(found).all(axis=0))
+    bad = np.flatnonzero(~np.isfinite(table).all(axis=0))
     if bad.size:
         raise ReductionError(f"columns {bad[:10].tolist()} of {name} are not finite")
-    return found
+    return table

@@ -82,20 +82,26 @@ def between(
 ) -> InterpolatedBound:
     """Arrays that all bounds of a full model share, computed once.
 
-    BoundError with the hypothesis that fails.
+    Args:
+        full: the full model.
+        solvers: solvers of its components, which may have some points already; None to make them.
+        announce: reports progress.
+
+    Raises:
+        BoundError: with the hypothesis that fails.
     """
     check_hypotheses(full)
     if full not in _KNOWN:
         # K^-1 of each component needs all rows; the results are as large as the surface
-        whole = full if full.spread.all_here else full.gathered()
+        gathered = full if full.spread.all_here else full.gathered()
         try:
-            _KNOWN[full] = _between(whole, solvers or solvers_of(whole), announce)
+            _KNOWN[full] = _between(gathered, solvers or solvers_of(gathered), announce)
         except BoundError as error:
             _KNOWN[full] = error
-    known = _KNOWN[full]
-    if isinstance(known, BoundError):
-        raise BoundError(str(known))
-    return known
+    arrays = _KNOWN[full]
+    if isinstance(arrays, BoundError):
+        raise BoundError(str(arrays))
+    return arrays
 
 
 def bounding(
@@ -103,7 +109,15 @@ def bounding(
 ) -> Bounding:
     """Bounds for a basis, see :func:`varying_bound`; forces outside the RID do not matter.
 
-    BoundError if shapes are parameters.
+    Args:
+        full: the full model.
+        basis: columns of the displacement, (own, ell).
+        forces: training forces, (N_lambda, S).
+        cone: not used: S completes the forces.
+        announce: reports progress.
+
+    Raises:
+        BoundError: if shapes are parameters, or with the hypothesis that fails.
     """
     if full.problem.reshaped is not None:
         raise BoundError(
@@ -120,21 +134,28 @@ def varying_bound(
     solvers: Sequence[ComponentSolver] | None = None,
     announce: Announce = unannounced,
 ) -> VaryingBound:
-    """Bounds for answers with a basis, (own, ell), of a full model whose stiffness depends on
-    parameters.
+    """Bounds for answers of a full model whose stiffness depends on parameters.
 
-    Arrays that do not depend on the basis are those of :func:`between`. Relative errors use at
-    least a thousandth of the largest training force, (N_lambda, S), as the denominator. ``solvers``
-    of the components that have some points already may be passed. BoundError with the hypothesis
-    that fails.
+    Arrays that do not depend on the basis are those of :func:`between`.
+
+    Args:
+        full: the full model.
+        basis: columns of the displacement, (own, ell).
+        forces: training forces, (N_lambda, S); relative errors use at least a thousandth of the
+            largest one as the denominator.
+        solvers: solvers of the components that have some points already; None to make them.
+        announce: reports progress.
+
+    Raises:
+        BoundError: with the hypothesis that fails.
     """
     problem: ContactProblem = full.problem
-    known = between(full, solvers, announce)
-    least = least_sizes(problem, known.compliances(problem.middle).schur, forces)
-    error = known.inexact, known.proved
-    whole = whole_problem(problem, basis, GRID)
+    arrays = between(full, solvers, announce)
+    least = least_sizes(problem, arrays.compliances(problem.middle).schur, forces)
+    error = arrays.inexact, arrays.proved
+    projected = whole_problem(problem, basis, GRID)
     return VaryingBound(
-        *known[:2], whole, *error, problem.middle, problem.contact_areas, least, known.areas
+        *arrays[:2], projected, *error, problem.middle, problem.contact_areas, least, arrays.areas
     )
 
 
@@ -152,25 +173,27 @@ def _between(
     kinds = [_stiffness_of(component, problem) for component in components]
     proofs = [None if kind is None else kind.levels(GRID.tolerance) for kind in kinds]
     proofs = [proof if proof is not None and proof[1] <= PROVED else None for proof in proofs]
-    own = [
+    grid_settings = [
         GRID if proof is None else replace(GRID, compressed=False, least=proof[0])
         for proof in proofs
     ]
-    how = own, announce, "bound", with_energies
-    compliances, grids, modes = interpolated_compliances(problem, solvers, GRID, *how)
+    grid_options = grid_settings, announce, "bound", with_energies
+    compliances, grids, modes = interpolated_compliances(problem, solvers, GRID, *grid_options)
     energies = tuple(
         PartEnergy(
-            *(np.ascontiguousarray(np.moveaxis(part[name], 2, 0)) for name in ("work", "lifted"))
+            *(np.ascontiguousarray(np.moveaxis(arrays[name], 2, 0)) for name in ("work", "lifted"))
         )
-        for part in modes
+        for arrays in modes
     )
     errors = [OF_ENERGY, *(_round_off(solver) for solver in solvers)]
     proved = problem.reshaped is None
-    for solver, part, energy, kind in zip(solvers, compliances.parts, energies, kinds, strict=True):
-        if not part.interpolant.axes.size:  # only an exact factor changes it
+    for solver, compliance, energy, kind in zip(
+        solvers, compliances.parts, energies, kinds, strict=True
+    ):
+        if not compliance.interpolant.axes.size:  # only an exact factor changes it
             continue
-        seen = _seen(solver, part, energy)
-        sure = math.inf if kind is None else kind.error(len(part.interpolant.levels))
+        seen = _seen(solver, compliance, energy)
+        sure = math.inf if kind is None else kind.error(len(compliance.interpolant.levels))
         holds = sure <= PROVED and seen <= sure + NOISE
         proved &= holds
         errors.append(sure if holds else OBSERVED * seen)
@@ -201,8 +224,8 @@ def _round_off(solver: ComponentSolver) -> float:
     lost = np.finfo(float).eps * np.linalg.norm(
         np.abs(fields) * (abs(stiffness) @ np.abs(fields)), axis=0
     )
-    known = energies > 0
-    return float((lost[known] / energies[known]).max(initial=0.0))
+    loaded = energies > 0
+    return float((lost[loaded] / energies[loaded]).max(initial=0.0))
 
 
 def _areas(problem: ContactProblem) -> Interpolant | None:
@@ -239,17 +262,17 @@ def _stiffness_of(component: Component, problem: ContactProblem) -> PartStiffnes
 
     None if nothing is proved: a lift scales with K, not K^-1.
     """
-    part = component.part
-    moduli = part.moduli
+    scene_part = component.part
+    moduli = scene_part.moduli
     if (
         problem.reshaped is not None
-        or part.axes.size != 1
-        or part.lifted.size
+        or scene_part.axes.size != 1
+        or scene_part.lifted.size
         or not 0 < len(moduli) < 3
     ):
         return None
     of_volume = len(moduli) == 2 and all(modulus.rest != "1" for modulus in moduli)
-    return PartStiffness(part, problem.parameters, of_volume)
+    return PartStiffness(scene_part, problem.parameters, of_volume)
 
 
 def _seen(solver: ComponentSolver, part: Compliance, energy: PartEnergy) -> float:
@@ -276,8 +299,8 @@ def _largest_images(
     """Sum of the norm estimates of each, by powers of A; several components share a solution."""
     middle = problem.middle
     rows = [
-        csr_matrix(problem.contact[part.conditions].multiply(solver.component.dofs))
-        for solver, part in pairs
+        csr_matrix(problem.contact[compliance.conditions].multiply(solver.component.dofs))
+        for solver, compliance in pairs
     ]
     images = [
         np.random.default_rng(RANDOM_VECTORS).standard_normal((len(lower), RANDOM_VECTORS))
@@ -285,20 +308,25 @@ def _largest_images(
     ]
     for _ in range(POWERS):
         forces = [
-            solve_triangular(lower, image, lower=True, trans="T")[part.conditions]
-            for (_, part), image in zip(pairs, images, strict=True)
+            solve_triangular(lower, image, lower=True, trans="T")[compliance.conditions]
+            for (_, compliance), image in zip(pairs, images, strict=True)
         ]
-        loads = csc_matrix(sum(own.T @ given for own, given in zip(rows, forces, strict=True)))
+        loads = csc_matrix(
+            sum(
+                rows_of_part.T @ forces_of_part
+                for rows_of_part, forces_of_part in zip(rows, forces, strict=True)
+            )
+        )
         responses = pairs[0][0].solved_together(problem, middle, loads)
-        for place, (_, part) in enumerate(pairs):
+        for index, (_, compliance) in enumerate(pairs):
             # S_c is the only mode of a part without axes, which may take a tenth of all memory:
             # there is no other copy
-            mode = part.interpolant.modes.reshape(part.conditions.size, -1)
-            off = np.zeros(images[place].shape)
-            off[part.conditions] = (
-                part.compliance(middle) * (mode @ forces[place]) - rows[place] @ responses
+            mode = compliance.interpolant.modes.reshape(compliance.conditions.size, -1)
+            off = np.zeros(images[index].shape)
+            off[compliance.conditions] = (
+                compliance.compliance(middle) * (mode @ forces[index]) - rows[index] @ responses
             )
-            images[place] = solve_triangular(lower, off, lower=True)
+            images[index] = solve_triangular(lower, off, lower=True)
     return sum(
         (CERTAIN * float(np.linalg.norm(image, axis=0).max())) ** (1 / POWERS) for image in images
     )
@@ -307,16 +335,23 @@ def _largest_images(
 def probed(
     solvers: Sequence[ComponentSolver], compliances: Compliances, problem: ContactProblem
 ) -> float:
-    """Error of S against solutions with random forces, in the order of energies, at the worst point
-    of the box.
+    """Error of S against solutions with random forces, at the worst point of the box.
 
     For parts that only have a variable factor: it is round-off, or due to compressed factors. The
     error E_c of each is measured relative to S = L L^T in the middle of the box, A = L^-1 E_c L^-T,
-    by a few powers of A times random vectors: with a probability of 1 - 10^-RANDOM_VECTORS the
-    norm of a matrix is at most the largest of their images times 10 (2/π)^1/2 (N. Halko, P.-G.
-    Martinsson and J. Tropp, SIAM Review 53, 2011, lemma 4.1), and that of A at most the root of
-    it. As S is the sum of its parts, the error is multiplied by the ratio of the softest part
-    to the stiffest.
+    by a few powers of A times random vectors: with a probability of 1 - 10^-RANDOM_VECTORS the norm
+    of a matrix is at most the largest of their images times 10 (2/π)^1/2 (N. Halko, P.-G.
+    Martinsson and J. Tropp, SIAM Review 53, 2011, lemma 4.1), and that of A at most the root of it.
+    As S is the sum of its parts, the error is multiplied by the ratio of the softest part to the
+    stiffest.
+
+    Args:
+        solvers: solver of each component.
+        compliances: interpolated compliances of these components.
+        problem: the contact problem.
+
+    Returns:
+        The error relative to S, in the order of energies.
     """
     middle = problem.middle
     schur = compliances.stiffness(middle).schur.T  # symmetric; LAPACK uses Fortran order
@@ -325,35 +360,43 @@ def probed(
         schur, lower=True, overwrite_a=True
     )  # S may be as large as a tenth of all memory
     del schur
-    kept = [
+    pairs = [
         pair
         for pair in zip(solvers, compliances.parts, strict=True)
         if not pair[1].interpolant.axes.size
     ]
-    together = bool(kept) and solvers[0].serves_all
-    groups = [kept] if together else [[one] for one in kept]
+    together = bool(pairs) and solvers[0].serves_all
+    groups = [pairs] if together else [[solver_and_part] for solver_and_part in pairs]
     error = sum(_largest_images(group, lower, problem) for group in groups)
-    places = problem.parameters.random(PLACES_OF_FACTORS, seed=COMPARED_POINTS)
-    softer = [part.compliances(places) / part.compliance(middle) for part in compliances.parts]
+    points = problem.parameters.random(PLACES_OF_FACTORS, seed=COMPARED_POINTS)
+    softer = [
+        compliance.compliances(points) / compliance.compliance(middle)
+        for compliance in compliances.parts
+    ]
     return error * float((np.max(softer, axis=0) / np.min(softer, axis=0)).max(initial=1.0))
 
 
 def _sizes(energies: np.ndarray) -> np.ndarray:
     """Square roots of the diagonal; very small energies are replaced by a part of the largest."""
-    own = np.maximum(energies.diagonal(), 0.0)
-    return np.sqrt(own + NOISE * own.max(initial=0.0) + np.finfo(float).tiny)
+    diagonal = np.maximum(energies.diagonal(), 0.0)
+    return np.sqrt(diagonal + NOISE * diagonal.max(initial=0.0) + np.finfo(float).tiny)
 
 
 def with_energies(solver: ComponentSolver, point: np.ndarray) -> dict[str, np.ndarray]:
-    """Arrays of a component at a point, (P,), with those of :class:`PartEnergy`."""
-    found = solver(point)
+    """Arrays of a component at a point, with those of :class:`PartEnergy`.
+
+    Args:
+        solver: solver of the component.
+        point: parameters, (P,).
+    """
+    arrays = solver(point)
     problem = solver.with_stiffness(point)
-    part = solver.component.part
+    component = solver.component.part
     body = solver.component.body
-    factor = part.factor_at(point)
+    factor = component.factor_at(point)
     # load terms scale with the root of the compliance, lift terms with that of the stiffness
     scales = np.append(
-        np.full(part.forced.size, factor**0.5), np.full(part.lifted.size, factor**-0.5)
+        np.full(component.forced.size, factor**0.5), np.full(component.lifted.size, factor**-0.5)
     )
     work = scales[:, None] * solver.work(point) * scales
     # dependent dofs of the component too, which have no rows in K
@@ -361,6 +404,9 @@ def with_energies(solver: ComponentSolver, point: np.ndarray) -> dict[str, np.nd
         components_of_nodes(len(problem.points), problem.cell_nodes), problem.block_size
     )
     body = np.flatnonzero(np.isin(label, label[body]))
-    own = csc_matrix(problem.lifts[:, part.lifted])[body]
-    pulls = problem.pulled[:, part.lifted]
-    return found | {"work": (work + work.T) / 2, "lifted": (own.T @ pulls[body]).toarray() / factor}
+    lifts = csc_matrix(problem.lifts[:, component.lifted])[body]
+    pulls = problem.pulled[:, component.lifted]
+    return arrays | {
+        "work": (work + work.T) / 2,
+        "lifted": (lifts.T @ pulls[body]).toarray() / factor,
+    }

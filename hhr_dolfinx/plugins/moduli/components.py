@@ -52,7 +52,7 @@ class Component:
 
 def components_of(problem: ContactProblem) -> list[Component]:
     """Connected components of a scene that conditions, loads or imposed displacements act on."""
-    found = []
+    components = []
     shape_axes = () if problem.reshaped is None else problem.reshaped.axes
     lifts = sum(abs(term) for term in problem.lift_terms)
     if problem.reshaped is not None:  # at another shape other dofs may have forces
@@ -66,9 +66,9 @@ def components_of(problem: ContactProblem) -> list[Component]:
         moduli = moduli_of(problem, body)
         factor, axes = dependence(moduli, shape_axes, problem.parameters.names)
         forced, lifted = (_acting(columns, dofs) for columns in (problem.external, lifts))
-        part = ProblemComponent(conditions, forced, lifted, factor, axes, tuple(moduli))
-        found.append(Component(number, dofs, body, part))
-    return found
+        scene_part = ProblemComponent(conditions, forced, lifted, factor, axes, tuple(moduli))
+        components.append(Component(number, dofs, body, scene_part))
+    return components
 
 
 def kept(
@@ -76,14 +76,19 @@ def kept(
 ) -> dict[str, np.ndarray]:
     """Arrays by name, from a store if an interrupted run left them there.
 
-    Else computed and kept for another run.
+    Else computed, and stored for another run.
+
+    Args:
+        store: the store; None without one.
+        called: name of the arrays in the store.
+        compute: returns the arrays by name.
     """
-    found = None if store is None else store.load(called)
-    if found is None:
-        found = compute()
+    arrays = None if store is None else store.load(called)
+    if arrays is None:
+        arrays = compute()
         if store is not None:
-            store.save(called, found)
-    return found
+            store.save(called, arrays)
+    return arrays
 
 
 def _acting(columns: csc_matrix, dofs: np.ndarray) -> np.ndarray:
@@ -92,8 +97,9 @@ def _acting(columns: csc_matrix, dofs: np.ndarray) -> np.ndarray:
 
 
 class ComponentSolver:
-    """Computes S and the load response of one connected component, with factors that are updated at
-    each point.
+    """Computes S and the load response of one connected component.
+
+    Its factors are updated at each point.
 
     If only moduli of whole bodies vary, the factors of the full model serve all points. Each rank
     of it has all rows. Columns of K^-1 B^T are used and discarded. A ``store`` keeps solutions for
@@ -115,35 +121,36 @@ class ComponentSolver:
 
         Kept while memory allows.
         """
-        part = self.component.part
-        place = point[part.axes].tobytes()
-        found = self._known.get(place)
-        if found is None:
-            called = f"component {self.component.number} at {point[part.axes].tolist()}"
-            found = kept(
+        scene_part = self.component.part
+        key = point[scene_part.axes].tobytes()
+        arrays = self._known.get(key)
+        if arrays is None:
+            called = f"component {self.component.number} at {point[scene_part.axes].tolist()}"
+            arrays = kept(
                 self.store,
                 called,
                 self._scaled if self.serves_all else partial(self._solved, point),
             )
-            if (work := found.pop("work", None)) is not None:
-                self._work[place] = work
+            if (work := arrays.pop("work", None)) is not None:
+                self._work[key] = work
             # if only an exact factor changes, there is one solution, which models and bounds share
             if (
                 self.serves_all
-                or 8 * part.conditions.size**2 * (len(self._known) + 1) <= KNOWN_BYTES
+                or 8 * scene_part.conditions.size**2 * (len(self._known) + 1) <= KNOWN_BYTES
             ):
-                self._known[place] = found
-        return found
+                self._known[key] = arrays
+        return arrays
 
     def _solved(self, point: np.ndarray) -> dict[str, np.ndarray]:
-        """Solve by factors that eliminate contact last, or by columns of K^-1 B^T, which serve
-        loads too (symmetry).
+        """Solve by factors that eliminate contact last, or by columns of K^-1 B^T.
+
+        The columns serve loads too (symmetry).
 
         The former return the work of loads too.
         """
         problem = self._at(point)
-        part = self.component.part
-        rows = csr_matrix(problem.contact[part.conditions])
+        scene_part = self.component.part
+        rows = csr_matrix(problem.contact[scene_part.conditions])
         acting = csr_matrix(self.acting(problem).T)
         with self._factors.of(problem.own_stiffness) as factors:
             rigid = self._rigid
@@ -152,37 +159,37 @@ class ComponentSolver:
             if schur is not None and rigid is None:
                 responses = factors.solve_columns(acting.T)
                 columns = (rows @ responses).T
-                return self._normed(schur, columns, part.factor_at(point)) | {
+                return self._normed(schur, columns, scene_part.factor_at(point)) | {
                     "work": acting @ responses
                 }
             schur = np.empty((rows.shape[0],) * 2) if schur is None else schur
             columns = np.empty((acting.shape[0], rows.shape[0]))
-            for places, block in factors.solved_blocks(rows.T):
-                schur[:, places] = rows @ block
-                columns[:, places] = acting @ block
+            for indices, block in factors.solved_blocks(rows.T):
+                schur[:, indices] = rows @ block
+                columns[:, indices] = acting @ block
         if rigid is not None and motions is not None:
             schur, columns = without_motions(schur, columns, rows, acting, rigid, motions)
-        return self._normed(schur, columns, part.factor_at(point))
+        return self._normed(schur, columns, scene_part.factor_at(point))
 
     def work(self, point: np.ndarray) -> np.ndarray:
         """Loads, and K times lifts, times their displacements, (T, T).
 
         Cached if the component was factored.
         """
-        found = self._work.get(point[self.component.part.axes].tobytes())
-        if found is None or self.serves_all:
+        work = self._work.get(point[self.component.part.axes].tobytes())
+        if work is None or self.serves_all:
             problem = self.with_stiffness(point)
             loads = self.acting(problem)
-            found = loads.T @ self.solved_columns(problem, point, loads)
-        return found
+            work = loads.T @ self.solved_columns(problem, point, loads)
+        return work
 
     def _scaled(self) -> dict[str, np.ndarray]:
         """Scale S of the full model from the middle of the box."""
         problem = self.problem
-        part = self.component.part
-        rows = csr_matrix(problem.contact[part.conditions])
+        scene_part = self.component.part
+        rows = csr_matrix(problem.contact[scene_part.conditions])
         schur = self._full.stiffness.parts[self.component.number][
-            np.ix_(part.conditions, part.conditions)
+            np.ix_(scene_part.conditions, scene_part.conditions)
         ]
         acting = self.acting(problem)
         columns = (rows @ self.solved_columns(problem, problem.middle, acting)).T
@@ -191,7 +198,7 @@ class ComponentSolver:
             schur, columns = without_motions(
                 schur, columns, rows, csr_matrix(acting.T), rigid, responses
             )
-        return self._normed(schur, columns, part.factor_at(problem.middle))
+        return self._normed(schur, columns, scene_part.factor_at(problem.middle))
 
     @cached_property
     def _rigid(self) -> np.ndarray | None:
@@ -201,17 +208,17 @@ class ComponentSolver:
         """
         if self.problem.kernel is None:
             return None
-        every = np.hstack([self.problem.kernel.motions, self.problem.kernel.idle])
-        found = np.zeros_like(every)
-        found[self.component.body] = every[self.component.body]
-        sizes = np.linalg.norm(found, axis=0)
+        all_motions = np.hstack([self.problem.kernel.motions, self.problem.kernel.idle])
+        motions = np.zeros_like(all_motions)
+        motions[self.component.body] = all_motions[self.component.body]
+        sizes = np.linalg.norm(motions, axis=0)
         if ((sizes > WHOLLY) & (sizes < 1 - WHOLLY)).any():
             raise NotOfferedError(
                 "bodies move with others that constraints join, and contact alone holds them: "
                 "components of the scene are eliminated one by one, which leaves no motion to "
                 f"each: {self.problem.kernel.described}"
             )
-        return found[:, sizes > 0.5] if (sizes > 0.5).any() else None
+        return motions[:, sizes > 0.5] if (sizes > 0.5).any() else None
 
     def _normed(
         self, schur: np.ndarray, columns: np.ndarray, factor: float
@@ -224,26 +231,39 @@ class ComponentSolver:
 
     def acting(self, problem: ContactProblem) -> csc_matrix:
         """Loads on the component, then K times its lifts, (N, T)."""
-        part = self.component.part
-        pulls = problem.prolongation.restrict(problem.pulled[:, part.lifted])
-        return csc_matrix(hstack([problem.external[:, part.forced], pulls]))
+        scene_part = self.component.part
+        pulls = problem.prolongation.restrict(problem.pulled[:, scene_part.lifted])
+        return csc_matrix(hstack([problem.external[:, scene_part.forced], pulls]))
 
     def fields_at(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        """Displacements under contact forces, (m, k), and under each load, (N, k + T)."""
+        """Displacements under contact forces, and under each load, (N, k + T).
+
+        Args:
+            point: parameters, (P,).
+            forces: contact forces, (m, k).
+        """
         problem = self._at(point)
-        part = self.component.part
-        contact_loads = csc_matrix(problem.contact[part.conditions].T @ forces[part.conditions])
-        loads = problem.loads[:, np.union1d(part.forced, part.lifted)]
+        scene_part = self.component.part
+        contact_loads = csc_matrix(
+            problem.contact[scene_part.conditions].T @ forces[scene_part.conditions]
+        )
+        loads = problem.loads[:, np.union1d(scene_part.forced, scene_part.lifted)]
         return self.solved_columns(problem, point, hstack([contact_loads, loads], format="csc"))
 
     def fields_under(self, point: np.ndarray, points: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        """Displacements under loads at some points, (k, P), and forces, (k, m), at another one: (N,
-        k).
+        """Displacements under loads and forces of solved points, with K of another point, (N, k).
 
         They are those of all components if the factors serve all of them.
+
+        Args:
+            point: parameters of K, (P,).
+            points: parameters of the loads, (k, P).
+            forces: contact forces, (k, m).
         """
         problem = self.with_stiffness(point)
-        loaded = np.stack([problem.external @ problem.amplitudes(one) for one in points], axis=1)
+        loaded = np.stack(
+            [problem.external @ problem.amplitudes(query) for query in points], axis=1
+        )
         columns = csc_matrix(loaded - problem.contact.T @ forces.T)
         return self.solved_together(problem, point, columns)
 
@@ -262,17 +282,18 @@ class ComponentSolver:
             self._factors.release()
 
     def with_stiffness(self, point: np.ndarray) -> ContactProblem:
-        """The problem at a point; that of the middle if K of the component is a multiple of the one
-        there.
+        """The problem at a point, with K of the component up to a factor.
+
+        It is that of the middle if K is a multiple of the one there.
         """
         return self.problem if self.serves_all else self._at(point)
 
     def _at(self, point: np.ndarray) -> ContactProblem:
         """The problem at a point; the last one is kept, since its stiffness is factored."""
-        place = point.tobytes()
-        if self._last is None or self._last[0] != place:
+        key = point.tobytes()
+        if self._last is None or self._last[0] != key:
             self._last = None  # K may take half of the memory
-            self._last = (place, self.problem.at(point))
+            self._last = (key, self.problem.at(point))
         return self._last[1]
 
     @property
@@ -292,6 +313,11 @@ class ComponentSolver:
         """K^-1 of all components at a point times columns, (N, k), if the factors serve all.
 
         Else of this one.
+
+        Args:
+            problem: the problem at this point.
+            point: parameters, (P,).
+            columns: right-hand sides, (N, k).
         """
         if self.serves_all:
             return self._full.system.stiffness(point).columns(columns)
@@ -300,7 +326,13 @@ class ComponentSolver:
     def solved_columns(
         self, problem: ContactProblem, point: np.ndarray, columns: spmatrix
     ) -> np.ndarray:
-        """K^-1 of the component times columns, (N, k), with the problem at this point."""
+        """K^-1 of the component times columns, (N, k).
+
+        Args:
+            problem: the problem at this point.
+            point: parameters, (P,).
+            columns: right-hand sides, (N, k).
+        """
         if not self.serves_all:
             prolongation = problem.prolongation
             with self._factors.of(problem.own_stiffness) as factors:
@@ -327,8 +359,13 @@ class ComponentSolver:
                 matrix, dofs, name, low_rank=low_rank, last=last, rows=first.rows
             )
             return shared
-        how = slice(0, problem.free.size), name, ordering_of(problem.block_size, "mumps"), full.comm
-        return FreeCholesky(matrix, dofs, *how, low_rank=low_rank, last=last)
+        options = (
+            slice(0, problem.free.size),
+            name,
+            ordering_of(problem.block_size, "mumps"),
+            full.comm,
+        )
+        return FreeCholesky(matrix, dofs, *options, low_rank=low_rank, last=last)
 
 
 def without_motions(
@@ -339,11 +376,18 @@ def without_motions(
     rigid: np.ndarray,
     pinned: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """B K^+ B^T and F^T K^+ B^T of rows B, (m, N), and loads F^T, (T, N), from those of the pinned
-    component.
+    """B K^+ B^T and F^T K^+ B^T, without the rigid motions of a pinned component.
 
-    K^+ = P K_pinned^-1 P leaves out the orthonormal ``rigid`` motions R, (N, k), with P = 1 - R
-    R^T; ``pinned`` is K_pinned^-1 R. On loads that balance it inverts K, whatever the pins are.
+    K^+ = P K_pinned^-1 P leaves out the orthonormal motions R, with P = 1 - R R^T. On loads that
+    balance it inverts K, whatever the pins are.
+
+    Args:
+        schur: B K_pinned^-1 B^T, (m, m).
+        columns: F^T K_pinned^-1 B^T, (T, m).
+        rows: B, (m, N).
+        acting: loads F^T, (T, N).
+        rigid: R, (N, k).
+        pinned: K_pinned^-1 R, (N, k).
     """
     effect = rows @ rigid
     work = rigid.T @ pinned
@@ -364,32 +408,43 @@ def interpolated_compliances(
         [ComponentSolver, np.ndarray], Mapping[str, np.ndarray]
     ] = ComponentSolver.__call__,
 ) -> tuple[Compliances, list[GrownGrid], list[dict[str, np.ndarray]]]:
-    """Compute and interpolate all that contact needs of a full model, on one rank, and the modes of
-    further arrays.
+    """Compute and interpolate the compliances of all components of a full model, on one rank.
 
-    ``settings`` apply to all parts, unless ``own`` has settings for each. ``solve`` returns arrays
-    by name at a point. Each solution is announced under the name of a stage, as a share of the
-    fewest that the grids of all parts need.
+    Each solution is announced as a share of the fewest that the grids of all parts need.
+
+    Args:
+        problem: the contact problem.
+        solvers: solver of each component.
+        settings: targets of all grids, unless ``own`` has settings for each.
+        own: targets of each grid; empty for the same.
+        announce: reports progress.
+        stage: name of the stage that is announced.
+        solve: returns arrays by name of a component at a point.
+
+    Returns:
+        The compliances, their grids, and the modes of further arrays of each component.
     """
     fewest = sum(1 + FIRST_LEVELS * solver.component.part.axes.size for solver in solvers)
     done = count(1)
 
     def counted(solver: ComponentSolver, point: np.ndarray) -> Mapping[str, np.ndarray]:
-        found = solve(solver, point)
+        arrays = solve(solver, point)
         number = next(done)
         announce(stage, number / max(fewest, number + 1))
-        return found
+        return arrays
 
-    parts = []
+    compliances = []
     grids = []
-    others = []
-    for solver, how in zip(solvers, own or [settings] * len(solvers), strict=True):
-        part = solver.component.part
-        grid, modes = grown(partial(counted, solver), problem.parameters, part.axes, how, part)
+    further = []
+    for solver, grid_settings in zip(solvers, own or [settings] * len(solvers), strict=True):
+        scene_part = solver.component.part
+        grid, modes = grown(
+            partial(counted, solver), problem.parameters, scene_part.axes, grid_settings, scene_part
+        )
         solver.release()
-        parts.append(compliance_of(part, grid, modes, None))
+        compliances.append(compliance_of(scene_part, grid, modes, None))
         grids.append(grid)
-        others.append(
+        further.append(
             {name: values for name, values in modes.items() if name not in ("schur", "columns")}
         )
     reshaped = None
@@ -405,9 +460,18 @@ def interpolated_compliances(
         )
         grids.append(grid)
         reshaped = grid.interpolant
-    return Compliances(tuple(parts), problem.amplitudes, problem.gaps, reshaped), grids, others
+    return (
+        Compliances(tuple(compliances), problem.amplitudes, problem.gaps, reshaped),
+        grids,
+        further,
+    )
 
 
 def solvers_of(full: FullModel, store: ArrayStore | None = None) -> list[ComponentSolver]:
-    """Solvers of all components of a full model, with the store that keeps their solutions."""
+    """Solvers of all components of a full model.
+
+    Args:
+        full: the full model.
+        store: keeps their solutions; None without one.
+    """
     return [ComponentSolver(full, component, store) for component in components_of(full.problem)]

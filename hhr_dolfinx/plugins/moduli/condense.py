@@ -54,10 +54,12 @@ from hhr_dolfinx.timing import Announce
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.eliminations.elimination import Elimination
     from hhr_dolfinx.models.functionals.functional import AllOutputs
     from hhr_dolfinx.plugins.one_call.array_store import ArrayStore
     from hhr_dolfinx.plugins.one_call.context import SearchContext
     from hhr_dolfinx.plugins.one_call.proposals import Proposal
+    from hhr_dolfinx.trained import Trained
 
 
 ALONG = 4
@@ -125,9 +127,7 @@ GRID_BUDGETS = (200, 800, 800, 800, 800)
 
 @dataclass(frozen=True, eq=False)
 class CondensedFacts:
-    """Facts of an interpolated condensation, in its
-    :class:`~hhr_dolfinx.reduction.reductor.Record`.
-    """
+    """Facts of an interpolated condensation, for the record of its construction."""
 
     settings: GridSettings  #: targets of its grids
     evaluations: list[int]  #: solutions of the parts of the scene, one number for each grid
@@ -138,16 +138,15 @@ class CondensedFacts:
 
     @property
     def doubt(self) -> float:
-        """Expected error of S of grids that spent their budget before they converged; 0 for
-        others.
-        """
+        """Expected error of S of grids that spent their budget before they converged; else 0."""
         worst = max([self.unresolved, *self.surpluses])
         return 0.0 if self.finer or worst <= self.settings.tolerance else worst
 
 
 class _Prepared(NamedTuple):
-    """The task of all attempts, and solvers of all components, which keep their solutions for
-    further tasks.
+    """The task of all attempts, and solvers of all components.
+
+    The solvers keep their solutions for further tasks.
     """
 
     task: Task
@@ -159,13 +158,20 @@ class _Prepared(NamedTuple):
         return self.solvers[0].store if self.solvers else None
 
     def compliances(self, settings: GridSettings) -> tuple[Compliances, list[GrownGrid]]:
-        """Compliances of all components, with a warning if a grid spent its budget."""
+        """Compliances of all components, with a warning if a grid spent its budget.
+
+        Args:
+            settings: targets of the grids.
+
+        Returns:
+            The compliances, and the grid of each component.
+        """
         full = self.task.full
         with self.task.log.stage("compliances", self.task.announce):
-            found = interpolated_compliances(
+            interpolated = interpolated_compliances(
                 full.problem, self.solvers, settings, announce=self.task.announce
             )
-        compliances, grids, _ = found
+        compliances, grids, _ = interpolated
         worst = max((grid.surplus for grid in grids), default=0.0)
         if worst > settings.tolerance:
             warn(
@@ -180,9 +186,16 @@ class _Prepared(NamedTuple):
     def starts(
         self, compliances: Compliances, settings: GridSettings
     ) -> tuple[KnownStatuses, np.ndarray]:
-        """Starts of searches, and typical forces, (S, m).
+        """Starts of searches, and typical forces.
 
-        Those of elastic bodies are kept for an interrupted run.
+        Starts of elastic bodies are stored for an interrupted run.
+
+        Args:
+            compliances: compliances of all components.
+            settings: targets of the grids, for the name in the store.
+
+        Returns:
+            The starts, and contact forces, (S, m).
         """
         full = self.task.full
         announce = self.task.announce
@@ -197,18 +210,29 @@ class _Prepared(NamedTuple):
             return _starts_beside_motions(_with_motions(compliances, problem), points, problem)
 
         def starts() -> dict[str, np.ndarray]:
-            known: Any = linear_starts(
+            starts_of_points: Any = linear_starts(
                 compliances, points, problem.contact_pairs, group=full.group, announce=announce
             )
-            return {item.name: getattr(known, item.name) for item in fields_of(LinearStarts)}
+            return {
+                entry.name: getattr(starts_of_points, entry.name)
+                for entry in fields_of(LinearStarts)
+            }
 
-        known = LinearStarts(**kept(self.store, f"starts {settings} {len(points)}", starts))
-        return known, np.maximum(known.margins, 0.0)
+        starts_of_points = LinearStarts(
+            **kept(self.store, f"starts {settings} {len(points)}", starts)
+        )
+        return starts_of_points, np.maximum(starts_of_points.margins, 0.0)
 
     def bounded(
         self, fields: InterpolatedFields, forces: np.ndarray, *, wanted: bool
     ) -> InterpolatedFields:
-        """Fields with a bound; unchanged without one, with the reason in the log."""
+        """Fields with a bound; unchanged without one, with the reason in the log.
+
+        Args:
+            fields: fields without a bound.
+            forces: typical contact forces, (m, S).
+            wanted: True if the caller asked for a bound.
+        """
         full = self.task.full
         announce = self.task.announce
         if full.problem.kernel is not None:
@@ -224,9 +248,9 @@ class _Prepared(NamedTuple):
                 )
         except BoundError as error:
             self.task.log.skip("bound", str(error))
-            found = replace(fields, unbounded=str(error))
-            warn_unbounded(found)
-            return found
+            unbounded = replace(fields, unbounded=str(error))
+            warn_unbounded(unbounded)
+            return unbounded
 
     def unbounded(self) -> bool:
         """True if the errors of a model have no bound, whatever its fields."""
@@ -243,8 +267,7 @@ class _Prepared(NamedTuple):
 
 @dataclass(frozen=True)
 class Condensation(Reductor[_Prepared]):
-    """Interpolated condensation: a model that keeps all contact conditions and interpolates their
-    compliance.
+    """Interpolated condensation: keeps all contact conditions and interpolates their compliance.
 
     Displacements of snapshots span the fields; the contact forces do not need them. Without
     snapshots, fields of typical forces and loads at some nodes of the grids do.
@@ -266,12 +289,24 @@ class Condensation(Reductor[_Prepared]):
     remedy: ClassVar[Mapping[str, str]] = OF_CONDENSATION
 
     @classmethod
-    def usual(cls, settings: Any, *, fields: bool | None) -> Condensation:
-        """See :meth:`~hhr_dolfinx.reduction.reductor.Reductor.usual`."""
+    def usual(cls, settings: GridSettings | None, *, fields: bool | None) -> Condensation:
+        """See :meth:`~hhr_dolfinx.reduction.reductor.Reductor.usual`.
+
+        Args:
+            settings: targets of the sparse grids; None for the defaults.
+            fields: True for displacements and a bound; None for the defaults.
+        """
         return cls(settings) if fields is None else cls(settings, bound=fields, fields=fields)
 
     def check(self, task: Task) -> None:
-        """Refuse other scenes than of elastic bodies whose stiffness varies."""
+        """Refuse other scenes than of elastic bodies whose stiffness varies.
+
+        Raises:
+            ReductionError: if the stiffness is constant, or bodies have laws.
+            NotOfferedError: if a shape changes how contact acts on motions of bodies that it alone
+                holds.
+            NotSolvableError: if K is singular at a corner of the box.
+        """
         full = task.full
         problem: ContactProblem = full.problem
         problem.require_parts("condensation")
@@ -288,12 +323,22 @@ class Condensation(Reductor[_Prepared]):
             check_of_problem("snapshots", task.snapshots, problem)
 
     def prepare(self, task: Task, before: _Prepared | None = None) -> _Prepared:
-        """Solvers of all components."""
+        """Solvers of all components.
+
+        Args:
+            task: the full model and its answers.
+            before: data of another task of the same full model; None without any.
+        """
         task.full.problem.require_whole()
         return _Prepared(task, solvers_of(task.full) if before is None else before.solvers)
 
     def attempt(self, prepared: _Prepared, level: int) -> tuple[CondensedModel, CondensedFacts]:
-        """The model."""
+        """The condensed model, and the facts of its record.
+
+        Args:
+            prepared: solvers of the components.
+            level: unused; there is one level.
+        """
         task = prepared.task
         full = task.full
         finer = self.settings is None if self.finer is None else self.finer
@@ -301,7 +346,7 @@ class Condensation(Reductor[_Prepared]):
         problem: ContactProblem = full.problem
         compliances, grids = prepared.compliances(settings)
         with task.log.stage("starts", task.announce):
-            known, forces = prepared.starts(compliances, settings)
+            starts, forces = prepared.starts(compliances, settings)
         fields = self.fields and not (self.spare and prepared.unbounded())
         with task.log.stage("fields", task.announce):
             if fields:
@@ -313,12 +358,12 @@ class Condensation(Reductor[_Prepared]):
                 if task.snapshots is None:
                     _warn_of_untouched(prepared.solvers)
                 if task.snapshots is None or self.along:
-                    given = compliances, prepared.solvers, known.points, forces, task.announce
+                    solved = compliances, prepared.solvers, starts.points, forces, task.announce
                     seen.append(
                         kept(
                             prepared.store,
                             f"fields {settings}",
-                            lambda: {"0": _fields_along(*given)},
+                            lambda: {"0": _fields_along(*solved)},
                         )["0"]
                     )
                 if task.snapshots is not None:
@@ -326,25 +371,35 @@ class Condensation(Reductor[_Prepared]):
                 completed = _fields(full, seen, settings)
             else:
                 basis = np.zeros((problem.free.size, 0))
-                rest = None, problem.block_size, None, _outputs(full, basis, settings)
+                options = None, problem.block_size, None, _outputs(full, basis, settings)
                 completed = InterpolatedFields(
-                    problem.amplitudes, basis, problem.lifts, *rest, full=full
+                    problem.amplitudes, basis, problem.lifts, *options, full=full
                 )
         if fields:
             forces = forces.T if task.snapshots is None else task.snapshots.forces
             completed = prepared.bounded(completed, forces, wanted=self.bound)
         answering = _finer(compliances, completed.bound) if finer else compliances
         eliminated = _with_motions(answering, problem)
-        parts = full.parameters, eliminated, known, completed, problem.contact_pairs
-        model = CondensedModel(*parts, advice=ADVICE, law=problem.law)
+        scene_arrays = full.parameters, eliminated, starts, completed, problem.contact_pairs
+        model = CondensedModel(*scene_arrays, advice=ADVICE, law=problem.law)
         numbers = [grid.evaluations for grid in grids], [grid.surplus for grid in grids]
         unresolved = max((grid.unresolved for grid in grids), default=0.0)
         return model, CondensedFacts(
             settings, *numbers, unresolved, finer=answering is not compliances
         )
 
-    def compare(self, task: Task, model: Any) -> tuple[Comparison | None, Any]:
-        """Errors against validation answers; those of training span the fields."""
+    def compare(
+        self, task: Task, model: CondensedModel
+    ) -> tuple[Comparison | None, Trained | None]:
+        """Errors against validation answers; those of training span the fields.
+
+        Args:
+            task: the full model and its answers.
+            model: the condensed model.
+
+        Returns:
+            The comparison, None if nothing was compared, and the training range.
+        """
         if task.held_out is None or self.spare or not self.fields:
             return None, model.trained
         return compared(task, model, self.limits, self.remedy)
@@ -383,18 +438,22 @@ class Condensation(Reductor[_Prepared]):
 
 
 def _check_motions(problem: ContactProblem) -> None:
-    """Refuse a shape that changes how contact acts on the motions of bodies that it alone holds, or
-    their loads.
+    """Refuse a shape that changes how contact acts on motions of bodies that it alone holds.
+
+    Or one that changes their loads.
     """
     kernel: Any = problem.kernel
     if kernel is None or problem.reshaped is None:
         return
     for point in Sobol(COMPARED_SHAPES).points(problem.parameters):
-        there: Any = problem.at(point).kernel
-        pairs = (there.contact_of_motions, kernel.contact_of_motions), (there.loads, kernel.loads)
+        kernel_at_point: Any = problem.at(point).kernel
+        pairs = (
+            (kernel_at_point.contact_of_motions, kernel.contact_of_motions),
+            (kernel_at_point.loads, kernel.loads),
+        )
         if any(
-            np.abs(one - other).max() > SHAPE_ROUND_OFF * np.abs(other).max()
-            for one, other in pairs
+            np.abs(changed - reference).max() > SHAPE_ROUND_OFF * np.abs(reference).max()
+            for changed, reference in pairs
         ):
             raise NotOfferedError(
                 "contact alone holds bodies, and a shape changes the directions in which it does: "
@@ -404,9 +463,7 @@ def _check_motions(problem: ContactProblem) -> None:
 
 
 def _check_supports(full: Any) -> None:
-    """Refuse a user-defined system that leaves motions at a corner of the box and not in the
-    middle.
-    """
+    """Refuse a user-defined system that leaves motions only at a corner of the box."""
     from hhr_dolfinx.full_order.free_bodies import free_bodies
     from hhr_dolfinx.plugins.elasticity.unresisted import unresisted
 
@@ -416,17 +473,17 @@ def _check_supports(full: Any) -> None:
     mesh = full.discretisation
     loose = free_bodies(full.scene, problem, full.group.joined(mesh.cell_bodies()), mesh.springs)
     for point in box_samples(problem.parameters, 1) if loose else ():
-        left = unresisted(loose, problem, problem.stiffness_of(problem.weights(point)))
-        if left:
+        unheld = unresisted(loose, problem, problem.stiffness_of(problem.weights(point)))
+        if unheld:
             raise NotSolvableError(
                 f"at {problem.parameters.described(point)} nothing but contact holds "
-                f"{left[0].name} which {left[0].described(left[0].left)} there: K is singular at "
-                "this corner of the box, and S grows without limit towards it, so that nothing "
-                "interpolates it. Narrow the box"
+                f"{unheld[0].name} which {unheld[0].described(unheld[0].left)} there: K is "
+                "singular at this corner of the box, and S grows without limit towards it, so "
+                "that nothing interpolates it. Narrow the box"
             )
 
 
-def _with_motions(compliances: Compliances, problem: ContactProblem) -> Any:
+def _with_motions(compliances: Compliances, problem: ContactProblem) -> Elimination:
     """The elimination with the motions of bodies that contact alone holds; itself without any."""
     return (
         problem.kernel.beside(compliances)
@@ -436,29 +493,31 @@ def _with_motions(compliances: Compliances, problem: ContactProblem) -> Any:
 
 
 def _starts_beside_motions(
-    eliminated: Any, points: np.ndarray, problem: ContactProblem
+    eliminated: Elimination, points: np.ndarray, problem: ContactProblem
 ) -> tuple[KnownStatuses, np.ndarray]:
-    """Starts, and typical forces, (S, m), of answers at points, (S, P), where contact alone holds
-    bodies.
+    """Starts and typical forces, (S, m), where contact alone holds bodies.
+
+    They are those of answers at points, (S, P).
     """
     nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
     model = CondensedModel(
         problem.parameters, eliminated, nothing, NO_FIELDS, problem.contact_pairs, law=problem.law
     )
     answers = [model.solve(point, start=None, raise_on_failure=False) for point in points]
-    known = KnownStatuses.of_answers(iter(answers))
-    if known is None:
+    starts = KnownStatuses.of_answers(iter(answers))
+    if starts is None:
         raise ReductionError(
             "no point of the box has an answer: loads drive bodies off their contacts in all of it"
         )
-    return known, np.array([answer.multipliers for answer in answers if answer.converged])
+    return starts, np.array([answer.multipliers for answer in answers if answer.converged])
 
 
 def _starts_along_paths(
-    eliminated: Any, points: np.ndarray, problem: ContactProblem, announce: Announce
+    eliminated: Elimination, points: np.ndarray, problem: ContactProblem, announce: Announce
 ) -> tuple[KnownStatuses, np.ndarray]:
-    """Starts and typical forces, (S, m), with a law that remembers: increments start from the one
-    before.
+    """Starts and typical forces, (S, m), with a law that remembers.
+
+    Increments start from the previous one.
 
     Forces are those along paths through a few of the points, (S, P), each, which load, unload and
     reverse; parameters that stay along a path are those of its first point.
@@ -468,28 +527,28 @@ def _starts_along_paths(
         problem.parameters, eliminated, nothing, NO_FIELDS, problem.contact_pairs, law=problem.law
     )
     fixed = problem.law.fixed
-    found = []
+    forces = []
     seen = []
     for first in range(0, len(points), ALONG):
         announce(STAGE, first / len(points))
         along = points[first : first + ALONG].copy()
         along[:, fixed] = along[0, fixed]
-        rest = np.clip(0.0, problem.parameters.lower, problem.parameters.upper)
-        rest[fixed] = along[0, fixed]
+        at_rest = np.clip(0.0, problem.parameters.lower, problem.parameters.upper)
+        at_rest[fixed] = along[0, fixed]
         try:
             history = model.march(
-                [(0.0, rest), *((1.0 + k, point) for k, point in enumerate(along))]
+                [(0.0, at_rest), *((1.0 + k, point) for k, point in enumerate(along))]
             )
         except ConvergenceError as stop:
             history = vars(stop)["history"]
-        found += [answer.multipliers for answer in history.answers]
+        forces += [answer.multipliers for answer in history.answers]
         seen += [answer.parameter for answer in history.answers]
-    if not found:
+    if not forces:
         raise ReductionError(
             "no path through the box has an answer: contact rows are dependent, or the law of the "
             "contacts admits none"
         )
-    return KnownStatuses(np.array(seen), np.array(found) != 0), np.array(found)
+    return KnownStatuses(np.array(seen), np.array(forces) != 0), np.array(forces)
 
 
 def _warn_of_untouched(solvers: list[ComponentSolver]) -> None:
@@ -541,8 +600,8 @@ def _fields(full: FullModel, seen: list[np.ndarray], settings: GridSettings) -> 
         problem.kernel is not None
     ):  # motions are unknowns of their own, beside displacements orthogonal to them
         motions = problem.kernel.motions
-        every = np.hstack([motions, problem.kernel.idle])
-        displacements = displacements - every @ (every.T @ displacements)
+        all_motions = np.hstack([motions, problem.kernel.idle])
+        displacements = displacements - all_motions @ (all_motions.T @ displacements)
         problem = replace(problem, kernel=None)
     basis = Pod(FIELD_TOLERANCE, relative=True, by_body=True).of_columns(
         problem, displacements, full.group
@@ -551,16 +610,16 @@ def _fields(full: FullModel, seen: list[np.ndarray], settings: GridSettings) -> 
     if problem.reshaped is not None:
         # orthonormal in the energy of the middle: soft modes are then as exact as stiff ones
         energies, ways = np.linalg.eigh(basis.T @ (problem.stiffness @ basis))
-        kept = energies > 1e-12 * energies[-1]
-        basis = basis @ (ways[:, kept] / np.sqrt(energies[kept]))
-    whole: Any = whole_problem(problem, basis, settings)
-    galerkin: Any = BlockElimination(whole, problem.amplitudes)
+        significant = energies > 1e-12 * energies[-1]
+        basis = basis @ (ways[:, significant] / np.sqrt(energies[significant]))
+    projected: Any = whole_problem(problem, basis, settings)
+    galerkin: Any = BlockElimination(projected, problem.amplitudes)
     if problem.reshaped is not None:
-        galerkin = ReshapedElimination(whole, problem.amplitudes, problem.parameters)
+        galerkin = ReshapedElimination(projected, problem.amplitudes, problem.parameters)
     spanned = basis if motions is None else np.hstack([basis, motions])
-    rest = galerkin, problem.block_size, full.stress_of, _outputs(full, spanned, settings)
+    options = galerkin, problem.block_size, full.stress_of, _outputs(full, spanned, settings)
     return InterpolatedFields(
-        problem.amplitudes, basis, problem.lifts, *rest, motions=motions, full=full
+        problem.amplitudes, basis, problem.lifts, *options, motions=motions, full=full
     )
 
 
@@ -570,29 +629,30 @@ def _finer(compliances: Compliances, bound: Any) -> Compliances:
         return compliances
     pairs = list(zip(compliances.parts, bound.compliances.parts, strict=True))
     finer = all(
-        len(own.interpolant.levels) <= len(other.interpolant.levels) for own, other in pairs
+        len(coarse.interpolant.levels) <= len(fine.interpolant.levels) for coarse, fine in pairs
     )
-    numbers = sum(other.interpolant.modes.size + other.columns.size for _, other in pairs)
+    numbers = sum(fine.interpolant.modes.size + fine.columns.size for _, fine in pairs)
     return bound.compliances if finer and numbers <= FEW else compliances
 
 
 def _fields_seen(
     compliances: Compliances, solvers: list[ComponentSolver], forces: np.ndarray
 ) -> list[np.ndarray]:
-    """Displacements at some shapes under typical forces, (S, m), (N, k) each: few snapshots do not
-    span them.
+    """Displacements at some shapes under typical forces, (N, k) each.
+
+    Few snapshots do not span them. The forces are (S, m).
     """
     forces = forces.T
     forces = pod(forces / np.maximum(np.linalg.norm(forces, axis=0), LEAST_NORM), FORCE_TOLERANCE)[
         0
     ]
-    found = []
-    for part, solver in zip(compliances.parts, solvers, strict=True):
-        for node in part.interpolant.nodes[:FIELD_NODES]:
+    displacements = []
+    for component, solver in zip(compliances.parts, solvers, strict=True):
+        for node in component.interpolant.nodes[:FIELD_NODES]:
             point = solver.problem.middle
-            point[part.interpolant.axes] = node
-            found.append(solver.fields_at(point, forces))
-    return found
+            point[component.interpolant.axes] = node
+            displacements.append(solver.fields_at(point, forces))
+    return displacements
 
 
 def _fields_along(
@@ -611,30 +671,35 @@ def _fields_along(
     count = len(points)
     least, most = ALONG_NODES
     few = max(least, min(most, count // PER_NODE))
-    every = [part.interpolant.nodes[:few] for part in compliances.parts]
+    nodes_of_parts = [component.interpolant.nodes[:few] for component in compliances.parts]
     lifts = sum(
-        len(nodes) * part.lifted.size for nodes, part in zip(every, compliances.parts, strict=True)
+        len(nodes) * component.lifted.size
+        for nodes, component in zip(nodes_of_parts, compliances.parts, strict=True)
     )
     # one array, since stacking would copy it
     fields = np.zeros((solvers[0].problem.free.size, count + lifts), order="F")
-    place = count
+    column = count
     done = 0
-    for part, solver, nodes in zip(compliances.parts, solvers, every, strict=True):
+    for component, solver, nodes in zip(compliances.parts, solvers, nodes_of_parts, strict=True):
         for first, node in enumerate(nodes):
             point = solver.problem.middle
             share = slice(first, count, len(nodes))
-            point[part.interpolant.axes] = node
+            point[component.interpolant.axes] = node
             # the first component solves for all if its factors serve all
-            own = (
+            solved_points = (
                 np.arange(count)[share]
                 if solver is solvers[0] or not solver.serves_all
                 else np.arange(0)
             )
-            for some in np.array_split(own, -(-own.size // FIELDS_AT_ONCE)) if own.size else ():
-                fields[:, some] += solver.fields_under(point, points[some], forces[some])
-            fields[:, place : place + part.lifted.size] = solver.fields_of_lifts(point)
-            place += part.lifted.size
+            for block in (
+                np.array_split(solved_points, -(-solved_points.size // FIELDS_AT_ONCE))
+                if solved_points.size
+                else ()
+            ):
+                fields[:, block] += solver.fields_under(point, points[block], forces[block])
+            fields[:, column : column + component.lifted.size] = solver.fields_of_lifts(point)
+            column += component.lifted.size
             done += 1
-            announce("fields", done / sum(map(len, every)))
+            announce("fields", done / sum(map(len, nodes_of_parts)))
         solver.release()
     return fields

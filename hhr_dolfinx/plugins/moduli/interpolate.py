@@ -93,9 +93,14 @@ class ProblemComponent:
 
 
 def points_of(space: ParameterSpace, axes: np.ndarray, scaled: np.ndarray) -> np.ndarray:
-    """Points of a box, (n, P), from coordinates along some axes in [-1, 1]^d, (n, d).
+    """Points of a box, (n, P), from scaled coordinates along some axes.
 
-    The others are in its middle.
+    The other parameters are in the middle of the box.
+
+    Args:
+        space: the box.
+        axes: indices of the parameters that change, (d,).
+        scaled: coordinates along them in [-1, 1]^d, (n, d).
     """
     lower, upper = np.array([space.lower, space.upper])[:, axes]
     points = np.repeat(space.middle[None], len(scaled), axis=0)
@@ -113,65 +118,87 @@ def grown(
 ) -> tuple[GrownGrid, dict[str, np.ndarray]]:
     """Interpolate arrays by name over some parameters; the others stay in the middle of the box.
 
-    ``round_off`` has norms of arrays, by name, below which nothing but round-off may be left of
-    them. If the arrays are the compliance of a ``part``, its formulas are compared with the grid at
-    thousands of points. Returns the grid and the modes of each array, in its shape with the modes
-    along the last axis. The grid has no copy of the modes of a part, which may be large.
+    Args:
+        solved: returns the arrays by name at a point, (P,).
+        space: the box.
+        axes: indices of the parameters of the interpolation.
+        settings: targets of the grid.
+        part: the component whose compliance the arrays are, if they are one: its formulas are
+            compared with the grid at thousands of points.
+        round_off: norms of arrays, by name, below which nothing but round-off may be left of them.
+
+    Returns:
+        The grid, and the modes of each array, in its shape with the modes along the last axis. The
+        grid has no copy of the modes of a part, which may be large.
     """
     axes = np.asarray(axes, dtype=np.int64)
     if not axes.size:
         return _alone(solved, space, part)
     lower, upper = np.array([space.lower, space.upper], dtype=float)
-    known = {
+    solved_points = {
         point.tobytes(): solved(point) for point in typical(space, axes)
     }  # the growth evaluates them too
-    shapes = {name: np.shape(part) for name, part in next(iter(known.values())).items()}
-    sizes = {name: size_in_box([found[name] for found in known.values()]) for name in shapes}
+    shapes = {name: np.shape(array) for name, array in next(iter(solved_points.values())).items()}
+    sizes = {
+        name: size_in_box([arrays[name] for arrays in solved_points.values()]) for name in shapes
+    }
     sizes |= {name: max(sizes[name], size) for name, size in (round_off or {}).items()}
 
     def joined(values: np.ndarray) -> np.ndarray:
         """Concatenate all arrays, relative to their sizes: else a large one would dominate."""
         point = space.middle
         point[axes] = values
-        found = known.pop(point.tobytes(), None) or solved(point)
-        return np.concatenate([np.ravel(part) / sizes[name] for name, part in found.items()])
+        arrays = solved_points.pop(point.tobytes(), None) or solved(point)
+        return np.concatenate([np.ravel(array) / sizes[name] for name, array in arrays.items()])
 
     def scale(values: np.ndarray) -> float:
         """Largest of the parts."""
         return max(
-            (float(np.linalg.norm(part)) for part in unstacked(values, shapes.values())),
+            (float(np.linalg.norm(block)) for block in unstacked(values, shapes.values())),
             default=0.0,
         )
 
     box = (axes, lower[axes], upper[axes])
-    how = (settings.tolerance, settings.budget)
+    limits = (settings.tolerance, settings.budget)
     formulas = None if part is None else FormulaGrid(part, space).error
-    kept = settings.compressed
+    compressed = settings.compressed
     grid = grow(
-        joined, scale, box, *how, compressed=kept, least=settings.least, everywhere=formulas
+        joined,
+        scale,
+        box,
+        *limits,
+        compressed=compressed,
+        least=settings.least,
+        everywhere=formulas,
     )
-    grid = replace(grid, evaluations=grid.evaluations + len(known))
+    grid = replace(grid, evaluations=grid.evaluations + len(solved_points))
     modes = grid.interpolant.modes
     modes *= np.repeat(list(sizes.values()), [math.prod(shape) for shape in shapes.values()])[
         :, None
     ]
-    parts = dict(zip(shapes, unstacked(modes, shapes.values()), strict=True))
+    mode_arrays = dict(zip(shapes, unstacked(modes, shapes.values()), strict=True))
     if part is not None:
         grid = replace(
             grid, interpolant=replace(grid.interpolant, modes=np.zeros((0, modes.shape[1])))
         )
-    return grid, parts
+    return grid, mode_arrays
 
 
 def round_off_of_gaps(problem: ContactProblem) -> float:
-    """Norm of gaps below which they may be round-off of coordinates, as where surfaces stay flush
-    in every shape.
+    """Norm of gaps below which they may be round-off of coordinates.
+
+    Gaps of surfaces that stay flush in every shape are.
     """
     return CLOSED_GAP * float(np.ptp(problem.points, axis=0).max()) * math.sqrt(len(problem.gaps))
 
 
 def typical(space: ParameterSpace, axes: np.ndarray) -> np.ndarray:
-    """The middle of a box and random points along some axes of it, (n, P)."""
+    """The middle of a box and random points along some axes of it, (n, P).
+
+    Args:
+        space: the box.
+        axes: indices of the parameters that change, (d,).
+    """
     return points_of(space, axes, np.vstack([np.zeros(axes.size), probes_of(axes.size)]))
 
 
@@ -182,8 +209,8 @@ def size_in_box(values: Sequence[np.ndarray | float]) -> float:
     smaller norm of the random points stands for the box: the largest may be that of a corner where
     a body is soft.
     """
-    middle, *others = (float(np.linalg.norm(value)) for value in values)
-    return max(middle, min(others)) or 1.0
+    middle, *random_norms = (float(np.linalg.norm(value)) for value in values)
+    return max(middle, min(random_norms)) or 1.0
 
 
 def _alone(
@@ -196,14 +223,14 @@ def _alone(
     Those of a part may be large, and are not stacked.
     """
     none = np.zeros(0)
-    parts = {name: values[..., None] for name, values in solved(space.middle).items()}
+    arrays = {name: values[..., None] for name, values in solved(space.middle).items()}
     levels = np.zeros((1, 0), dtype=np.int64)
-    stacked = [values.reshape(-1, 1) for values in parts.values()] if part is None else []
+    stacked = [values.reshape(-1, 1) for values in arrays.values()] if part is None else []
     modes = np.asfortranarray(np.concatenate([np.zeros((0, 1)), *stacked]))
     interpolant = Interpolant(none.astype(np.int64), none, none, levels, modes, np.ones((1, 1)))
     return GrownGrid(
         interpolant, 0.0, 1, 0.0 if part is None else FormulaGrid(part, space).error(levels)
-    ), parts
+    ), arrays
 
 
 def compliance_of(
@@ -212,8 +239,14 @@ def compliance_of(
     modes: dict[str, np.ndarray],
     unknowns: np.ndarray | None,
 ) -> Compliance:
-    """Compliance of a part, from modes of ``schur`` (m, m), ``columns`` (T, m), ``pushed`` (n, m),
-    ``free`` (T, n).
+    """Compliance of a component from its interpolated arrays.
+
+    Args:
+        part: conditions, terms and modulus of the component.
+        grid: its interpolation.
+        modes: modes of ``schur`` (m, m), ``columns`` (T, m) and, with unknowns, ``pushed`` (n, m)
+            and ``free`` (T, n).
+        unknowns: indices of its unknowns, (n,); None if it has no modes of them.
     """
     rank = len(grid.interpolant.weights)
     schur = np.asfortranarray(modes["schur"].reshape(-1, rank))
@@ -246,14 +279,14 @@ class FormulaGrid:
         """
         if not self.part.moduli or not len(self._points_along):
             return 0.0
-        known = self._inverses(points_of(self.space, self.part.axes, nodes_of(levels)))
+        at_nodes = self._inverses(points_of(self.space, self.part.axes, nodes_of(levels)))
         exact = self._exact
-        if not (np.isfinite(known).all() and np.isfinite(exact).all()):
+        if not (np.isfinite(at_nodes).all() and np.isfinite(exact).all()):
             return np.inf
         lower, upper = np.array([self.space.lower, self.space.upper])[:, self.part.axes]
         scaled = 2 * (self._points_along[:, self.part.axes] - lower) / (upper - lower) - 1
-        left = values_between(levels, known, scaled) - exact
-        return float((np.abs(left).max(axis=0) / np.abs(exact).max(axis=0)).max(initial=0.0))
+        errors = values_between(levels, at_nodes, scaled) - exact
+        return float((np.abs(errors).max(axis=0) / np.abs(exact).max(axis=0)).max(initial=0.0))
 
     @cached_property
     def _points_along(self) -> np.ndarray:
@@ -285,8 +318,8 @@ class FormulaGrid:
         shares = [np.ones(count) / count]
         for mixed in MIXED if count > 1 else ():
             shares += list(mixed / (count - 1) * (1 - np.eye(count)) + (1 - mixed) * np.eye(count))
-        found = (np.array(shares) / np.abs(weights).max(axis=0)).T
-        return found[:, ~(weights @ found <= 0).any(axis=0)]
+        scaled = (np.array(shares) / np.abs(weights).max(axis=0)).T
+        return scaled[:, ~(weights @ scaled <= 0).any(axis=0)]
 
     def _inverses(self, points: np.ndarray) -> np.ndarray:
         """f_κ at points, (n, P): (n, k)."""

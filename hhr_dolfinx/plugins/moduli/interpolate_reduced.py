@@ -46,22 +46,31 @@ SHAPE_GRID = GridSettings(2e-5, 200)
 def interpolated_reduction(
     problem: ReducedProblem, amplitudes: Amplitudes, space: ParameterSpace
 ) -> Compliances | None:
-    """Interpolate the elimination of gamma.
+    """Interpolate the elimination of γ.
 
     None if it is not smooth and K~ should be factored for each query.
+
+    Args:
+        problem: the reduced problem.
+        amplitudes: θ as a function of the parameters.
+        space: the box of the parameters.
     """
-    parts = []
+    compliances = []
     for block in blocks_of(problem):
         assert problem.terms is not None
-        part = _part(problem.terms, block, space)
+        component = _part(problem.terms, block, space)
         grid, modes = grown(
-            partial(_solved, problem.terms, block, part), space, part.axes, REDUCED_GRID, part
+            partial(_solved, problem.terms, block, component),
+            space,
+            component.axes,
+            REDUCED_GRID,
+            component,
         )
         if grid.surplus > REDUCED_GRID.tolerance:
             return None
-        parts.append(compliance_of(part, grid, modes, block.modes))
+        compliances.append(compliance_of(component, grid, modes, block.modes))
     size = len(problem.stiffness)
-    return Compliances(tuple(parts), amplitudes, problem.gaps, None, size, symmetric=False)
+    return Compliances(tuple(compliances), amplitudes, problem.gaps, None, size, symmetric=False)
 
 
 def _part(terms: ReducedTerms, block: ModeBlock, space: ParameterSpace) -> ProblemComponent:
@@ -103,11 +112,17 @@ def interpolated_problem(
     sets_at: Callable[[ContactProblem], IndexSets],
     settings: GridSettings,
 ) -> tuple[InterpolatedProblem, float]:
-    """Interpolate a projected problem over the parameters of a shape, with the surplus of the terms
-    tried last.
+    """Interpolate a projected problem over the parameters of a shape.
 
-    ``sets_at`` returns the index sets for the problem of a shape, whose surfaces may face each
-    other elsewhere.
+    Args:
+        problem: the contact problem, reshaped by parameters.
+        basis: V, (N, ell).
+        sets_at: index sets for the problem of a shape, whose surfaces may face each other
+            elsewhere.
+        settings: targets of the grid.
+
+    Returns:
+        The interpolated problem, and the surplus of the terms tried last.
     """
     reshaped = problem.reshaped
     assert reshaped is not None
@@ -117,9 +132,9 @@ def interpolated_problem(
         reduced = project(replace(there, kernel=None), basis, sets_at(there))
         if reduced.terms is not None:
             return reduced, reduced.terms
-        one = Modulus("1", "1", problem.parameters.names)
+        unit_modulus = Modulus("1", "1", problem.parameters.names)
         lifts = np.zeros((1, *reduced.loads.shape))
-        return reduced, ReducedTerms(reduced.stiffness[None], lifts, reduced.loads, (one,))
+        return reduced, ReducedTerms(reduced.stiffness[None], lifts, reduced.loads, (unit_modulus,))
 
     def solved(point: np.ndarray) -> dict[str, np.ndarray]:
         reduced, terms = terms_of(reshaped(point))
@@ -142,7 +157,7 @@ def interpolated_problem(
     )
     closed = {"gaps": round_off_of_gaps(problem)}
     grid, modes = grown(solved, problem.parameters, reshaped.axes, settings, round_off=closed)
-    shapes = tuple(part.shape[:-1] for part in modes.values())
+    shapes = tuple(array.shape[:-1] for array in modes.values())
     return InterpolatedProblem(
         base.pairs, terms.moduli, sizes, grid.interpolant, shapes
     ), grid.surplus
@@ -154,11 +169,16 @@ def whole_problem(
     """Galerkin projection on the whole mesh, with all conditions among its rows.
 
     Interpolated between shapes.
+
+    Args:
+        problem: the contact problem.
+        basis: V, (N, ell).
+        settings: targets of the grid between shapes.
     """
-    every = np.flatnonzero(problem.free)
+    dofs = np.flatnonzero(problem.free)
     conditions = np.arange(len(problem.gaps))
     cells = np.arange(len(problem.cell_nodes))
-    sets = IndexSets(cells, every, conditions, every, every, np.zeros(0, dtype=np.int64))
+    sets = IndexSets(cells, dofs, conditions, dofs, dofs, np.zeros(0, dtype=np.int64))
     if problem.reshaped is None:
         return project(problem, basis, sets)
     return interpolated_problem(problem, basis, lambda there: sets, settings)[0]
@@ -176,8 +196,10 @@ def interpolate(draft: Draft) -> None:
             log.skip("interpolation", "contact alone holds bodies: K~ is factored for each query")
             return
         if model.law.remembers:
-            why = f"contact with {model.law.name}: K~ is factored once for all increments of a path"
-            log.skip("interpolation", why)
+            reason = (
+                f"contact with {model.law.name}: K~ is factored once for all increments of a path"
+            )
+            log.skip("interpolation", reason)
             return
         compliances = interpolated_reduction(
             model.problem, model.fields.amplitudes, model.parameters
@@ -189,5 +211,5 @@ def interpolate(draft: Draft) -> None:
             )
             return
         assert model.known is not None  # true for elastic bodies
-        known = linear_starts(compliances, model.known.points, model.problem.pairs)
-        draft.model = model.changed(compliances=compliances, known=known)
+        starts = linear_starts(compliances, model.known.points, model.problem.pairs)
+        draft.model = model.changed(compliances=compliances, known=starts)

@@ -33,7 +33,9 @@ from hhr_dolfinx.plugins.moduli.known_forces import KnownForces
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Scalar
+    from hhr_dolfinx.models.condensed import CondensedModel
     from hhr_dolfinx.models.functionals.functional import AllOutputs
+    from hhr_dolfinx.models.many import ManyAnswers
     from hhr_dolfinx.plugins.moduli.shaped import ReshapedElimination
 
 
@@ -83,9 +85,7 @@ class Compliance:
 
     @cached_property
     def where(self) -> slice | np.ndarray:
-        """Its conditions, as a slice if they are contiguous: adding there is several times as
-        fast.
-        """
+        """Its conditions, as a slice if they are contiguous, which is several times as fast."""
         first = self.conditions[0]
         last = self.conditions[-1]
         return (
@@ -107,8 +107,9 @@ class Compliance:
         return np.concatenate([self.forced, self.lifted])
 
     def compliance(self, point: np.ndarray) -> float:
-        """1 / E, which is positive wherever amplitudes are evaluated, see
-        :class:`~hhr_dolfinx.amplitudes.Limits`.
+        """1 / E, which is positive wherever amplitudes are evaluated.
+
+        See :class:`~hhr_dolfinx.amplitudes.Limits`.
         """
         return 1.0 if self.factor is None else 1.0 / self.factor.value(point)
 
@@ -134,6 +135,12 @@ class Compliance:
         """Columns of F minus those of K lift.
 
         Load terms scale with 1/E; terms of imposed displacements do not.
+
+        Args:
+            columns: columns of F, then of K lift, (T, rows, r).
+            along: components along the modes, (r,).
+            theta: θ, (1 + T,).
+            compliance: 1 / E.
         """
         weights = theta[self.terms]
         weights[: self.forced.size] *= compliance
@@ -145,15 +152,21 @@ class Compliance:
     def load_responses(
         self, along: np.ndarray, theta: np.ndarray, compliances: np.ndarray
     ) -> np.ndarray:
-        """The same of its columns at many points, from (n, r), (n, 1 + T) and (n,): (n, m_c)."""
+        """Load responses of its columns at many points, (n, m_c).
+
+        Args:
+            along: components along the modes, (n, r).
+            theta: θ, (n, 1 + T).
+            compliances: 1 / E of each point, (n,).
+        """
         weights = theta[:, self.terms]
         weights[:, : self.forced.size] *= compliances[:, None]
         weights[:, self.forced.size :] *= -1.0
-        found = np.zeros((len(theta), self.conditions.size))
+        responses = np.zeros((len(theta), self.conditions.size))
         for term in np.flatnonzero(weights.any(axis=0)):
             rows = np.flatnonzero(weights[:, term])
-            found[rows] += weights[rows, term, None] * (along[rows] @ self.columns[term].T)
-        return found
+            responses[rows] += weights[rows, term, None] * (along[rows] @ self.columns[term].T)
+        return responses
 
     def load_response_slopes(
         self,
@@ -163,10 +176,14 @@ class Compliance:
         changes: np.ndarray,
         factor: Factored,
     ) -> np.ndarray:
-        """Derivatives of what :meth:`load_response` returns along the parameters, (rows, P).
+        """Derivatives of :meth:`load_response` along the parameters, (rows, P).
 
-        ``ways``: components along the modes and their derivatives along the axes, (r, 1 + d);
-        ``changes``: those of θ.
+        Args:
+            columns: columns of F, then of K lift, (T, rows, r).
+            ways: components along the modes and their derivatives along the axes, (r, 1 + d).
+            theta: θ, (1 + T,).
+            changes: derivatives of θ, (1 + T, P).
+            factor: 1 / E and its derivatives.
         """
         # terms that act or change; hundreds of others may do neither
         used = np.flatnonzero(theta[self.terms].astype(bool) | changes[self.terms].any(axis=1))
@@ -174,32 +191,37 @@ class Compliance:
         terms = self.terms[used]
         forced = used < self.forced.size
         scales = np.where(forced, factor.compliance, -1.0)
-        found = np.outer(values[:, 0] @ (theta[terms] * forced), factor.slopes)
-        found += values[:, 0] @ (scales[:, None] * changes[terms])
-        found[:, self.interpolant.axes] += values[:, 1:] @ (scales * theta[terms])
-        return found
+        slopes = np.outer(values[:, 0] @ (theta[terms] * forced), factor.slopes)
+        slopes += values[:, 0] @ (scales[:, None] * changes[terms])
+        slopes[:, self.interpolant.axes] += values[:, 1:] @ (scales * theta[terms])
+        return slopes
 
     def force_response_slopes(
         self, modes: np.ndarray, ways: np.ndarray, factor: Factored
     ) -> np.ndarray:
-        """Derivatives of the compliance times responses to forces along the modes, (rows, r):
-        (rows, P).
+        """Derivatives of the compliance times responses to forces, (rows, P).
+
+        Args:
+            modes: responses along the modes, (rows, r).
+            ways: components along the modes and their derivatives along the axes, (r, 1 + d).
+            factor: 1 / E and its derivatives.
         """
         along = modes @ ways
-        found = np.outer(along[:, 0], factor.slopes)
-        found[:, self.interpolant.axes] += factor.compliance * along[:, 1:]
-        return found
+        slopes = np.outer(along[:, 0], factor.slopes)
+        slopes[:, self.interpolant.axes] += factor.compliance * along[:, 1:]
+        return slopes
 
 
 def _check_places(part: Compliance, number: int, conditions: int, unknowns: int) -> None:
-    """Raise ValueError for indices out of ranges that no annotation declares, or arrays of other
-    sizes.
+    """Raise ValueError for indices out of their range, or arrays of other sizes.
+
+    No annotation declares these ranges.
     """
     named = {"conditions": (part.conditions, conditions)}
     if part.primal is not None:
         named["unknowns"] = part.primal.unknowns, unknowns
-    for name, (places, count) in named.items():
-        if places.ndim != 1 or (places.size and not 0 <= places.min() <= places.max() < count):
+    for name, (indices, count) in named.items():
+        if indices.ndim != 1 or (indices.size and not 0 <= indices.min() <= indices.max() < count):
             raise ValueError(f"{name} of part {number} must be places from 0 to {count - 1}")
     m = part.conditions.size
     rank = len(part.interpolant.weights)
@@ -244,12 +266,13 @@ class ManyContacts:
     def __getitem__(self, k: int) -> CondensedContact:
         """Contact problem at one of the points, for parts without modes of the unknown."""
         along, compliances = (
-            [values[k] for values in part] for part in (self.along, self.compliances)
+            [values[k] for values in values_of_components]
+            for values_of_components in (self.along, self.compliances)
         )
-        parts = list(zip(self.owner.parts, along, compliances, strict=True))
-        found = InterpolatedStiffness(self.schur[k], parts, self.owner.symmetric)
+        components = list(zip(self.owner.parts, along, compliances, strict=True))
+        stiffness = InterpolatedStiffness(self.schur[k], components, self.owner.symmetric)
         return self.owner.contact(
-            self.points[k], self.theta[k], found, self.free_slack[k], np.zeros(0)
+            self.points[k], self.theta[k], stiffness, self.free_slack[k], np.zeros(0)
         )
 
 
@@ -267,27 +290,27 @@ class Compliances(Elimination):
     symmetric: bool = True  #: whether S is symmetric
 
     def __post_init__(self) -> None:
-        """Refuse parts that do not fit these gaps, amplitudes and parameters; files may be
-        wrong.
-        """
-        for number, part in enumerate(self.parts):
-            _check_places(part, number, len(self.gaps), self.unknowns)
+        """Refuse parts that do not fit these gaps, amplitudes and parameters of a file."""
+        for number, component in enumerate(self.parts):
+            _check_places(component, number, len(self.gaps), self.unknowns)
 
     def __call__(
         self, point: np.ndarray, stiffness: InterpolatedStiffness | None = None
     ) -> CondensedContact:
         """Contact problem at a point, (P,); ``stiffness`` is S there if it is known."""
         theta = self.theta(point)  # first, since it refuses moduli that are impossible
-        found = self.stiffness(point) if stiffness is None else stiffness
+        answered = self.stiffness(point) if stiffness is None else stiffness
         slack = self.gaps_at(point) @ theta
         free = np.zeros(self.unknowns)
-        for part, along, compliance in found.parts:
-            slack[part.where] -= part.load_response(part.columns, along, theta, compliance)
-            if part.primal is not None:
-                free[part.primal.unknowns] = part.load_response(
-                    part.primal.columns, along, theta, compliance
+        for component, along, compliance in answered.parts:
+            slack[component.where] -= component.load_response(
+                component.columns, along, theta, compliance
+            )
+            if component.primal is not None:
+                free[component.primal.unknowns] = component.load_response(
+                    component.primal.columns, along, theta, compliance
                 )
-        return self.contact(point, theta, found, slack, free)
+        return self.contact(point, theta, answered, slack, free)
 
     def contact(
         self,
@@ -297,7 +320,15 @@ class Compliances(Elimination):
         slack: np.ndarray,
         free: np.ndarray,
     ) -> CondensedContact:
-        """Contact problem at a point, (P,), from θ, S, free slack, (m,), and free unknown there."""
+        """Contact problem at a point from its arrays.
+
+        Args:
+            point: parameters, (P,).
+            theta: θ there, (1 + T,).
+            found: S there.
+            slack: slack without contact forces, (m,).
+            free: unknown without contact forces, (ell,).
+        """
         respond = partial(self._compliance_times, found)
         changes = partial(self._changes, point, theta, found)
         return CondensedContact(
@@ -312,15 +343,20 @@ class Compliances(Elimination):
         theta = dense(self.amplitudes.of_many(points))
         slack = self.many_driven(points, theta)
         schur = np.zeros((len(points), *[len(self.gaps)] * 2))
-        along = [part.interpolant.many_along_modes(points) for part in self.parts]
-        compliances = [part.compliances(points) for part in self.parts]
-        for part, ways, sizes in zip(self.parts, along, compliances, strict=True):
-            schur[(slice(None), *part.block)] += part.schur(sizes[:, None] * ways)
-            slack[:, part.where] -= part.load_responses(ways, theta, sizes)
+        along = [component.interpolant.many_along_modes(points) for component in self.parts]
+        compliances = [component.compliances(points) for component in self.parts]
+        for component, ways, sizes in zip(self.parts, along, compliances, strict=True):
+            schur[(slice(None), *component.block)] += component.schur(sizes[:, None] * ways)
+            slack[:, component.where] -= component.load_responses(ways, theta, sizes)
         return ManyContacts(self, points, theta, along, compliances, schur, slack)
 
     def many_driven(self, points: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """D θ at many points from θ, (n, 1 + T): (n, m)."""
+        """D θ at many points, (n, m).
+
+        Args:
+            points: parameters, (n, P).
+            theta: θ, (n, 1 + T).
+        """
         if self.reshaped is None:
             return theta @ self.gaps.T
         gaps = self.reshaped.many_along_modes(points) @ self.reshaped.modes.T
@@ -338,27 +374,29 @@ class Compliances(Elimination):
     def stiffness(self, point: np.ndarray) -> InterpolatedStiffness:
         """S and its parts at a point, (P,)."""
         schur = np.zeros((len(self.gaps), len(self.gaps)))
-        found = []
-        for part in self.parts:
-            along = part.interpolant.along_modes(point)
-            compliance = part.compliance(point)
-            schur[part.block] += part.schur(compliance * along)
-            found.append((part, along, compliance))
-        return InterpolatedStiffness(schur, found, self.symmetric)
+        evaluated = []
+        for component in self.parts:
+            along = component.interpolant.along_modes(point)
+            compliance = component.compliance(point)
+            schur[component.block] += component.schur(compliance * along)
+            evaluated.append((component, along, compliance))
+        return InterpolatedStiffness(schur, evaluated, self.symmetric)
 
     def _compliance_times(self, stiffness: InterpolatedStiffness, forces: np.ndarray) -> np.ndarray:
         """K^-1 B^T times forces, (m,) or (m, k)."""
-        found = np.zeros((self.unknowns, *forces.shape[1:]))
-        for part, along, compliance in stiffness.parts:
-            if part.primal is not None and forces.ndim == 1:
-                found[part.primal.unknowns] = compliance * (
-                    along @ (part.primal.pushed @ forces[part.where])
+        response = np.zeros((self.unknowns, *forces.shape[1:]))
+        for component, along, compliance in stiffness.parts:
+            if component.primal is not None and forces.ndim == 1:
+                response[component.primal.unknowns] = compliance * (
+                    along @ (component.primal.pushed @ forces[component.where])
                 )
-            elif part.primal is not None:
+            elif component.primal is not None:
                 # one pass over the modes, not one for each column
-                per_force = np.tensordot(along, part.primal.pushed, 1)
-                found[part.primal.unknowns] = compliance * (per_force @ forces[part.where])
-        return found
+                per_force = np.tensordot(along, component.primal.pushed, 1)
+                response[component.primal.unknowns] = compliance * (
+                    per_force @ forces[component.where]
+                )
+        return response
 
     def _changes(
         self,
@@ -374,36 +412,41 @@ class Compliances(Elimination):
         changes = np.zeros((terms, point.size))
         changes[acting] = slopes
         slack = self.gaps_at(point) @ changes
-        found = np.zeros((self.unknowns, point.size))
+        unknown_changes = np.zeros((self.unknowns, point.size))
         if self.reshaped is not None:
             gaps = self.reshaped.modes @ self.reshaped.slopes_along_modes(point)
             for axis, column in zip(self.reshaped.axes, gaps.T, strict=True):
                 slack[:, axis] += column.reshape(size, terms) @ theta
-        for part, along, _compliance in stiffness.parts:
-            factor = part.factored(point)
-            own = forces[part.where]
-            ways = np.column_stack([along, part.interpolant.slopes_along_modes(point)])
+        for component, along, _compliance in stiffness.parts:
+            factor = component.factored(point)
+            forces_of_part = forces[component.where]
+            ways = np.column_stack([along, component.interpolant.slopes_along_modes(point)])
             # S_c forces of every mode, so that no derivative forms S_c
-            schur_forces = (part.interpolant.modes.T.reshape(-1, own.size, own.size) @ own).T
-            slack[part.where] += part.force_response_slopes(schur_forces, ways, factor)
-            slack[part.where] -= part.load_response_slopes(
-                part.columns, ways, theta, changes, factor
+            schur_forces = (
+                component.interpolant.modes.T.reshape(-1, forces_of_part.size, forces_of_part.size)
+                @ forces_of_part
+            ).T
+            slack[component.where] += component.force_response_slopes(schur_forces, ways, factor)
+            slack[component.where] -= component.load_response_slopes(
+                component.columns, ways, theta, changes, factor
             )
-            if part.primal is not None:
-                free = part.load_response_slopes(part.primal.columns, ways, theta, changes, factor)
-                forced = part.force_response_slopes((part.primal.pushed @ own).T, ways, factor)
-                found[part.primal.unknowns] = free - forced
-        return slack, found
+            if component.primal is not None:
+                free = component.load_response_slopes(
+                    component.primal.columns, ways, theta, changes, factor
+                )
+                forced = component.force_response_slopes(
+                    (component.primal.pushed @ forces_of_part).T, ways, factor
+                )
+                unknown_changes[component.primal.unknowns] = free - forced
+        return slack, unknown_changes
 
     @cached_property
     def stiffness_axes(self) -> np.ndarray:
         """Indices of the parameters that S depends on."""
-        factors = [part.factor for part in self.parts if part.factor is not None]
-        places = [
-            factor.names.index(name) for factor in factors for name in factor.formula.variables
-        ]
-        places += [axis for part in self.parts for axis in part.interpolant.axes.tolist()]
-        return np.unique(np.array(places, dtype=np.int64))
+        factors = [component.factor for component in self.parts if component.factor is not None]
+        axes = [factor.names.index(name) for factor in factors for name in factor.formula.variables]
+        axes += [axis for component in self.parts for axis in component.interpolant.axes.tolist()]
+        return np.unique(np.array(axes, dtype=np.int64))
 
     def along_path(self) -> Callable[[np.ndarray], CondensedContact]:
         """Elimination along a path: neighbours of equal stiffness share S."""
@@ -419,8 +462,15 @@ class Compliances(Elimination):
         return made
 
     def answers(self, model: Any, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
-        """Answers; neighbours of equal stiffness share S and factors, else S of many points is
-        computed at once.
+        """Answers to many parameters.
+
+        Neighbours of equal stiffness share S and factors, else S of many points is computed at
+        once.
+
+        Args:
+            model: the model that answers.
+            points: parameters, (n, P).
+            raise_on_failure: raise an error for a point without a solution.
         """
         from hhr_dolfinx.models.many import ManyAnswers
 
@@ -428,9 +478,9 @@ class Compliances(Elimination):
         changes = (points[1:, self.stiffness_axes] != points[:-1, self.stiffness_axes]).any(axis=1)
         alike = bool(changes.mean() < NEW_STIFFNESS_SHARE) if len(points) > 1 else True
         if alike or self.unknowns:
-            made = self.along_path()
+            contact_at = self.along_path()
             for point in points:
-                answers.append(self._answer(model, point, made, raise_on_failure))
+                answers.append(self._answer(model, point, contact_at, raise_on_failure))
             return ManyAnswers.of(answers, model.fields)
         for block in np.array_split(points, -(-len(points) // self.together)):
             try:
@@ -449,7 +499,7 @@ class Compliances(Elimination):
 
     def _answer(
         self,
-        model: Any,
+        model: CondensedModel,
         point: np.ndarray,
         made: Callable[[np.ndarray], CondensedContact],
         raise_on_failure: bool,
@@ -476,13 +526,20 @@ class FieldBound(Bound, Protocol):
     """Bound for fields that solve a reduced problem, which it has."""
 
     def slack_of(self, unknown: np.ndarray, points: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """Slack of fields from unknowns, (n, ell), at points, (n, P), and θ, (n, 1 + T): (n, m)."""
+        """Slack of fields, (n, m).
+
+        Args:
+            unknown: unknowns of the fields, (n, ell).
+            points: parameters, (n, P).
+            theta: θ, (n, 1 + T).
+        """
 
 
 @dataclass(frozen=True)
 class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
-    """Fields of interpolated condensation: by Galerkin's method on a basis, the best in energy
-    under given forces.
+    """Fields of interpolated condensation, by Galerkin's method on a basis.
+
+    They are the best in energy under given forces.
     """
 
     amplitudes: Amplitudes  #: θ as a function of the parameters
@@ -511,7 +568,7 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
             return None
         return self._estimated(self.bound, answer.parameter[None], answer.multipliers[None])[0]
 
-    def estimates(self, many: Any) -> Estimates | None:
+    def estimates(self, many: ManyAnswers) -> Estimates | None:
         """Bounds of many answers, as many at once as memory allows."""
         bound = self.bound
         if bound is None:

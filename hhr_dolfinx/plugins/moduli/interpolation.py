@@ -41,8 +41,9 @@ Two random places miss the corners of a box.
 
 @cache
 def leja_points() -> tuple[float, ...]:
-    """Leja points of [-1, 1]: 0, and then always where the product of distances to those before is
-    largest.
+    """Leja points of [-1, 1]: each one is farthest from those before, by the product of distances.
+
+    The first is 0.
     """
     candidates = np.cos(np.linspace(0, np.pi, 20_001))
     points = [0.0]
@@ -86,8 +87,9 @@ class Interpolant:
 
     @cached_property
     def _bases(self) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes and denominators of the polynomials along an axis, up to the largest level, (L,)
-        each.
+        """Nodes and denominators of the polynomials along an axis, (L,) each.
+
+        They go up to the largest level.
         """
         return _bases_up_to(int(self.levels.max(initial=0)))
 
@@ -116,13 +118,20 @@ class Interpolant:
 
     @property
     def nodes(self) -> np.ndarray:
-        """Coordinates along its axes at which the function was evaluated, in the order of the
-        polynomials, (n, d).
+        """Coordinates along its axes at which the function was evaluated, (n, d).
+
+        They are in the order of the polynomials.
         """
         return self.lower + (nodes_of(self.levels) + 1) / 2 * (self.upper - self.lower)
 
     def polynomials(self, point: np.ndarray, derived: int = -1) -> np.ndarray:
-        """All polynomials at a point, (n,), or their derivatives along one of the axes."""
+        """All polynomials at a point, (n,), or their derivatives along one of the axes.
+
+        Args:
+            point: parameters, (P,).
+            derived: index of the axis along which all polynomials are differentiated; -1 for
+                values.
+        """
         product = np.ones(len(self.levels))
         scaled = 2 * (point[self.axes] - self.lower) / (self.upper - self.lower) - 1
         for axis, x in enumerate(scaled):
@@ -150,15 +159,20 @@ def _one_dimensional(
 
 
 def polynomials_of(levels: np.ndarray, scaled: np.ndarray) -> np.ndarray:
-    """Polynomials of given levels, (n, d), at places of [-1, 1]^d, (k, d): (k, n)."""
-    found = np.ones((len(scaled), len(levels)))
+    """Polynomials at points of [-1, 1]^d, (k, n).
+
+    Args:
+        levels: level of each polynomial along each axis, (n, d).
+        scaled: points in [-1, 1]^d, (k, d).
+    """
+    products = np.ones((len(scaled), len(levels)))
     for x, along in zip(scaled.T, levels.T, strict=True):
         nodes, sizes = _bases_up_to(int(along.max(initial=0)))
         table = np.ones((len(nodes), len(x)))
         for k, node in enumerate(nodes[:-1]):
             table[k + 1] = table[k] * (x - node)
-        found *= (table / sizes[:, None])[along].T
-    return found
+        products *= (table / sizes[:, None])[along].T
+    return products
 
 
 def nodes_of(levels: np.ndarray) -> np.ndarray:
@@ -167,8 +181,12 @@ def nodes_of(levels: np.ndarray) -> np.ndarray:
 
 
 def values_between(levels: np.ndarray, known: np.ndarray, scaled: np.ndarray) -> np.ndarray:
-    """Values at places of [-1, 1]^d, (k, d), of the interpolation of those at the nodes of levels,
-    (n, v): (k, v).
+    """Values of the interpolation at points of [-1, 1]^d, (k, v).
+
+    Args:
+        levels: levels of the polynomials, (n, d).
+        known: values at the nodes of these levels, (n, v).
+        scaled: points in [-1, 1]^d, (k, d).
     """
     # each polynomial vanishes at the nodes before its node
     surpluses = solve_triangular(polynomials_of(levels, nodes_of(levels)), known, lower=True)
@@ -176,20 +194,27 @@ def values_between(levels: np.ndarray, known: np.ndarray, scaled: np.ndarray) ->
 
 
 def unstacked(values: np.ndarray, shapes: Iterable[tuple[int, ...]]) -> list[np.ndarray]:
-    """Views of arrays that were stacked row by row, in their shapes followed by the other axes of
-    ``values``.
+    """Views of arrays that were stacked row by row.
+
+    Args:
+        values: the stacked rows, (rows, ...).
+        shapes: shapes of the arrays, each without the further axes of ``values``.
+
+    Returns:
+        The arrays, in their shapes followed by the further axes of ``values``.
     """
     shapes = list(shapes)
-    parts = np.split(values, np.cumsum([math.prod(shape) for shape in shapes]))
+    blocks = np.split(values, np.cumsum([math.prod(shape) for shape in shapes]))
     return [
-        part.reshape((*shape, *values.shape[1:]))
-        for part, shape in zip(parts, shapes, strict=False)
+        block.reshape((*shape, *values.shape[1:]))
+        for block, shape in zip(blocks, shapes, strict=False)
     ]
 
 
 def probes_of(dimension: int) -> np.ndarray:
-    """Random places of [-1, 1]^d, (n, d), at which no function of interest vanishes unless it is
-    zero.
+    """Random points of [-1, 1]^d, (n, d).
+
+    No function of interest vanishes there unless it is zero.
     """
     return np.random.default_rng(0).uniform(-1, 1, (RANDOM_WEIGHTS, dimension))
 
@@ -263,8 +288,10 @@ def grow(
     grown = Interpolant(axes, lower, upper, growing.levels, modes, weights)
     # if the budget ends the growth, the next terms are unknown; the surplus of the last one stands
     # for them
-    left = max(*growing.ended, *growing.waiting.values(), missed, last) if axes.size else 0.0
-    return GrownGrid(grown, left, len(order) + len(growing.probes), unresolved())
+    final_surplus = (
+        max(*growing.ended, *growing.waiting.values(), missed, last) if axes.size else 0.0
+    )
+    return GrownGrid(grown, final_surplus, len(order) + len(growing.probes), unresolved())
 
 
 @dataclass
@@ -296,9 +323,7 @@ class _Growing:
         return np.array(self.order, dtype=np.int64).reshape(len(self.order), len(self.lower))
 
     def next(self) -> tuple[int, ...]:
-        """The next term: first the levels that are always included, then the term of the largest
-        surplus.
-        """
+        """The next term: first the levels that are always included, then by the largest surplus."""
         early = [levels for levels in self.waiting if self.is_early(levels)]
         return early[0] if early else max(self.waiting, key=self.waiting.__getitem__)
 
@@ -308,7 +333,12 @@ class _Growing:
         return sum(levels) < FIRST_LEVELS and int(np.count_nonzero(levels)) <= 1
 
     def follow(self, chosen: tuple[int, ...], budget: int) -> float:
-        """Try the successors of a term; returns its surplus."""
+        """Try the successors of a term, and return its surplus.
+
+        Args:
+            chosen: levels of the term, which is no longer waiting.
+            budget: most terms.
+        """
         surplus = self.waiting.pop(chosen)
         for axis in range(len(chosen)):
             after = (*chosen[:axis], chosen[axis] + 1, *chosen[axis + 1 :])
@@ -323,23 +353,26 @@ class _Growing:
 
         The list is emptied, since it may take half of the memory.
         """
-        found = np.empty((self.surpluses[0].size, len(self.surpluses)), order="F")
-        for place in range(len(self.surpluses)):
-            found[:, place] = self.surpluses[place]
-            self.surpluses[place] = np.zeros(0)
-        return found
+        columns = np.empty((self.surpluses[0].size, len(self.surpluses)), order="F")
+        for index in range(len(self.surpluses)):
+            columns[:, index] = self.surpluses[index]
+            self.surpluses[index] = np.zeros(0)
+        return columns
 
     def off(self) -> float:
         """Largest error at random places: a term that vanishes at its node hides its successors."""
         if not self.probes and len(self.lower):
-            self.probes = [(place, self._at(place)) for place in probes_of(len(self.lower))]
+            self.probes = [
+                (position, self._at(position)) for position in probes_of(len(self.lower))
+            ]
         return max(
-            (self.scale(self._left(value, place)) for place, value in self.probes), default=0.0
+            (self.scale(self._left(value, position)) for position, value in self.probes),
+            default=0.0,
         )
 
     def _try(self, levels: tuple[int, ...]) -> None:
-        place = nodes_of(np.array(levels, dtype=np.int64))
-        surplus = self._left(self._at(place), place)
+        node = nodes_of(np.array(levels, dtype=np.int64))
+        surplus = self._left(self._at(node), node)
         self.order.append(levels)
         self.surpluses.append(surplus)
         self.waiting[levels] = self.scale(surplus)
@@ -367,8 +400,9 @@ def _admissible(levels: tuple[int, ...], order: list[tuple[int, ...]]) -> bool:
 
 
 def _compressed(values: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
-    """Few directions for all columns; the rest is less than ``tolerance`` of the largest singular
-    value.
+    """Few directions for all columns.
+
+    The remainder is less than ``tolerance`` of the largest singular value.
     """
     modes, sizes, weights = svd(values, full_matrices=False, overwrite_a=True)
     rank = max(1, int((sizes > tolerance * sizes[0]).sum()))

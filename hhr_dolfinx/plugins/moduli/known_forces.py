@@ -34,39 +34,49 @@ class KnownForces(BlockElimination):
     """
 
     def under(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        """The unknown, (ell,), at a point under given forces, (m,), without S.
+        """The unknown, (ell,), under given contact forces, without S.
 
-        SingularError for a singular K~.
+        Args:
+            point: parameters, (P,).
+            forces: contact forces, (m,).
+
+        Raises:
+            SingularError: if K~ is singular.
         """
         weights, loads = self._weights_and_loads(point)
-        found = np.empty(loads.size)
+        unknown = np.empty(loads.size)
         for block, diagonal in zip(self.blocks, self._diagonal, strict=True):
             right = loads[block.modes] - block.test @ forces
-            own = weights[block.parts]
+            block_weights = weights[block.parts]
             solved = (
-                dgetrs(*factored(block, own), right)[0]
+                dgetrs(*factored(block, block_weights), right)[0]
                 if diagonal is None
-                else diagonal.solved(own, right)
+                else diagonal.solved(block_weights, right)
             )
-            found[block.modes] = solved
-        return found
+            unknown[block.modes] = solved
+        return unknown
 
     def many_under(self, points: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        """The unknowns, (n, ell), at many points, (n, P), under the forces of each, (n, m)."""
+        """The unknowns, (n, ell), at many points.
+
+        Args:
+            points: parameters, (n, P).
+            forces: contact forces at each point, (n, m).
+        """
         if None in self._diagonal:
-            return np.array([self.under(*one) for one in zip(points, forces, strict=True)])
+            return np.array([self.under(*query) for query in zip(points, forces, strict=True)])
         theta = dense(self.amplitudes.of_many(points))
         weights = many_weights(self._terms.moduli, points)
         loads = theta @ self._forces.T
         if self._lifts is not None:
-            for part, lift in zip(weights.T, self._lifts, strict=True):
-                loads -= part[:, None] * (theta @ lift.T)
-        found = np.empty(loads.shape)
+            for weight, lift in zip(weights.T, self._lifts, strict=True):
+                loads -= weight[:, None] * (theta @ lift.T)
+        unknowns = np.empty(loads.shape)
         for block, diagonal in zip(self.blocks, self._diagonal, strict=True):
             assert diagonal is not None
             right = loads[:, block.modes] - forces @ block.test.T
-            found[:, block.modes] = diagonal.solved(weights[:, block.parts], right)
-        return found
+            unknowns[:, block.modes] = diagonal.solved(weights[:, block.parts], right)
+        return unknowns
 
     @cached_property
     def _diagonal(self) -> list[DiagonalBlock | None]:
@@ -87,32 +97,43 @@ class DiagonalBlock:
 
     @classmethod
     def of(cls, block: ModeBlock) -> DiagonalBlock | None:
-        """Diagonal form of a block; None if it has more than two parts, or is not symmetric and
-        definite.
+        """Diagonal form of a block.
+
+        None if it has more than two parts, or is not symmetric and definite.
         """
         size = block.modes.size
-        parts = block.entries.reshape(-1, size, size)
-        largest = np.abs(parts).max(axis=(1, 2), initial=0.0)
-        skew = np.abs(parts - parts.transpose(0, 2, 1)).max(axis=(1, 2), initial=0.0)
-        if not 0 < len(parts) < 3 or (skew > SYMMETRIC_PARTS * largest).any():
+        matrices = block.entries.reshape(-1, size, size)
+        largest = np.abs(matrices).max(axis=(1, 2), initial=0.0)
+        skew = np.abs(matrices - matrices.transpose(0, 2, 1)).max(axis=(1, 2), initial=0.0)
+        if not 0 < len(matrices) < 3 or (skew > SYMMETRIC_PARTS * largest).any():
             return None
-        total = np.tensordot(1 / largest, parts, 1)
+        total = np.tensordot(1 / largest, matrices, 1)
         try:
             sizes = eigh(total, eigvals_only=True)
             if not sizes[0] > DEFINITE * sizes[-1]:
                 return None
-            _, modes = eigh(parts[0], total)
+            _, modes = eigh(matrices[0], total)
         except LinAlgError:
             return None
-        return cls(modes, np.array([np.sum(modes * (part @ modes), axis=0) for part in parts]))
+        return cls(
+            modes, np.array([np.sum(modes * (matrix @ modes), axis=0) for matrix in matrices])
+        )
 
     def solved(self, weights: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """K~^-1 times right-hand sides, (k,) or (n, k), each with its weights of the parts, (q,) or
-        (n, q).
+        """K~^-1 times right-hand sides, in the shape of these.
+
+        Args:
+            weights: weights of the parts, (q,) or (n, q).
+            right: right-hand sides, (k,) or (n, k).
         """
         return ((right @ self.modes) / (weights @ self.entries)) @ self.modes.T
 
 
 def many_weights(moduli: Sequence[Modulus], points: np.ndarray) -> np.ndarray:
-    """Weights of the parts of a stiffness at many points, (n, P): (n, Q)."""
+    """Weights of the parts of a stiffness, (n, Q).
+
+    Args:
+        moduli: modulus of each part, Q of them.
+        points: parameters, (n, P).
+    """
     return np.stack([modulus.values(points) for modulus in moduli], axis=1)

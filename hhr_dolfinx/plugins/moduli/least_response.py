@@ -70,35 +70,45 @@ class ComponentExtremes(NamedTuple):
 
     @classmethod
     def of(cls, part: Compliance, middle: np.ndarray) -> ComponentExtremes:
-        """Data of one part; without an axis, along which modes change, there are no eigenvalues."""
+        """Data of one part; without an axis, along which modes change, there are no eigenvalues.
+
+        Args:
+            part: compliance of the component.
+            middle: the middle of the box, (P,).
+        """
         along = part.interpolant.along_modes(middle)
         extremes = np.zeros((along.size, 2))
         if part.interpolant.axes.size:
             sizes, ways = eigh(part.schur(along))
-            there = sizes > ZERO_EIGENVALUE * sizes[-1]
-            half = ways[:, there] / np.sqrt(sizes[there])
-            for place, unit in enumerate(np.eye(along.size)):
+            significant = sizes > ZERO_EIGENVALUE * sizes[-1]
+            half = ways[:, significant] / np.sqrt(sizes[significant])
+            for index, unit in enumerate(np.eye(along.size)):
                 mode = part.schur(unit)
                 values = eigvalsh(half.T @ mode @ half)
                 elsewhere = (
-                    np.abs(mode @ ways[:, ~there]).max(initial=0.0) > ZERO_EIGENVALUE * sizes[-1]
+                    np.abs(mode @ ways[:, ~significant]).max(initial=0.0)
+                    > ZERO_EIGENVALUE * sizes[-1]
                 )
-                extremes[place] = (-np.inf, np.inf) if elsewhere else (values[0], values[-1])
+                extremes[index] = (-np.inf, np.inf) if elsewhere else (values[0], values[-1])
         return cls(part.compliance(middle), along, extremes)
 
     def least(self, along: np.ndarray, compliances: np.ndarray) -> np.ndarray:
-        """a_c at components along the modes, (n, r), and compliances, (n,): (n,).
+        """Lower bounds a_c of S_c relative to the middle of the box, (n,).
 
-        Zero if it may be too small.
+        Zero if the bound may be too small.
+
+        Args:
+            along: components along the modes, (n, r).
+            compliances: compliances 1 / E_c, (n,).
         """
         if not self.extremes.any():
             return compliances / self.compliance
         off = along - self.along
         with np.errstate(invalid="ignore"):
-            left = 1 + np.where(off > 0, off * self.extremes[:, 0], off * self.extremes[:, 1]).sum(
-                axis=1
-            )
-        return np.where(left > LEAST_REMAINDER, left, 0.0) * compliances / self.compliance
+            remaining = 1 + np.where(
+                off > 0, off * self.extremes[:, 0], off * self.extremes[:, 1]
+            ).sum(axis=1)
+        return np.where(remaining > LEAST_REMAINDER, remaining, 0.0) * compliances / self.compliance
 
 
 @dataclass(frozen=True)
@@ -111,23 +121,25 @@ class FactoredResponse(ContactResponse):
 
     @cached_property
     def amplified(self) -> tuple[float, np.ndarray]:
-        """Largest Euclidean norm of forces of S norm 1, and largest force at each condition,
-        (m,).
-        """
+        """Largest norm of forces of S norm 1, and largest force at each condition, (m,)."""
         longest, sizes = amplified_by(self.lower) if self.known is None else self.known
         scale = math.sqrt(self.least)
         return longest / scale, sizes / scale
 
     def off(self, slack: np.ndarray, forces: np.ndarray) -> float:
-        """|r|_{S^-1} of a slack and forces, (m,) each.
+        """Norm |r|_{S^-1} of a slack and forces.
 
         r is the slack at nonzero forces or if negative, else 0.
+
+        Args:
+            slack: slack of all conditions, (m,).
+            forces: contact forces, (m,).
         """
-        left = np.where((forces > 0) | (slack < 0), slack, 0.0)
-        if not left.any():
+        residual = np.where((forces > 0) | (slack < 0), slack, 0.0)
+        if not residual.any():
             return 0.0
-        found = dtrtrs(self.lower, left[:, None], lower=1)[0][:, 0]
-        return math.sqrt(found @ found / self.least)
+        scaled = dtrtrs(self.lower, residual[:, None], lower=1)[0][:, 0]
+        return math.sqrt(scaled @ scaled / self.least)
 
 
 def amplified_by(lower: np.ndarray) -> tuple[float, np.ndarray]:
@@ -156,8 +168,8 @@ class ManyResponses:
     @property
     def amplified(self) -> tuple[np.ndarray, np.ndarray]:
         """See :class:`FactoredResponse`: (n,), and (n, m)."""
-        found = [one.amplified for one in self.each]
-        return np.array([longest for longest, _ in found]), np.array([sizes for _, sizes in found])
+        norms = [response.amplified for response in self.each]
+        return np.array([longest for longest, _ in norms]), np.array([sizes for _, sizes in norms])
 
     def schur_times(self, forces: np.ndarray) -> np.ndarray:
         """S times forces, (n, m) each."""
@@ -166,15 +178,21 @@ class ManyResponses:
     def settled(
         self, forces: np.ndarray, free: np.ndarray, schur_times_forces: np.ndarray
     ) -> tuple[np.ndarray, ...]:
-        """Forces that solve the contact problem on S, S times them, (n, m) each, and their error in
-        the S norm, (n,).
+        """Forces that solve the contact problem on S.
 
-        The search starts from the statuses of the given forces, >= 0, (n, m), which remain if it
-        does not converge. ``free`` is the slack without forces. Closed gaps count as closed: the
-        sizes of the answers bound their round-off.
+        The search starts from the statuses of the given forces, which remain if it does not
+        converge. Closed gaps count as closed: the sizes of the answers bound their round-off.
+
+        Args:
+            forces: forces to start from, >= 0, (n, m).
+            free: slack without forces, (n, m).
+            schur_times_forces: S times the given forces, (n, m).
+
+        Returns:
+            The forces and S times them, (n, m) each, and their error in the S norm, (n,).
         """
         touching = self.schur.diagonal(axis1=1, axis2=2) * forces > free + schur_times_forces
-        found = forces.copy()
+        solution = forces.copy()
         slack = free + schur_times_forces
         wrong = np.where(forces > 0, np.abs(slack), np.maximum(-slack, 0.0)).max(
             axis=1, initial=0.0
@@ -186,20 +204,26 @@ class ManyResponses:
             alone = active_set(SchurEqualities.symmetric(schur), free[k], touching[k])
             closed[k] = alone.status is Status.CONVERGED
             if closed[k]:
-                found[k] = alone.forces
-        better = np.maximum(found, 0.0)
+                solution[k] = alone.forces
+        better = np.maximum(solution, 0.0)
         schur_times_better = self.schur_times(better)
         slack = free + schur_times_better
         # forces cut off at zero leave gaps open elsewhere
-        closed &= found.min(axis=1) >= 0
+        closed &= solution.min(axis=1) >= 0
         slack[(better > 0) & closed[:, None]] = 0.0
-        off = np.zeros(len(found))
+        off = np.zeros(len(solution))
         rows = np.flatnonzero(~(closed & (slack.min(axis=1) >= 0)))
         off[rows] = self.off(slack[rows], better[rows], rows)
         return better, schur_times_better, off
 
     def off(self, slack: np.ndarray, forces: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """S^-1 norms of residuals of some answers, by their numbers, (k,)."""
+        """S^-1 norms of residuals of some answers, (k,).
+
+        Args:
+            slack: slack of these answers, (k, m).
+            forces: their contact forces, (k, m).
+            rows: their indices, (k,).
+        """
         return np.array([self.each[k].off(slack[i], forces[i]) for i, k in enumerate(rows)])
 
 
@@ -221,41 +245,49 @@ class LeastResponse:
     def at(self, found: ManyContacts) -> ManyResponses:
         """S of some points with factors of lower bounds, or exact factors.
 
-        LinAlgError if one is not definite.
+        Args:
+            found: contact problems at these points.
+
+        Raises:
+            LinAlgError: if one S is not definite.
         """
         conditions = found.schur.shape[1]
         if (
-            any(part.interpolant.axes.size for part in self.compliances.parts)
+            any(component.interpolant.axes.size for component in self.compliances.parts)
             and conditions > WITH_MODES
         ):
             return ManyResponses([_alone(schur) for schur in found.schur], found.schur)
         columns = zip(self._shares, found.along, found.compliances, strict=True)
         shares = np.stack([share.least(along, sizes) for share, along, sizes in columns], axis=1)
         steps = np.zeros(shares.shape)
-        known = (shares > 0).all(axis=1)
+        bounded = (shares > 0).all(axis=1)
         if conditions <= FACTORED:
-            steps[known] = np.round(np.log(shares[known] / shares[known, :1]) / LOG_WEIGHT_STEP)
+            steps[bounded] = np.round(
+                np.log(shares[bounded] / shares[bounded, :1]) / LOG_WEIGHT_STEP
+            )
         least = (shares / np.exp(LOG_WEIGHT_STEP * steps)).min(axis=1)
         responses = []
-        for schur, own, size in zip(
+        for schur, steps_of_point, size in zip(
             found.schur, steps.astype(int).tolist(), least.tolist(), strict=True
         ):
             if not size > 0:
                 responses.append(_alone(schur))
                 continue
-            lower, amplified = self._factored(tuple(own))
+            lower, amplified = self._factored(tuple(steps_of_point))
             responses.append(FactoredResponse(schur, lower, size, amplified))
         return ManyResponses(responses, found.schur)
 
     @cached_property
     def _shares(self) -> list[ComponentExtremes]:
-        return [ComponentExtremes.of(part, self.middle) for part in self.compliances.parts]
+        return [
+            ComponentExtremes.of(component, self.middle) for component in self.compliances.parts
+        ]
 
     def _made(self, steps: tuple[int, ...]) -> tuple[np.ndarray, tuple[float, np.ndarray]]:
         """Cholesky factor of a sum with weights of so many steps, and its :func:`amplified_by`."""
         schur = np.zeros((len(self.compliances.gaps),) * 2)
-        for part, share, step in zip(self.compliances.parts, self._shares, steps, strict=True):
-            schur[part.block] += part.schur(
+        for component, share, step in zip(self.compliances.parts, self._shares, steps, strict=True):
+            schur[component.block] += component.schur(
                 math.exp(LOG_WEIGHT_STEP * step) * share.compliance * share.along
             )
         # symmetric, and as large as a hundredth of all memory: LAPACK works in place

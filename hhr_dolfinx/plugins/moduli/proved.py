@@ -48,21 +48,21 @@ class PartStiffness:
 
         Infinite for an invalid interpolation.
         """
-        places, exact = self._everywhere
+        nodes, exact = self._everywhere
         if not (np.isfinite(exact).all() and (exact > 0).all()):
             return math.inf
         along = np.arange(levels)[:, None]
         return float(
             BETWEEN
-            * np.abs(values_between(along, self._at_nodes[:levels], places) / exact - 1).max()
+            * np.abs(values_between(along, self._at_nodes[:levels], nodes) / exact - 1).max()
         )
 
     def levels(self, wished: float) -> tuple[int, float]:
         """Number of nodes for a given ε, or the largest number, and its ε."""
-        found = 2 + bisect_left(
+        count = 2 + bisect_left(
             range(2, MOST_LEVELS), True, key=lambda levels: self.error(levels) <= wished
         )
-        return found, self.error(found)
+        return count, self.error(count)
 
     @cached_property
     def _everywhere(self) -> tuple[np.ndarray, np.ndarray]:
@@ -70,11 +70,11 @@ class PartStiffness:
 
         Some are irregular: expressions may be periodic.
         """
-        places = np.append(
+        nodes = np.append(
             np.linspace(-1, 1, EVALUATED_POINTS),
             np.random.default_rng(0).uniform(-1, 1, EVALUATED_POINTS // 4),
         )[:, None]
-        return places, self._inverses(places)
+        return nodes, self._inverses(nodes)
 
     @cached_property
     def _at_nodes(self) -> np.ndarray:
@@ -88,7 +88,7 @@ class PartStiffness:
             return 1 / weights
         # the maximum may be at a small κ, for a stiff K_a, or near 1, for a stiff K_b
         small = np.geomspace(SMALLEST, 0.5, SHARES)
-        part = np.concatenate([[0.0], small, 1 - small[::-1], [1.0]])
+        shares = np.concatenate([[0.0], small, 1 - small[::-1], [1.0]])
         if self.of_volume:
-            part = np.append(part[part <= OF_VOLUME], OF_VOLUME)
-        return 1 / (weights[:, :1] * part + weights[:, 1:] * (1 - part))
+            shares = np.append(shares[shares <= OF_VOLUME], OF_VOLUME)
+        return 1 / (weights[:, :1] * shares + weights[:, 1:] * (1 - shares))

@@ -65,16 +65,26 @@ class ReshapedElimination(Elimination):
     parameters: ParameterSpace  #: the box of the parameters
 
     def under(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        """gamma, (ell,), at a point under given contact forces, (m,).
+        """γ, (ell,), under given contact forces.
 
-        SingularError if K~ is singular there.
+        Args:
+            point: parameters, (P,).
+            forces: contact forces, (m,).
+
+        Raises:
+            SingularError: if K~ is singular there.
         """
         problem, theta, factors = self._factored(point)
         return dgetrs(*factors, problem.loads @ theta - problem.contact_test.T @ forces)[0]
 
     def many_under(self, points: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        """gamma at many points, (n, P), under the forces of each, (n, m): (n, ell)."""
-        return np.array([self.under(*one) for one in zip(points, forces, strict=True)])
+        """γ at many points, (n, ell).
+
+        Args:
+            points: parameters, (n, P).
+            forces: contact forces at each point, (n, m).
+        """
+        return np.array([self.under(*query) for query in zip(points, forces, strict=True)])
 
     def __call__(self, point: np.ndarray) -> CondensedContact:
         """Contact problem at a point, with factors of K~ there; SingularError if it is singular."""
@@ -103,17 +113,17 @@ class ReshapedElimination(Elimination):
         def residual_and_slack(shifted: np.ndarray) -> np.ndarray:
             problem = self.problem_at(shifted)
             theta = self.amplitudes(shifted)
-            left = (
+            residual = (
                 problem.stiffness @ unknown
                 + problem.contact_test.T @ forces
                 - problem.loads @ theta
             )
-            return np.append(left, problem.gaps @ theta - problem.contact_trial @ unknown)
+            return np.append(residual, problem.gaps @ theta - problem.contact_trial @ unknown)
 
         explicit = self.parameters.differences(residual_and_slack, point, RESIDUAL_STEP)
         size = unknown.size
-        found = dgetrs(*factors, -explicit[:size])[0]
-        return explicit[size:] - trial @ found, found
+        unknown_changes = dgetrs(*factors, -explicit[:size])[0]
+        return explicit[size:] - trial @ unknown_changes, unknown_changes
 
     def _factored(
         self, point: np.ndarray

@@ -123,16 +123,24 @@ class VaryingBound(Rebuilt):
         return inside, np.setdiff1d(np.arange(self.areas.size), inside, assume_unique=True)
 
     def at(self, points: np.ndarray, theta: Thetas) -> VaryingThere:
-        """See :class:`Bound`."""
-        found = self.compliances.many(points)
+        """See :class:`Bound`.
+
+        Args:
+            points: parameters, (n, P).
+            theta: θ of each point, (n, 1 + T); not used, since S depends on the point.
+
+        Raises:
+            ConvergenceError: if the interpolated S is not definite.
+        """
+        contacts = self.compliances.many(points)
         try:
-            response = self._least.at(found)
+            response = self._least.at(contacts)
         except LinAlgError:
             raise ConvergenceError(
                 f"S, interpolated between parameters, is not definite at {points.tolist()}: build "
                 "the model without a bound, Recipe(bound=False), or condense(..., bound=False)"
             ) from None
-        return VaryingThere(self, found, response)
+        return VaryingThere(self, contacts, response)
 
     @property
     def together(self) -> int:
@@ -145,14 +153,20 @@ class VaryingBound(Rebuilt):
         return LeastResponse(self.compliances, self.middle)
 
     def slack_of(self, unknown: np.ndarray, points: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """Slack of fields V γ, (n, m), of γ, (n, ell), at points, (n, P), of θ, (n, 1 + T)."""
+        """Slack of fields V γ, (n, m).
+
+        Args:
+            unknown: γ, (n, ell).
+            points: parameters, (n, P).
+            theta: θ, (n, 1 + T).
+        """
         if isinstance(self.whole, ReducedProblem):
             return theta @ self.whole.gaps.T - unknown @ self.whole.contact_trial.T
         problems = map(self.whole, points)
         return np.array(
             [
-                problem.gaps @ own - problem.contact_trial @ gamma
-                for problem, own, gamma in zip(problems, theta, unknown, strict=True)
+                problem.gaps @ theta_of_point - problem.contact_trial @ gamma
+                for problem, theta_of_point, gamma in zip(problems, theta, unknown, strict=True)
             ]
         )
 
@@ -165,29 +179,42 @@ class VaryingBound(Rebuilt):
     def fields(
         self, unknown: np.ndarray, points: np.ndarray, theta: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """γ^T V^T K V γ, (n,), γ^T V^T loads θ, (n,), and B V γ, (n, m), of many γ, (n, ell)."""
-        whole = self.whole
-        if not isinstance(whole, ReducedProblem):
-            parts = zip(map(whole, points), unknown, theta, strict=True)
-            found = [
-                (u @ one.stiffness @ u, u @ one.loads @ own, one.contact_trial @ u)
-                for one, u, own in parts
+        """Energies, work of loads and contact motions of fields V γ.
+
+        Args:
+            unknown: γ, (n, ell).
+            points: parameters, (n, P).
+            theta: θ, (n, 1 + T).
+
+        Returns:
+            γ^T V^T K V γ, (n,), γ^T V^T loads θ, (n,), and B V γ, (n, m).
+        """
+        projected = self.whole
+        if not isinstance(projected, ReducedProblem):
+            problems = zip(map(projected, points), unknown, theta, strict=True)
+            products = [
+                (
+                    u @ problem.stiffness @ u,
+                    u @ problem.loads @ theta_of_point,
+                    problem.contact_trial @ u,
+                )
+                for problem, u, theta_of_point in problems
             ]
-            rows = zip(*found, strict=True)
+            rows = zip(*products, strict=True)
             return tuple(np.array(values) for values in rows)  # type: ignore[return-value]
-        assert whole.terms is not None
-        weights = many_weights(whole.terms.moduli, points)
+        assert projected.terms is not None
+        weights = many_weights(projected.terms.moduli, points)
         energies = np.zeros(len(points))
         for block in self._blocks:
-            own = unknown[:, block.modes]
-            for part, entries in zip(block.parts, block.entries, strict=True):
-                energies += weights[:, part] * np.sum(
-                    own @ entries.reshape(len(block.modes), -1) * own, axis=1
+            theta_of_point = unknown[:, block.modes]
+            for index, entries in zip(block.parts, block.entries, strict=True):
+                energies += weights[:, index] * np.sum(
+                    theta_of_point @ entries.reshape(len(block.modes), -1) * theta_of_point, axis=1
                 )
-        pulled = np.sum(theta @ whole.terms.forces.T * unknown, axis=1)
-        for part, lifts in zip(weights.T, whole.terms.lifts, strict=True):
-            pulled -= part * np.sum(theta @ lifts.T * unknown, axis=1)
-        return energies, pulled, unknown @ whole.contact_trial.T
+        pulled = np.sum(theta @ projected.terms.forces.T * unknown, axis=1)
+        for weight, lifts in zip(weights.T, projected.terms.lifts, strict=True):
+            pulled -= weight * np.sum(theta @ lifts.T * unknown, axis=1)
+        return energies, pulled, unknown @ projected.contact_trial.T
 
 
 class _Energies(NamedTuple):
@@ -210,7 +237,13 @@ class VaryingThere(NamedTuple):
         return self.found.free_slack + self.response.schur_times(forces)
 
     def completed(self, own: np.ndarray, outside: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
-        """See :class:`BoundThere`."""
+        """See :class:`BoundThere`.
+
+        Args:
+            own: forces on the conditions inside, (n, k).
+            outside: indices of the conditions inside and outside, see
+                :meth:`VaryingBound.prepared`.
+        """
         free = self.found.free_slack[:, None]
         return np.concatenate(
             [
@@ -226,7 +259,14 @@ class VaryingThere(NamedTuple):
         gradient: Gradient,
         changes: np.ndarray,
     ) -> np.ndarray:
-        """See :class:`BoundThere`."""
+        """See :class:`BoundThere`.
+
+        Args:
+            forces: completed forces, (m,).
+            outside: indices of the conditions inside and outside.
+            gradient: derivatives of the forces inside.
+            changes: derivatives of θ, (1 + T, P); not used, since S depends on the point.
+        """
         fixed, _ = self.found[0].at_fixed_forces(forces, np.zeros(0))
         return self.response[0].outside(*outside).changes(forces, gradient.multipliers, fixed)
 
@@ -239,6 +279,11 @@ class VaryingThere(NamedTuple):
         round-off and the error of S, δ in the S norm: errors are differences from them. A remaining
         error e has |e| <= |L^-1| δ and
         |e_i| <= (S^-1)_ii^1/2 δ.
+
+        Args:
+            unknown: γ, (n, ell).
+            forces: returned contact forces, (n, m).
+            slack: returns the slack of the fields V γ, (n, m).
         """
         response = self.response
         inexact = self.owner.inexact
@@ -248,16 +293,16 @@ class VaryingThere(NamedTuple):
         off = forces - better
         unbalanced, size, balanced = self._norms(unknown, better)
         # one product for many rows: each call has an overhead
-        one = np.array((forces, better, off, off, better))
-        other = np.array((product, less, product - less, off, better))
-        sizes, exact, apart, apart_euclid, exact_euclid = lengths(one, other)
+        vectors = np.array((forces, better, off, off, better))
+        images = np.array((product, less, product - less, off, better))
+        sizes, exact, apart, apart_euclid, exact_euclid = lengths(vectors, images)
         noise = max(inexact, BOUND_ROUND_OFF) * (sizes + exact + balanced)
         primal = unbalanced + nearer
         if (rows := np.flatnonzero(nearer > UNIMPROVED_FORCES * unbalanced)).size:
             alone = unbalanced[rows]
-            left = response.off(slack()[rows], better[rows], rows)
+            residuals = response.off(slack()[rows], better[rows], rows)
             primal[rows] = np.minimum(
-                primal[rows], (alone + np.sqrt(alone**2 + 4 * nearer[rows] * left)) / 2
+                primal[rows], (alone + np.sqrt(alone**2 + 4 * nearer[rows] * residuals)) / 2
             )
         # S and its inverse are accurate to a factor of 1 + ε or 1 - ε
         wider = 1 + 2 * inexact
@@ -277,29 +322,37 @@ class VaryingThere(NamedTuple):
     def _norms(
         self, unknown: np.ndarray, forces: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Energy norms of V γ less fields in equilibrium with forces, and of these with and without
-        the lift, (n,).
+        """Energy norms of the errors of fields V γ, and of fields in equilibrium, (n,) each.
+
+        Errors are differences from the fields in equilibrium with forces. The norms of these are
+        those with and without the lift.
         """
-        own, loaded, pressed = self.owner.fields(unknown, self.found.points, self.found.theta)
+        energies_of_fields, loaded, pressed = self.owner.fields(
+            unknown, self.found.points, self.found.theta
+        )
         pulled = loaded - np.sum(forces * pressed, axis=1)
         energies = self._energies(forces)
         noise = self.owner.inexact * energies.homogeneous + OF_ENERGY * (
-            own + 2 * np.abs(pulled) + energies.scale
+            energies_of_fields + 2 * np.abs(pulled) + energies.scale
         )
-        left = np.maximum(own - 2 * pulled + energies.homogeneous, 0.0) + noise
-        return np.sqrt(left), np.sqrt(energies.size), np.sqrt(energies.homogeneous)
+        remaining = np.maximum(energies_of_fields - 2 * pulled + energies.homogeneous, 0.0) + noise
+        return np.sqrt(remaining), np.sqrt(energies.size), np.sqrt(energies.homogeneous)
 
     def _energies(self, forces: np.ndarray) -> _Energies:
         """Energies of the fields in equilibrium with forces, (n, m)."""
-        found = self.found
+        contacts = self.found
         driven, held, lifted = np.zeros((3, len(forces)))
-        for energy, part, along, sizes in zip(
-            self.owner.energies, found.owner.parts, found.along, found.compliances, strict=True
+        for energy, component, along, sizes in zip(
+            self.owner.energies,
+            contacts.owner.parts,
+            contacts.along,
+            contacts.compliances,
+            strict=True,
         ):
             # the force of a lift L is -K L, and K scales inversely to K^-1
             roots = np.sqrt(sizes)[:, None]
-            weights = found.theta[:, part.terms]
-            lifts = np.arange(weights.shape[1]) >= part.forced.size
+            weights = contacts.theta[:, component.terms]
+            lifts = np.arange(weights.shape[1]) >= component.forced.size
             weights = np.where(lifts, -weights / roots, weights * roots)
             # of hundreds of columns of a partial pressure three act: indices of these, padded to
             # the same number
@@ -315,17 +368,25 @@ class VaryingThere(NamedTuple):
             done = np.einsum("nst,nt->ns", work, acting)
             driven += np.sum(acting * done, axis=1)
             held -= np.sum(acting * lifts[used] * done, axis=1)
-            if part.lifted.size:
-                lifting = found.theta[:, part.lifted]
+            if component.lifted.size:
+                lifting = contacts.theta[:, component.lifted]
                 lift_work = np.einsum(
-                    "nr,tmr,nm->nt", along, part.columns[part.forced.size :], forces[:, part.where]
+                    "nr,tmr,nm->nt",
+                    along,
+                    component.columns[component.forced.size :],
+                    forces[:, component.where],
                 )
                 held -= np.sum(lifting * lift_work, axis=1)
-                own = weights[:, lifts]
+                lift_weights = weights[:, lifts]
                 lifted += np.einsum(
-                    "ns,nr,rst,nt->n", own, along, energy.lifted, own, optimize=True
+                    "ns,nr,rst,nt->n",
+                    lift_weights,
+                    along,
+                    energy.lifted,
+                    lift_weights,
+                    optimize=True,
                 )
-        closed = found.owner.many_driven(found.points, found.theta) - found.free_slack
+        closed = contacts.owner.many_driven(contacts.points, contacts.theta) - contacts.free_slack
         pulled = np.sum(closed * forces, axis=1)
         work_of_forces = np.sum(self.response.schur_times(forces) * forces, axis=1)
         homogeneous = np.maximum(driven - 2 * pulled + work_of_forces, 0.0)

@@ -53,8 +53,9 @@ MULTIPLIERS = ("dual", "standard")
 
 @dataclass(frozen=True)
 class Mortar(SlaveAndMaster):
-    """Weighted non-penetration ``∫ psi_j (u_s - u_m)·n ds <= ∫ psi_j g ds``, divided by ``∫ psi_j
-    ds``.
+    """Weighted non-penetration of two surfaces.
+
+    ``∫ psi_j (u_s - u_m)·n ds <= ∫ psi_j g ds``, divided by ``∫ psi_j ds``.
 
     With this scale B has the size of nodal rows, and multipliers are nodal forces. Dual functions
     psi_j are biorthogonal to the shape functions of the slave and tie each row to one slave node;
@@ -91,19 +92,25 @@ class Mortar(SlaveAndMaster):
             )
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """One row for each slave node whose surroundings face the master surface."""
+        """One row for each slave node whose surroundings face the master surface.
+
+        Args:
+            surfaces: slave and master.
+            dofs: number of columns of the rows.
+        """
         slave, master = surfaces
-        every, seen = self._faced(slave, master, 0.0)
+        segments, seen = self._faced(slave, master, 0.0)
         rows = self._rows(slave, master, seen, dofs)
         idle = ~np.isin(slave.nodes, rows.slaves)
         if idle.any():
             if self.normal is None:
                 count = len(slave.facets)
-                whole, left = (
-                    np.bincount(some.slave, some.measures, count) for some in (every, seen)
+                area, seen_area = (
+                    np.bincount(selection.slave, selection.measures, count)
+                    for selection in (segments, seen)
                 )
                 hidden = np.zeros(len(slave.nodes), dtype=bool)  # in part, by a body between
-                hidden[slave.facets[left < whole * (1 - BOX_ENLARGEMENT)]] = True
+                hidden[slave.facets[seen_area < area * (1 - BOX_ENLARGEMENT)]] = True
                 looks = opposed(slave, master, 0.0).overhanging & ~hidden
             else:
                 looks = looking(slave, unit(self.normal, slave.points.shape[1]), GRAZING_NORMAL)[0]
@@ -115,14 +122,18 @@ class Mortar(SlaveAndMaster):
     ) -> ContactRows:
         """Rows of deformed surfaces, as :meth:`rows`.
 
-        They may overlap by the length ``overlap`` beyond a cell.
+        Args:
+            surfaces: slave and master in their deformed position.
+            dofs: number of columns of the rows.
+            overlap: length by which the surfaces may overlap beyond a cell.
         """
         slave, master = surfaces
         return self._rows(slave, master, self._faced(slave, master, overlap)[1], dofs)
 
     def _faced(self, slave: Surface, master: Surface, overlap: float) -> tuple[Segments, Segments]:
-        """Common parts of opposite facets, and the ones among them that can touch because no body
-        lies between.
+        """Common parts of opposite facets, and the ones among them that can touch.
+
+        No body lies between these.
         """
         dim = slave.points.shape[1]
         if self.normal is None:
@@ -141,19 +152,29 @@ class Mortar(SlaveAndMaster):
             # overlap
             flat = np.eye(dim) - np.outer(normal, normal)
             pairs = _near_pairs(slave.corners @ flat, master.corners @ flat, 0.0)
-        here, there = pairs
+        slave_facets, master_facets = pairs
         # the slave looks along its direction of projection, and the master against it
-        opposite = np.einsum("pd,pd->p", directions[here], master.outward[there]) < -cosine
-        opposite &= np.einsum("pd,pd->p", directions[here], slave.outward[here]) > cosine
-        pairs = _overlapping(slave, master, directions, here[opposite], there[opposite])
-        every = common_parts(slave, master, directions, *pairs)
-        if not every.measures.size:
+        opposite = (
+            np.einsum("pd,pd->p", directions[slave_facets], master.outward[master_facets]) < -cosine
+        )
+        opposite &= (
+            np.einsum("pd,pd->p", directions[slave_facets], slave.outward[slave_facets]) > cosine
+        )
+        pairs = _overlapping(
+            slave, master, directions, slave_facets[opposite], master_facets[opposite]
+        )
+        segments = common_parts(slave, master, directions, *pairs)
+        if not segments.measures.size:
             raise NeverFacingError(
                 never_facing(slave, master, "no facet of one lies in front of a facet of the other")
             )
-        seen = every if self.normal is not None else _meeting(slave, master, every, reach, overlap)
+        seen = (
+            segments
+            if self.normal is not None
+            else _meeting(slave, master, segments, reach, overlap)
+        )
         _check_one_layer(slave, master, seen)
-        return every, seen
+        return segments, seen
 
     def _rows(self, slave: Surface, master: Surface, segments: Segments, dofs: int) -> ContactRows:
         """Integrate over the segments and divide by the weight of each multiplier function."""
@@ -203,9 +224,11 @@ class Mortar(SlaveAndMaster):
         )
         matrix = _along_normals(onto_slave, slave.nodes, normals, dofs)
         matrix = matrix - _along_normals(onto_master, master.nodes, normals, dofs)
-        kept = np.flatnonzero(covered)
-        kept = kept[tangential_order(slave.points[kept], mean_normal(slave))]
-        rows = ContactRows(csr_matrix(matrix), gap, slave.nodes, slave.points, area).take(kept)
+        conditions = np.flatnonzero(covered)
+        conditions = conditions[tangential_order(slave.points[conditions], mean_normal(slave))]
+        rows = ContactRows(csr_matrix(matrix), gap, slave.nodes, slave.points, area).take(
+            conditions
+        )
         warn_of_overlap(slave, rows)
         bulges = slave.bulges(segments.slave, segments.slave_values)
         bulges = bulges + master.bulges(segments.master, segments.master_values)
@@ -218,23 +241,21 @@ class Mortar(SlaveAndMaster):
 def _check_one_layer(slave: Surface, master: Surface, segments: Segments) -> None:
     """Raise SceneError for slave facets that are covered more than once."""
     covered = np.bincount(segments.slave, segments.measures, len(slave.facets))
-    whole = slave.sizes * slave.weights[slave.facets].mean(axis=1)
+    areas = slave.sizes * slave.weights[slave.facets].mean(axis=1)
     # a facet on the axis of symmetry has no area
-    times = np.divide(covered, whole, out=np.zeros(len(whole)), where=whole > 0)
+    times = np.divide(covered, areas, out=np.zeros(len(areas)), where=areas > 0)
     if times.max() > 1.05:
-        place = slave.corners[times.argmax()].mean(axis=0).tolist()
+        centre = slave.corners[times.argmax()].mean(axis=0).tolist()
         raise SceneError(
             f"several layers of master surface {master.tag} face slave surface {slave.tag} at "
-            f"{place}: give each layer a tag and a contact pair of its own"
+            f"{centre}: give each layer a tag and a contact pair of its own"
         )
 
 
 def _overlapping(
     slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs whose enclosing circles overlap when projected along the direction of the slave
-    facet.
-    """
+    """Pairs whose enclosing circles overlap along the direction of the slave facet."""
     middles = [surface.corners.mean(axis=1) for surface in (slave, master)]
     radii = [
         np.linalg.norm(surface.corners - middle[:, None], axis=2).max(axis=1)
@@ -267,46 +288,51 @@ def _meeting(
     # a body can only lie between if there is room for it
     roomy = np.unique(segments.slave[distance > slave.depths[segments.slave]])
     seen = ~behind & (distance <= _own_body(slave, roomy, reach)[segments.slave])
-    return Segments(*(part[seen] for part in segments))
+    return Segments(*(array[seen] for array in segments))
 
 
 def _own_body(slave: Surface, facets: np.ndarray, reach: float) -> np.ndarray:
-    """Distance along the normals of some slave facets to the next part of the same body, else
-    infinite, (f,).
+    """Distance of some slave facets to the next part of the same body, else infinite, (f,).
+
+    It is that along the normals.
     """
     nearest = np.full(len(slave.facets), np.inf)
     if facets.size:
-        here, there = _near_pairs(slave.corners[facets], slave.corners, reach)
-        here, there = _overlapping(slave, slave, slave.outward, facets[here], there)
-        alike = np.einsum("pd,pd->p", slave.outward[here], slave.outward[there]) > FACING_DIRECTIONS
+        facet, opposite = _near_pairs(slave.corners[facets], slave.corners, reach)
+        facet, opposite = _overlapping(slave, slave, slave.outward, facets[facet], opposite)
+        alike = (
+            np.einsum("pd,pd->p", slave.outward[facet], slave.outward[opposite]) > FACING_DIRECTIONS
+        )
         along = np.einsum(
             "pd,pd->p",
-            (slave.corners[there] - slave.corners[here]).mean(axis=1),
-            slave.outward[here],
+            (slave.corners[opposite] - slave.corners[facet]).mean(axis=1),
+            slave.outward[facet],
         )
-        way = alike & (along > slave.depths[here])
-        parts = common_parts(slave, slave, slave.outward, here[way], there[way])
-        np.minimum.at(nearest, parts.slave, _distances(slave, slave, parts))
+        way = alike & (along > slave.depths[facet])
+        segments = common_parts(slave, slave, slave.outward, facet[way], opposite[way])
+        np.minimum.at(nearest, segments.slave, _distances(slave, slave, segments))
     return nearest
 
 
 def _distances(slave: Surface, master: Surface, segments: Segments) -> np.ndarray:
-    """Distance from slave to master along the normal of the slave facet at each quadrature point,
-    (q,).
+    """Distance from slave to master along the normal of the slave facet, (q,).
+
+    There is one for each quadrature point.
     """
     pairs, of_point = _pairs(len(master.facets), segments.slave, segments.master)
-    here, there = np.divmod(pairs, len(master.facets))
-    normals = slave.outward[here][:, :, None]
-    lows = (slave.corners[here] @ normals)[:, :, 0]
-    highs = (master.corners[there] @ normals)[:, :, 0]
+    slave_facets, master_facets = np.divmod(pairs, len(master.facets))
+    normals = slave.outward[slave_facets][:, :, None]
+    lows = (slave.corners[slave_facets] @ normals)[:, :, 0]
+    highs = (master.corners[master_facets] @ normals)[:, :, 0]
     return (segments.master_values * highs[of_point] - segments.slave_values * lows[of_point]).sum(
         axis=1
     )
 
 
 class _Side(NamedTuple):
-    """Functions of one surface at quadrature points: nodes of its facets, (f, k), facet, (q,), and
-    values, (q, k).
+    """Functions of one surface at quadrature points.
+
+    Nodes of its facets, (f, k), facet, (q,), and values, (q, k).
     """
 
     facets: np.ndarray
@@ -315,8 +341,9 @@ class _Side(NamedTuple):
 
 
 def _displaced(surface: Surface, flat: _Side) -> _Side:
-    """Functions of the displacement at the points of flat functions: the same, or those of second
-    order.
+    """Functions of the displacement at the points of flat functions.
+
+    They are these, or those of second order.
     """
     if surface.quadratic is None:
         return flat
@@ -324,8 +351,9 @@ def _displaced(surface: Surface, flat: _Side) -> _Side:
 
 
 def _pairs(facets: int, here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of facets as ``here * facets of the other surface + there``, and the pair of each
-    point, (q,).
+    """Pairs of facets as one number each, and the pair of each point, (q,).
+
+    The number is ``here * facets of the other surface + there``.
 
     Points of one pair follow each other in few runs; each run counts as a pair.
     """
@@ -335,9 +363,7 @@ def _pairs(facets: int, here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray
 
 
 def _dual_functions(slave: Surface, segments: Segments) -> np.ndarray:
-    """Functions biorthogonal to the shape functions on the covered part of each slave facet, (q,
-    k).
-    """
+    """Functions biorthogonal to the shape functions on the covered part of facets, (q, k)."""
     count, k = slave.facets.shape
     values = segments.slave_values
     weighted = values * segments.measures[:, None]
@@ -376,8 +402,9 @@ def _shared(shared: csr_matrix | None, assembled: csr_matrix) -> csr_matrix:
 
 
 def _summed(values: np.ndarray, places: np.ndarray, count: int) -> np.ndarray:
-    """Sums of the rows of ``values``, (q, r), with the same index in ``places``, (q,): (count,
-    r).
+    """Sums of the rows of ``values``, (q, r), with the same index, (count, r).
+
+    The indices are ``places``, (q,).
     """
     ones = np.ones(len(places))
     starts = np.arange(len(places) + 1)
@@ -409,13 +436,14 @@ def _along_normals(
 def _near_pairs(
     first: np.ndarray, second: np.ndarray, reach: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of facets, (p,) each, whose bounding boxes meet, those of the first enlarged by the
-    length ``reach``.
+    """Pairs of facets, (p,) each, whose bounding boxes meet.
+
+    Those of the first are enlarged by the length ``reach``.
 
     Facets are given by their corners, (f, k, dim) and (g, l, dim).
     """
     boxes = [(corners.min(axis=1), corners.max(axis=1)) for corners in (first, second)]
-    (middle, half), (others, other_half) = (
+    (middle, half), (other_middle, other_half) = (
         ((low + high) / 2, (high - low) / 2) for low, high in boxes
     )
     half = (
@@ -423,8 +451,11 @@ def _near_pairs(
         + reach
         + BOX_ENLARGEMENT * max(np.ptp(first, axis=(0, 1)).max(), np.ptp(second, axis=(0, 1)).max())
     )
-    here, there = pairs_within(
-        cKDTree(others), middle, (half + other_half.max(axis=0)).max(axis=1), np.inf
+    index_first, index_second = pairs_within(
+        cKDTree(other_middle), middle, (half + other_half.max(axis=0)).max(axis=1), np.inf
     )
-    meet = (np.abs(middle[here] - others[there]) <= half[here] + other_half[there]).all(axis=1)
-    return here[meet], there[meet]
+    meet = (
+        np.abs(middle[index_first] - other_middle[index_second])
+        <= half[index_first] + other_half[index_second]
+    ).all(axis=1)
+    return index_first[meet], index_second[meet]

@@ -74,7 +74,15 @@ class Segments(NamedTuple):
 def common_parts(
     slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray
 ) -> Segments:
-    """Common parts of pairs of facets, projected along the directions of the slave facets."""
+    """Common parts of pairs of facets, projected along the directions of the slave facets.
+
+    Args:
+        slave: the slave surface.
+        master: the master surface.
+        directions: direction of projection of each slave facet, (f, dim).
+        here: slave facet of each pair, (p,).
+        there: master facet of each pair, (p,).
+    """
     return (_segments if slave.points.shape[1] == 2 else _polygons)(
         slave, master, directions, here, there
     )
@@ -83,15 +91,16 @@ def common_parts(
 def _segments(
     slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray
 ) -> Segments:
-    """Common parts of segments in the plane: master nodes are projected on the slave along the
-    direction.
+    """Common parts of segments in the plane.
+
+    Master nodes are projected on the slave along the direction.
     """
     start, end = slave.corners[here].transpose(1, 0, 2)
     cross = lambda a, b: a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]  # noqa: E731
-    whole = cross(end - start, directions[here])
+    length = cross(end - start, directions[here])
     ends = np.stack(
         [
-            cross(corner - start, directions[here]) / whole
+            cross(corner - start, directions[here]) / length
             for corner in master.corners[there].transpose(1, 0, 2)
         ]
     )
@@ -120,8 +129,9 @@ def _segments(
 def _polygons(
     slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray
 ) -> Segments:
-    """Common parts of facets in space, projected along the direction of the slave facet and cut
-    into triangles.
+    """Common parts of facets in space, cut into triangles.
+
+    Facets are projected along the direction of the slave facet.
     """
     # two unit vectors orthogonal to each direction, (f, 3, 2)
     first = np.cross(directions, np.eye(3)[np.abs(directions).argmin(axis=1)])
@@ -131,7 +141,10 @@ def _polygons(
     flat = [np.einsum("pkd,pde->pke", surface.corners[which], frames) for surface, which in sides]
     # facets that overlap by round-off alone have no common part
     least = 1e-13 * np.ptp(flat[0].reshape(-1, 2), axis=0).max() if here.size else 0.0
-    apart = [one.min(axis=1) > other.max(axis=1) - least for one, other in (flat, flat[::-1])]
+    apart = [
+        first_flat.min(axis=1) > second_flat.max(axis=1) - least
+        for first_flat, second_flat in (flat, flat[::-1])
+    ]
     apart = apart[0] | apart[1]
     meeting = ~apart.any(axis=1)
     here = here[meeting]
@@ -141,7 +154,7 @@ def _polygons(
     # areas are measured across the direction of projection
     tilt = np.einsum("pd,pd->p", slave.outward[here], directions[here])
     skew = np.maximum(*(_skewness(corners) for corners in flat))[pair] if pair.size else np.zeros(0)
-    parts = []
+    pieces = []
     for degree, low, high in _SKEWED:
         rule = _on_triangle(degree if slave.quadratic is None else max(degree, _QUADRATIC))
         which = np.flatnonzero((skew > low) & (skew <= high))
@@ -153,17 +166,18 @@ def _polygons(
             np.einsum("qk,qk->q", slave_values, slave.weights[slave.facets[here[facet]]])
             / tilt[facet]
         )
-        parts.append(
+        pieces.append(
             Segments(here[facet], there[facet], slave_values, master_values, measures * density)
         )
-    return Segments(*(np.concatenate(part) for part in zip(*parts, strict=True)))
+    return Segments(*(np.concatenate(arrays) for arrays in zip(*pieces, strict=True)))
 
 
 def _common_triangles(
     slave: Surface, master: Surface, here: np.ndarray, there: np.ndarray, flat: Sequence[np.ndarray]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Triangles that fill the common part of each pair: number of the pair (t,), corners (t, 3,
-    2).
+    """Triangles that fill the common part of each pair.
+
+    Number of the pair, (t,), and corners, (t, 3, 2).
     """
     with extra("mortar", "mortar in space"):
         import shapely
@@ -173,9 +187,9 @@ def _common_triangles(
     for surface, which, outline in ((slave, here, outlines[0]), (master, there, outlines[1])):
         crossed = ~shapely.is_valid(outline)
         if crossed.any():
-            place = surface.corners[which[crossed][0]].mean(axis=0)
+            position = surface.corners[which[crossed][0]].mean(axis=0)
             raise SceneError(
-                f"a facet of surface {surface.tag} at {place.tolist()} is so warped that its "
+                f"a facet of surface {surface.tag} at {position.tolist()} is so warped that its "
                 "outline crosses itself seen from the other surface: mesh it finer or with "
                 "triangles, or give the contact a normal"
             )
@@ -186,8 +200,8 @@ def _common_triangles(
     corners, polygon = shapely.get_coordinates(common[wanted], return_index=True)
     counts = np.bincount(polygon, minlength=wanted.size)
     starts = np.cumsum(counts) - counts
-    place = np.arange(polygon.size) - starts[polygon]
-    second = np.flatnonzero((place >= 1) & (place <= counts[polygon] - 3))
+    position = np.arange(polygon.size) - starts[polygon]
+    second = np.flatnonzero((position >= 1) & (position <= counts[polygon] - 3))
     triangles = np.stack(
         [corners[starts[polygon[second]]], corners[second], corners[second + 1]], axis=1
     )
@@ -201,8 +215,9 @@ def _on_triangles(
     local: np.ndarray,
     weights: np.ndarray,
 ) -> tuple[list[np.ndarray], np.ndarray]:
-    """Shape functions of both facets at the quadrature points of each triangle, and the weights
-    times its area.
+    """Shape functions of both facets at the quadrature points of each triangle, and weights.
+
+    Weights are multiplied by its area.
     """
     sides = triangles[:, 1:] - triangles[:, :1]
     area = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]) / 2
@@ -226,17 +241,17 @@ def _within_facets(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     b = corners[:, 2] - first
     c = corners[:, 3] - first - a - b if corners.shape[1] == 4 else np.zeros_like(a)
     x, y = (points - first[:, None]).transpose(2, 0, 1)
-    (ax, ay), (bx, by), (cx, cy) = (part.T[:, :, None] for part in (a, b, c))
-    whole = ax * by - ay * bx
+    (ax, ay), (bx, by), (cx, cy) = (vector.T[:, :, None] for vector in (a, b, c))
+    area = ax * by - ay * bx
     constant = x * ay - y * ax
-    linear = x * cy - y * cx + whole
+    linear = x * cy - y * cx + area
     square = cx * by - cy * bx
-    jacobian = np.sign(whole) * np.sqrt(np.maximum(linear * linear - 4 * constant * square, 0.0))
+    jacobian = np.sign(area) * np.sqrt(np.maximum(linear * linear - 4 * constant * square, 0.0))
     second = -2 * constant / (linear + jacobian)
     along_x = ax + cx * second
     along_y = ay + cy * second
-    rest = (x - bx * second) * along_x + (y - by * second) * along_y
-    return np.stack([rest / (along_x * along_x + along_y * along_y), second], axis=-1)
+    along_first = (x - bx * second) * along_x + (y - by * second) * along_y
+    return np.stack([along_first / (along_x * along_x + along_y * along_y), second], axis=-1)
 
 
 @cache

@@ -31,8 +31,9 @@ class ArrayStore:
         self._problem = problem
 
     def load(self, key: str) -> dict[str, np.ndarray] | None:
-        """Load the arrays of a key; None, with a warning for a damaged file, if they are not
-        there.
+        """Load the arrays of a key.
+
+        None if they are not there, or damaged, with a warning.
         """
         try:
             header, arrays = read_arrays(self._path(key), *ARRAYS)
@@ -44,7 +45,15 @@ class ArrayStore:
         return arrays if header == self._header(key) else None
 
     def save(self, key: str, arrays: Mapping[str, np.ndarray]) -> None:
-        """Store arrays of finite numbers under a key; FileError if the file cannot be written."""
+        """Store arrays of finite numbers.
+
+        Args:
+            key: their key.
+            arrays: arrays by name.
+
+        Raises:
+            FileError: if the file cannot be written.
+        """
         write_arrays(self._path(key), self._header(key), arrays, tidy=False)
 
     def _header(self, key: str) -> dict[str, str | int]:

@@ -19,8 +19,16 @@ class ShareArgument(click.ParamType):
 
     name = "share"
 
-    def convert(self, value: object, param: object, ctx: object) -> float:
-        """The number."""
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        """A share of 1, from a number or a percentage.
+
+        Args:
+            value: the text, such as 1% or 0.01.
+            param: the option, for the message.
+            ctx: the command, for the message.
+        """
         text = str(value).strip()
         try:
             number = float(text.removesuffix("%"))
@@ -75,8 +83,8 @@ def reduce(
 
     console, _ = spoken()
     progress = shares_on(console)
-    made = scene_of(scene)
-    folder = out or Path("out") / made.name
+    built_scene = scene_of(scene)
+    folder = out or Path("out") / built_scene.name
     size = limits["megabytes"]
     budget = Budget(limits["seconds"], limits["answers"], None if size is None else 1e6 * size)
     request: Any = {
@@ -86,7 +94,7 @@ def reduce(
         "paths": beside(scene, "PATHS"),
     }
     try:
-        model = reduced(made, **request, folder=folder, seed=seed, progress=progress)
+        model = reduced(built_scene, **request, folder=folder, seed=seed, progress=progress)
     except StudyError as error:
         if tried := vars(error).get("reduction"):  # its reasons are those of the error
             console.print(tried.table, highlight=False, markup=False)

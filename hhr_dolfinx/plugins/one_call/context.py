@@ -24,7 +24,7 @@ from hhr_dolfinx.errors import (
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.answer import Path as AnswerPath
-from hhr_dolfinx.models.model import AnsweringModel
+from hhr_dolfinx.models.model import AnsweringModel, KeptModel
 from hhr_dolfinx.plugins.one_call.array_store import ArrayStore
 from hhr_dolfinx.plugins.one_call.progress import Stopwatch
 from hhr_dolfinx.plugins.one_call.target import Budget, Exact, Target, TargetErrors, steps_of
@@ -71,8 +71,9 @@ class BudgetSpentError(HHRError):
 
 
 class FewAnswersError(ConvergenceError):
-    """Too few queries of the box have an answer: no model can be built or checked, however many
-    more are solved for.
+    """Too few queries of the box have an answer.
+
+    No model can be built or checked, however many more are solved for.
     """
 
 
@@ -118,7 +119,11 @@ class SearchContext:
         self.errors = TargetErrors(self.target, self.full)
 
     def check_budget(self) -> None:
-        """Raise BudgetSpentError if nothing more may be solved for."""
+        """Refuse a further full answer if the budget is spent.
+
+        Raises:
+            BudgetSpentError: if no more full answers are allowed, or no time is left.
+        """
         self._check_seconds()
         answers = self.budget.full_answers
         if answers is not None and self.solved >= answers:
@@ -130,8 +135,15 @@ class SearchContext:
             raise BudgetSpentError(f"the {seconds:g} s of the budget are over")
 
     def announce(self, stage: str, share: float) -> None:
-        """Report a stage; BudgetSpentError if no time is left, or not enough by the time of the
-        share that is done.
+        """Report a stage.
+
+        Args:
+            stage: its name.
+            share: share of it that is done.
+
+        Raises:
+            BudgetSpentError: if no time is left, or not enough by the time of the share that is
+                done.
         """
         self.progress(stage, share)
         self._check_seconds()
@@ -144,12 +156,13 @@ class SearchContext:
         step = now - self._last.get(stage, now)
         self._last[stage] = now
         # stored results took no time: the next step may take as long as this one
-        rest = max(
+        remaining = max(
             (now - self._began.get(stage, now)) * (1 / share - 1), step if share < 1 else 0.0
         )
-        if now + rest / DOUBTED > self.deadline:
+        if now + remaining / DOUBTED > self.deadline:
             raise BudgetSpentError(
-                f"stage '{stage}' would take about {_about(rest)} s more, and {self._left()}", stage
+                f"stage '{stage}' would take about {_about(remaining)} s more, and {self._left()}",
+                stage,
             )
 
     @property
@@ -183,19 +196,26 @@ class SearchContext:
     def _left(self) -> str:
         seconds = self.budget.seconds
         assert seconds is not None
-        left = max(0.0, self.deadline - self.clock.seconds)
-        kept = (
+        seconds_left = max(0.0, self.deadline - self.clock.seconds)
+        reserved = (
             ""
             if self.checking
             else f", beside {_about(seconds - self.deadline)} s that are kept back for a check"
         )
-        return f"{_about(left)} of the {seconds:g} s of the budget are left{kept}"
+        return f"{_about(seconds_left)} of the {seconds:g} s of the budget are left{reserved}"
 
     def check_affordable(
         self, questions: np.ndarray | Sequence[AnswerPath], what: str, besides: int = 0
     ) -> None:
-        """Raise BudgetSpentError if answers that are not yet solved, and ``besides`` more, exceed
-        the budget.
+        """Refuse queries whose answers exceed the budget.
+
+        Args:
+            questions: points, (n, P), or paths; answers that are solved already count nothing.
+            what: name of these answers, for the message.
+            besides: number of further answers that are needed.
+
+        Raises:
+            BudgetSpentError: if these answers exceed the budget.
         """
         count = self._unsolved(questions)
         answers = self.budget.full_answers
@@ -216,7 +236,12 @@ class SearchContext:
     def training(self, count: int) -> Training:
         """About so many training answers, including those of smaller trainings and of checks.
 
-        BudgetSpentError before anything is solved for, if the budget does not allow it.
+        Args:
+            count: number of points, or paths.
+
+        Raises:
+            BudgetSpentError: before anything is solved for, if the budget does not allow it.
+            FewAnswersError: if less than half of the queries have an answer.
         """
         questions: Any
         if self.family is not None:
@@ -241,8 +266,13 @@ class SearchContext:
         lost.warn(len(questions), least, "training queries")
         return Training(self.full, snapshots, self.checked, StageLog())
 
-    def reduced(self, reductor: Reductor, count: int) -> Any:
-        """The model that a reductor makes of about so many training answers."""
+    def reduced(self, reductor: Reductor, count: int) -> KeptModel:
+        """Model that a reductor makes of about so many training answers.
+
+        Args:
+            reductor: the reductor.
+            count: number of points, or paths.
+        """
         training = self.training(count)
         return build(self.full, training.snapshots, reductor, training.held_out, self.announce)
 
@@ -250,17 +280,26 @@ class SearchContext:
     def reads_displacements(self) -> bool:
         """True if the target, or an output of the scene, needs displacements."""
         functionals = self.full.functionals
-        outputs = functionals is not None and any(item.count for item in functionals.items)
+        outputs = functionals is not None and any(
+            functional.count for functional in functionals.items
+        )
         return self.target.needs_fields or outputs
 
     def check_claim(self, method: str, model: AnsweringModel, exact: Iterable[Exact]) -> None:
-        """Raise ClaimError if a model that calls itself exact is off at exact answers, whatever the
-        target is.
+        """Check a model that calls itself exact at exact answers, whatever the target is.
+
+        Args:
+            method: name of its kind.
+            model: the model.
+            exact: exact answers.
+
+        Raises:
+            ClaimError: if it is off.
         """
-        known = list(exact)
+        answers = list(exact)
         histories = self.family is not None
-        for some in ([item] for item in known) if histories else (known,):
-            check_claim(method, kind_of(self.full), model, _set_of(some))
+        for batch in ([query] for query in answers) if histories else (answers,):
+            check_claim(method, kind_of(self.full), model, _set_of(batch))
 
     @property
     def checked(self) -> SnapshotSet | None:
@@ -268,11 +307,17 @@ class SearchContext:
         return _set_of(self.held_out) if self.held_out else None
 
     def fresh(self, count: int, suspects: np.ndarray | None = None) -> list[Exact]:
-        """Exact answers to queries that no model was built from: random ones, and given points, (n,
-        P).
+        """Exact answers to queries that no model was built from: random ones, and given points.
 
-        If the budget ends there are fewer, and ``short`` has the reason; BudgetSpentError if it
-        allows none.
+        If the budget ends there are fewer, and ``short`` has the reason.
+
+        Args:
+            count: number of random queries.
+            suspects: given points, (n, P); None without any.
+
+        Raises:
+            BudgetSpentError: if the budget allows none.
+            FewAnswersError: if no query of the box has an answer.
         """
         self.checks += 1
         seed = self.seed + FRESH_SEED + self.checks
@@ -283,24 +328,26 @@ class SearchContext:
             questions = self.full.parameters.random(count, seed)
             questions = questions if suspects is None else np.concatenate([questions, suspects])
         lost = Lost()
-        found: list[Exact] = []
+        answers: list[Exact] = []
         self.short = ""
         try:
-            for item in self._answers(questions, "fresh answers", lost):
-                found.append(item)
+            for answer in self._answers(questions, "fresh answers", lost):
+                answers.append(answer)
         except BudgetSpentError as error:
-            if not found:
+            if not answers:
                 raise
-            self.short = f"{len(found)} of {len(questions)} fresh answers were affordable: {error}"
-        if not found and self.family is None:  # a part of the box may have answers
+            self.short = (
+                f"{len(answers)} of {len(questions)} fresh answers were affordable: {error}"
+            )
+        if not answers and self.family is None:  # a part of the box may have answers
             questions = self.full.parameters.random(HOPELESS, seed)[count:]
-            found += islice(self._answers(questions, "fresh answers", lost), BOUND_CHECKS)
-        if not found and self._first_failure:
+            answers += islice(self._answers(questions, "fresh answers", lost), BOUND_CHECKS)
+        if not answers and self._first_failure:
             raise self._few(f"none of {len(self._known)} queries of the box has an answer")
-        lost.warn(len(found) + len(lost.failures), 1, "fresh queries")
-        self._look(found)
-        self.errors.know(found)
-        return found
+        lost.warn(len(answers) + len(lost.failures), 1, "fresh queries")
+        self._look(answers)
+        self.errors.know(answers)
+        return answers
 
     def _few(self, what: str) -> FewAnswersError:
         """Error of too few answers, with the first reason."""
@@ -309,8 +356,9 @@ class SearchContext:
         )
 
     def _look(self, found: Sequence[Exact]) -> None:
-        """Warn once of faults that no check of a model detects: strains that are not small, bodies
-        that never touch.
+        """Warn once of faults that no check of a model detects.
+
+        These are strains that are not small, and bodies that never touch.
         """
         if self.looked or not found:
             return
@@ -319,7 +367,7 @@ class SearchContext:
             self.full.strains.check(self.full, _set_of(found))
         except ReductionError as error:
             warn(str(error), SmallStrainWarning)
-        if not any(answer.forces().any() for item in found for answer in steps_of(item)):
+        if not any(answer.forces().any() for query in found for answer in steps_of(query)):
             warn(
                 f"nothing touches in any of {len(found)} answers of the full model: look at gaps "
                 "and at the signs of loads and displacements, hhr check",
@@ -330,19 +378,23 @@ class SearchContext:
         """Errors of a model at exact answers, (n, norms of the target).
 
         Infinite if it has no answer.
+
+        Args:
+            model: the model.
+            exact: exact answers, or histories.
         """
         rows = []
         with ignored(OutsideTrainingWarning):
-            for item in exact:
+            for query in exact:
                 answers: list[Answer] = []
                 with suppress(HHRError):
-                    if isinstance(item, History):
-                        answers = retraced(model, item).answers
+                    if isinstance(query, History):
+                        answers = retraced(model, query).answers
                     else:
                         answers = [
-                            model.solve(item.parameter, outside="ignore", raise_on_failure=False)
+                            model.solve(query.parameter, outside="ignore", raise_on_failure=False)
                         ]
-                rows.append(self.errors.of(answers, item))
+                rows.append(self.errors.of(answers, query))
         return np.array(rows)
 
     def _answers(
@@ -358,17 +410,17 @@ class SearchContext:
         self.announce(
             f"{count} {label}" + (f", about {_about(seconds)} s" if seconds > 1 else ""), 0.0
         )
-        for place, question in enumerate(questions):
+        for index, question in enumerate(questions):
             key = _key(question)
             if key not in self._known:
-                self._solve(questions[place:], lost)
-                self.progress(label, (place + 1) / len(questions))
-            found = self._known[key]
-            if found is not None:
-                yield found
+                self._solve(questions[index:], lost)
+                self.progress(label, (index + 1) / len(questions))
+            answer = self._known[key]
+            if answer is not None:
+                yield answer
                 continue
             missing += 1
-            if len(questions) - missing < least or (least and missing == place + 1 == HOPELESS):
+            if len(questions) - missing < least or (least and missing == index + 1 == HOPELESS):
                 return
 
     def _solve(self, questions: np.ndarray | Sequence[AnswerPath], lost: Lost) -> None:
@@ -382,25 +434,25 @@ class SearchContext:
         room = (
             self.workers.size if answers is None else min(self.workers.size, answers - self.solved)
         )
-        some: dict[bytes, Any] = {}
+        batch: dict[bytes, Any] = {}
         for question in questions:
-            if len(some) == room:
+            if len(batch) == room:
                 break
             if _key(question) not in self._known:
-                some[_key(question)] = question
-        self.solved += len(some)
-        self._known |= dict.fromkeys(some)
+                batch[_key(question)] = question
+        self.solved += len(batch)
+        self._known |= dict.fromkeys(batch)
         clock = Stopwatch()
-        solved = self.workers.solved(list(some.values()))
+        solved = self.workers.solved(list(batch.values()))
         self.batches.append(clock.seconds)
-        for (key, question), found in zip(some.items(), solved, strict=True):
+        for (key, question), answer in zip(batch.items(), solved, strict=True):
             with lost.recorded(self._called(question)):
-                if isinstance(found, HHRError):
+                if isinstance(answer, HHRError):
                     self._first_failure = (
-                        self._first_failure or f"{self._called(question)}: {found}"
+                        self._first_failure or f"{self._called(question)}: {answer}"
                     )
-                    raise found
-                self._known[key] = found
+                    raise answer
+                self._known[key] = answer
 
     def _called(self, question: Any) -> str:
         """Name of a path, or a point in words."""

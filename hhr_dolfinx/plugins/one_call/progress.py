@@ -25,8 +25,7 @@ class Stopwatch:
 
 
 class ShareLines:
-    """Progress as lines: one for each stage of a long run, then the fraction of the stage that is
-    done.
+    """Progress as lines: one for each stage of a long run, then the share that is done.
 
     There is none in the first ``quiet`` seconds, nor sooner than ``every`` seconds after the last
     one of a stage.
@@ -50,7 +49,5 @@ class ShareLines:
 
 
 def shares_on(console: Console) -> ShareLines:
-    """Print each stage of a run that takes longer than half a second, and the share of it that is
-    done.
-    """
+    """Print the stages of a run that take longer than half a second, and their progress."""
     return ShareLines(lambda line: console.print(line, highlight=False), quiet=0.5)

@@ -11,6 +11,7 @@ from hhr_dolfinx.reduction.kinds import kind_of
 from hhr_dolfinx.reduction.reductor import Reductor, Task, made
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.condensed import CondensedModel
     from hhr_dolfinx.plugins.one_call.context import SearchContext
 
 POINT_COUNTS = (32, 64, 128, 256, 512)
@@ -34,12 +35,19 @@ class Proposal:
 
 
 def proposals_of(reductor: Reductor, search: SearchContext) -> Iterator[Proposal]:
-    """Models of a reductor that a search may try."""
+    """Models of a reductor that a search may try.
+
+    Args:
+        reductor: the reductor.
+        search: the search.
+    """
     from hhr_dolfinx.reduction.exact import ExactCondensation
 
-    own: Callable[[SearchContext], Iterator[Proposal]] | None = getattr(reductor, "proposals", None)
-    if own is not None:
-        yield from own(search)
+    user_proposals: Callable[[SearchContext], Iterator[Proposal]] | None = getattr(
+        reductor, "proposals", None
+    )
+    if user_proposals is not None:
+        yield from user_proposals(search)
     elif isinstance(reductor, ExactCondensation):
         yield Proposal(reductor.method, "exact", partial(_exact, search))
     elif kind_of(search.full).trains_on(search.family):
@@ -47,7 +55,12 @@ def proposals_of(reductor: Reductor, search: SearchContext) -> Iterator[Proposal
 
 
 def of_more_answers(reductor: Reductor, search: SearchContext) -> Iterator[Proposal]:
-    """Models trained on more and more points, or paths."""
+    """Models trained on more and more points, or paths.
+
+    Args:
+        reductor: the reductor.
+        search: the search.
+    """
     kind, counts = ("points", POINT_COUNTS) if search.family is None else ("paths", PATHS)
     for count in counts:
         yield Proposal(
@@ -55,7 +68,7 @@ def of_more_answers(reductor: Reductor, search: SearchContext) -> Iterator[Propo
         )
 
 
-def _exact(search: SearchContext) -> Any:
+def _exact(search: SearchContext) -> CondensedModel:
     """One model, which needs no training."""
     from hhr_dolfinx.reduction.exact import ExactCondensation
 

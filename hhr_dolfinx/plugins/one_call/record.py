@@ -76,11 +76,11 @@ class Reduction:
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Reasons why models were refused or stopped, each once, in the order of their
-        occurrence.
-        """
+        """Reasons why models were refused or stopped, each once, in the order of occurrence."""
         return tuple(
-            dict.fromkeys(item.outcome for item in self.tried if len(item.outcome) > LONG_OUTCOME)
+            dict.fromkeys(
+                attempt.outcome for attempt in self.tried if len(attempt.outcome) > LONG_OUTCOME
+            )
         )
 
     @property
@@ -102,7 +102,7 @@ class Reduction:
             "known by",
             "outcome",
         )
-        rows = [heads, *(self._row(number, item) for number, item in enumerate(self.tried))]
+        rows = [heads, *(self._row(number, attempt) for number, attempt in enumerate(self.tried))]
         widths = [max(len(row[k]) for row in rows) for k in range(len(heads))]
         lines = [
             "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
@@ -122,9 +122,9 @@ class Reduction:
             return f"there is no model: {self.reason}; {spent}"
         if not self.met:
             return f"{target} is not met: {self.reason}. The best model is returned; {spent}"
-        item = self.tried[self.chosen]
+        model = self.tried[self.chosen]
         sure = (
-            f"at {100 * CONFIDENCE:g} % confidence at most {100 * item.beyond:.2g} % of the box "
+            f"at {100 * CONFIDENCE:g} % confidence at most {100 * model.beyond:.2g} % of the box "
             "exceeds it"
         )
         where = (
@@ -134,8 +134,8 @@ class Reduction:
         )
         return "; ".join(
             [
-                f"{target} is met{where}, {item.known}",
-                *([] if math.isnan(item.beyond) else [sure]),
+                f"{target} is met{where}, {model.known}",
+                *([] if math.isnan(model.beyond) else [sure]),
                 spent,
             ]
         )
@@ -162,8 +162,9 @@ class Reduction:
 
 
 def share_beyond(count: int) -> float:
-    """Largest share of the box that may exceed a limit, if none of so many random points does, with
-    confidence.
+    """Largest share of the box that may exceed a limit, with confidence.
+
+    None of so many random points does.
 
     With a larger share p, the probability (1 - p)^count of none in ``count`` points would be below
     1 - CONFIDENCE.

@@ -49,7 +49,7 @@ from hhr_dolfinx.models.answer import History
 from hhr_dolfinx.models.answer import Path as AnswerPath
 from hhr_dolfinx.models.estimates import check_asked, relative_errors
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
-from hhr_dolfinx.models.model import KeptModel
+from hhr_dolfinx.models.model import AnsweringModel, KeptModel
 from hhr_dolfinx.one_thread import one_thread
 from hhr_dolfinx.online.model_file import save_model
 from hhr_dolfinx.parameters import check_counts
@@ -131,7 +131,7 @@ def reduce(
     seed: int = 1,
     progress: Announce | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
-) -> Any:
+) -> AnsweringModel:
     """Build the cheapest model of a scene with the requested accuracy; collective.
 
     Args:
@@ -176,7 +176,7 @@ def reduce(
         _check_paths(full, paths)
         target = Target.checked(error, of, full)
         _check_fallback(fallback, target)
-        kept, store, arrays = _opened(folder, full)
+        checked_out, store, arrays = _opened(folder, full)
     group_of(comm).agreed(
         "a search", lambda: [full.scene.name, repr((full.scene, error, of, budget, fallback, seed))]
     )
@@ -184,7 +184,7 @@ def reduce(
     context = SearchContext(
         full, Workers(comm, full, store), target, budget, paths, seed, shown, arrays
     )
-    model, reduction = _found(context, kept)
+    model, reduction = _found(context, checked_out)
     if not reduction.met and not comm.rank:
         warn(reduction.verdict, StabilityWarning)
     chosen = _with_fallback(model, full, target) if fallback and not model.fields.exact else model
@@ -192,12 +192,13 @@ def reduce(
     return chosen
 
 
-def _found(context: SearchContext, kept: Path | None) -> tuple[Any, Reduction]:
-    """Result of the first rank, kept in a folder, on all ranks; the others solve for it
-    meanwhile.
+def _found(context: SearchContext, kept: Path | None) -> tuple[KeptModel, Reduction]:
+    """Result of the first rank on all ranks, and in a folder.
+
+    The other ranks solve for it meanwhile.
     """
     comm = context.workers.comm
-    found: Any = None
+    result: Any = None
     with group_of(comm).each("a search"):
         if comm.rank:
             context.workers.serve()
@@ -211,7 +212,7 @@ def _found(context: SearchContext, kept: Path | None) -> tuple[Any, Reduction]:
                 reduction = replace(reduction, seconds=context.clock.seconds)
                 if limited is not model:
                     reduction = replace(reduction, answered=_share_answered(context, limited))
-                found = model, reduction = limited, reduction
+                result = model, reduction = limited, reduction
                 if not reduction.answered:
                     raise _no_model(kept, replace(reduction, chosen=None, reason=NOTHING_SMALL))
                 if kept is not None:
@@ -220,19 +221,19 @@ def _found(context: SearchContext, kept: Path | None) -> tuple[Any, Reduction]:
                     _keep_record(kept, reduction)
             finally:
                 context.workers.let_go()
-    return found if comm.size == 1 else comm.bcast(found)
+    return result if comm.size == 1 else comm.bcast(result)
 
 
-def _with_fallback(model: KeptModel, full: FullOrderModel, target: Target) -> Any:
+def _with_fallback(model: KeptModel, full: FullOrderModel, target: Target) -> AnsweringModel:
     """Add the full model as a fallback.
 
     Returns the small one alone, with a warning, if nothing bounds the error.
     """
-    place = registry.named("public").get("FallbackModel")
+    import_path = registry.named("public").get("FallbackModel")
     try:
-        if place is None:
+        if import_path is None:
             raise NotOfferedError("no plug-in adds FallbackModel")
-        return registry.load(place)(model, full, target.error, of=target.of[0])
+        return registry.load(import_path)(model, full, target.error, of=target.of[0])
     except (BoundError, NotOfferedError, ParameterError) as error:
         warn(f"the full model is not kept behind the small one: {error}", NoBoundWarning)
         return model
@@ -248,24 +249,28 @@ def _keep_record(folder: Path | None, reduction: Reduction) -> None:
 def _opened(
     folder: str | Path | None, full: FullOrderModel
 ) -> tuple[Path | None, SnapshotStore | None, ArrayStore | None]:
-    """Folder of the results, and in it stores of full answers and of solutions of connected
-    components.
+    """Folder of the results, with its stores.
+
+    One has full answers, the other solutions of connected components.
     """
     if folder is None:
         return None, None, None
     if not str(folder):
         raise StudyError("folder='' has no name: give one, or None to keep nothing")
-    kept = checked_folder(folder)
+    results = checked_folder(folder)
     scene = full.scene.name
-    other = None
+    scene_of_record = None
     with suppress(OSError, ValueError, AttributeError):
-        other = json.loads((kept / RECORD_FILE).read_text(encoding="utf-8")).get("scene")
-    if other not in (None, scene):
-        raise StudyError(
-            f"the folder {kept} holds a model of scene '{other}': choose another one for '{scene}'"
+        scene_of_record = json.loads((results / RECORD_FILE).read_text(encoding="utf-8")).get(
+            "scene"
         )
-    store = SnapshotStore(kept / "snapshots", full)
-    return kept, store, ArrayStore(kept / "compliances", store.problem_digest)
+    if scene_of_record not in (None, scene):
+        raise StudyError(
+            f"the folder {results} holds a model of scene '{scene_of_record}': choose another one "
+            f"for '{scene}'"
+        )
+    store = SnapshotStore(results / "snapshots", full)
+    return results, store, ArrayStore(results / "compliances", store.problem_digest)
 
 
 def _full_model(scene: object) -> FullOrderModel:
@@ -300,18 +305,18 @@ def _check_paths(full: FullOrderModel, paths: object) -> None:
         raise StudyError(f"answers of scene '{name}' do not depend on paths: leave them out")
 
 
-def _searched(context: SearchContext, kept: Path | None) -> tuple[Any, Reduction]:
+def _searched(context: SearchContext, kept: Path | None) -> tuple[KeptModel, Reduction]:
     """The model to return, and its record, which is written whatever ends the search."""
-    found = _Found(context)
+    search = _Found(context)
     try:
-        found.search()
+        search.search()
     except BaseException:
-        _keep_record(kept, replace(found.reduction, reason="the search was interrupted"))
+        _keep_record(kept, replace(search.reduction, reason="the search was interrupted"))
         raise
-    reduction = found.reduction
+    reduction = search.reduction
     if reduction.chosen is None:
-        raise _no_model(kept, reduction) from found.failure
-    return found.models[reduction.chosen], reduction
+        raise _no_model(kept, reduction) from search.failure
+    return search.models[reduction.chosen], reduction
 
 
 def _no_model(kept: Path | None, reduction: Reduction) -> StudyError:
@@ -340,8 +345,9 @@ def attempts(context: SearchContext) -> Iterator[Proposal]:
 
 
 class _Found:
-    """Models of a search so far, None for one that was not built, a row for each, and the last
-    error of one.
+    """Models of a search so far, a row for each, and the last error.
+
+    None for a model that was not built.
     """
 
     def __init__(self, context: SearchContext):
@@ -397,10 +403,10 @@ class _Found:
         for number, attempt in enumerate(attempts(context)):
             # with many contact conditions another kind of model may be faster than one that meets
             # the target
-            other = context.full.conditions >= MANY_CONDITIONS and all(
-                item.method != attempt.method for item in self.tried
+            different_kind = context.full.conditions >= MANY_CONDITIONS and all(
+                tried.method != attempt.method for tried in self.tried
             )
-            if self._over or (any(item.met for item in self.tried) and not other):
+            if self._over or (any(tried.met for tried in self.tried) and not different_kind):
                 return
             if attempt.method in self._ended:
                 continue
@@ -416,8 +422,9 @@ class _Found:
             yield attempt
 
     def _judge(self, outcome: Outcome) -> None:
-        """Keep a model or the reason of its refusal, and decide whether similar ones are worth
-        trying.
+        """Keep a model or the reason of its refusal.
+
+        Decide whether similar models are worth trying.
         """
         method = outcome.candidate.method
         error = outcome.error
@@ -439,7 +446,7 @@ class _Found:
             self._reason = "the scene itself allows no model of all of its box"
             self._over = True
         elif isinstance(error, NotOfferedError | ParameterError | SceneError) or row.outcome in {
-            item.outcome for item in self.tried if item.method == method
+            tried.outcome for tried in self.tried if tried.method == method
         }:
             self._ended.add(method)  # later attempts would fail for the same reason
         self._keep(row, None)
@@ -461,7 +468,7 @@ class _Found:
         self.models.append(model)
 
 
-def _try(context: SearchContext, attempt: Proposal) -> tuple[Any, Tried]:
+def _try(context: SearchContext, attempt: Proposal) -> tuple[KeptModel | None, Tried]:
     clock = Stopwatch()
     # the search checks errors in its norms
     with ignored(StabilityWarning, UncheckedWarning, NoBoundWarning):
@@ -471,18 +478,18 @@ def _try(context: SearchContext, attempt: Proposal) -> tuple[Any, Tried]:
     seconds = clock.seconds
     limit = context.budget.bytes
     size = 0 if limit is None else _size(model)
-    made = Tried(attempt.method, attempt.setting, context.solved, seconds, bytes=size)
+    tried = Tried(attempt.method, attempt.setting, context.solved, seconds, bytes=size)
     if limit is not None and size > limit:
         return None, replace(
-            made,
+            tried,
             outcome=f"refused: {size / 1e6:.3g} MB in a file, and {limit / 1e6:.3g} are allowed",
         )
     context.short = ""
     try:
-        errors, known, beyond = _judged(context, model, attempt.method)
+        errors, source, beyond = _judged(context, model, attempt.method)
     except BudgetSpentError as error:
         return model, replace(
-            made, outcome=f"not checked: {error}", known="nothing", full_answers=context.solved
+            tried, outcome=f"not checked: {error}", known="nothing", full_answers=context.solved
         )
     context.forces_off = context.errors.forces_off(errors)
     worst = dict(zip(context.target.of, errors.tolist(), strict=True))
@@ -495,15 +502,16 @@ def _try(context: SearchContext, attempt: Proposal) -> tuple[Any, Tried]:
         if context.short
         else MET
     )
-    made = replace(
-        made, full_answers=context.solved, query=query, errors=worst, known=known, outcome=outcome
+    tried = replace(
+        tried, full_answers=context.solved, query=query, errors=worst, known=source, outcome=outcome
     )
-    return model, replace(made, beyond=beyond) if made.met else made
+    return model, replace(tried, beyond=beyond) if tried.met else tried
 
 
-def _made(attempt: Proposal) -> Any:
-    """The model of a proposal; without fields if these are not affordable and the target does
-    without.
+def _made(attempt: Proposal) -> KeptModel:
+    """The model of a proposal.
+
+    Without fields if these are not affordable and the target does without.
     """
     try:
         return attempt.make()
@@ -516,15 +524,16 @@ def _made(attempt: Proposal) -> Any:
 def _judged(
     context: SearchContext, model: KeptModel, method: str = ""
 ) -> tuple[np.ndarray, str, float]:
-    """Largest known errors of a model, by the norms of the target, their source, and the share that
-    may exceed it.
+    """Largest known errors of a model, their source, and the share that may exceed the target.
+
+    Errors are in the norms of the target.
     """
     if context.family is not None:
         exact = context.fresh(FRESH_PATHS)
-        known = f"{len(exact)} fresh histories, times {OBSERVED_ERROR_FACTOR:g}"
+        source = f"{len(exact)} fresh histories, times {OBSERVED_ERROR_FACTOR:g}"
         return (
             _compared(context, model, exact, OBSERVED_ERROR_FACTOR),
-            known,
+            source,
             share_beyond(len(exact)),
         )
     points = context.full.parameters.random(ERROR_POINTS, context.seed + context.checks)
@@ -533,19 +542,23 @@ def _judged(
         context.check_claim(method, model, exact)
         errors = _compared(context, model, exact)
         return errors, f"{len(exact)} fresh answers; an exact condensation", math.nan
-    said = _said(model, points, context.target)
-    worst = np.array([said[name].max() if name in said else math.inf for name in context.target.of])
+    estimated = _said(model, points, context.target)
+    worst = np.array(
+        [estimated[name].max() if name in estimated else math.inf for name in context.target.of]
+    )
     if (worst <= context.target.error).all():
         exact = context.fresh(BOUND_CHECKS)
         seen = _compared(context, model, exact)
-        known = (
+        source = (
             f"{model.fields.estimated} at {ERROR_POINTS} points (each answer has its own), "
             f"{len(exact)} fresh answers"
         )
-        return np.maximum(worst, seen), known, math.nan
-    if not said:
+        return np.maximum(worst, seen), source, math.nan
+    if not estimated:
         return _seen(context, model, None)
-    relative = [errors / max(float(np.median(errors)), LEAST_MEDIAN) for errors in said.values()]
+    relative = [
+        errors / max(float(np.median(errors)), LEAST_MEDIAN) for errors in estimated.values()
+    ]
     worst_first = np.argsort(-np.max(relative, axis=0), kind="stable")
     return _seen(context, model, points[worst_first[: FRESH // 2]])
 
@@ -553,34 +566,33 @@ def _judged(
 def _seen(
     context: SearchContext, model: KeptModel, suspects: np.ndarray | None
 ) -> tuple[np.ndarray, str, float]:
-    """Errors at fresh answers, including those at suspected points, and at answers of earlier
-    checks.
-    """
+    """Errors at fresh answers, at suspected points, and at answers of earlier checks."""
     before = list(context.held_out)
     random = FRESH if suspects is None else FRESH - len(suspects)
     exact = context.fresh(random, suspects)
     suspected = "" if suspects is None else ", half where it may be worst"
-    known = f"{len(exact)} fresh answers{suspected}, times {OBSERVED_ERROR_FACTOR:g}"
+    source = f"{len(exact)} fresh answers{suspected}, times {OBSERVED_ERROR_FACTOR:g}"
     errors = _compared(context, model, exact, OBSERVED_ERROR_FACTOR)
     # with many attempts one passes by chance; models are not built from forces of earlier checks
     if before:
-        others = [k for k, name in enumerate(context.target.of) if name != DISPLACEMENT]
-        errors[others] = np.maximum(errors, context.errors_of(model, before).max(axis=0))[others]
-        known += f", {len(before)} of before"
+        norms = [k for k, name in enumerate(context.target.of) if name != DISPLACEMENT]
+        errors[norms] = np.maximum(errors, context.errors_of(model, before).max(axis=0))[norms]
+        source += f", {len(before)} of before"
     off = _unresolved(model)
     if off:
         errors = np.maximum(errors, off)
-        known += f"; S is off by {off / UNRESOLVED:.1g}"
+        source += f"; S is off by {off / UNRESOLVED:.1g}"
     # suspected points do not belong to a random sample
-    return errors, known, share_beyond(min(random, len(exact)))
+    return errors, source, share_beyond(min(random, len(exact)))
 
 
 def _silent(context: SearchContext, model: KeptModel, points: np.ndarray) -> np.ndarray | None:
-    """Some of the points at which an exact model has no answer, or no finite error of an output of
-    the target.
+    """Some of the points at which an exact model has no answer.
+
+    Or no finite error of an output of the target.
     """
     wanted = set(context.target.outputs)
-    found = []
+    unanswered = []
     for number, point in enumerate(points if wanted else points[:0]):
         context.announce("estimates", number / len(points))
         answer = model.solve(point, outside="ignore", raise_on_failure=False)
@@ -588,15 +600,16 @@ def _silent(context: SearchContext, model: KeptModel, points: np.ndarray) -> np.
         if estimate is None or not all(
             estimate.outputs.get(name, math.inf) < math.inf for name in wanted
         ):
-            found.append(point)
-        if len(found) == FRESH // 2:
+            unanswered.append(point)
+        if len(unanswered) == FRESH // 2:
             break
-    return np.array(found) if found else None
+    return np.array(unanswered) if unanswered else None
 
 
 def _unresolved(model: KeptModel) -> float:
-    """Expected error of an interpolation that spent its budget before it converged; zero for any
-    other model, and for one that answers by the interpolation of its bound.
+    """Expected error of an interpolation that spent its budget before it converged.
+
+    Zero for any other model, and for one that answers by the interpolation of its bound.
     """
     facts = None if model.offline is None else model.offline.facts
     return UNRESOLVED * float(getattr(facts, "doubt", 0.0))
@@ -613,17 +626,17 @@ def _said(model: KeptModel, points: np.ndarray, target: Target) -> dict[str, np.
     if model.fields.bound is None:
         return {}
     many = model.solve_many(points, raise_on_failure=False, outside="ignore")
-    known = many.estimates()
-    found = {}
+    estimates = many.estimates()
+    errors_by_name = {}
     for name in target.of:
         try:
             check_asked(model.fields, name)
         except ParameterError:  # an output without a bound
             continue
-        errors = relative_errors(many, name, known)
+        errors = relative_errors(many, name, estimates)
         if errors is not None:
-            found[name] = np.where(np.isnan(errors), np.inf, errors)
-    return found
+            errors_by_name[name] = np.where(np.isnan(errors), np.inf, errors)
+    return errors_by_name
 
 
 def _compared(
@@ -644,7 +657,11 @@ def _query_time(context: SearchContext, model: KeptModel) -> float:
             with suppress(HHRError):
                 model.march(path, MarchSettings(outside="ignore"))
 
-        paths = [item.path for item in context.held_out[-FRESH_PATHS:] if isinstance(item, History)]
+        paths = [
+            history.path
+            for history in context.held_out[-FRESH_PATHS:]
+            if isinstance(history, History)
+        ]
         return float(np.median([timed(partial(march, path))[1] for path in paths]))
     points = context.full.parameters.random(TIMED_QUERIES + UNTIMED_QUERIES, context.seed)
     return median_time(
@@ -652,11 +669,15 @@ def _query_time(context: SearchContext, model: KeptModel) -> float:
     )  # accurate enough: models differ by a factor of three
 
 
-def median_time(query: Callable[[np.ndarray], Any], points: np.ndarray, most: float) -> float:
-    """Median of the seconds of queries on one thread after a warm-up, for as many points as take
-    ``most`` seconds.
+def median_time(query: Callable[[np.ndarray], object], points: np.ndarray, most: float) -> float:
+    """Median of the seconds of queries on one thread after a warm-up.
 
     The warm-up of long queries is shorter. A query without an answer counts with its time.
+
+    Args:
+        query: answers one point, (P,).
+        points: parameters, (n, P).
+        most: seconds after which no further point is queried.
     """
     times: list[float] = []
     warm = 0
@@ -684,9 +705,13 @@ def _size(model: KeptModel) -> int:
         return target.stat().st_size
 
 
-def _chosen(tried: Sequence[Tried], models: Sequence[Any], target: Target) -> int | None:
-    """Number of the most accurate of the models that meet the target within a factor of the
-    fastest; else of all.
+def _chosen(
+    tried: Sequence[Tried], models: Sequence[KeptModel | None], target: Target
+) -> int | None:
+    """Index of the model to return; None without any.
+
+    The most accurate of the models that meet the target within a factor of the fastest; else the
+    most accurate of all.
 
     None without any model.
     """
@@ -695,10 +720,10 @@ def _chosen(tried: Sequence[Tried], models: Sequence[Any], target: Target) -> in
         errors = tried[number].errors
         return max((errors.get(name, math.inf) for name in target.of), default=math.inf)
 
-    there = [number for number, model in enumerate(models) if model is not None]
-    met = [number for number in there if tried[number].met]
+    built = [number for number, model in enumerate(models) if model is not None]
+    met = [number for number in built if tried[number].met]
     if not met:
-        return min(there, key=worst, default=None)
+        return min(built, key=worst, default=None)
     quickest = min(tried[number].query for number in met)
     return min(
         (number for number in met if tried[number].query <= SIMILAR_TIME * quickest), key=worst

@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -84,18 +84,25 @@ class Budget:
 
 @dataclass(frozen=True)
 class Target:
-    """Largest relative error of quantities: ``pressure``, ``forces``, ``displacement``, or outputs
-    by name.
+    """Largest relative error of quantities.
+
+    These are ``pressure``, ``forces``, ``displacement``, or outputs by name.
     """
 
     error: float
     of: tuple[str, ...]
 
     @classmethod
-    def checked(cls, error: Any, of: Any, full: FullOrderModel) -> Target:
+    def checked(cls, error: float, of: str | Sequence[str], full: FullOrderModel) -> Target:
         """Target for the answers of a full model.
 
-        ParameterError for an error outside (0, 1) or an unknown quantity.
+        Args:
+            error: largest relative error, 0.01 for one per cent.
+            of: quantity of the error, or several.
+            full: the full model.
+
+        Raises:
+            ParameterError: for an error outside (0, 1) or an unknown quantity.
         """
         if not is_number(error) or not 0 < error < 1:
             raise ParameterError(f"error = {error!r} must lie in (0, 1): 0.01 is one per cent")
@@ -106,13 +113,15 @@ class Target:
             )
         words = (of,) if isinstance(of, str) else tuple(of) if isinstance(of, Sequence) else ()
         outputs = (
-            () if full.functionals is None else tuple(item.name for item in full.functionals.items)
+            ()
+            if full.functionals is None
+            else tuple(functional.name for functional in full.functionals.items)
         )
         unknown = [word for word in words if word not in (*FALLBACK_ERRORS, *outputs)]
         if unknown or not words:
-            known = ", ".join(repr(word) for word in (*FALLBACK_ERRORS, *outputs))
+            names = ", ".join(repr(word) for word in (*FALLBACK_ERRORS, *outputs))
             raise ParameterError(
-                f"of = {of!r} is no error that is known here: give one or several of {known}"
+                f"of = {of!r} is no error that is known here: give one or several of {names}"
             )
         if PRESSURE in words and not _pressed(full.problem).any():
             raise ParameterError(
@@ -136,7 +145,7 @@ class Target:
         """Outputs that it includes."""
         return tuple(word for word in self.of if word not in FALLBACK_ERRORS)
 
-    def ask(self, model: AnsweringModel) -> Callable[[np.ndarray], Any]:
+    def ask(self, model: AnsweringModel) -> Callable[[np.ndarray], None]:
         """Query of a point, (P,), that evaluates the quantities of the target, to be timed."""
 
         def query(point: np.ndarray) -> None:
@@ -168,21 +177,30 @@ class TargetErrors:
         self._pressed = _pressed(full.problem)
         self._floors = dict.fromkeys(target.of, 0.0)
         self._last: tuple[np.ndarray, ContactProblem] | None = None
-        items = () if full.functionals is None else full.functionals.items
-        self._sums = {item.name: item for item in items if isinstance(item, Linear)}
+        functionals = () if full.functionals is None else full.functionals.items
+        self._sums = {
+            functional.name: functional
+            for functional in functionals
+            if isinstance(functional, Linear)
+        }
 
     def know(self, exact: Sequence[Exact]) -> None:
-        """Update least sizes from exact answers: denominators of errors are at least a thousandth
-        of the largest.
+        """Update smallest denominators from exact answers.
+
+        They are a thousandth of the largest value.
         """
         for name in self.target.of:
-            sizes = [self._largest(name, answer) for item in exact for answer in steps_of(item)]
+            sizes = [self._largest(name, answer) for query in exact for answer in steps_of(query)]
             self._floors[name] = max(self._floors[name], FORCE_FLOOR * max(sizes, default=0.0))
 
     def of(self, found: Sequence[Answer], exact: Exact) -> np.ndarray:
         """Errors of the answers of a model to one query, in the order of the target.
 
         Infinite if one is missing.
+
+        Args:
+            found: answers of the model along the query.
+            exact: exact answer, or history.
         """
         steps = steps_of(exact)
         if len(found) != len(steps) or not all(answer.converged for answer in found):
@@ -190,31 +208,34 @@ class TargetErrors:
         return np.array([self._relative(name, found, steps) for name in self.target.of])
 
     def forces_off(self, worst: np.ndarray) -> bool:
-        """True if contact forces may miss the target, by the largest errors in the order of the
-        target.
-        """
-        known = dict(zip(self.target.of, worst.tolist(), strict=True))
-        seen = [known[name] for name in ("forces", PRESSURE) if name in known]
+        """True if contact forces may miss the target, by the largest errors of each norm."""
+        errors = dict(zip(self.target.of, worst.tolist(), strict=True))
+        seen = [errors[name] for name in ("forces", PRESSURE) if name in errors]
         return not seen or max(seen) > self.target.error
 
     def _relative(self, name: str, found: Sequence[Answer], exact: Sequence[Answer]) -> float:
         error = 0.0
         size = self._floors[name]
-        for here, there in zip(found, exact, strict=True):
-            known = self._read(name, there)
-            error = max(error, self._size(name, there, self._read(name, here) - known))
-            size = max(size, self._size(name, there, known))
+        for answer, reference in zip(found, exact, strict=True):
+            exact_value = self._read(name, reference)
+            error = max(error, self._size(name, reference, self._read(name, answer) - exact_value))
+            size = max(size, self._size(name, reference, exact_value))
         if not math.isfinite(error):
             return math.inf
         relative = error / size if size > 0 else math.inf if error > 0 else 0.0
         if name in FALLBACK_ERRORS or relative <= self.target.error:
             return relative
         # an output that vanishes up to round-off, as a closed gap does, has no size to compare with
-        return 0.0 if error <= max(self._round_off(name, there) for there in exact) else relative
+        return (
+            0.0
+            if error <= max(self._round_off(name, reference) for reference in exact)
+            else relative
+        )
 
     def _round_off(self, name: str, answer: Answer) -> float:
-        """Change of an output of an exact answer if displacements and forces change by round-off of
-        their largest.
+        """Change of an output of an exact answer by round-off of displacements and forces.
+
+        Round-off is relative to the largest of these.
         """
         dice = np.random.default_rng(0)
         value = answer.outputs()[name]
@@ -225,10 +246,10 @@ class TargetErrors:
 
         changes = []
         for _ in range(3):
-            other = answer._replace(
+            changed = answer._replace(
                 unknown=disturbed(answer.unknown), multipliers=disturbed(answer.multipliers)
             )
-            changes.append(abs(other.outputs()[name] - value))
+            changes.append(abs(changed.outputs()[name] - value))
         return max(changes)
 
     def _read(self, name: str, answer: Answer) -> np.ndarray:
@@ -263,20 +284,21 @@ class TargetErrors:
         return self._last[1]
 
     def _largest(self, name: str, answer: Answer) -> float:
-        """Size of an exact answer; for an output that is a sum, with absolute values of its
-        terms.
+        """Size of an exact answer.
+
+        For an output that is a sum, with absolute values of its terms.
         """
         size = self._size(name, answer, self._read(name, answer))
-        item = self._sums.get(name)
-        if item is None:
+        total = self._sums.get(name)
+        if total is None:
             return size
-        sizes = abs(item.matrix(self._problem.free.size)) @ np.abs(answer.displacement())
+        sizes = abs(total.matrix(self._problem.free.size)) @ np.abs(answer.displacement())
         return max(
             size,
-            float(np.abs(item.weights) @ np.abs(answer.forces()[item.conditions]) + sizes.sum()),
+            float(np.abs(total.weights) @ np.abs(answer.forces()[total.conditions]) + sizes.sum()),
         )
 
 
-def _pressed(problem: Any) -> np.ndarray:
+def _pressed(problem: ContactProblem) -> np.ndarray:
     """Conditions with a pressure, (N_lambda,) bool: those along a normal that have an area."""
     return (problem.contact_areas > 0) & problem.pressing

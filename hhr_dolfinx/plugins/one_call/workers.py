@@ -67,20 +67,22 @@ class Workers:
         if comm.size == 1:
             return [self._tried(question) for question in questions]
         failure = None
-        own: list[Any] = []
+        local_results: list[Any] = []
         try:
-            own = [_sent(self._tried(question)) for question in questions[comm.rank :: comm.size]]
+            local_results = [
+                _sent(self._tried(question)) for question in questions[comm.rank :: comm.size]
+            ]
         except BaseException as error:  # the other ranks wait for this part
             failure = error
-            own = [("", f"{type(error).__name__}: {error}")] * len(
+            local_results = [("", f"{type(error).__name__}: {error}")] * len(
                 questions[comm.rank :: comm.size]
             )
-        parts = comm.gather(own)
-        if failure is not None and parts is not None:
+        gathered = comm.gather(local_results)
+        if failure is not None and gathered is not None:
             raise failure
-        if parts is None:
+        if gathered is None:
             return []
-        return [self._taken(parts[k % comm.size][k // comm.size]) for k in range(len(questions))]
+        return [self._taken(gathered[k % comm.size][k // comm.size]) for k in range(len(questions))]
 
     def _tried(self, question: np.ndarray | AnswerPath) -> Found:
         """One exact answer, from the store if it is there, or the reason for its absence."""
@@ -90,9 +92,9 @@ class Workers:
         try:
             if not isinstance(question, np.ndarray):
                 return compute_snapshots(full, [question], store=self.store).histories[0]
-            kept = None if store is None else store.load(question)
-            if kept is not None:
-                return kept._replace(fields=full)
+            stored = None if store is None else store.load(question)
+            if stored is not None:
+                return stored._replace(fields=full)
             with full.strains.paused():  # the search checks all of them at once
                 answer = full.solve(question)
             if store is not None:
@@ -101,9 +103,10 @@ class Workers:
         except errors.HHRError as error:
             return error
 
-    def _taken(self, item: Any) -> Found:
-        """Result of another rank; RuntimeError for a failure outside this package, which no other
-        attempt can cure.
+    def _taken(self, item: Answer | History | tuple[str, str]) -> Found:
+        """Result of another rank.
+
+        RuntimeError for a failure outside this package, which no other attempt can cure.
         """
         if isinstance(item, Answer):
             return item._replace(fields=self.full)
@@ -115,7 +118,7 @@ class Workers:
         return class_of(name)(text)
 
 
-def _sent(found: Found) -> Any:
+def _sent(found: Found) -> Answer | History | tuple[str, str]:
     """An answer without its model, or an error as text: not all of them can be pickled."""
     if isinstance(found, Answer):
         return found._replace(fields=NOWHERE)

@@ -98,22 +98,32 @@ def march(
 
 
 def family_of(scene: str) -> PathFamily:
-    """``PATHS`` of the file of a scene; SceneError if there is none, or if it is something else."""
+    """``PATHS`` of the file of a scene.
+
+    Args:
+        scene: the file.
+
+    Raises:
+        SceneError: if there is no such family, or if it is something else.
+    """
     from hhr_dolfinx.command.loading import beside, value_of
     from hhr_dolfinx.errors import SceneError
     from hhr_dolfinx.plugins.paths.path_families import PathFamily
 
-    found = value_of(beside(scene, "PATHS"), scene, "PATHS", PathFamily)
-    if found is None:
+    family = value_of(beside(scene, "PATHS"), scene, "PATHS", PathFamily)
+    if family is None:
         raise SceneError(
             f"{scene} has no PATHS: put PATHS = hhr.PathFamily(...) in its file, or call hhr solve"
         )
-    return found
+    return family
 
 
 def row_of(model: Any, answer: Answer) -> dict[str, float]:
-    """Time, parameters, what ``hhr solve`` shows of an answer, and the outputs of the scene at a
-    step.
+    """Time, parameters, largest values and outputs of a step.
+
+    Args:
+        model: the model.
+        answer: its answer to the step.
     """
     row = {
         "time [s]": answer.time,

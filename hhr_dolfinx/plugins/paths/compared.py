@@ -50,10 +50,14 @@ def retraced(model: Model, exact: History) -> History:
 
     The model uses the same increments, so that errors of time steps do not count as errors of the
     model. Warnings of the full order are not repeated.
+
+    Args:
+        model: the model.
+        exact: history of the full order.
     """
     with told_once(), ignored(SmallStrainWarning, FarSlidingWarning):
-        found = model.march(exact.solved_path, MarchSettings(outside="ignore"))
-    return found.thinned([answer.time for answer in exact.answers])
+        history = model.march(exact.solved_path, MarchSettings(outside="ignore"))
+    return history.thinned([answer.time for answer in exact.answers])
 
 
 def compare_histories(
@@ -63,39 +67,52 @@ def compare_histories(
     floor: float,
     errors_of_laws: ErrorsOfLaws,
 ) -> tuple[Comparison, dict[str, list[Any]]]:
-    """Errors of known load paths, by label, solved by a model, and the signs of its steps by the
-    same labels.
+    """Errors of known load paths, solved by a model, and the signs of its steps, by label.
 
     The error of a path is the largest of its steps over the largest displacement or force of the
     path: otherwise the first contact, with forces of a twentieth of the last ones, would decide.
     The same holds for errors of laws. A path that fails has infinite errors and no signs.
+
+    Args:
+        full: the full model.
+        model: the model.
+        histories: exact histories by label.
+        floor: smallest denominator of errors of forces.
+        errors_of_laws: errors of the laws of bodies along a path.
     """
     rows: list[Row] = []
     signs = {}
     for label, exact in histories.items():
         try:
-            found = retraced(model, exact)
+            history = retraced(model, exact)
         except HHRError:
             rows.append((label, *[math.inf] * (2 + len(errors_of_laws.names))))
             continue
-        states = errors_of_laws(found, exact)
-        rows.append((label, *largest_errors(full, found, exact, floor), *states))
-        signs[label] = found.signs
+        states = errors_of_laws(history, exact)
+        rows.append((label, *largest_errors(full, history, exact, floor), *states))
+        signs[label] = history.signs
     return Comparison.of(rows, errors_of_laws.names), signs
 
 
 def largest_errors(
     full: FullModel, found: History, exact: History, floor: float
 ) -> tuple[float, float]:
-    """Largest errors of the displacement (L2) and of the forces everywhere over their largest norm
-    in the load path.
+    """Largest errors of displacement (L2) and forces over their largest norm in the load path.
+
+    Args:
+        full: the full model.
+        found: history of the model.
+        exact: exact history, with the same times.
+        floor: smallest denominator of the error of forces.
     """
     mass = full.problem.mass
     pairs = list(zip(found.answers, exact.answers, strict=True))
-    fields = [there.displacement() for _, there in pairs]
-    wrong = [here.displacement() - field for (here, _), field in zip(pairs, fields, strict=True)]
-    forces = [np.linalg.norm(here.forces() - there.forces()) for here, there in pairs]
-    largest = max(max(float(np.linalg.norm(there.forces())) for _, there in pairs), floor)
+    fields = [reference.displacement() for _, reference in pairs]
+    wrong = [
+        answer.displacement() - field for (answer, _), field in zip(pairs, fields, strict=True)
+    ]
+    forces = [np.linalg.norm(answer.forces() - reference.forces()) for answer, reference in pairs]
+    largest = max(max(float(np.linalg.norm(reference.forces())) for _, reference in pairs), floor)
     length = max(norm(field, mass) for field in fields)
     return (
         max(norm(field, mass) for field in wrong) / length if length > 0 else 0.0,
@@ -112,13 +129,25 @@ def compared_histories(
     remedy: str | Mapping[str, str] = OF_A_RID,
     errors_of_laws: ErrorsOfLaws = NO_ERRORS,
 ) -> tuple[Comparison | None, dict[str, list[Any]]]:
-    """Errors against known load paths, None without limits, and the signs of their steps by label.
+    """Errors against known load paths, and the signs of their steps by label.
 
     Raises and warns as :func:`~hhr_dolfinx.certify.trust.check_comparison`.
+
+    Args:
+        full: the full model.
+        model: the model.
+        snapshots: training histories.
+        held_out: validation histories; None without any.
+        limits: limits of the errors; None for no comparison.
+        remedy: advice for a model that is refused.
+        errors_of_laws: errors of the laws of bodies along a path.
+
+    Returns:
+        The errors, None without limits, and the signs.
     """
-    kept = () if held_out is None else held_out.histories
+    validation = () if held_out is None else held_out.histories
     histories = {f"{TRAINED} {k}": history for k, history in enumerate(snapshots.histories)}
-    histories |= {f"held-out history {k}": history for k, history in enumerate(kept)}
+    histories |= {f"held-out history {k}": history for k, history in enumerate(validation)}
     floor = force_floor(full.problem, snapshots)
     comparison, shown = compare_histories(full, model, histories, floor, errors_of_laws)
     if limits is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from hhr_dolfinx.snapshots.records import NOWHERE, SnapshotSet, SnapshotSolver
 from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.warn import first_alone
 
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.answer import ModelFields
+
 _log = logging.getLogger(__name__)
 
 
@@ -28,12 +31,15 @@ class KeptSteps:
         self._store = store
         path = checked_path(store.parameters, path)
         self._path = path
-        how = [
+        options = [
             getattr(settings, name)
             for name in settings.__dataclass_fields__
             if name not in ("outside", "gradient")
         ]
-        query = [item if item is None or isinstance(item, str) else float(item) for item in how]
+        query = [
+            option if option is None or isinstance(option, str) else float(option)
+            for option in options
+        ]
         self._queries: list[list] = []
         for time, point in path:
             # each query has the digest of the one before: with the whole path in each, files would
@@ -63,9 +69,9 @@ class KeptSteps:
         """
         if not history.answers or not self._store.laws.is_large(history.answers[-1]):
             return history
-        found = self._store.found
+        count = self._store.found
         answers = self.load()
-        self._store.found = found
+        self._store.found = count
         return (
             replace(history, answers=answers) if len(answers) == len(history.answers) else history
         )
@@ -76,9 +82,14 @@ class KeptSteps:
         self._store.save_query(answer, self._queries[self._count])
 
 
-def with_fields(history: History, fields: Any) -> History:
-    """History whose answers refer to other fields: those of an answer cannot be sent to another
-    rank.
+def with_fields(history: History, fields: ModelFields) -> History:
+    """History whose answers refer to other fields.
+
+    Those of an answer cannot be sent to another rank.
+
+    Args:
+        history: the history.
+        fields: the other fields.
     """
     return replace(history, answers=[answer._replace(fields=fields) for answer in history.answers])
 
@@ -94,9 +105,11 @@ class Paths:
 
     def asked(self) -> list[str | np.ndarray]:
         """See :class:`~hhr_dolfinx.snapshots.records.Queries`."""
-        values = [item for path in self.paths for pair in path for item in pair]
-        numbers = (list(item.values()) if isinstance(item, Mapping) else item for item in values)
-        return [f"{len(self.paths)} paths", *(np.array(item, dtype=float) for item in numbers)]
+        values = [value for path in self.paths for pair in path for value in pair]
+        numbers = (
+            list(value.values()) if isinstance(value, Mapping) else value for value in values
+        )
+        return [f"{len(self.paths)} paths", *(np.array(value, dtype=float) for value in numbers)]
 
     def part(self, numbers: Sequence[int]) -> Paths:
         """See :class:`~hhr_dolfinx.snapshots.records.Queries`."""
@@ -129,13 +142,19 @@ class Paths:
     def gathered(
         self, own: SnapshotSet | None, full: FullModel, group: ProcessGroup
     ) -> SnapshotSet:
-        """See :class:`~hhr_dolfinx.snapshots.records.Queries`."""
+        """See :class:`~hhr_dolfinx.snapshots.records.Queries`.
+
+        Args:
+            own: histories of this rank; None without any.
+            full: the full model, to which the answers will refer.
+            group: the ranks.
+        """
         # an answer refers to its model, which cannot be sent to another rank
         sent: Any = (
             () if own is None else [with_fields(history, NOWHERE) for history in own.histories]
         )
         return SnapshotSet.of_histories(
-            with_fields(item, full) for part in group.gathered(sent) for item in part
+            with_fields(item, full) for histories in group.gathered(sent) for item in histories
         )
 
 
@@ -147,14 +166,17 @@ def _history(solver: SnapshotSolver, path: Path) -> History:
     full: Any = solver.full
     if solver.store is None:
         return full.march(path, solver.settings)
-    kept = KeptSteps(solver.store, path, solver.settings)
+    steps = KeptSteps(solver.store, path, solver.settings)
     if full.group.size == 1:
-        return kept.on_disk(full.march(path, solver.settings, known=kept.load(), keep=kept.save))
+        return steps.on_disk(full.march(path, solver.settings, known=steps.load(), keep=steps.save))
     first = full.group.number == 0
-    known = full.group.from_first(
-        [answer._replace(fields=NOWHERE) for answer in kept.load()] if first else []
+    previous = full.group.from_first(
+        [answer._replace(fields=NOWHERE) for answer in steps.load()] if first else []
     )
-    keep = kept.save if first else lambda answer: None
+    keep = steps.save if first else lambda answer: None
     return full.march(
-        path, solver.settings, known=[answer._replace(fields=full) for answer in known], keep=keep
+        path,
+        solver.settings,
+        known=[answer._replace(fields=full) for answer in previous],
+        keep=keep,
     )

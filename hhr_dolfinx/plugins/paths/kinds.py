@@ -30,17 +30,30 @@ class OfHistories(OfPoints):
         return family is not None
 
     def check(self, name: str, solutions: object) -> SnapshotSet:
-        """Refuse answers at single parameters, too."""
-        known = super().check(name, solutions)
-        if not known.histories:
+        """Refuse answers at single parameters, too.
+
+        Args:
+            name: name of the answers, for the message.
+            solutions: the answers.
+
+        Raises:
+            ReductionError: for answers that are no histories.
+        """
+        histories = super().check(name, solutions)
+        if not histories.histories:
             raise ReductionError(
                 f"{name} of a scene with {self.full.law.name} must be histories: "
                 "SnapshotSet.of_histories"
             )
-        return known
+        return histories
 
     def warn_of_training(self, snapshots: SnapshotSet, held_out: SnapshotSet | None) -> None:
-        """A path counts as many points, and need not fill the box."""
+        """A path counts as many points, and need not fill the box.
+
+        Args:
+            snapshots: training histories.
+            held_out: validation histories; None without any.
+        """
         warn_of_no_contact(self.full.problem, snapshots)
         warn_of_few_held_out(held_out, 0, "a history")
 
@@ -48,7 +61,7 @@ class OfHistories(OfPoints):
         """Errors are indicated."""
 
     def with_corners(self, model: Checked) -> Checked:
-        """The same: a point takes dozens of increments, and the full model warns."""
+        """See :class:`OfPoints`: a point takes dozens of increments, and the full model warns."""
         return model
 
     def compared(
@@ -59,17 +72,30 @@ class OfHistories(OfPoints):
         limits: TrustLimits | None,
         remedy: str | Mapping[str, str],
     ) -> tuple[Comparison | None, Trained | None]:
-        """Errors against known histories, and the training range."""
+        """Errors against known histories, and the training range.
+
+        Args:
+            model: the model.
+            snapshots: training histories.
+            held_out: validation histories; None without any.
+            limits: limits of the errors; None for no comparison.
+            remedy: advice for a model that is refused.
+        """
         trained: Trained | None = getattr(model, "trained", None)
         return compared_histories(self.full, model, snapshots, held_out, limits, remedy)[0], trained
 
     def pairs(self, model: Model, known: SnapshotSet) -> Answered:
-        """The steps of one known history, with those of a model along the same path."""
+        """Steps of one known history, with those of a model along the same path.
+
+        Args:
+            model: the model.
+            known: exact histories.
+        """
         if not known.histories:
             yield from super().pairs(model, known)
         for history in known.histories[:1]:
-            found: list[Any] = [None] * len(history.answers)
+            answers: list[Any] = [None] * len(history.answers)
             with suppress(HHRError):
-                found = retraced(model, history).answers
-            for here, exact in zip(found, history.answers, strict=True):
-                yield exact, here, f"t = {exact.time:g} s of history 0"
+                answers = retraced(model, history).answers
+            for answer, exact in zip(answers, history.answers, strict=True):
+                yield exact, answer, f"t = {exact.time:g} s of history 0"

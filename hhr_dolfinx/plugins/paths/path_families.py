@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from hhr_dolfinx.errors import ParameterError, SceneError
 from hhr_dolfinx.formulas import Scalar, box_samples, formula_of
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 from hhr_dolfinx.sampling import Sobol
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.parameters import PointLike
 
 Targets = Mapping[str, float | str] | tuple[tuple[str, float | str], ...]
 """Numbers or formulas of the family parameters, by the names of parameters of the scene."""
@@ -43,8 +46,9 @@ class Sampling(Protocol):
 
 
 class NamedPath(list[tuple[float, np.ndarray]]):
-    """A load path, a list of times in s and parameters, (P,), with a name and its family
-    parameters.
+    """A load path with a name and its family parameters.
+
+    It is a list of times in s and parameters, (P,).
 
     Attributes:
         name: name of the family, with the values; it labels the path in reports.
@@ -63,8 +67,8 @@ class NamedPath(list[tuple[float, np.ndarray]]):
             return False  # a list would use comparisons of arrays as booleans
         alike = (self.name, self.values, len(self)) == (other.name, other.values, len(other))
         return alike and all(
-            time == there and np.array_equal(point, target)
-            for (time, point), (there, target) in zip(self, other, strict=True)
+            time == other_time and np.array_equal(point, target)
+            for (time, point), (other_time, target) in zip(self, other, strict=True)
         )
 
     def __ne__(self, other: object) -> bool:
@@ -150,10 +154,10 @@ class PathFamily:
             raise SceneError(
                 f"the name {self.name!r} of a family of paths must be a text that is not empty"
             )
-        for part in ("space", "own"):
-            if not isinstance(getattr(self, part), ParameterSpace):
+        for field in ("space", "own"):
+            if not isinstance(getattr(self, field), ParameterSpace):
                 raise SceneError(
-                    f"{part} = {getattr(self, part)!r} of the family '{self.name}' must be a "
+                    f"{field} = {getattr(self, field)!r} of the family '{self.name}' must be a "
                     "ParameterSpace: give space=scene.parameters, and a box of the family's own "
                     "parameters"
                 )
@@ -181,7 +185,7 @@ class PathFamily:
                     f"{error}; or narrow the box of the family's own parameters"
                 ) from None
 
-    def path(self, point: Any) -> NamedPath:
+    def path(self, point: PointLike) -> NamedPath:
         """Path of a point of the family parameters, a sequence, (P_own,), or a mapping by name.
 
         Raises:
@@ -192,7 +196,7 @@ class PathFamily:
             values = self.own.point(point)
         start, *ends = self._corners(values)
         time = 0.0
-        here = start.target
+        position = start.target
         pairs = [(0.0, start.target)]
         for end in ends:
             shares = np.arange(1, end.steps + 1) / end.steps
@@ -204,17 +208,20 @@ class PathFamily:
                 )
             # constant values stay the same to the last bit, and each leg ends exactly at the start
             # of the next one
-            targets = [here + (end.target - here) * share for share in shares[:-1]] + [end.target]
+            targets = [position + (end.target - position) * share for share in shares[:-1]] + [
+                end.target
+            ]
             pairs += zip(times.tolist(), targets, strict=True)
             time = float(times[-1])
-            here = end.target
+            position = end.target
         return NamedPath(
             pairs, self._called(values), dict(zip(self.own.names, values.tolist(), strict=True))
         )
 
     def paths(self, drawn: Sampling | np.ndarray) -> list[NamedPath]:
-        """Paths of a sampling, such as ``Sobol(12)``, or of points of the family parameters, (n,
-        P_own).
+        """Paths of a sampling, such as ``Sobol(12)``, or of points of the family parameters.
+
+        Points are (n, P_own).
 
         Raises:
             ParameterError: as :meth:`path`, and for other objects.
@@ -229,8 +236,9 @@ class PathFamily:
     def training(
         self, count: int, seed: int = 1, *, least_part: float = LEAST_PART, cycles: int = 1
     ) -> list[NamedPath]:
-        """Training paths: corners of the family parameters, then points inside, every other one at
-        a part load.
+        """Training paths: corners of the family parameters, then points inside.
+
+        Every other one is at a part load.
 
         The largest plastic strains occur at corners, which points inside never reach: on two
         rollers 5 % of all paths, with errors of forces of 31 to 46 %, were near one corner.
@@ -315,10 +323,10 @@ class PathFamily:
             nothing = LEG_ROUND_OFF * max(map(abs, seconds))
             if not nothing:
                 raise ParameterError("no leg takes any time: give one of them a duration")
-            here = self._target("the start", start, values, {})
-            found = [_Corner(here, 0.0, 0)]
+            position = self._target("the start", start, values, {})
+            corners = [_Corner(position, 0.0, 0)]
             for k, (leg, duration) in enumerate(zip(legs, seconds, strict=True), 1):
-                before = dict(zip(self.space.names, here, strict=True))
+                before = dict(zip(self.space.names, position, strict=True))
                 target = self._target(f"the end of leg {k}", leg, values, before)
                 if duration < -nothing:
                     raise ParameterError(
@@ -329,10 +337,10 @@ class PathFamily:
                     steps = max(round(_value(f"steps of leg {k}", leg.steps, values)), 1)
                     if steps > MOST_LEG_STEPS:
                         raise ParameterError(f"leg {k} has {steps} steps: {MOST_LEG_STEPS} at most")
-                    found.append(_Corner(target, duration, steps))
-                    here = target
+                    corners.append(_Corner(target, duration, steps))
+                    position = target
                     continue
-                jumps = np.abs(target - here) > LEG_ROUND_OFF * np.subtract(
+                jumps = np.abs(target - position) > LEG_ROUND_OFF * np.subtract(
                     self.space.upper, self.space.lower
                 )
                 if jumps.any():
@@ -340,7 +348,7 @@ class PathFamily:
                     raise ParameterError(
                         f"leg {k} takes no time and changes {changed}: give it a duration"
                     )
-            return found
+            return corners
 
     def _target(
         self, where: str, leg: _Formulas, values: np.ndarray, before: Mapping[str, float]
@@ -349,11 +357,11 @@ class PathFamily:
 
         Parameters that it does not name are as before.
         """
-        found = {
+        named = {
             name: _value(f"{name} at {where}", scalar, values) for name, scalar in leg.to.items()
         }
         with _naming(f"{where} is outside the box of the scene"):
-            return self.space.point({**before, **found})
+            return self.space.point({**before, **named})
 
     @property
     def _title(self) -> str:
@@ -366,15 +374,14 @@ class PathFamily:
 def _part_of(path: NamedPath, share: float) -> NamedPath:
     """Path over a fraction of the way from the start, at the same rates."""
     time, start = path[0]
-    pairs = [
-        (time + share * (there - time), start + share * (point - start)) for there, point in path
-    ]
+    pairs = [(time + share * (end - time), start + share * (point - start)) for end, point in path]
     return NamedPath(pairs, f"{share:.2g} of {path.name}", {**path.values, "part": share})
 
 
 def _cycled(path: NamedPath, cycles: int) -> NamedPath:
-    """Path that is followed ``cycles`` times, and backwards between two times, at the same
-    rates.
+    """Path that is followed ``cycles`` times at the same rates.
+
+    It is followed backwards between two times.
     """
     pairs = list(path)
     for _ in range(cycles - 1):
@@ -414,10 +421,10 @@ def _naming(what: str) -> Iterator[None]:
 def _value(what: str, scalar: Scalar, values: np.ndarray) -> float:
     """Value of a formula at a point; ParameterError if it is not finite."""
     with _naming(f"{what} = {scalar.text}"):
-        found = scalar.value(values)
-        if not math.isfinite(found):
-            raise ParameterError(f"is {found:g}, and must be finite: correct the formula")
-        return found
+        value = scalar.value(values)
+        if not math.isfinite(value):
+            raise ParameterError(f"is {value:g}, and must be finite: correct the formula")
+        return value
 
 
 def _kept(what: str, value: Any) -> float | str:

@@ -14,8 +14,15 @@ from hhr_dolfinx.study.training.train import chooses_itself
 
 
 def training_queries(scene: Scene, training: Any, held_out: Any) -> tuple[Any, list]:
-    """Tool ``queries``: checked paths to train on, or a training that chooses them, and paths that
-    are held out.
+    """Training and validation paths, checked: the tool ``queries``.
+
+    Args:
+        scene: the scene.
+        training: paths to train on, or a training that chooses them.
+        held_out: paths that are held out; empty or None without any.
+
+    Returns:
+        The paths, or the training, and the paths that are held out.
 
     Raises:
         StudyError: for an invalid list of paths.
@@ -31,14 +38,19 @@ def training_queries(scene: Scene, training: Any, held_out: Any) -> tuple[Any, l
     if chooses:
         training.space(scene)
     apart = held_out.tolist() if isinstance(held_out, np.ndarray) else held_out
-    given = training if chooses else training_paths(scene, training)
-    return given, training_paths(scene, apart) if apart else []
+    queries = training if chooses else training_paths(scene, training)
+    return queries, training_paths(scene, apart) if apart else []
 
 
 def training_paths(scene: Scene, paths: object) -> list:
     """Checked paths of a scene whose answers depend on their path.
 
-    StudyError for an invalid list of paths.
+    Args:
+        scene: the scene.
+        paths: load paths, each with a start and a step at least.
+
+    Raises:
+        StudyError: for an invalid list of paths.
     """
     advice = (
         f"answers of scene '{scene.name}' depend on the path that leads to them: train on a list "
@@ -53,7 +65,8 @@ def training_paths(scene: Scene, paths: object) -> list:
         raise StudyError(f"{advice} ({error})") from None
     # paths of a family keep their names
     checked = [
-        path if isinstance(getattr(path, "name", None), str) else known for path, known in pairs
+        path if isinstance(getattr(path, "name", None), str) else plain_path
+        for path, plain_path in pairs
     ]
     if not checked or min(len(path) for path in checked) < 2:
         raise StudyError(

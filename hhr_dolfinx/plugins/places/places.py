@@ -29,8 +29,9 @@ place.
 
 @dataclass(frozen=True)
 class Nodes(KnownArguments):
-    """The nodes at which a function of the coordinates is true, ``Nodes(lambda x: np.isclose(x[0],
-    0))``.
+    """The nodes at which a function of the coordinates is true.
+
+    ``Nodes(lambda x: np.isclose(x[0], 0))``.
 
     Attributes:
         where: function of coordinates, (dim, n), as of DOLFINx' ``locate_dofs_geometrical``, which
@@ -57,21 +58,25 @@ class Nodes(KnownArguments):
     def nodes(self, points: np.ndarray) -> np.ndarray:
         """See :class:`~hhr_dolfinx.parameters.Place`.
 
-        SceneError for a function that returns anything else.
+        Args:
+            points: coordinates of all nodes, (n, dim).
+
+        Raises:
+            SceneError: for a function that fails, or returns anything but one bool for each node.
         """
         try:
-            inside = np.asarray(self.where(points.T))
+            selected = np.asarray(self.where(points.T))
         except Exception as error:  # a user's function raises anything
             raise SceneError(
                 f"the function of {self!r} fails for coordinates {points.T.shape}: {error!r}"
             ) from error
-        if inside.shape != (len(points),) or inside.dtype != bool:
+        if selected.shape != (len(points),) or selected.dtype != bool:
             raise SceneError(
                 f"the function of {self!r} must return one bool for each of {len(points)} nodes, "
-                f"of coordinates of the shape {points.T.shape}, and returns {inside.dtype} of the "
-                f"shape {inside.shape}"
+                f"of coordinates of the shape {points.T.shape}, and returns {selected.dtype} of "
+                f"the shape {selected.shape}"
             )
-        return np.flatnonzero(inside)
+        return np.flatnonzero(selected)
 
 
 @dataclass(frozen=True)
@@ -92,7 +97,11 @@ class Nearest:
     def nodes(self, points: np.ndarray) -> np.ndarray:
         """See :class:`~hhr_dolfinx.parameters.Place`.
 
-        SceneError for a point of another dimension, or several nodes.
+        Args:
+            points: coordinates of all nodes, (n, dim).
+
+        Raises:
+            SceneError: for a point of another dimension, or several nodes.
         """
         if len(self.point) != points.shape[1]:
             raise SceneError(
@@ -103,9 +112,9 @@ class Nearest:
         if len(near) > 1:
             raise SceneError(
                 f"{len(near)} nodes are equally near to Nodes.near{self.point}, at "
-                f"{', '.join(str(rounded(place)) for place in points[near])}: round-off "
-                "would choose. Give a point next to one of them; where bodies have nodes at one "
-                "place, another place, or a set of nodes of the file of the mesh"
+                f"{', '.join(str(rounded(coordinates)) for coordinates in points[near])}: "
+                "round-off would choose. Give a point next to one of them; where bodies have nodes "
+                "at one place, another place, or a set of nodes of the file of the mesh"
             )
         return near
 
@@ -140,7 +149,11 @@ class NodalForce(KnownArguments):
         check_amplitude(self, f"the nodal force at {self.place!r}", formulas=True)
 
     def terms(self, assembler: Assembler) -> list[Term]:
-        """One vector."""
+        """One vector.
+
+        Raises:
+            SceneError: for a vector of another dimension than the mesh.
+        """
         (dim,) = assembler.test.ufl_shape
         if len(self.vector) != dim:
             raise SceneError(
@@ -157,8 +170,9 @@ class NodalForce(KnownArguments):
 
 @dataclass(frozen=True)
 class Springs(KnownArguments):
-    """A spring to ground at each node, or a bedding per area: forces -k (u - amplitude) along a
-    component.
+    """A spring to ground at each node, or a bedding per area.
+
+    Forces are -k (u - amplitude) along a component.
 
     Attributes:
         place: the name of a set of nodes in the file of the mesh, a tag of facets, or
@@ -184,25 +198,29 @@ class Springs(KnownArguments):
         check_amplitude(self, f"the spring at {self.place!r}", formulas=True)
 
     def stiffness(self, assembler: Assembler) -> np.ndarray:
-        """See :class:`~hhr_dolfinx.loads.Load`."""
+        """See :class:`~hhr_dolfinx.loads.Load`.
+
+        Raises:
+            SceneError: for a component that the mesh does not have.
+        """
         (dim,) = assembler.test.ufl_shape
         if self.component >= dim:
             raise SceneError(
                 f"component {self.component} of {self!r} does not exist in {dim} dimensions"
             )
-        found = np.zeros(assembler.size)
+        diagonal = np.zeros(assembler.size)
         if self.bedding:
             check_tag("bedding", self.place)
             # the integral of each function: areas of contact differ from it on cells of second
             # order
             along = np.eye(dim)[self.component].tolist()
             ds = assembler.ds(self.place)  # type: ignore[arg-type]
-            found += self.modulus * assembler.vector(
+            diagonal += self.modulus * assembler.vector(
                 elasticity.traction(assembler.test, along, assembler.hypothesis, ds)
             )
         else:
-            found[dim * assembler.nodes(self.place) + self.component] = self.modulus
-        return found
+            diagonal[dim * assembler.nodes(self.place) + self.component] = self.modulus
+        return diagonal
 
     def terms(self, assembler: Assembler) -> list[Term]:
         """Forces of the ground that moves."""

@@ -112,15 +112,24 @@ class Forward:
         self.set(range(program.inputs), inputs, changes)
 
     def set(self, registers: Sequence[int], values: np.ndarray, changes: np.ndarray) -> None:
-        """Set values, (k, n), and derivatives, (k, n, K), of some registers."""
+        """Set values and derivatives of some registers.
+
+        Args:
+            registers: indices of the registers, k of them.
+            values: values, (k, n).
+            changes: derivatives, (k, n, K).
+        """
         for register, value, change in zip(registers, values, changes, strict=True):
             self._values[register] = value
             self._changes[register] = change if change.any() else None
             self._sizes[register] = np.abs(change) if change.any() else None
 
     def run(self, part: int, *, watch: bool = True) -> None:
-        """Execute a part; ``watch`` its kinks, for which all derivatives of the inputs must be
-        set.
+        """Execute a part.
+
+        Args:
+            part: its number.
+            watch: watch its kinks, for which all derivatives of the inputs must be set.
         """
         program = self._program
         start = program.ends[part - 1] if part else 0
@@ -132,18 +141,18 @@ class Forward:
         """Execute one row."""
         evaluate = _VALUES[name]
         operands = operands[: OPERATIONS[name]]
-        given = [self._values[place] for place in operands]
-        value = evaluate(*given)
+        values = [self._values[register] for register in operands]
+        value = evaluate(*values)
         if watch and name in _KINKS:
-            self._watch(operands, given)
+            self._watch(operands, values)
         change: np.ndarray | None = None
         size: np.ndarray | None = None
-        if name in _SLOPES and any(self._changes[place] is not None for place in operands):
-            for place, slope in zip(operands, _SLOPES[name](value, *given), strict=True):
-                own = self._changes[place]
-                terms = self._sizes[place]
-                if own is not None and terms is not None:
-                    change = _added(change, slope, own)
+        if name in _SLOPES and any(self._changes[register] is not None for register in operands):
+            for register, slope in zip(operands, _SLOPES[name](value, *values), strict=True):
+                derivative = self._changes[register]
+                terms = self._sizes[register]
+                if derivative is not None and terms is not None:
+                    change = _added(change, slope, derivative)
                     size = _added(size, np.abs(slope), terms)
         self._values[to] = value
         self._changes[to] = change
@@ -153,40 +162,41 @@ class Forward:
         """Take in the distance to the kink where two operands, or one and zero, are the same."""
         rate = np.zeros_like(self.reach)
         size = np.zeros_like(self.reach)
-        for place, sign in zip(operands, (1.0, -1.0), strict=False):
-            change = self._changes[place]
-            terms = self._sizes[place]
+        for register, sign in zip(operands, (1.0, -1.0), strict=False):
+            change = self._changes[register]
+            terms = self._sizes[register]
             if change is not None and terms is not None:
                 rate += sign * change
                 size += terms
         margin = np.abs(given[0] - given[1]) if len(given) > 1 else np.abs(given[0])
         rate = np.abs(rate)
         moves = rate > SIGNIFICANT * size
-        found = np.full_like(self.reach, np.inf)
-        np.divide(np.broadcast_to(margin[:, None], rate.shape), rate, out=found, where=moves)
-        np.fmin(self.reach, found, out=self.reach)
+        distances = np.full_like(self.reach, np.inf)
+        np.divide(np.broadcast_to(margin[:, None], rate.shape), rate, out=distances, where=moves)
+        np.fmin(self.reach, distances, out=self.reach)
 
     def watch_sign(self, part: int) -> None:
-        """Take in the distance to the points at which the single output of a part changes its
-        sign.
-        """
+        """Take in the distance to sign changes of the single output of a part."""
         program = self._program
-        place = int(program.outputs[program.output_ends[part] - 1])
-        self._watch([place], [self._values[place]])
+        register = int(program.outputs[program.output_ends[part] - 1])
+        self._watch([register], [self._values[register]])
 
     def outputs(self, part: int) -> tuple[np.ndarray, np.ndarray]:
         """Values, (k, n), and derivatives, (k, n, K), of the outputs of a part that was run."""
         program = self._program
-        places = program.outputs[
+        registers = program.outputs[
             program.output_ends[part - 1] if part else 0 : program.output_ends[part]
         ].tolist()
         zero = np.zeros_like(self.reach)
         changes = [
-            zero if self._changes[place] is None else self._changes[place] for place in places
+            zero if self._changes[register] is None else self._changes[register]
+            for register in registers
         ]
         points, ways = self.reach.shape
-        values = np.array([self._values[place] for place in places]).reshape(len(places), points)
-        return values, np.array(changes).reshape(len(places), points, ways)
+        values = np.array([self._values[register] for register in registers]).reshape(
+            len(registers), points
+        )
+        return values, np.array(changes).reshape(len(registers), points, ways)
 
 
 def _added(total: np.ndarray | None, slope: np.ndarray | float, change: np.ndarray) -> np.ndarray:
@@ -195,7 +205,7 @@ def _added(total: np.ndarray | None, slope: np.ndarray | float, change: np.ndarr
     No change stays none under an infinite slope.
     """
     if not isinstance(slope, np.ndarray):
-        part = change if slope == 1.0 else slope * change
+        product = change if slope == 1.0 else slope * change
     else:
-        part = np.where(change == 0, 0.0, slope[:, None] * change)
-    return part if total is None else total + part
+        product = np.where(change == 0, 0.0, slope[:, None] * change)
+    return product if total is None else total + product

@@ -5,18 +5,27 @@ component.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.plugins.programs.graph import Graph
 
+if TYPE_CHECKING:
+    import ufl
 
-def symbols(**shapes: tuple[int, ...]) -> dict[str, Any]:
-    """Constants of UFL by name, with these shapes; math.sqrt of one raises SceneError.
+
+def symbols(**shapes: tuple[int, ...]) -> dict[str, ufl.Constant]:
+    """Constants of UFL by name.
 
     It needs basix, not DOLFINx.
+
+    Args:
+        shapes: shape of each, by name.
+
+    Raises:
+        SceneError: when a function of numbers, such as math.sqrt, is applied to one.
     """
     import basix.ufl
     import ufl
@@ -34,10 +43,15 @@ def symbols(**shapes: tuple[int, ...]) -> dict[str, Any]:
     return {name: Symbol(mesh, shape=shape) for name, shape in shapes.items()}
 
 
-def nodes_of(graph: Graph, expression: Any, inputs: Mapping[Any, list[int]]) -> list[int]:
+def nodes_of(
+    graph: Graph, expression: ufl.core.expr.Expr, inputs: Mapping[ufl.core.expr.Expr, list[int]]
+) -> list[int]:
     """Nodes of all components of an expression of any shape, row by row.
 
-    ``inputs`` maps symbols to theirs.
+    Args:
+        graph: receives the nodes.
+        expression: an expression of UFL.
+        inputs: nodes of each symbol.
 
     Raises:
         SceneError: for operations that programs do not have, such as Bessel functions or
@@ -54,7 +68,7 @@ def nodes_of(graph: Graph, expression: Any, inputs: Mapping[Any, list[int]]) -> 
         )
     lowered = apply_derivatives(apply_algebra_lowering(as_ufl(expression)))
     walk = _Walk(graph, inputs)
-    return [walk.value(lowered, place, {}) for place in np.ndindex(*lowered.ufl_shape)]
+    return [walk.value(lowered, index, {}) for index in np.ndindex(*lowered.ufl_shape)]
 
 
 _SCALAR = {
@@ -88,23 +102,30 @@ _SAME = {"Variable", "Conj", "Real"}
 
 
 class _Walk:
-    """One walk through an expression; each part is translated once for each component and each free
-    index.
+    """One walk through an expression.
+
+    Each part is translated once for each component and each free index.
     """
 
-    def __init__(self, graph: Graph, inputs: Mapping[Any, list[int]]):
+    def __init__(self, graph: Graph, inputs: Mapping[ufl.core.expr.Expr, list[int]]):
         self._graph = graph
         self._inputs = inputs
         self._memo: dict[tuple, int] = {}
 
-    def value(self, part: Any, place: tuple[int, ...], free: dict[int, int]) -> int:
-        """Node of a component of a part, for values of its free indices."""
+    def value(self, part: ufl.core.expr.Expr, place: tuple[int, ...], free: dict[int, int]) -> int:
+        """Node of a component of an expression.
+
+        Args:
+            part: the expression.
+            place: its component.
+            free: values of its free indices.
+        """
         key = part, place, tuple(free[index] for index in part.ufl_free_indices)
         if key not in self._memo:
             self._memo[key] = self._leaf(part, place, free)
         return self._memo[key]
 
-    def _leaf(self, part: Any, place: tuple[int, ...], free: dict[int, int]) -> int:
+    def _leaf(self, part: ufl.core.expr.Expr, place: tuple[int, ...], free: dict[int, int]) -> int:
         if part in self._inputs:
             return self._inputs[part][
                 int(np.ravel_multi_index(place, part.ufl_shape)) if place else 0
@@ -118,13 +139,17 @@ class _Walk:
             return self._graph.const(place[0] == place[1])
         return self._tensor(kind, part, place, free)
 
-    def _tensor(self, kind: str, part: Any, place: tuple[int, ...], free: dict[int, int]) -> int:
+    def _tensor(
+        self, kind: str, part: ufl.core.expr.Expr, place: tuple[int, ...], free: dict[int, int]
+    ) -> int:
         operands = part.ufl_operands
         if kind in _SAME:
             return self.value(operands[0], place, free)
         if kind == "Indexed":
             fixed = ((index, type(index).__name__ == "FixedIndex") for index in operands[1])
-            numbers = tuple(int(index) if known else free[index.count()] for index, known in fixed)
+            numbers = tuple(
+                int(index) if is_fixed else free[index.count()] for index, is_fixed in fixed
+            )
             return self.value(operands[0], numbers, free)
         if kind == "ComponentTensor":
             bound = {

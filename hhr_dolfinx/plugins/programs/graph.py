@@ -74,8 +74,9 @@ Node = tuple
 
 
 class Graph:
-    """Nodes, each an operation with the numbers of its operands, ``("const", value)`` or
-    ``("input", name, place)``.
+    """Nodes, each an operation with the numbers of its operands.
+
+    ``("const", value)`` or ``("input", name, place)``.
     """
 
     def __init__(self) -> None:
@@ -84,7 +85,12 @@ class Graph:
         self._derivatives: dict[int, dict[int, int]] = {}
 
     def input(self, name: str, place: int = 0) -> int:
-        """Node of a component of an input; the same for the same name and place."""
+        """Node of a component of an input, the same for the same arguments.
+
+        Args:
+            name: name of the input.
+            place: index of the component.
+        """
         return self._node(("input", name, place))
 
     def const(self, value: float) -> int:
@@ -93,8 +99,8 @@ class Graph:
 
     def number(self, node: int) -> float | None:
         """Value of a node that is a constant; None for other nodes."""
-        kind, *rest = self.nodes[node]
-        return rest[0] if kind == "const" else None
+        kind, *values = self.nodes[node]
+        return values[0] if kind == "const" else None
 
     def _node(self, key: Node) -> int:
         if key not in self._known:
@@ -112,9 +118,9 @@ class Graph:
         if folded is not None:
             return folded
         simpler = getattr(self, f"_{operation}", None)
-        found: int | None = None if simpler is None else simpler(*args, *numbers)
-        if found is not None:
-            return found
+        simplified: int | None = None if simpler is None else simpler(*args, *numbers)
+        if simplified is not None:
+            return simplified
         return self._node((operation, *(sorted(args) if operation in _SYMMETRIC else args)))
 
     def _folded(self, operation: str, numbers: Sequence[float | None]) -> int | None:
@@ -157,9 +163,9 @@ class Graph:
             return b
         if x == -1:
             return self.apply("neg", b)
-        for one, other in ((a, b), (b, a)):
-            if self._is(one, "neg"):
-                return self.apply("neg", self.apply("mul", self.nodes[one][1], other))
+        for factor, other_factor in ((a, b), (b, a)):
+            if self._is(factor, "neg"):
+                return self.apply("neg", self.apply("mul", self.nodes[factor][1], other_factor))
         if x is not None and self._is(b, "mul"):  # constants together
             for first, second in (self.nodes[b][1:], self.nodes[b][:0:-1]):
                 inner = self.number(first)
@@ -198,16 +204,21 @@ class Graph:
         return None
 
     def substituted(self, nodes: Sequence[int], table: dict[int, int]) -> list[int]:
-        """Nodes with those in ``table`` replaced by its values, simplified again.
+        """Nodes with some others replaced, simplified again.
 
-        As many as ``nodes``.
+        Args:
+            nodes: the nodes.
+            table: replacement of each node that is replaced.
+
+        Returns:
+            As many nodes as were given.
         """
         memo = dict(table)
-        for place in self.needed(nodes):
-            if place not in memo:
-                kind, *args = self.nodes[place]
+        for index in self.needed(nodes):
+            if index not in memo:
+                kind, *args = self.nodes[index]
                 leaf = kind in ("const", "input") or all(memo[arg] == arg for arg in args)
-                memo[place] = place if leaf else self.apply(kind, *(memo[arg] for arg in args))
+                memo[index] = index if leaf else self.apply(kind, *(memo[arg] for arg in args))
         return [memo[node] for node in nodes]
 
     def needed(self, nodes: Sequence[int]) -> list[int]:
@@ -215,26 +226,36 @@ class Graph:
         needed = bytearray(max(nodes, default=-1) + 1)
         for node in nodes:
             needed[node] = 1
-        for place in range(len(needed) - 1, -1, -1):
-            kind, *args = self.nodes[place]
-            if needed[place] and kind not in ("const", "input"):
+        for index in range(len(needed) - 1, -1, -1):
+            kind, *args = self.nodes[index]
+            if needed[index] and kind not in ("const", "input"):
                 for arg in args:
                     needed[arg] = 1
         return list(compress(range(len(needed)), needed))
 
     def derivative(self, node: int, by: int) -> int:
-        """Node of a derivative by an input: forwards, so that NaN of branches not chosen does not
-        spread.
+        """Node of a derivative by an input.
+
+        Forwards, so that NaN of branches not chosen does not spread.
+
+        Args:
+            node: the node.
+            by: node of the input.
         """
         memo = self._derivatives.setdefault(by, {})
-        for place in self.needed([node]):
-            if place not in memo:
-                memo[place] = self._derived(place, by, memo)
+        for index in self.needed([node]):
+            if index not in memo:
+                memo[index] = self._derived(index, by, memo)
         return memo[node]
 
     def jacobian(self, nodes: Sequence[int], by: Sequence[int]) -> list[int]:
-        """Nodes of derivatives of nodes by inputs, len(nodes) * len(by), row by row."""
-        return [self.derivative(node, one) for node in nodes for one in by]
+        """Nodes of derivatives of nodes by inputs, row by row.
+
+        Args:
+            nodes: the nodes.
+            by: nodes of the inputs.
+        """
+        return [self.derivative(node, input_node) for node in nodes for input_node in by]
 
     def _derived(self, place: int, by: int, memo: dict[int, int]) -> int:
         kind, *args = self.nodes[place]
@@ -251,42 +272,42 @@ class Graph:
         if kind in ("max", "min"):
             less = self.apply("lt", *args)
             return self.apply("select", less, *(changes[::-1] if kind == "max" else changes))
-        parts = [
+        products = [
             zero
             if change == zero
             else self.apply("mul", self._slope(kind, number, place, args), change)
             for number, change in enumerate(changes)
         ]
-        return parts[0] if len(parts) == 1 else self.apply("add", *parts)
+        return products[0] if len(products) == 1 else self.apply("add", *products)
 
     def _slope(self, kind: str, number: int, place: int, args: list[int]) -> int:
         """Derivative of an operation by its operand ``number``."""
         do = self.apply
-        one = self.const(1)
+        unit = self.const(1)
         a = args[0]
         b = args[-1]
         rules: dict[tuple[str, int], Callable[[], int]] = {
             ("mul", 0): lambda: b,
             ("mul", 1): lambda: a,
-            ("div", 0): lambda: do("div", one, b),
+            ("div", 0): lambda: do("div", unit, b),
             ("div", 1): lambda: do("neg", do("div", place, b)),
-            ("pow", 0): lambda: do("mul", b, do("pow", a, do("sub", b, one))),
+            ("pow", 0): lambda: do("mul", b, do("pow", a, do("sub", b, unit))),
             ("pow", 1): lambda: do("mul", place, do("log", a)),
-            ("abs", 0): lambda: do("select", do("lt", a, self.const(0)), self.const(-1), one),
+            ("abs", 0): lambda: do("select", do("lt", a, self.const(0)), self.const(-1), unit),
             ("sqrt", 0): lambda: do("div", self.const(0.5), place),
             ("exp", 0): lambda: place,
-            ("log", 0): lambda: do("div", one, a),
+            ("log", 0): lambda: do("div", unit, a),
             ("sin", 0): lambda: do("cos", a),
             ("cos", 0): lambda: do("neg", do("sin", a)),
-            ("tan", 0): lambda: do("add", one, do("mul", place, place)),
-            ("asin", 0): lambda: do("div", one, do("sqrt", do("sub", one, do("mul", a, a)))),
+            ("tan", 0): lambda: do("add", unit, do("mul", place, place)),
+            ("asin", 0): lambda: do("div", unit, do("sqrt", do("sub", unit, do("mul", a, a)))),
             ("acos", 0): lambda: do(
-                "div", self.const(-1), do("sqrt", do("sub", one, do("mul", a, a)))
+                "div", self.const(-1), do("sqrt", do("sub", unit, do("mul", a, a)))
             ),
-            ("atan", 0): lambda: do("div", one, do("add", one, do("mul", a, a))),
+            ("atan", 0): lambda: do("div", unit, do("add", unit, do("mul", a, a))),
             ("sinh", 0): lambda: do("cosh", a),
             ("cosh", 0): lambda: do("sinh", a),
-            ("tanh", 0): lambda: do("sub", one, do("mul", place, place)),
+            ("tanh", 0): lambda: do("sub", unit, do("mul", place, place)),
             ("atan2", 0): lambda: do("div", b, do("add", do("mul", a, a), do("mul", b, b))),
             ("atan2", 1): lambda: do(
                 "neg", do("div", a, do("add", do("mul", a, a), do("mul", b, b)))

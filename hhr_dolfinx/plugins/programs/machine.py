@@ -26,8 +26,9 @@ LT, LE, EQ, AND, OR, NOT, SELECT = (
 
 @compiled(inner=True, error_model="numpy")
 def _powers(bases: np.ndarray, exponents: np.ndarray, to: np.ndarray) -> None:
-    """Set ``to`` to powers: by products, which are quicker, if all exponents are the same small
-    whole number.
+    """Set ``to`` to powers.
+
+    By products, which are quicker, if all exponents are the same small whole number.
     """
     shared = exponents[0]
     same = 0
@@ -38,22 +39,23 @@ def _powers(bases: np.ndarray, exponents: np.ndarray, to: np.ndarray) -> None:
             to[k] = bases[k] ** exponents[k]
         return
     for k in range(to.size):
-        rest = int(shared)
+        bits = int(shared)
         square = bases[k]
         result = 1.0
         for _ in range(
             BITS
         ):  # unrolled, and without branches, so that the loop over points vectorises
-            result = result * square if rest & 1 else result
+            result = result * square if bits & 1 else result
             square *= square
-            rest >>= 1
+            bits >>= 1
         to[k] = result
 
 
 @compiled(inner=True, error_model="numpy")
 def _rare(code: int, x: float, y: float) -> float:
-    """Operations that call a function of the C library, in which most of their time is spent, and
-    rare ones.
+    """Operations that call a function of the C library, and rare ones.
+
+    The former spend most of their time in that function.
     """
     if code == EXP:
         return np.exp(x)
@@ -98,8 +100,13 @@ def _rare(code: int, x: float, y: float) -> float:
 
 @compiled(inner=True, error_model="numpy")
 def run(rows: np.ndarray, start: int, end: int, work: np.ndarray) -> None:
-    """Execute rows, (rows, 5), from start to end - 1 on registers, (registers, points), with inputs
-    and numbers set.
+    """Execute rows on registers, with inputs and numbers set.
+
+    Args:
+        rows: code, result and operands of each, (rows, 5).
+        start: first row.
+        end: row after the last.
+        work: registers, (registers, points).
     """
     count = work.shape[1]
     for row in range(start, end):
@@ -143,8 +150,12 @@ def run(rows: np.ndarray, start: int, end: int, work: np.ndarray) -> None:
 
 @compiled(inner=True)
 def set_numbers(numbers: np.ndarray, inputs: int, work: np.ndarray) -> None:
-    """Copy constants, (numbers,), into the registers after the ``inputs`` first ones of (registers,
-    points).
+    """Copy constants into the registers after the inputs.
+
+    Args:
+        numbers: the constants, (numbers,).
+        inputs: number of inputs.
+        work: registers, (registers, points).
     """
     for number in range(numbers.size):
         for k in range(work.shape[1]):
@@ -152,7 +163,15 @@ def set_numbers(numbers: np.ndarray, inputs: int, work: np.ndarray) -> None:
 
 
 @compiled(error_model="numpy")
-def _evaluated(rows, spans, numbers, outputs, registers, given, found):
+def _evaluated(
+    rows: np.ndarray,
+    spans: np.ndarray,
+    numbers: np.ndarray,
+    outputs: np.ndarray,
+    registers: int,
+    given: np.ndarray,
+    found: np.ndarray,
+):
     inputs, points = given.shape
     work = np.empty((registers, POINTS_IN_CACHE))
     set_numbers(numbers, inputs, work)
@@ -169,17 +188,20 @@ def _evaluated(rows, spans, numbers, outputs, registers, given, found):
 
 
 def evaluated(program: Program, given: np.ndarray, *others: int) -> np.ndarray:
-    """Outputs, (outputs, n), of the last of some parts run in turn for inputs, (inputs, n).
+    """Outputs of the last of some parts run in turn, (outputs, n).
 
-    Of part 0 without any.
+    Args:
+        program: the program.
+        given: inputs, (inputs, n).
+        others: numbers of the parts; part 0 without any.
     """
-    parts = others or (0,)
+    numbers = others or (0,)
     spans = np.array(
-        [[program.ends[part - 1] if part else 0, program.ends[part]] for part in parts]
+        [[program.ends[number - 1] if number else 0, program.ends[number]] for number in numbers]
     )
-    first = program.output_ends[parts[-1] - 1] if parts[-1] else 0
-    outputs = program.outputs[first : program.output_ends[parts[-1]]]
-    found = np.empty((outputs.size, given.shape[1]))
+    first = program.output_ends[numbers[-1] - 1] if numbers[-1] else 0
+    outputs = program.outputs[first : program.output_ends[numbers[-1]]]
+    values = np.empty((outputs.size, given.shape[1]))
     inputs = np.ascontiguousarray(given, dtype=float)
-    _evaluated(program.rows, spans, program.numbers, outputs, program.registers, inputs, found)
-    return found
+    _evaluated(program.rows, spans, program.numbers, outputs, program.registers, inputs, values)
+    return values

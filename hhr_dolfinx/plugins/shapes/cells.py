@@ -35,15 +35,17 @@ class Middles:
 
         ``nodes`` must hold all of ``between`` too.
         """
-        kept = np.isin(self.nodes, nodes)
+        present = np.isin(self.nodes, nodes)
         return Middles(
-            np.searchsorted(nodes, self.nodes[kept]), np.searchsorted(nodes, self.between[kept])
+            np.searchsorted(nodes, self.nodes[present]),
+            np.searchsorted(nodes, self.between[present]),
         )
 
 
 class CellStrain(NamedTuple):
-    """Strain of fields on cells with given nodes; multiplies values at their nodes like a
-    matrix.
+    """Strain of fields on cells with given nodes.
+
+    It multiplies values at their nodes like a matrix.
     """
 
     cells: np.ndarray  #: nodes of each, (c, k)
@@ -54,8 +56,9 @@ class CellStrain(NamedTuple):
     )  #: mean contribution of each dof to the trace, (c, k, dim); None for the midpoint's
 
     def __matmul__(self, field: np.ndarray) -> np.ndarray:
-        """Kelvin's notation, cell by cell, (c components, ...), of values node by node, (n dim,
-        ...).
+        """Kelvin's notation of the strain, cell by cell, (c components, ...).
+
+        The field has values node by node, (n dim, ...).
         """
         dim = self.gradients.shape[1]
         columns = field.shape[1:]
@@ -70,8 +73,8 @@ class CellStrain(NamedTuple):
         if self.hoop is not None:
             radial = at_corners.reshape(*self.cells.shape, dim, -1)[:, :, 0]
             strain[:, 2] = np.einsum("ck,ckp->cp", self.hoop, radial)
-        for place, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))[: strain.shape[1] - 3], start=3):
-            strain[:, place] = (slopes[:, i, j] + slopes[:, j, i]) / np.sqrt(2)
+        for row, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))[: strain.shape[1] - 3], start=3):
+            strain[:, row] = (slopes[:, i, j] + slopes[:, j, i]) / np.sqrt(2)
         if self.dilatation is not None:
             corners = at_corners.reshape(len(self.cells), -1, strain.shape[2])
             mean = np.einsum("ck,ckp->cp", self.dilatation.reshape(len(self.cells), -1), corners)
@@ -81,9 +84,7 @@ class CellStrain(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MovingCells:
-    """Cells of a body whose nodes depend on shapes; maps a point to the strain of the cells
-    there.
-    """
+    """Cells of a body whose nodes depend on shapes; maps a point to the strain of the cells."""
 
     shapes: tuple[Shape, ...]  #: of the scene that move any of its nodes
     moved: tuple[Annotated[Booleans, "nodes"], ...]  #: nodes that each shape moves, (n,)
@@ -122,8 +123,8 @@ class MovingCells:
         """The strain at a point, (P,)."""
         values = dict(zip(self.parameters, point.tolist(), strict=True))
         points = self.points.copy()
-        for shape, own in zip(self.shapes, self.moved, strict=True):
-            points[own] = shape.moved(self.points[own], self.coordinates, values)
+        for shape, moved_nodes in zip(self.shapes, self.moved, strict=True):
+            points[moved_nodes] = shape.moved(self.points[moved_nodes], self.coordinates, values)
         corners = self.middles.placed(points)[self.cells]
         gradients, _ = _mapped_gradients(corners, self.slopes)
         hoop = (
@@ -134,9 +135,7 @@ class MovingCells:
         )
 
     def _dilatation(self, corners: np.ndarray) -> np.ndarray:
-        """Mean contribution of each dof to the trace of the strain over the volume of each cell,
-        (c, k, dim).
-        """
+        """Mean contribution of each dof to the trace of the strain in each cell, (c, k, dim)."""
         total = np.zeros_like(corners)
         volume = np.zeros(len(corners))
         for weight, values, slopes in zip(
@@ -153,8 +152,9 @@ class MovingCells:
 
 
 def _mapped_gradients(corners: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Gradients of the shape functions, (c, dim, k), and sizes of the map, (c,), from slopes on the
-    reference cell.
+    """Gradients of the shape functions, (c, dim, k), and sizes of the map, (c,).
+
+    They follow from slopes on the reference cell.
     """
     count = len(corners)
     dim = slopes.shape[1]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
@@ -22,6 +22,9 @@ from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.moduli.interpolation import Interpolant, unstacked
 from hhr_dolfinx.plugins.shapes.cells import CellStrain, MovingCells
 from hhr_dolfinx.plugins.stress.kinds import Mises
+
+if TYPE_CHECKING:
+    pass
 
 ROWS_ARRAY = "rows"
 """Name of the rows of an output among its arrays."""
@@ -37,7 +40,7 @@ class MovingMises(Mises):
 
 
 class OverShapes(AllOutputs):
-    """How outputs are read on other shapes.
+    """Outputs that are read on other shapes.
 
     Fields of their answers have ``coordinates``, (s,), on which rows of the outputs act: the
     displacement, or its components in a basis; and ``coordinate_changes``, derivatives of all
@@ -47,39 +50,60 @@ class OverShapes(AllOutputs):
     parameters: ParameterSpace  #: the box of the parameters
 
     def read(self, here: Functionals, answer: Any, theta: np.ndarray) -> np.ndarray:
-        """Rows of the outputs ``here`` times the displacement of an answer, (K,)."""
+        """Rows of the outputs times the displacement of an answer, (K,).
+
+        Args:
+            here: outputs on the shape of the answer.
+            answer: the answer.
+            theta: θ of its parameter, (1 + T,).
+        """
         return here.measured(answer.fields.coordinates(answer, theta))
 
     def read_changes(
         self, here: Functionals, answer: Any, changes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all contact forces, (N_lambda, P), and of these products, (K, P)."""
+        """Derivatives of all contact forces, (N_lambda, P), and of these products, (K, P).
+
+        Args:
+            here: outputs on the shape of the answer.
+            answer: the answer.
+            changes: derivatives of θ, (1 + T, P).
+        """
         forces, coordinates = answer.fields.coordinate_changes(answer, changes)
         return forces, here.measured(coordinates)
 
     def along_shapes(self, here: Functionals, answer: Any, states: list[State]) -> np.ndarray:
-        """Derivatives of all outputs along the shape parameters at fixed states, by differences,
-        (outputs, P).
+        """Derivatives of all outputs along the shape parameters, by differences, (outputs, P).
+
+        Args:
+            here: outputs on the shape of the answer.
+            answer: the answer.
+            states: state of each output, which stays fixed.
         """
-        found = np.zeros((len(states), answer.parameter.size))
+        slopes = np.zeros((len(states), answer.parameter.size))
         moves = here.places and here.places[-1].stop
         coordinates = answer.fields.coordinates(answer, states[0].theta) if moves else np.zeros(0)
 
         def followed(shifted: np.ndarray) -> np.ndarray:
-            there = self.at(shifted)
-            measured = there.measured(coordinates) if coordinates.size else np.zeros(0)
+            shifted_outputs = self.at(shifted)
+            measured = shifted_outputs.measured(coordinates) if coordinates.size else np.zeros(0)
             after = [
-                state._replace(measured=measured[part])
-                for state, part in zip(states, here.places, strict=True)
+                state._replace(measured=measured[span])
+                for state, span in zip(states, here.places, strict=True)
             ]
-            every = zip(here.items, there.items, states, after, strict=True)
-            return np.array([item.followed(state, other, new) for item, other, state, new in every])
+            quadruples = zip(here.items, shifted_outputs.items, states, after, strict=True)
+            return np.array(
+                [
+                    functional.followed(state, shifted_functional, new)
+                    for functional, shifted_functional, state, new in quadruples
+                ]
+            )
 
         if self.axes.size:
-            found[:, self.axes] = self.parameters.differences(
+            slopes[:, self.axes] = self.parameters.differences(
                 followed, answer.parameter, OUTPUT_STEP, self.axes
             )
-        return found
+        return slopes
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,17 +127,18 @@ class ShapedFunctionals(Functionals):
     def measured(self, coordinates: np.ndarray) -> np.ndarray:
         """Rows of all outputs times coordinates of the displacement, (s, ...): (K, ...)."""
         nothing = np.zeros((0, *coordinates.shape[1:]))
-        parts = [
+        products = [
             block[0] @ (block[1] @ coordinates) if isinstance(block, tuple) else block @ coordinates
             for block in self.blocks
         ]
-        return np.concatenate([nothing, *parts])
+        return np.concatenate([nothing, *products])
 
 
 @dataclass(frozen=True, eq=False)
 class ReshapedFunctionals(OverShapes):
-    """All outputs of a scene whose shape depends on parameters, for a displacement of s
-    coordinates.
+    """All outputs of a scene whose shape depends on parameters.
+
+    The displacement has s coordinates.
 
     The coordinates are the modes of a basis, followed by the amplitudes of imposed displacements.
     """
@@ -134,11 +159,19 @@ class ReshapedFunctionals(OverShapes):
         return self.interpolant.axes
 
     def check(self, space: ParameterSpace, conditions: int, gauss_points: int) -> None:
-        """Raise SceneError for invalid outputs.
+        """Refuse invalid outputs.
 
         Arrays depend on the shape, and one answer tests them.
+
+        Args:
+            space: the box.
+            conditions: number of contact conditions.
+            gauss_points: number of Gauss points.
+
+        Raises:
+            SceneError: for an output that is no Functional.
         """
-        if not all(isinstance(item, Functional) for item in self.items):
+        if not all(isinstance(functional, Functional) for functional in self.items):
             raise SceneError("an output must be a Functional")
 
     def at(self, point: np.ndarray) -> ShapedFunctionals:
@@ -147,22 +180,23 @@ class ReshapedFunctionals(OverShapes):
         blocks: list[Any] = [
             None if zone is None else (zone.cells(point), zone.columns) for zone in self.zones
         ]
-        parts = unstacked(self.interpolant.value(point), [shape for _, _, shape in self.arrays])
-        for (place, name, shape), part in zip(self.arrays, parts, strict=True):
+        arrays = unstacked(self.interpolant.value(point), [shape for _, _, shape in self.arrays])
+        for (index, name, shape), array in zip(self.arrays, arrays, strict=True):
             if name == ROWS_ARRAY:
-                blocks[place] = part
+                blocks[index] = array
             else:
-                changed[place][name] = part if shape else float(part)
-        items = tuple(
-            _changed(item, change) for item, change in zip(self.items, changed, strict=True)
+                changed[index][name] = array if shape else float(array)
+        functionals = tuple(
+            _changed(functional, change)
+            for functional, change in zip(self.items, changed, strict=True)
         )
         return ShapedFunctionals(
-            items, 0, self.amplitudes, tuple(block for block in blocks if block is not None)
+            functionals, 0, self.amplitudes, tuple(block for block in blocks if block is not None)
         )
 
 
 def _changed(item: Functional, change: dict[str, np.ndarray | float]) -> Functional:
     """A copy with other arrays that keeps the parsed formulas: parsing takes a millisecond."""
-    found = copy(item)
-    vars(found).update(change)
-    return found
+    changed = copy(item)
+    vars(changed).update(change)
+    return changed

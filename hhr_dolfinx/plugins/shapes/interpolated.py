@@ -37,42 +37,53 @@ def reshaped_functionals(
     basis: np.ndarray,
     settings: GridSettings,
 ) -> ReshapedFunctionals:
-    """Outputs of a full model for displacements that are a basis, (N, ell), times coordinates and
-    the lift.
+    """Outputs of a full model for displacements that are a basis times coordinates, and the lift.
 
     Strain is not interpolated but computed from cells, see :mod:`hhr_dolfinx.plugins.shapes.cells`.
-    SceneError for an output with other conditions, or arrays of other lengths, on other shapes.
+
+    Args:
+        prepared: outputs of the full model on all shapes.
+        problem: the contact problem.
+        basis: V, (N, ell).
+        settings: targets of the grid.
+
+    Raises:
+        SceneError: for an output with other conditions, or arrays of other lengths, on other
+            shapes.
     """
     lifted = np.flatnonzero(np.diff(problem.lifts.indptr)).astype(np.int64)
     columns = np.column_stack([basis, problem.lifts[:, lifted].toarray()])
     base = prepared.at(problem.middle).items
 
     def solved(point: np.ndarray) -> dict[str, np.ndarray]:
-        found: dict[str, np.ndarray] = {}
-        for place, item in enumerate(prepared.at(point).items):
-            _check_alike(base[place], item)
+        arrays: dict[str, np.ndarray] = {}
+        for index, functional in enumerate(prepared.at(point).items):
+            _check_alike(base[index], functional)
             smooth = {
                 name: np.asarray(value)
-                for name, value in _own(item).items()
+                for name, value in _own(functional).items()
                 if _smooth(value) and np.size(value)
             }
-            found |= {f"{place} {name}": array for name, array in smooth.items()}
-            if not isinstance(item, MovingMises) and item.count:
-                found[f"{place} {ROWS_ARRAY}"] = item.matrix(len(columns)) @ columns
-        return found
+            arrays |= {f"{index} {name}": array for name, array in smooth.items()}
+            if not isinstance(functional, MovingMises) and functional.count:
+                arrays[f"{index} {ROWS_ARRAY}"] = functional.matrix(len(columns)) @ columns
+        return arrays
 
     finer = replace(settings, tolerance=min(OUTPUT_TOLERANCE, settings.tolerance))
     grid, modes = grown(solved, problem.parameters, prepared.axes, finer)
     names = [name.split(" ", 1) for name in modes]
-    shapes = [part.shape[:-1] for part in modes.values()]
+    shapes = [mode.shape[:-1] for mode in modes.values()]
     zones = [
-        Zone(item.cells, columns[item.cells.dofs]) if isinstance(item, MovingMises) else None
-        for item in base
+        Zone(functional.cells, columns[functional.cells.dofs])
+        if isinstance(functional, MovingMises)
+        else None
+        for functional in base
     ]
     return ReshapedFunctionals(
-        items=tuple(_without_rows(item) for item in base),
+        items=tuple(_without_rows(functional) for functional in base),
         arrays=tuple(
-            (int(place), own, shape) for (place, own), shape in zip(names, shapes, strict=True)
+            (int(index), array_name, shape)
+            for (index, array_name), shape in zip(names, shapes, strict=True)
         ),
         interpolant=grid.interpolant,
         zones=tuple(zones),
@@ -114,6 +125,6 @@ def _without_rows(item: Functional) -> Functional:
     """An output without rows, which come from elsewhere."""
     nowhere = np.zeros(0, dtype=np.int64)
     if isinstance(item, MovingMises):
-        own = {field.name: getattr(item, field.name) for field in fields(Mises)}
-        item = Mises(**own)
+        values = {field.name: getattr(item, field.name) for field in fields(Mises)}
+        item = Mises(**values)
     return replace(item, rows=nowhere, columns=nowhere, entries=np.zeros(0))

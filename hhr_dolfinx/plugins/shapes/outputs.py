@@ -63,11 +63,11 @@ class FullShapeFunctionals(OverShapes):
         """
         point = self._base.middle
         point[self.axes] = np.frombuffer(key)
-        there = self._reshaped(point)
+        problem = self._reshaped(point)
         with self._reshaped.at(point):
             laws = self._discretisation.laws()
             probes = [
-                self._probe(output, there, laws) for output in self._discretisation.scene.outputs
+                self._probe(output, problem, laws) for output in self._discretisation.scene.outputs
             ]
             return prepared_outputs(probes)
 
@@ -75,14 +75,17 @@ class FullShapeFunctionals(OverShapes):
         self, output: Output, problem: ContactProblem, laws: LawsAtPlaces | None
     ) -> MovingProbe:
         probe = probe_of(output, self._discretisation, problem, laws, self._base)
-        given: dict[str, Any] = {item.name: getattr(probe, item.name) for item in fields(probe)}
-        return MovingProbe(**given, moving=self._moving)
+        values: dict[str, Any] = {
+            attribute.name: getattr(probe, attribute.name) for attribute in fields(probe)
+        }
+        return MovingProbe(**values, moving=self._moving)
 
 
 @dataclass(frozen=True)
 class MovingProbe(ModelProbe):
-    """Interface for an output if shapes are parameters: other terms of θ may act on another shape,
-    and cells move.
+    """Interface for an output if shapes are parameters.
+
+    Other terms of θ may act on another shape, and cells move.
     """
 
     moving: Callable[
@@ -90,19 +93,28 @@ class MovingProbe(ModelProbe):
     ]  #: makes cells, by their numbers and whether they have the mean dilatation
 
     def on_cells(self, found: Functional, cells: np.ndarray) -> MovingMises:
-        """Von Mises' stress of cells that move."""
+        """Von Mises' stress of cells that move.
+
+        Args:
+            found: the output on the cells.
+            cells: their numbers, (c,).
+
+        Raises:
+            SceneError: for another output, and for user-defined elasticity or strain without
+                stress.
+        """
         discretisation = self.discretisation
-        place = int(discretisation.cell_bodies()[cells[0]])
-        body = discretisation.scene.bodies[place]
+        number = int(discretisation.cell_bodies()[cells[0]])
+        body = discretisation.scene.bodies[number]
         if type(found) is not Mises or discretisation.scene.states_stress(body):
             raise SceneError(
                 f"output '{found.name}': body {body.tag} has an elasticity of its own, or a "
                 "strain that causes no stress, for whose von Mises' stress shapes are not built "
                 "in: leave the output out"
             )
-        mean = discretisation.mean_dilatation[place]
+        mean = discretisation.mean_dilatation[number]
         return MovingMises(
-            **{item.name: getattr(found, item.name) for item in fields(found)},
+            **{attribute.name: getattr(found, attribute.name) for attribute in fields(found)},
             cells=self.moving(cells, mean),
         )
 

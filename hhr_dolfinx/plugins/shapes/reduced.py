@@ -40,10 +40,10 @@ class ReshapedReconstruction(Reconstruction):
         return gaps, contact_basis
 
     def _slack_changes(self, answer: Answer, changes: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        found = super()._slack_changes(answer, changes, rows)
+        slack_changes = super()._slack_changes(answer, changes, rows)
         theta = self.amplitudes(answer.parameter)
         slopes = self.surface.modes @ self.surface.slopes_along_modes(answer.parameter)
         for axis, column in zip(self.surface.axes, slopes.T, strict=True):
             gaps, contact_basis = self._split(column)
-            found[:, axis] += gaps[rows] @ theta - contact_basis[rows] @ answer.unknown
-        return found
+            slack_changes[:, axis] += gaps[rows] @ theta - contact_basis[rows] @ answer.unknown
+        return slack_changes

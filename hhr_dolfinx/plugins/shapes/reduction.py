@@ -41,7 +41,7 @@ def interpolate(draft: Draft) -> None:
     problem = full.problem
     assert problem.reshaped is not None
     with shared.log.stage("online_arrays", shared.task.announce):
-        found, surplus = _between_shapes(problem, draft.basis, draft.sets)
+        projected, surplus = _between_shapes(problem, draft.basis, draft.sets)
         if surplus > SHAPE_GRID.tolerance:
             warn(
                 f"the projected problem of scene '{full.scene.name}' was made at "
@@ -50,7 +50,7 @@ def interpolate(draft: Draft) -> None:
                 StabilityWarning,
             )
         draft.parts["compliances"] = ReshapedElimination(
-            found, problem.amplitudes, problem.parameters
+            projected, problem.amplitudes, problem.parameters
         )
         draft.fields = _fields(draft)
 
@@ -66,17 +66,17 @@ def _between_shapes(
     stiffness = problem.own_stiffness
     energies, ways = np.linalg.eigh(basis.T @ (stiffness @ basis))
     energies = np.maximum(energies, SOFTEST * energies[-1]) ** 0.5
-    there = basis @ (ways / energies)
-    found, surplus = interpolated_problem(
-        problem, there, lambda item: _sets_at(item, sets), SHAPE_GRID
+    energy_modes = basis @ (ways / energies)
+    projected, surplus = interpolated_problem(
+        problem, energy_modes, lambda item: _sets_at(item, sets), SHAPE_GRID
     )
     back = energies[:, None] * ways.T  # from coordinates in V to those in the other modes
-    rank = found.interpolant.modes.shape[1]
-    modes = unstacked(found.interpolant.modes, found.shapes)
+    rank = projected.interpolant.modes.shape[1]
+    modes = unstacked(projected.interpolant.modes, projected.shapes)
     stiffness, lifts, forces, test, trial, gaps = (
-        part.reshape(*shape, rank) for part, shape in zip(modes, found.shapes, strict=True)
+        array.reshape(*shape, rank) for array, shape in zip(modes, projected.shapes, strict=True)
     )
-    parts = (
+    transformed = (
         np.einsum("qijr,il,jk->qlkr", stiffness, back, back, optimize=True),
         np.einsum("qitr,il->qltr", lifts, back, optimize=True),
         np.einsum("itr,il->ltr", forces, back, optimize=True),
@@ -84,8 +84,8 @@ def _between_shapes(
         np.einsum("mir,il->mlr", trial, back, optimize=True),
         gaps,
     )
-    joined = np.asfortranarray(np.concatenate([part.reshape(-1, rank) for part in parts]))
-    return replace(found, interpolant=replace(found.interpolant, modes=joined)), surplus
+    joined = np.asfortranarray(np.concatenate([array.reshape(-1, rank) for array in transformed]))
+    return replace(projected, interpolant=replace(projected.interpolant, modes=joined)), surplus
 
 
 def _sets_at(problem: ContactProblem, sets: IndexSets) -> IndexSets:
@@ -111,13 +111,19 @@ def _fields(draft: Draft) -> ReshapedReconstruction:
     assert reshaped is not None
 
     def solved(point: np.ndarray) -> dict[str, np.ndarray]:
-        there = reshaped(point)
-        return {"gaps": there.gaps, "rows": there.contact_rows_times(draft.basis)}
+        problem_at_point = reshaped(point)
+        return {
+            "gaps": problem_at_point.gaps,
+            "rows": problem_at_point.contact_rows_times(draft.basis),
+        }
 
     closed = {"gaps": round_off_of_gaps(problem)}
     grid, _ = grown(solved, problem.parameters, reshaped.axes, SHAPE_GRID, round_off=closed)
-    given = {item.name: getattr(draft.fields, item.name) for item in fields(Reconstruction)}
+    values = {
+        attribute.name: getattr(draft.fields, attribute.name)
+        for attribute in fields(Reconstruction)
+    }
     outputs = full.functionals
     if isinstance(outputs, FullShapeFunctionals):
-        given["functionals"] = reshaped_functionals(outputs, problem, draft.basis, SHAPE_GRID)
-    return ReshapedReconstruction(**given, surface=grid.interpolant)
+        values["functionals"] = reshaped_functionals(outputs, problem, draft.basis, SHAPE_GRID)
+    return ReshapedReconstruction(**values, surface=grid.interpolant)

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import lru_cache
 from threading import RLock
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from dolfinx import fem
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.amplitudes import Theta
     from hhr_dolfinx.contact.stiffness import Stiffness
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
+    from hhr_dolfinx.full_order.discretisation import Discretisation
     from hhr_dolfinx.full_order.system import Made, Middle, Parts
     from hhr_dolfinx.loads import Term
     from hhr_dolfinx.models.histories.equilibrium import FullEquilibrium
@@ -62,13 +63,18 @@ and for smaller ones round-off of the assembly dominates.
 
 
 def stiffness_degree(cell: str, hypothesis: str, order: int = 1) -> int:
-    """Degree of the rule of the stiffness for shapes that depend on parameters, in the full and in
-    reduced models.
+    """Degree of the rule of the stiffness for shapes that depend on parameters.
 
-    On simplices the strain has a degree one below the displacement; in axisymmetry they use more
-    points, for weights 1 / r. Other cells use one point more than their order along each axis, the
-    usual full integration: exact on parallelograms and parallelepipeds. All weights are positive:
-    the rule of degree 3 on tetrahedra has a negative one.
+    Full and reduced models use it. On simplices the strain has a degree one below the displacement;
+    in axisymmetry they use more points, for weights 1 / r. Other cells use one point more than
+    their order along each axis, the usual full integration: exact on parallelograms and
+    parallelepipeds. All weights are positive: the rule of degree 3 on tetrahedra has a negative
+    one.
+
+    Args:
+        cell: kind of the cells.
+        hypothesis: hypothesis of the scene.
+        order: order of the displacement.
     """
     if cell in SIMPLICES:
         return max(1, 2 * order - 2) if hypothesis != "axisymmetric" else 2 * order + 2
@@ -88,7 +94,12 @@ class ReassembledSystem(System):
     def equations(
         self, point: np.ndarray, theta: Theta
     ) -> tuple[ContactProblem, Stiffness, np.ndarray]:
-        """See :class:`System`."""
+        """See :class:`System`.
+
+        Args:
+            point: parameters, (P,).
+            theta: θ there.
+        """
         problem = self.problem.at(point)
         return (
             problem,
@@ -99,8 +110,12 @@ class ReassembledSystem(System):
     def explicit(
         self, point: np.ndarray, forces: np.ndarray, unknown: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """See :class:`System`; by central differences of the equations on slightly displaced
-        meshes.
+        """See :class:`System`; by central differences of the equations on displaced meshes.
+
+        Args:
+            point: parameters, (P,).
+            forces: contact forces, (m,).
+            unknown: displacement, (n,).
         """
 
         def residual_and_slack(displaced: np.ndarray) -> np.ndarray:
@@ -111,8 +126,8 @@ class ReassembledSystem(System):
             )
             return np.append(residual, problem.gaps @ theta - problem.contact @ unknown)
 
-        found = self.problem.parameters.differences(residual_and_slack, point, MESH_STEP)
-        return found[: unknown.size], found[unknown.size :]
+        slopes = self.problem.parameters.differences(residual_and_slack, point, MESH_STEP)
+        return slopes[: unknown.size], slopes[unknown.size :]
 
 
 class Reshaped(StillMesh):
@@ -125,7 +140,7 @@ class Reshaped(StillMesh):
 
     interpolated_outputs = staticmethod(reshaped_functionals)
 
-    def __init__(self, discretisation: Any):
+    def __init__(self, discretisation: Discretisation):
         scene = discretisation.scene
         if discretisation.group.size > 1:
             raise SceneError(
@@ -136,7 +151,7 @@ class Reshaped(StillMesh):
         self._lock = RLock()
         names = scene.parameters.names
         used = set().union(*(shape.variables for shape in scene.shapes))
-        self.axes = tuple(place for place, name in enumerate(names) if name in used)
+        self.axes = tuple(index for index, name in enumerate(names) if name in used)
         self.described = "; ".join(
             f"{shape.tag}: " + ", ".join(formula.text for formula in shape.coordinates)
             for shape in scene.shapes
@@ -157,7 +172,14 @@ class Reshaped(StillMesh):
         self._springs: np.ndarray | None = None  # dofs that have one, (N,)
 
     def coordinates(self, point: np.ndarray) -> np.ndarray:
-        """Coordinates of the nodes of the geometry at a point, (nodes, 3)."""
+        """Coordinates of the nodes of the geometry at a point, (nodes, 3).
+
+        Args:
+            point: parameters, (P,).
+
+        Raises:
+            SceneError: if two shapes move a common node differently.
+        """
         scene = self._owner.scene
         coordinates = self.reference.copy()
         names = coordinate_names(scene.hypothesis)
@@ -166,9 +188,9 @@ class Reshaped(StillMesh):
         size = np.ptp(self.reference, axis=0).max()
         seen = np.zeros(len(coordinates), dtype=bool)
         for shape, nodes in zip(scene.shapes, self.nodes, strict=True):
-            there = shape.moved(self.reference[nodes, :dim], names, values)
+            moved = shape.moved(self.reference[nodes, :dim], names, values)
             both = seen[nodes] & (
-                np.abs(coordinates[nodes, :dim] - there).max(axis=1) > MAP_ROUND_OFF * size
+                np.abs(coordinates[nodes, :dim] - moved).max(axis=1) > MAP_ROUND_OFF * size
             )
             if both.any():
                 raise SceneError(
@@ -176,7 +198,7 @@ class Reshaped(StillMesh):
                     f"{self.reference[nodes][both][0]}: two bodies that share nodes must move "
                     "them alike"
                 )
-            coordinates[nodes, :dim] = there
+            coordinates[nodes, :dim] = moved
             seen[nodes] = True
         return coordinates
 
@@ -187,20 +209,25 @@ class Reshaped(StillMesh):
         if count == cells.shape[1]:
             return Middles(np.zeros(0, dtype=np.int64), np.zeros((0, 1), dtype=np.int64))
         kind = self._owner.mesh.topology.cell_name()
-        places = compat.nodes_of_cell(kind, self._owner.order)[count:]
-        weights = compat.shape_functions(kind, places)[0]
+        coordinates = compat.nodes_of_cell(kind, self._owner.order)[count:]
+        weights = compat.shape_functions(kind, coordinates)[0]
         most = round(1 / weights[weights > MAP_ROUND_OFF].min())
         between = np.array(
             [np.repeat(np.arange(count), np.round(row * most).astype(int)) for row in weights]
         )
         nodes, first = np.unique(cells[:, count:], return_index=True)
-        cell, place = np.divmod(first, len(places))
+        cell, index = np.divmod(first, len(coordinates))
         return Middles(
-            nodes.astype(np.int64), cells[cell[:, None], between[place]].astype(np.int64)
+            nodes.astype(np.int64), cells[cell[:, None], between[index]].astype(np.int64)
         )
 
     def moving_cells(self, cells: np.ndarray, mean_dilatation: bool) -> MovingCells:
-        """Cells, by their numbers, as arrays."""
+        """Cells as arrays, from which a model computes their strain.
+
+        Args:
+            cells: their numbers, (c,).
+            mean_dilatation: True if they have the mean dilatation.
+        """
         discretisation = self._owner
         mesh = discretisation.mesh
         scene = discretisation.scene
@@ -219,14 +246,14 @@ class Reshaped(StillMesh):
         geometry = compat.geometry_dofmap(mesh)[cells]
         of_geometry = np.full(nodes.size, -1)
         of_geometry[cells_here[:, : geometry.shape[1]]] = geometry
-        moves = [np.isin(of_geometry, own) for own in self.nodes]
-        given = [
+        moves = [np.isin(of_geometry, nodes_of_shape) for nodes_of_shape in self.nodes]
+        shapes_with_masks = [
             (shape, mask) for shape, mask in zip(scene.shapes, moves, strict=True) if mask.any()
         ]
         selected = slice(1, None) if mean_dilatation else slice(1, 1)
         return MovingCells(
-            shapes=tuple(shape for shape, _ in given),
-            moved=tuple(mask for _, mask in given),
+            shapes=tuple(shape for shape, _ in shapes_with_masks),
+            moved=tuple(mask for _, mask in shapes_with_masks),
             coordinates=coordinate_names(scene.hypothesis),
             parameters=scene.parameters.names,
             middles=self.middles().among(nodes),
@@ -262,7 +289,13 @@ class Reshaped(StillMesh):
         return self._kept(point[list(self.axes)].tobytes())
 
     def system(self, problem: ContactProblem, middle: Middle, made: Made) -> ReassembledSystem:
-        """See :class:`StillMesh`."""
+        """See :class:`StillMesh`.
+
+        Args:
+            problem: the contact problem.
+            middle: K in the middle of the box.
+            made: makes K from a matrix.
+        """
         return ReassembledSystem(problem, middle, made)
 
     def measure(self, dx: ufl.Measure) -> ufl.Measure:
@@ -305,8 +338,9 @@ class Reshaped(StillMesh):
             )
 
     def _check_constraints(self, problem: ContactProblem) -> None:
-        """Raise SceneError for constraints whose coefficients depend on shapes, by the shape of a
-        corner of the box.
+        """Raise SceneError for constraints whose coefficients depend on shapes.
+
+        The shape of a corner of the box is compared.
         """
         coupling = problem.prolongation.map
         moved = np.repeat(self._moving_nodes(), problem.block_size)
@@ -328,14 +362,14 @@ class Reshaped(StillMesh):
             )
 
     def _check_areas(self, problem: ContactProblem) -> None:
-        """A law that reads areas keeps those of one shape: slave surfaces with such a law must keep
-        theirs.
-        """
+        """Refuse a law that reads areas on slave surfaces whose areas change with a shape."""
         law = problem.law
         if not law.plugin or law.reshapes:
             return
         scene = self._owner.scene
-        with_law = [place for place, own in enumerate(scene.laws) if own is not None]
+        with_law = [
+            number for number, law_of_pair in enumerate(scene.laws) if law_of_pair is not None
+        ]
         slaves = problem.contact_slaves[np.isin(problem.contact_pairs, with_law)]
         if self._moving_nodes()[slaves].any():
             raise SceneError(
@@ -355,8 +389,15 @@ class Reshaped(StillMesh):
         return replace(self._base, contact=csr_matrix(total))
 
     def check_still(self, what: str, nodes: np.ndarray, terms: Sequence[Term]) -> None:
-        """Raise NotOfferedError for terms of gaps that know places of nodes, (n,), if a shape moves
-        these.
+        """Refuse gaps that depend on the position of nodes that a shape moves.
+
+        Args:
+            what: name of these terms, for the message.
+            nodes: the nodes, (n,).
+            terms: terms of their gaps.
+
+        Raises:
+            NotOfferedError: for a term with a position, if a shape moves one of the nodes.
         """
         if (
             any(hasattr(term.amplitude, "points") for term in terms)
@@ -380,7 +421,13 @@ class Reshaped(StillMesh):
     def outputs(
         self, space: DiscreteSpace, problem: ContactProblem, equilibrium: FullEquilibrium | None
     ) -> FullShapeFunctionals:
-        """Outputs of the scene on the mesh of each shape."""
+        """Outputs of the scene on the mesh of each shape.
+
+        Args:
+            space: space of the displacement; not used.
+            problem: the contact problem.
+            equilibrium: laws of the bodies; not used.
+        """
         return FullShapeFunctionals(self._owner, self, self.moving_cells, problem)
 
     def _assembled(self, key: bytes) -> ContactProblem:
@@ -404,10 +451,13 @@ class Reshaped(StillMesh):
         self, problem: ContactProblem, base: ContactProblem, point: np.ndarray
     ) -> ContactProblem:
         """Sort rows by their slave node: a pairing may order them differently for another shape."""
-        keys = [np.lexsort((item.contact_slaves, item.contact_pairs)) for item in (base, problem)]
+        keys = [
+            np.lexsort((entry.contact_slaves, entry.contact_pairs)) for entry in (base, problem)
+        ]
         pairs = zip(keys, (base, problem), strict=True)
         same = [
-            np.column_stack([item.contact_slaves, item.contact_pairs])[key] for key, item in pairs
+            np.column_stack([entry.contact_slaves, entry.contact_pairs])[key]
+            for key, entry in pairs
         ]
         if not np.array_equal(same[0], same[1]):
             raise ShapeError(
@@ -425,8 +475,12 @@ class Reshaped(StillMesh):
         for before, after in zip(
             base.amplitudes.nonaffine, problem.amplitudes.nonaffine, strict=True
         ):
-            line, other = (getattr(item, "positions", None) for item in (before, after))
-            if line is not None and other is not None and not np.allclose(line, other, rtol=1e-12):
+            line, line_after = (getattr(entry, "positions", None) for entry in (before, after))
+            if (
+                line is not None
+                and line_after is not None
+                and not np.allclose(line, line_after, rtol=1e-12)
+            ):
                 raise ShapeError(
                     "the line of a partial pressure moves with the shape: press on a surface that "
                     "does not, or on all"
@@ -438,13 +492,13 @@ class Reshaped(StillMesh):
         )
         ordered = {name: getattr(problem, name)[order] for name in rows.split()}
         shares = None if problem.shares is None else problem.shares.ordered(order)
-        found = replace(
+        ordered_problem = replace(
             problem, **ordered | {"gaps": np.asfortranarray(ordered["gaps"])}, shares=shares
         )
         return (
-            found
+            ordered_problem
             if base.kernel is None
-            else replace(found, kernel=base.kernel.at(found), law=base.law)
+            else replace(ordered_problem, kernel=base.kernel.at(ordered_problem), law=base.law)
         )
 
     def _check_box(self) -> None:
@@ -481,10 +535,10 @@ class Reshaped(StillMesh):
         bad = np.flatnonzero(jacobians.min(axis=1) <= FOLDED * np.abs(jacobians).max(axis=1))
         if not bad.size:
             return ""
-        place = self.reference[self._cells[bad[0]]].mean(axis=0)[:dim].tolist()
+        centre = self.reference[self._cells[bad[0]]].mean(axis=0)[:dim].tolist()
         return (
             f"a shape of scene '{scene.name}' turns {bad.size} cells inside out at {where}, e.g. "
-            f"around {place}: narrow the box, or move the nodes around it too"
+            f"around {centre}: narrow the box, or move the nodes around it too"
         )
 
 

@@ -36,15 +36,22 @@ class Shape:
 
     def __post_init__(self) -> None:
         check_tag("shape", self.tag)
-        given = as_tuple(f"coordinates of the shape of body {self.tag}", self.coordinates)
+        texts = as_tuple(f"coordinates of the shape of body {self.tag}", self.coordinates)
         formulas = tuple(
-            formula_of(item, f"a coordinate of the shape of body {self.tag}") for item in given
+            formula_of(text, f"a coordinate of the shape of body {self.tag}") for text in texts
         )
         object.__setattr__(self, "coordinates", formulas)
 
     def check(self, parameters: ParameterSpace, hypothesis: str) -> None:
-        """Raise SceneError for missing formulas, and for names that are neither parameters nor
-        coordinates.
+        """Refuse missing formulas and unknown names.
+
+        Args:
+            parameters: the box of the scene.
+            hypothesis: hypothesis of the scene, which names the coordinates.
+
+        Raises:
+            SceneError: for missing formulas, for names that are neither parameters nor coordinates,
+                and for parameters with the names of coordinates.
         """
         names = coordinate_names(hypothesis)
         if len(self.coordinates) != len(names):
@@ -73,8 +80,16 @@ class Shape:
     def moved(
         self, points: np.ndarray, names: Sequence[str], values: dict[str, float]
     ) -> np.ndarray:
-        """New coordinates of points, (n, dim), for parameters by name."""
-        given = {**values, **dict(zip(names, points.T, strict=True))}
+        """New coordinates of points, (n, dim).
+
+        Args:
+            points: coordinates as meshed, (n, dim).
+            names: names of the coordinates.
+            values: parameters by name.
+        """
+        variables = {**values, **dict(zip(names, points.T, strict=True))}
         with np.errstate(all="ignore"):  # the check of the mesh refuses non-finite coordinates
-            columns = [np.broadcast_to(formula(given), len(points)) for formula in self.coordinates]
+            columns = [
+                np.broadcast_to(formula(variables), len(points)) for formula in self.coordinates
+            ]
         return np.stack(columns, axis=1).astype(float)

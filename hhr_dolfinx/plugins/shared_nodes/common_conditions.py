@@ -64,20 +64,29 @@ def joined(
     amplitudes: Amplitudes,
     nodes: np.ndarray,
 ) -> tuple[ContactRows, np.ndarray, np.ndarray, Shares | None]:
-    """The tool ``shared_nodes``: conditions of several contacts on the same nodes, (n,), are one.
+    """Join conditions of several contacts on the same nodes: the tool ``shared_nodes``.
 
-    ``stated`` are the rows, the contact of each, (m,), and the gaps that openings add, (m, 1 + T).
-    Returned are those of the joined conditions, and the shares of contacts, None if no condition is
-    that of several.
+    Args:
+        discretisation: the discretisation.
+        stated: the rows, the contact of each, (m,), and the gaps that openings add, (m, 1 + T).
+        prolongation: displacement of all dofs from that of the free ones.
+        amplitudes: θ as a function of the parameters.
+        nodes: nodes on which several contacts act, (n,).
+
+    Returns:
+        The joined rows, contacts and gaps, and the shares of contacts; None if no condition belongs
+        to several.
 
     Raises:
         SceneError: for contacts whose laws or openings differ on a common condition.
     """
-    given = Conditions(discretisation.scene, *stated)
+    conditions = Conditions(discretisation.scene, *stated)
     cells = discretisation._cell_nodes()
-    common = CommonConditions(given, prolongation, nodes, cells, amplitudes, discretisation.surface)
-    found, shares = common.joined()
-    return found.rows, found.pairs, found.opened, shares
+    common = CommonConditions(
+        conditions, prolongation, nodes, cells, amplitudes, discretisation.surface
+    )
+    joined_conditions, shares = common.joined()
+    return joined_conditions.rows, joined_conditions.pairs, joined_conditions.opened, shares
 
 
 @dataclass(frozen=True)
@@ -99,34 +108,41 @@ class CommonConditions:
         Raises:
             SceneError: for contacts whose laws or openings differ on a common condition.
         """
-        one, other = self._alike(*self._beside())
-        if not one.size:
+        first_condition, second_condition = self._alike(*self._beside())
+        if not first_condition.size:
             return self.given, None
-        given = self.given
-        m = given.pairs.size
+        conditions = self.given
+        m = conditions.pairs.size
         count, label = connected_components(
-            csr_matrix((np.ones(one.size), (one, other)), shape=(m, m)), directed=False
+            csr_matrix(
+                (np.ones(first_condition.size), (first_condition, second_condition)), shape=(m, m)
+            ),
+            directed=False,
         )
         _, first, label = np.unique(label, return_index=True, return_inverse=True)
         areas = self._areas(label)
         sums = np.bincount(label, areas)
         # a node on the axis of symmetry has no area
-        parts = np.where(sums[label] > 0, areas, 1.0)
-        parts = parts / np.bincount(label, parts)[label]
-        mean = csr_matrix((parts, (label, np.arange(m))), shape=(count, m))
+        shares_in_condition = np.where(sums[label] > 0, areas, 1.0)
+        shares_in_condition = shares_in_condition / np.bincount(label, shares_in_condition)[label]
+        mean = csr_matrix((shares_in_condition, (label, np.arange(m))), shape=(count, m))
         # the slave of a row has the weight 1 along the mean of its normals
         directions = mean @ self._aligned(first[label])
         lengths = np.where(np.bincount(label) > 1, np.linalg.norm(directions, axis=1), 1.0)
         normals = directions / lengths[:, None]
         mean = csr_matrix(diags(1 / lengths) @ mean)
         matrix = _along(
-            csr_matrix(mean @ given.rows.matrix), normals, lengths < 1.0 - COMMON_CONDITION**2
+            csr_matrix(mean @ conditions.rows.matrix), normals, lengths < 1.0 - COMMON_CONDITION**2
         )
-        rows = replace(given.rows.take(first), matrix=matrix, gap=mean @ given.rows.gap, areas=sums)
+        rows = replace(
+            conditions.rows.take(first), matrix=matrix, gap=mean @ conditions.rows.gap, areas=sums
+        )
         common = np.flatnonzero(np.bincount(label)[label] > 1)
-        nodes = self._shares_of_nodes(common, label, parts, normals)
-        shares = Shares(label[common], given.pairs[common], parts[common], nodes)
-        return Conditions(given.scene, rows, given.pairs[first], mean @ given.opened), shares
+        nodes = self._shares_of_nodes(common, label, shares_in_condition, normals)
+        shares = Shares(label[common], conditions.pairs[common], shares_in_condition[common], nodes)
+        return Conditions(
+            conditions.scene, rows, conditions.pairs[first], mean @ conditions.opened
+        ), shares
 
     @cached_property
     def _dim(self) -> int:
@@ -143,12 +159,13 @@ class CommonConditions:
         return normals_of(self.given.rows.matrix, self.given.rows.slaves, self._dim)
 
     def _aligned(self, first: np.ndarray) -> np.ndarray:
-        """Normals of all conditions; that of the ``first``, (m,), where slave and master change
-        their roles.
+        """Normals of all conditions.
+
+        That of the ``first``, (m,), where slave and master change their roles.
         """
-        own = self._normals
-        turned = np.einsum("md,md->m", own, own[first]) < 0.0
-        return np.where(turned[:, None], own[first], own)
+        normals = self._normals
+        turned = np.einsum("md,md->m", normals, normals[first]) < 0.0
+        return np.where(turned[:, None], normals[first], normals)
 
     def _beside(self) -> tuple[np.ndarray, np.ndarray]:
         """Conditions of two contacts that act on a common node, (k,) each."""
@@ -162,10 +179,10 @@ class CommonConditions:
         nodes = csr_matrix(nodes[:, self.nodes])
         touched = np.flatnonzero(np.diff(nodes.indptr))
         beside = csr_matrix(nodes[touched] @ nodes[touched].T).tocoo()
-        one = touched[beside.row]
-        other = touched[beside.col]
-        apart = (one < other) & (pairs[one] != pairs[other])
-        return one[apart], other[apart]
+        first = touched[beside.row]
+        second = touched[beside.col]
+        apart = (first < second) & (pairs[first] != pairs[second])
+        return first[apart], second[apart]
 
     def _alike(self, one: np.ndarray, other: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Conditions that are the same among pairs of them, (k,) each."""
@@ -193,16 +210,16 @@ class CommonConditions:
     def _of_one_slave(self, one: np.ndarray, other: np.ndarray) -> np.ndarray:
         """Pairs of conditions, (k,), whose slave nodes and normals are one, (k,) bool."""
         # nodes that constraints make one have the same rows of T
-        known = self.prolongation.prolong(
+        random_field = self.prolongation.prolong(
             np.random.default_rng(0).standard_normal(self._acting.shape[1])
         )
-        at_slaves = known.reshape(-1, self._dim)[self.given.rows.slaves]
+        at_slaves = random_field.reshape(-1, self._dim)[self.given.rows.slaves]
         node = np.abs(at_slaves[one] - at_slaves[other]).max(axis=1) <= COMMON_CONDITION * np.abs(
             at_slaves[one]
         ).max(axis=1)
         cosines = np.einsum("kd,kd->k", self._normals[one], self._normals[other])
         averages = np.array(
-            [getattr(item, "normal", ()) is None for item in self.given.scene.contacts]
+            [getattr(contact, "normal", ()) is None for contact in self.given.scene.contacts]
         )
         averages = averages[self.given.pairs]
         return node & (
@@ -226,9 +243,9 @@ class CommonConditions:
         """Bodies on the other side of a condition."""
         row = self.given.rows.matrix[condition].tocoo()
         weights = row.data * self._normals[condition][row.col % self._dim]
-        bodies, place = np.unique(self._body[row.col // self._dim], return_inverse=True)
+        bodies, index = np.unique(self._body[row.col // self._dim], return_inverse=True)
         # a surface in contact with another one of its body has weights of both signs
-        behind = np.bincount(place, np.minimum(weights, 0.0)) < -0.5
+        behind = np.bincount(index, np.minimum(weights, 0.0)) < -0.5
         return set(bodies[behind].tolist()) or {GROUND}
 
     def _agree(self, one: int, other: int, length: float) -> bool:
@@ -236,20 +253,23 @@ class CommonConditions:
 
         Openings of two obstacles for one surface may differ: these are two conditions.
         """
-        given = self.given
-        samples = given.scene.parameters.random(OPENING_SAMPLES, seed=0)
-        opened = self.amplitudes.sum_columns(given.opened[[one, other]], samples)
-        first, second = (given.scene.contacts[given.pairs[row]] for row in (one, other))
+        conditions = self.given
+        samples = conditions.scene.parameters.random(OPENING_SAMPLES, seed=0)
+        opened = self.amplitudes.sum_columns(conditions.opened[[one, other]], samples)
+        first, second = (conditions.scene.contacts[conditions.pairs[row]] for row in (one, other))
         differ = "laws"
         if np.abs(opened[0] - opened[1]).max() > COMMON_CONDITION * length:
             if first.tags[0] == second.tags[0]:
                 return False
             differ = "openings"
-        elif given.scene.laws[given.pairs[one]] == given.scene.laws[given.pairs[other]]:
+        elif (
+            conditions.scene.laws[conditions.pairs[one]]
+            == conditions.scene.laws[conditions.pairs[other]]
+        ):
             return True
         raise SceneError(
             f"{self._named(one)} and {self._named(other)} share the node at "
-            f"{rounded(given.rows.points[one])}, whose condition is one, and their {differ} "
+            f"{rounded(conditions.rows.points[one])}, whose condition is one, and their {differ} "
             "differ: give both the same, or let one surface end before that node"
         )
 
@@ -258,43 +278,46 @@ class CommonConditions:
         return f"contact {number} of {', '.join(map(str, self.given.scene.contacts[number].tags))}"
 
     def _areas(self, label: np.ndarray) -> np.ndarray:
-        """Area of each condition, (m,); conditions of one slave surface have no more than its area
-        together.
+        """Area of each condition, (m,).
+
+        Conditions of one slave surface have no more than its area together.
         """
-        given = self.given
-        areas = given.rows.areas.copy()
-        first_tags = [item.tags[0] for item in given.scene.contacts]
-        tags = np.array([first_tags.index(tag) for tag in first_tags])[given.pairs]
+        conditions = self.given
+        areas = conditions.rows.areas.copy()
+        first_tags = [contact.tags[0] for contact in conditions.scene.contacts]
+        tags = np.array([first_tags.index(tag) for tag in first_tags])[conditions.pairs]
         _, group, sizes = np.unique(
             label * len(first_tags) + tags, return_inverse=True, return_counts=True
         )
         for tag in np.unique(tags[sizes[group] > 1]).tolist():
             surface = self.surface(first_tags[tag])
             for number in np.unique(group[(sizes[group] > 1) & (tags == tag)]).tolist():
-                own = np.flatnonzero(group == number)
-                _, sides = looking(surface, self._normals[own[0]], GRAZING_NORMAL)
-                whole = sides[surface.nodes == given.rows.slaves[own[0]]].sum()
-                areas[own] *= min(1.0, whole / areas[own].sum()) if whole else 1.0
+                members = np.flatnonzero(group == number)
+                _, sides = looking(surface, self._normals[members[0]], GRAZING_NORMAL)
+                area = sides[surface.nodes == conditions.rows.slaves[members[0]]].sum()
+                areas[members] *= min(1.0, area / areas[members].sum()) if area else 1.0
         return areas
 
     def _shares_of_nodes(
         self, common: np.ndarray, label: np.ndarray, parts: np.ndarray, normals: np.ndarray
     ) -> csr_matrix:
-        """Share of common conditions, (s,), in the entries of the joined rows at each node, (s,
-        nodes).
-        """
+        """Share of common conditions in the entries of the joined rows at each node, (s, nodes)."""
         entries = self.given.rows.matrix[common].tocoo()
         row = common[entries.row]
         weights = parts[row] * entries.data * normals[label[row], entries.col % self._dim]
-        places = entries.row, entries.col // self._dim
-        own = csr_matrix((weights, places), shape=(common.size, self._acting.shape[1] // self._dim))
-        own.eliminate_zeros()
-        _, place = np.unique(label[common], return_inverse=True)
-        whole = csr_matrix((np.ones(common.size), (place, np.arange(common.size)))) @ own
-        shares = own.tocoo()
-        sums = np.asarray(whole[place[shares.row], shares.col]).ravel()
+        indices = entries.row, entries.col // self._dim
+        node_weights = csr_matrix(
+            (weights, indices), shape=(common.size, self._acting.shape[1] // self._dim)
+        )
+        node_weights.eliminate_zeros()
+        _, group = np.unique(label[common], return_inverse=True)
+        sums_of_groups = (
+            csr_matrix((np.ones(common.size), (group, np.arange(common.size)))) @ node_weights
+        )
+        shares = node_weights.tocoo()
+        sums = np.asarray(sums_of_groups[group[shares.row], shares.col]).ravel()
         data = np.divide(shares.data, sums, out=np.zeros(sums.size), where=sums != 0)
-        return csr_matrix((data, (shares.row, shares.col)), shape=own.shape)
+        return csr_matrix((data, (shares.row, shares.col)), shape=node_weights.shape)
 
 
 def _along(matrix: csr_matrix, normals: np.ndarray, turned: np.ndarray) -> csr_matrix:

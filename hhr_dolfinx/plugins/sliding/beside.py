@@ -36,15 +36,19 @@ class BesideTools:
             yield "facets beside tools have no width"
 
     def check(self, forces: np.ndarray, motion: np.ndarray, largest: float, place: str) -> bool:
-        """Warn, and return True, if a condition under load has moved along its tool by more than a
-        facet.
+        """Warn if a condition under load has moved along its tool by more than a facet.
 
-        ``forces`` are those of the base, (m,), and ``motion`` is that along the tangents of each
-        condition, (c, dim-1). The ``largest`` norm of forces so far is their unit, and ``place`` is
-        the parameter, in words.
+        Args:
+            forces: contact forces of the base, (m,).
+            motion: motion along the tangents of each condition, (c, dim - 1).
+            largest: largest norm of forces so far, their unit.
+            place: the parameter, in words.
 
         Warns:
             FarSlidingWarning: with the condition that has moved farthest.
+
+        Returns:
+            True after a warning.
         """
         way = np.linalg.norm(motion, axis=1)
         share = np.where(

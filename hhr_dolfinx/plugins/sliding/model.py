@@ -60,7 +60,11 @@ class SlidingModel(KeptModel):
         self.advice: Mapping[Status, str] = ADVICE
 
     def for_file(self) -> SlidingModel:
-        """The model of plain data; NotOfferedError for a base of full order."""
+        """The model of plain data.
+
+        Raises:
+            NotOfferedError: for a base of full order.
+        """
         if not isinstance(self.base, KeptModel):
             raise NotOfferedError(
                 f"a {type(self).__name__} of the full order cannot be kept in a file: "
@@ -76,20 +80,20 @@ class SlidingModel(KeptModel):
         """
         contacts = sum(pair.slave.nodes.size for pair in self.pairs)
         along = contacts * (self.dimension - 1)
-        first = kept = self.pairs[0].first
-        normal, others = np.split(self.law.normal, [contacts])
+        first = base_rows = self.pairs[0].first
+        normal, normal_outside = np.split(self.law.normal, [contacts])
         tangential, further = np.split(self.law.tangential, [along])
         if not (
-            np.array_equal(normal, kept + np.arange(contacts))
-            and np.array_equal(tangential, kept + contacts + np.arange(along))
-            and np.concatenate([others, further]).max(initial=-1) < kept
+            np.array_equal(normal, base_rows + np.arange(contacts))
+            and np.array_equal(tangential, base_rows + contacts + np.arange(along))
+            and np.concatenate([normal_outside, further]).max(initial=-1) < base_rows
         ):
             yield "its contacts are not the slave nodes of its pairs"
         for pair in self.pairs:
             if pair.first != first or pair.slave.points.shape[1] != self.dimension:
                 yield "dofs of its pairs are not the rows of its base"
             first += pair.nodes * self.dimension
-        if self.beside.conditions.max(initial=-1) >= kept:
+        if self.beside.conditions.max(initial=-1) >= base_rows:
             yield "conditions beside tools are not those of pairs that do not slide"
         if first + self.beside.conditions.size * (self.dimension - 1) != self.base.own_conditions:
             yield "its pairs do not have as many dofs as its base has rows"
@@ -100,29 +104,41 @@ class SlidingModel(KeptModel):
         return self.base.sizes
 
     def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
-        """Compliance and free motion of all dofs of the surfaces, as rows that are no conditions
-        yet.
+        """Compliance and free motion of all dofs of the surfaces, as rows.
+
+        These rows are no conditions.
         """
         return self.base.contacts()
 
     def check_range(self, point: np.ndarray, outside: str) -> None:
-        """Check by its base."""
+        """Check by its base.
+
+        Args:
+            point: parameters, (P,).
+            outside: policy for a point outside the training range.
+        """
         self.base.check_range(point, outside)
 
     def pressures(self, answer: Answer) -> np.ndarray:
-        """Pressure forces of the slave nodes, (C,), followed by those of the pairs that do not
-        slide.
+        """Pressure forces of the slave nodes, (C,), then those of the pairs that do not slide.
 
         Forces of an answer have all directions, on both surfaces.
         """
         contacts = sum(pair.slave.nodes.size for pair in self.pairs)
-        others = np.flatnonzero(self.law.pressing(self.pairs[0].first))
+        fixed_pairs = np.flatnonzero(self.law.pressing(self.pairs[0].first))
         if "slip" not in answer.memory:
-            return np.full(contacts + others.size, np.nan)
-        return np.concatenate([answer.slip.pressure[:contacts], answer.multipliers[others]])
+            return np.full(contacts + fixed_pairs.size, np.nan)
+        return np.concatenate([answer.slip.pressure[:contacts], answer.multipliers[fixed_pairs]])
 
     def increments(self, settings: MarchSettings) -> RepairingSlider:
-        """See :class:`AnsweringModel`; without derivatives."""
+        """See :class:`AnsweringModel`; without derivatives.
+
+        Args:
+            settings: settings of the increments.
+
+        Raises:
+            NotOfferedError: for derivatives.
+        """
         if settings.gradient:
             raise NotOfferedError(
                 "derivatives of bodies that slide past their mesh are not built in: pairings "

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -35,6 +35,9 @@ from hhr_dolfinx.plugins.friction.tangents import tangents_of
 from hhr_dolfinx.plugins.mortar.pairing import Mortar
 from hhr_dolfinx.plugins.nonmatching.node_to_surface import NodeToSurface
 from hhr_dolfinx.warn import ignored, warn
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.friction.laws import FrictionLaw
 
 PAIRINGS = 8
 """Most pairings of an increment."""
@@ -62,20 +65,28 @@ UNPAIRED_GAP = 10.0
 
 def nodes_of(surfaces: Sequence[Surface]) -> tuple[np.ndarray, np.ndarray]:
     """Sorted nodes of some surfaces, (n,), each once, and their coordinates, (n, dim)."""
-    every = np.concatenate([surface.nodes for surface in surfaces])
+    all_nodes = np.concatenate([surface.nodes for surface in surfaces])
     points = np.concatenate([surface.points for surface in surfaces])
-    nodes, first = np.unique(every, return_index=True)
+    nodes, first = np.unique(all_nodes, return_index=True)
     return nodes, points[first]
 
 
 def renumbered(surface: Surface, nodes: np.ndarray) -> Surface:
-    """A surface with node numbers relative to some sorted nodes, (n,)."""
+    """A surface with node numbers relative to some nodes.
+
+    Args:
+        surface: the surface.
+        nodes: sorted numbers of the nodes, (n,).
+    """
     return replace(surface, nodes=np.searchsorted(nodes, surface.nodes))
 
 
 def deformed(surface: Surface, displacement: np.ndarray) -> Surface:
-    """A surface in its deformed position, from the displacement of all nodes that its numbers refer
-    to, (n, dim).
+    """A surface in its deformed position.
+
+    Args:
+        surface: the surface.
+        displacement: displacement of all nodes that its numbers refer to, (n, dim).
     """
     points = surface.points + displacement[surface.nodes]
     vectors = area_vectors(points[surface.facets])
@@ -119,17 +130,24 @@ class SlidingPair:
             yield "its openings are not those of its slave nodes and parameters"
 
     def opened(self, point: np.ndarray) -> np.ndarray:
-        """What openings add to the gap of each slave node at a point, (P,)."""
+        """Gap that openings add at each slave node at a point, (P,)."""
         return self.opening[0] + self.opening[1:] @ point - self.clearance
 
     def rows(
         self, displacement: np.ndarray, before: np.ndarray, opened: np.ndarray
     ) -> tuple[ContactRows | None, np.ndarray]:
-        """Rows at the displaced nodes, (nodes, dim), and the number of the slave node of each.
+        """Rows at the displaced nodes, and the index of the slave node of each.
 
-        None if the surfaces do not face each other. Bodies did not overlap ``before``, (nodes,
-        dim), by more than is ``opened`` between them. So any overlap is at most the motion since
-        then, however thin the cells are.
+        Any overlap is at most the motion since the last pairing and the opening, however thin the
+        cells are.
+
+        Args:
+            displacement: displacement of the nodes, (nodes, dim).
+            before: displacement at the last pairing, (nodes, dim).
+            opened: opening of each slave node, by which the bodies may have overlapped before.
+
+        Returns:
+            The rows, None if the surfaces do not face each other, and the indices.
         """
         dim = displacement.shape[1]
         ways = np.linalg.norm(displacement - before, axis=1)
@@ -147,8 +165,9 @@ class SlidingPair:
 
 
 class Paired(NamedTuple):
-    """All pairs at one position (m rows of other pairs, C slave nodes, T tangential rows, n dofs of
-    surfaces).
+    """All pairs at one position.
+
+    m rows of other pairs, C slave nodes, T tangential rows, n dofs of surfaces.
     """
 
     #: R: the identity of the m rows, rows of pressures followed by tangential ones, (m + C + T, m +
@@ -173,10 +192,10 @@ class RepairingSlider(Slider):
         self.dim = model.dimension
         self.kept = self.pairs[0].first
         self.count = sum(pair.slave.nodes.size for pair in self.pairs)
-        places = np.concatenate(
+        points = np.concatenate(
             [surface.points for pair in self.pairs for surface in (pair.slave, pair.master)]
         )
-        self.size = float(np.ptp(places, axis=0).max())
+        self.size = float(np.ptp(points, axis=0).max())
         self.facet = min(
             surface.lengths().min() for pair in self.pairs for surface in (pair.slave, pair.master)
         )
@@ -185,11 +204,17 @@ class RepairingSlider(Slider):
         self._warned = self._far_along = False
 
     def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> SlidingState:
-        """Undeformed bodies as meshed, without slip."""
+        """Undeformed bodies as meshed, without slip.
+
+        Args:
+            time: start of the path, in s.
+            point: parameters, (P,).
+            weights: weights of the state.
+        """
         free_slack = self._contact_at(point).free_slack
         nothing = np.zeros(len(free_slack))
-        others = free_slack[self.friction.normal[self.count :]]
-        gap = np.concatenate([self.paired(nothing, nothing, point).gap, others])
+        slack_of_fixed = free_slack[self.friction.normal[self.count :]]
+        gap = np.concatenate([self.paired(nothing, nothing, point).gap, slack_of_fixed])
         slip = SlipState.at_rest(self.friction)
         changes = self._no_changes, self._no_changes
         return SlidingState(
@@ -197,7 +222,12 @@ class RepairingSlider(Slider):
         )
 
     def increment(self, before: SlidingState, target: IncrementEnd) -> SolvedSliding:
-        """Solve one increment; it may not converge."""
+        """Solve one increment; it may not converge.
+
+        Args:
+            before: state at the start of the increment.
+            target: its end.
+        """
         point = target.point
         contact = self._contact_at(point)
         free = -contact.free_slack
@@ -206,25 +236,27 @@ class RepairingSlider(Slider):
         last = 1e-300
         for _ in range(PAIRINGS):
             paired = self.paired(displacement, before.displacement, point)
-            found, bound = self._solved_on(contact.schur, free, paired, before, point)
-            surface_forces = paired.matrix.T @ found.forces
+            solution, bound = self._solved_on(contact.schur, free, paired, before, point)
+            surface_forces = paired.matrix.T @ solution.forces
             displacement = free - contact.schur @ surface_forces
             change = np.abs(displacement - paired.at)[self.dofs].max() / self.facet
             # the next change would be smaller by the same factor as this one
             if (
-                found.status is not Status.CONVERGED
+                solution.status is not Status.CONVERGED
                 or change * min(change / last, 1.0) <= self.settled
             ):
                 break
             last = change
         else:
             if change > FAR:
-                found = found._replace(status=Status.UNSETTLED)
-        slip = before.slip.after(self.friction, found.forces, found.slack, found.active, bound)
-        reached = self._reached(
-            target, found, slip, (before.changes, before.closing), displacement, surface_forces
+                solution = solution._replace(status=Status.UNSETTLED)
+        slip = before.slip.after(
+            self.friction, solution.forces, solution.slack, solution.active, bound
         )
-        return SolvedSliding(found, reached, contact, None)
+        reached = self._reached(
+            target, solution, slip, (before.changes, before.closing), displacement, surface_forces
+        )
+        return SolvedSliding(solution, reached, contact, None)
 
     def _solved_on(
         self,
@@ -252,15 +284,15 @@ class RepairingSlider(Slider):
         limit = np.where(
             idle & np.isinf(coefficient), 0.0, limit
         )  # Tresca's law holds at no pressure too
-        given = SlidingIncrement(slack, coefficient, limit, np.zeros(0))
+        increment = SlidingIncrement(slack, coefficient, limit, np.zeros(0))
         friction = self._with_held(np.diag(schur), idle)
-        found = SlidingContact(schur, friction).increment(given, before.forces, before.active)
-        return found, given.bounds(self.friction, found.forces)
+        solution = SlidingContact(schur, friction).increment(
+            increment, before.forces, before.active
+        )
+        return solution, increment.bounds(self.friction, solution.forces)
 
     def _check_imposed(self, gap: np.ndarray, diagonal: np.ndarray, point: np.ndarray) -> None:
-        """Warn once of contacts, (C,), all of whose nodes have imposed displacements and
-        penetrate.
-        """
+        """Warn once of contacts, (C,), that penetrate while all of their nodes are imposed."""
         deep = (diagonal <= IMPOSED * diagonal.max(initial=0.0)) & (
             gap < -TOUCHING_SURFACES * self.size
         )
@@ -275,8 +307,9 @@ class RepairingSlider(Slider):
             )
 
     def _with_held(self, diagonal: np.ndarray, idle: np.ndarray) -> Friction:
-        """The law on one pairing; imposed displacements hold some tangential rows, whose friction
-        is undetermined.
+        """The law on one pairing.
+
+        Imposed displacements hold some tangential rows, whose friction is undetermined.
         """
         friction = self.friction
         held = (
@@ -288,24 +321,32 @@ class RepairingSlider(Slider):
         return replace(friction, twice=np.union1d(friction.twice, friction.tangential[held]))
 
     def paired(self, displacement: np.ndarray, before: np.ndarray, point: np.ndarray) -> Paired:
-        """All pairs at displaced dofs of surfaces, (m + n,), from their displacement before, at a
-        point, (P,).
+        """All pairs at displaced dofs of surfaces.
+
+        Args:
+            displacement: displacement of these dofs, (m + n,).
+            before: displacement at the last pairing, (m + n,).
+            point: parameters, (P,).
         """
         gap = np.full(self.count, UNPAIRED_GAP * self.size)
-        kept = np.arange(self.kept)
-        entries: list[tuple[np.ndarray, ...]] = [(np.ones(kept.size), kept, kept)]
+        row_indices = np.arange(self.kept)
+        entries: list[tuple[np.ndarray, ...]] = [
+            (np.ones(row_indices.size), row_indices, row_indices)
+        ]
         first = 0
         for pair in self.pairs:
-            own = slice(pair.first, pair.first + pair.nodes * self.dim)
-            here, there = (values[own].reshape(-1, self.dim) for values in (displacement, before))
-            rows, slaves = pair.rows(here, there, pair.opened(point))
+            span = slice(pair.first, pair.first + pair.nodes * self.dim)
+            displaced, displaced_before = (
+                values[span].reshape(-1, self.dim) for values in (displacement, before)
+            )
+            rows, slaves = pair.rows(displaced, displaced_before, pair.opened(point))
             if rows is not None:
                 gap[first + slaves] = rows.gap
                 entries += self._entries(rows, first + slaves, pair.first)
             first += pair.slave.nodes.size
-        values, places, columns = (np.concatenate(part) for part in zip(*entries, strict=True))
+        values, indices, columns = (np.concatenate(arrays) for arrays in zip(*entries, strict=True))
         return Paired(
-            csr_matrix((values, (places, columns)), shape=(self.rows, displacement.size)),
+            csr_matrix((values, (indices, columns)), shape=(self.rows, displacement.size)),
             gap,
             displacement,
         )
@@ -316,19 +357,27 @@ class RepairingSlider(Slider):
         """Values, rows and columns of the pressures and tangential rows of some contacts, (c,)."""
         dim = self.dim
         normals = normals_of(rows.matrix, rows.slaves, dim)
-        whole = rows.matrix.tocoo()
+        entries = rows.matrix.tocoo()
         weights = np.zeros((len(normals), rows.matrix.shape[1] // dim))
         np.add.at(
-            weights, (whole.row, whole.col // dim), whole.data * normals[whole.row, whole.col % dim]
+            weights,
+            (entries.row, entries.col // dim),
+            entries.data * normals[entries.row, entries.col % dim],
         )
         row, node = np.nonzero(weights)
         values = weights[row, node][:, None]
         columns = first + node[:, None] * dim + np.arange(dim)
         vectors = np.concatenate([normals[:, None], tangents_of(normals)], axis=1)
         tangential = self.kept + self.count + contacts * (dim - 1)
-        places = np.column_stack([self.kept + contacts, *(tangential + k for k in range(dim - 1))])
+        row_indices = np.column_stack(
+            [self.kept + contacts, *(tangential + k for k in range(dim - 1))]
+        )
         return [
-            ((values * vectors[row, k]).ravel(), np.repeat(places[row, k], dim), columns.ravel())
+            (
+                (values * vectors[row, k]).ravel(),
+                np.repeat(row_indices[row, k], dim),
+                columns.ravel(),
+            )
             for k in range(dim)
         ]
 
@@ -348,61 +397,80 @@ class RepairingSlider(Slider):
         return 0.5 * float(surface_forces @ (solved.contact.schur @ surface_forces))
 
     def answer(self, solved: SolvedSliding) -> Answer:
-        """Answer of an increment; its forces are those of the pairs that do not slide, and on all
-        dofs of surfaces.
+        """Answer of an increment.
+
+        Its forces are those of the pairs that do not slide, and on all dofs of surfaces.
         """
-        found, reached, contact, _ = solved
+        solution, reached, contact, _ = solved
         forces = reached.surface_forces
         assert forces is not None
-        how = found.iterations, found.status, found.sweeps > 0, self.model.fields, reached.time
-        active = np.concatenate([found.active[: self.kept], forces[self.kept :] != 0.0])
+        outcome = (
+            solution.iterations,
+            solution.status,
+            solution.sweeps > 0,
+            self.model.fields,
+            reached.time,
+        )
+        active = np.concatenate([solution.active[: self.kept], forces[self.kept :] != 0.0])
         return Answer(
             reached.point,
             contact.unknown(forces),
             forces,
             active,
-            *how,
+            *outcome,
             memory=Memory(slip=reached.slip),
         )
 
 
 def idle_contacts(schur: np.ndarray) -> np.ndarray:
-    """Contacts of a pairing, (C,) bool, whose pressures, with the compliance S, (C, C), change
-    nothing new.
+    """Contacts of a pairing whose pressures change nothing new, (C,) bool.
 
     Imposed displacements move all of their nodes, or constraints make their nodes those of a
     contact before.
+
+    Args:
+        schur: compliance S of the pressures, (C, C).
     """
-    own = np.diag(schur)
-    idle = own <= IMPOSED * own.max(initial=0.0)
-    sums = own[:, None] + own
+    diagonal = np.diag(schur)
+    idle = diagonal <= IMPOSED * diagonal.max(initial=0.0)
+    sums = diagonal[:, None] + diagonal
     # |r_i - r_j|^2 in the norm of the compliance
     same = np.triu(sums - 2.0 * schur <= NO_EFFECT * sums, 1) & ~idle[:, None] & ~idle
     return idle | same.any(axis=0)
 
 
 def layout(
-    pairs: Sequence[SlidingPair], laws: Sequence[Any], fixed: np.ndarray, dim: int, others: Friction
+    pairs: Sequence[SlidingPair],
+    laws: Sequence[FrictionLaw],
+    fixed: np.ndarray,
+    dim: int,
+    others: Friction,
 ) -> Friction:
-    """Friction, by a law of each pair, of all slave nodes, whose tangential rows follow those of
-    pressures.
+    """Friction, by a law of each pair, of all slave nodes.
 
-    ``fixed`` are indices of the parameters that stay while loads grow in proportion. The rows of
-    the pairs that do not slide come first, but their contacts, if ``others`` has any, follow.
+    Tangential rows follow those of pressures. The rows of the pairs that do not slide come first,
+    but their contacts follow.
+
+    Args:
+        pairs: the pairs that slide.
+        laws: law of each.
+        fixed: indices of the parameters that stay while loads grow in proportion.
+        dim: dimension of the mesh.
+        others: friction of the pairs that do not slide.
     """
     counts = [pair.slave.nodes.size for pair in pairs]
     count = sum(counts)
-    kept = pairs[0].first
+    first = pairs[0].first
     owner = np.repeat(np.arange(count), dim - 1)
     areas = np.concatenate([pair.slave.areas for pair in pairs])
     law = np.repeat(np.arange(len(pairs)), counts)
     nothing = np.zeros(0, dtype=np.int64)
-    own = Friction(
-        kept + np.arange(count),
+    friction = Friction(
+        first + np.arange(count),
         areas,
         np.zeros(count),
         law,
-        kept + count + np.arange(owner.size),
+        first + count + np.arange(owner.size),
         owner,
         np.zeros((owner.size, dim)),
         tuple(laws),
@@ -410,7 +478,7 @@ def layout(
         nothing,
         nothing,
     )
-    return followed(own, others)
+    return followed(friction, others)
 
 
 def no_friction(dim: int) -> Friction:
@@ -433,7 +501,12 @@ def no_friction(dim: int) -> Friction:
 
 
 def followed(one: Friction, other: Friction) -> Friction:
-    """Friction of the contacts of two laws, with rows of one problem."""
+    """Friction of the contacts of two laws, with rows of one problem.
+
+    Args:
+        one: friction of the first contacts.
+        other: friction of the contacts that follow.
+    """
     both = {name: np.concatenate([getattr(one, name), getattr(other, name)]) for name in
             ("normal", "area", "spacing", "tangential", "tangents", "twice")}  # fmt: skip
     law = np.concatenate([one.law, len(one.laws) + other.law])

@@ -62,10 +62,12 @@ def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
         SceneError: for an unsuitable scene, with the part that is unsuitable.
     """
     _check(scene)
-    items = tuple(SurfaceDofs(*item.tags) if _slides(item) else item for item in scene.contacts)
+    contacts = tuple(
+        SurfaceDofs(*contact.tags) if _slides(contact) else contact for contact in scene.contacts
+    )
     # rows of dofs have no law of friction, whose parameters the scene names
     with ignored(SceneWarning, about=" have no effect"):
-        full = FullOrderOfSurfaces(dataclasses.replace(scene, contacts=items), MPI.COMM_SELF)
+        full = FullOrderOfSurfaces(dataclasses.replace(scene, contacts=contacts), MPI.COMM_SELF)
     problem = full.problem
     warn_of_idle_parameters(scene, problem.amplitudes)
     if problem.held_by_contact:
@@ -79,15 +81,15 @@ def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
             f"moduli of scene '{scene.name}' depend on parameters: condensed models of bodies "
             "that slide are of constant ones. Give numbers, or take condensed=False"
         )
-    found = tuple(_pairs(full, scene))
+    pairs = tuple(_pairs(full, scene))
     laws = [
         FrictionLaw.of(
             law if isinstance(law, Coulomb | Tresca) else Coulomb(0.0),
             scene.parameters,
-            f"contact {place}",
+            f"contact {number}",
         )
-        for place, (law, item) in enumerate(zip(scene.laws, scene.contacts, strict=True))
-        if _slides(item)
+        for number, (law, contact) in enumerate(zip(scene.laws, scene.contacts, strict=True))
+        if _slides(contact)
     ]
     base: Any = full
     if condensed:
@@ -96,11 +98,11 @@ def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
     fixed = np.array(
         [k for k, name in enumerate(scene.parameters.names) if name in scene.named], dtype=np.int64
     )
-    others = problem.law
-    assert isinstance(others, Friction)
-    law = layout(found, laws, fixed, problem.block_size, others)
+    law_of_others = problem.law
+    assert isinstance(law_of_others, Friction)
+    law = layout(pairs, laws, fixed, problem.block_size, law_of_others)
     assert isinstance(full.discretisation, SurfacesThatSlide)
-    return SlidingModel(base, found, law, full.discretisation.beside)
+    return SlidingModel(base, pairs, law, full.discretisation.beside)
 
 
 def _slides(item: Pairing) -> bool:
@@ -109,31 +111,29 @@ def _slides(item: Pairing) -> bool:
 
 
 def _check(scene: Scene) -> None:
-    """Raise SceneError for the first pair, body, shape or output that is not built in, with the
-    reason.
-    """
+    """Raise SceneError for the first pair, body, shape or output that is not built in."""
     if not isinstance(scene, Scene):
         raise SceneError(
             f"{type(scene).__name__} is no Scene: hhr.slide takes the scene itself, and makes "
             "what it needs"
         )
-    for place, item in enumerate(scene.contacts):
-        if not _slides(item) and len(item.tags) > 1:
+    for number, contact in enumerate(scene.contacts):
+        if not _slides(contact) and len(contact.tags) > 1:
             names = " and ".join(kind.__name__ for kind in REPEATED)
             raise SceneError(
-                f"contact {place} of scene '{scene.name}' is a {type(item).__name__}: {names} "
+                f"contact {number} of scene '{scene.name}' is a {type(contact).__name__}: {names} "
                 "with dual multipliers can be made anew as bodies "
-                f"slide{TWO_PASSES if isinstance(item, DoublePass) else ''}"
+                f"slide{TWO_PASSES if isinstance(contact, DoublePass) else ''}"
             )
     if not any(map(_slides, scene.contacts)):
         raise SceneError(
             f"no contact of scene '{scene.name}' has two surfaces that slide: take "
             "hhr.condense(scene)"
         )
-    for place, law in enumerate(scene.laws):
+    for number, law in enumerate(scene.laws):
         if not (law is None or isinstance(law, Coulomb | Tresca)):
             raise SceneError(
-                f"contact {place} of scene '{scene.name}' has a law, {law.words}, that is not "
+                f"contact {number} of scene '{scene.name}' has a law, {law.words}, that is not "
                 "built in where surfaces slide past their mesh: increments that pair them again "
                 "solve for friction alone"
             )
@@ -165,10 +165,14 @@ def _check_output(scene: Scene, output: Output) -> None:
     if isinstance(output, OfContact) and output.contact < len(scene.contacts):
         if not _slides(scene.contacts[output.contact]):
             return
-    places = registry.named("public")
+    import_paths = registry.named("public")
     kinds = (
         *OUTPUTS,
-        *(registry.load(places[name]) for name in ("VonMises", "ElasticEnergy") if name in places),
+        *(
+            registry.load(import_paths[name])
+            for name in ("VonMises", "ElasticEnergy")
+            if name in import_paths
+        ),
     )
     if not isinstance(output, kinds):
         names = ", ".join(kind.__name__ for kind in kinds)
@@ -184,38 +188,38 @@ def _pairs(full: FullOrderOfSurfaces, scene: Scene) -> Iterator[SlidingPair]:
     Errors of the pairing if they do not face each other as meshed.
     """
     problem = full.problem
-    of_dofs = [place for place, item in enumerate(scene.contacts) if _slides(item)]
+    of_dofs = [number for number, contact in enumerate(scene.contacts) if _slides(contact)]
     first = int(np.flatnonzero(np.isin(problem.contact_pairs, of_dofs))[0])
-    known: dict[int, tuple[int, np.ndarray]] = {}
-    for place in of_dofs:
-        item = scene.contacts[place]
-        assert isinstance(item, REPEATED)
+    first_seen: dict[int, tuple[int, np.ndarray]] = {}
+    for number in of_dofs:
+        contact = scene.contacts[number]
+        assert isinstance(contact, REPEATED)
         pairing = dataclasses.replace(
-            item, friction=None, law=None
+            contact, friction=None, law=None
         )  # the model has the law, not the rows
-        surfaces = [full.discretisation.surface(tag) for tag in item.tags]
+        surfaces = [full.discretisation.surface(tag) for tag in contact.tags]
         nodes, points = nodes_of(surfaces)
         slave, master = (renumbered(surface, nodes) for surface in surfaces)
         rows = pairing.rows((slave, master), points.size)
         normals = normals_of(rows.matrix, rows.slaves, points.shape[1])
         for node, normal in zip(nodes[rows.slaves].tolist(), normals, strict=True):
-            other, before = known.setdefault(node, (place, normal))
-            if scene.contacts[other].tags[0] != item.tags[0] and before @ normal > CREASE:
+            other_number, before = first_seen.setdefault(node, (number, normal))
+            if scene.contacts[other_number].tags[0] != contact.tags[0] and before @ normal > CREASE:
                 raise SceneError(
-                    f"the slaves of contacts {other} and {place} of scene '{scene.name}' share "
-                    "nodes, which is not built in where surfaces slide past their mesh: make one "
-                    "contact of both, of one tag"
+                    f"the slaves of contacts {other_number} and {number} of scene '{scene.name}' "
+                    "share nodes, which is not built in where surfaces slide past their mesh: make "
+                    "one contact of both, of one tag"
                 )
-        clearance = _clearance(scene, place, slave, rows)
+        clearance = _clearance(scene, number, slave, rows)
         yield SlidingPair(
-            pairing, slave, master, first, nodes.size, clearance, _opening(scene, place)
+            pairing, slave, master, first, nodes.size, clearance, _opening(scene, number)
         )
         first += points.size
 
 
 def _opening(scene: Scene, place: int) -> np.ndarray:
     """Sum of the openings of a contact, a constant and the slope of each parameter, (1 + P,)."""
-    amplitudes = [item.amplitude for item in scene.openings if item.contact == place]
+    amplitudes = [opening.amplitude for opening in scene.openings if opening.contact == place]
     rows = [
         np.array([amplitude.constant, *amplitude.row(scene.parameters)]) for amplitude in amplitudes
     ]
@@ -224,14 +228,14 @@ def _opening(scene: Scene, place: int) -> np.ndarray:
 
 def _clearance(scene: Scene, place: int, slave: Surface, rows: ContactRows) -> np.ndarray:
     """Gap of each slave node as meshed if an opening overwrites it, else zeros, (n,)."""
-    found = np.zeros(slave.nodes.size)
+    clearance = np.zeros(slave.nodes.size)
     if scene.overwritten(place):
-        if rows.gap.size < found.size:
+        if rows.gap.size < clearance.size:
             raise SceneError(
                 f"an opening overwrites the gaps of contact {place} of scene '{scene.name}', "
-                f"which slides, and {found.size - rows.gap.size} of its {found.size} slave nodes "
-                "face nothing as meshed: the gap that they have there is unknown. Swap slave and "
-                "master, or leave out overwrites=True"
+                f"which slides, and {clearance.size - rows.gap.size} of its {clearance.size} slave "
+                "nodes face nothing as meshed: the gap that they have there is unknown. Swap slave "
+                "and master, or leave out overwrites=True"
             )
-        found[np.searchsorted(slave.nodes, rows.slaves)] = rows.gap
-    return found
+        clearance[np.searchsorted(slave.nodes, rows.slaves)] = rows.gap
+    return clearance

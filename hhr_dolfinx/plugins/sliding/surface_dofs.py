@@ -26,27 +26,34 @@ from hhr_dolfinx.plugins.sliding.repairing import no_friction, nodes_of
 
 @dataclass(frozen=True)
 class SurfaceDofs(SlaveAndMaster):
-    """Rows of the identity at the nodes of two surfaces, component by component, which span all
-    contact conditions.
+    """Rows of the identity at the nodes of two surfaces, component by component.
+
+    They span all contact conditions.
     """
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """One row for each component of the displacement of each node, in the order of the
-        nodes.
+        """One row for each component of the displacement of each node, node by node.
+
+        Args:
+            surfaces: slave and master.
+            dofs: number of columns of the rows.
         """
         nodes, points = nodes_of(surfaces)
         dim = points.shape[1]
-        own = (nodes[:, None] * dim + np.arange(dim)).ravel()
-        matrix = csr_matrix((np.ones(own.size), (np.arange(own.size), own)), shape=(own.size, dofs))
-        nothing = np.zeros(own.size)
+        columns = (nodes[:, None] * dim + np.arange(dim)).ravel()
+        matrix = csr_matrix(
+            (np.ones(columns.size), (np.arange(columns.size), columns)), shape=(columns.size, dofs)
+        )
+        nothing = np.zeros(columns.size)
         return ContactRows(
             matrix, nothing, np.repeat(nodes, dim), np.repeat(points, dim, axis=0), nothing
         )
 
 
 class SurfacesThatSlide(Discretisation):
-    """Finite element model with rows of :class:`SurfaceDofs` and of motion along curved tools,
-    which are no conditions.
+    """Finite element model with rows of surface dofs and of motion along curved tools.
+
+    See :class:`SurfaceDofs`. The rows of motion are no conditions.
 
     All of the former are kept, also those of imposed dofs, and of dofs that constraints make one:
     the displacement of a surface is ``lifts θ + T U0`` at each of its nodes, whatever moves it.
@@ -66,23 +73,31 @@ class SurfacesThatSlide(Discretisation):
         eliminated: DependentDofs,
         amplitudes: Amplitudes,
     ) -> tuple[ContactRows, np.ndarray, np.ndarray, ContactLaw, Shares | None]:
-        """Conditions of the pairs that do not slide, as the full order makes them, followed by dofs
-        and motion.
+        """Conditions of the pairs that do not slide, followed by dofs and motion.
+
+        Args:
+            rows: rows of all contacts.
+            pairs: contact of each row, (m,).
+            opened: gaps that openings add, (m, 1 + T).
+            eliminated: dependent dofs.
+            amplitudes: θ as a function of the parameters.
         """
-        slide = np.array([isinstance(item, SurfaceDofs) for item in self.scene.contacts])[pairs]
+        slide = np.array([isinstance(contact, SurfaceDofs) for contact in self.scene.contacts])[
+            pairs
+        ]
         dofs = rows.take(np.flatnonzero(slide))
         of_dofs = pairs[slide]
         law: ContactLaw = no_friction(rows.points.shape[1])
         lifts = eliminated.prolongation.lifts
         if slide.all():
             return dofs, pairs, -(dofs.matrix @ lifts).toarray(), law, None
-        kept = np.flatnonzero(~slide)
-        found, of_pairs, gaps, given, shares = super().conditions(
-            rows.take(kept), pairs[kept], opened[kept], eliminated, amplitudes
+        fixed_rows = np.flatnonzero(~slide)
+        fixed, of_pairs, gaps, law_of_pairs, shares = super().conditions(
+            rows.take(fixed_rows), pairs[fixed_rows], opened[fixed_rows], eliminated, amplitudes
         )
-        law = given if given.remembers else law
-        self.beside = self._beside_tools(found, of_pairs, law)
-        along = _along(found.take(self.beside.conditions))
+        law = law_of_pairs if law_of_pairs.remembers else law
+        self.beside = self._beside_tools(fixed, of_pairs, law)
+        along = _along(fixed.take(self.beside.conditions))
         moving = joined([dofs, along])
         gaps = np.vstack(
             [gaps, -(moving.matrix @ lifts).toarray()]
@@ -90,7 +105,7 @@ class SurfacesThatSlide(Discretisation):
         # motions bear no force, whatever contact they count for
         of_motion = np.full(along.gap.size, of_dofs[-1])
         return (
-            joined([found, moving]),
+            joined([fixed, moving]),
             np.concatenate([of_pairs, of_dofs, of_motion]),
             gaps,
             law,
@@ -99,25 +114,28 @@ class SurfacesThatSlide(Discretisation):
 
     def _beside_tools(self, rows: ContactRows, pairs: np.ndarray, law: ContactLaw) -> BesideTools:
         """Conditions of curved tools, with the largest facet at each slave node."""
-        curved = [not isinstance(item, SurfaceDofs | Obstacle) for item in self.scene.contacts]
-        own = np.flatnonzero(np.array(curved)[pairs] & law.pressing(pairs.size))
+        curved = [
+            not isinstance(contact, SurfaceDofs | Obstacle) for contact in self.scene.contacts
+        ]
+        conditions = np.flatnonzero(np.array(curved)[pairs] & law.pressing(pairs.size))
         sizes = np.zeros(rows.matrix.shape[1] // rows.points.shape[1])
-        for place in np.unique(pairs[own]).tolist():
-            surface = self.surface(self.scene.contacts[place].tags[0])
+        for number in np.unique(pairs[conditions]).tolist():
+            surface = self.surface(self.scene.contacts[number].tags[0])
             sizes[surface.nodes] = surface.cell_sizes()
-        return BesideTools(own, sizes[rows.slaves[own]])
+        return BesideTools(conditions, sizes[rows.slaves[conditions]])
 
 
 def _along(rows: ContactRows) -> ContactRows:
-    """Rows of the displacement of the slave of each condition along its tangents, (m (dim - 1),
-    N).
+    """Rows of the displacement of the slave of each condition along its tangents.
+
+    The matrix is (m (dim - 1), N).
     """
     dim = rows.points.shape[1]
     tangents = tangents_of(normals_of(rows.matrix, rows.slaves, dim))
     slaves = np.repeat(rows.slaves, dim - 1)
     columns = (slaves[:, None] * dim + np.arange(dim)).ravel()
-    places = np.repeat(np.arange(slaves.size), dim), columns
-    matrix = csr_matrix((tangents.ravel(), places), shape=(slaves.size, rows.matrix.shape[1]))
+    indices = np.repeat(np.arange(slaves.size), dim), columns
+    matrix = csr_matrix((tangents.ravel(), indices), shape=(slaves.size, rows.matrix.shape[1]))
     nothing = np.zeros(slaves.size)
     return ContactRows(matrix, nothing, slaves, np.repeat(rows.points, dim - 1, axis=0), nothing)
 

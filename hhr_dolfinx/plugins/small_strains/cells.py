@@ -70,23 +70,27 @@ class StrainKind(NamedTuple):
 
     def sizes(self, displacements: np.ndarray) -> np.ndarray:
         """The largest component in each cell, (cells, S), of displacements, (N, S)."""
-        found = np.abs(self.matrix @ displacements)
-        return found.reshape(self.cells, -1, found.shape[1]).max(axis=1)
+        components = np.abs(self.matrix @ displacements)
+        return components.reshape(self.cells, -1, components.shape[1]).max(axis=1)
 
 
 def strain_kinds(problem: ContactProblem, *, axisymmetric: bool) -> tuple[StrainKind, StrainKind]:
-    """Strains, and rotations in radians (one in the plane, three in space), of at most
-    :data:`SAMPLED_CELLS` cells of a mesh.
+    """Strains, and rotations in radians, of at most :data:`SAMPLED_CELLS` cells of a mesh.
 
-    They are those of the linear field nearest to the displacement in each cell.
+    There is one rotation in the plane, and three in space. They are those of the linear field
+    nearest to the displacement in each cell.
+
+    Args:
+        problem: the contact problem.
+        axisymmetric: add the hoop strain.
     """
     cells = problem.cell_nodes[:: -(-len(problem.cell_nodes) // SAMPLED_CELLS)]
-    places = problem.points[cells]
+    corners = problem.points[cells]
     # values at the nodes of each cell to the gradient there, (cells, dim, n)
-    gradients = np.linalg.pinv(places - places.mean(axis=1, keepdims=True))
+    gradients = np.linalg.pinv(corners - corners.mean(axis=1, keepdims=True))
     strains = _halves(gradients, 1)
     if axisymmetric:
-        radius = places[:, :, 0].sum(axis=1)
+        radius = corners[:, :, 0].sum(axis=1)
         hoop = np.zeros_like(strains[:, :1])
         hoop[:, 0, :, 0] = (1 / np.where(radius > 0, radius, np.inf))[:, None]
         strains = np.concatenate([strains, hoop], axis=1)
@@ -97,8 +101,9 @@ def strain_kinds(problem: ContactProblem, *, axisymmetric: bool) -> tuple[Strain
 
 
 def _halves(gradients: np.ndarray, sign: int) -> np.ndarray:
-    """Strains (sign 1) or rotations (-1) of each cell, (cells, k, n, dim), from its gradients,
-    (cells, dim, n).
+    """Strains (sign 1) or rotations (-1) of each cell, (cells, k, n, dim).
+
+    They follow from its gradients, (cells, dim, n).
     """
     cells, dim, nodes = gradients.shape
     rows, columns = np.triu_indices(dim, k=0 if sign > 0 else 1)
@@ -110,8 +115,9 @@ def _halves(gradients: np.ndarray, sign: int) -> np.ndarray:
 
 
 def _matrix(problem: ContactProblem, nodes_of: np.ndarray, values: np.ndarray) -> csr_matrix:
-    """Rows of each cell on the displacements of its nodes, (cells, k, n, dim), as a sparse matrix,
-    (cells * k, N).
+    """Rows of each cell on the displacements of its nodes, as a sparse matrix, (cells * k, N).
+
+    The rows are (cells, k, n, dim).
     """
     dim = values.shape[3]
     columns = dim * nodes_of[:, None, :, None] + np.arange(dim)

@@ -41,8 +41,9 @@ Distributed ones need all values of one on each rank meanwhile.
 
 
 class StrainGuard(Guard):
-    """Warns of the first answer of a full model with a large strain or rotation, and of the first
-    with an absurd one.
+    """Warns of the first answer of a full model with a large strain or rotation.
+
+    It warns again of the first with an absurd one.
 
     Answers of elastic bodies are checked if their displacement is larger than that of all before,
     so that most cost one scalar product.
@@ -84,9 +85,9 @@ class StrainGuard(Guard):
         if self._paused or not size > CHECKED_GROWTH * self._looked:
             return
         self._looked = size
-        whole = answer.displacement()[:, None]
+        displacement = answer.displacement()[:, None]
         for kind in self._kinds:
-            size = spread_strain(kind.sizes(whole)[:, 0])
+            size = spread_strain(kind.sizes(displacement)[:, 0])
             if size > self.limit:
                 self.limit = STRAIN_LIMIT if size <= STRAIN_LIMIT else np.inf
                 where = self._problem.parameters.described(answer.parameter)
@@ -105,16 +106,27 @@ class StrainGuard(Guard):
         Warns:
             SmallStrainWarning: if they are large in any, with the parameter.
         """
-        given = [item for item in sets if item is not None and len(item.points)]
-        if full.equilibrium is not None or not given:
+        snapshot_sets = [
+            snapshots for snapshots in sets if snapshots is not None and len(snapshots.points)
+        ]
+        if full.equilibrium is not None or not snapshot_sets:
             return
-        sizes = [self._spreads(full.problem, item.points, item.displacements) for item in given]
+        sizes = [
+            self._spreads(full.problem, snapshots.points, snapshots.displacements)
+            for snapshots in snapshot_sets
+        ]
         self._judge(
-            full.problem, np.concatenate([item.points for item in given]), np.concatenate(sizes)
+            full.problem,
+            np.concatenate([snapshots.points for snapshots in snapshot_sets]),
+            np.concatenate(sizes),
         )
 
     def corners(self, full: FullModel, model: Checked) -> Checked:
         """Warn of large strains and rotations of a model in corners of its parameter range.
+
+        Args:
+            full: the full model.
+            model: the model.
 
         Returns:
             The model, with a limit where strains mean nothing further on. A model of contact forces
@@ -124,20 +136,26 @@ class StrainGuard(Guard):
             self.check_corners(full, model)
         except ReductionError as error:
             limited, limit = self._limited(full, model)
-            known = (
+            scope = (
                 f"; answers of the model are refused or warned of beyond {limit.described()}"
                 if limit
                 else ""
             )
-            warn(f"{error}. The box reaches that far: narrow it{known}", SmallStrainWarning)
+            warn(f"{error}. The box reaches that far: narrow it{scope}", SmallStrainWarning)
             return limited
         except NotOfferedError:
             pass
         return model
 
     def check_corners(self, full: FullModel, model: AnsweringModel) -> None:
-        """Check a model's answers in corners of the parameter range, where loads are largest, as
-        :meth:`check`.
+        """Check answers of a model in corners of the parameter range, where loads are largest.
+
+        Args:
+            full: the full model.
+            model: the model.
+
+        Raises:
+            ReductionError: see :meth:`check`.
         """
         if full.equilibrium is not None:
             return
@@ -147,8 +165,7 @@ class StrainGuard(Guard):
             self._judge(full.problem, points, sizes)
 
     def _of_corners(self, model: AnsweringModel, ends: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Corners of a box, (2, P), and its middle, with an answer, (S, P), and strain and rotation
-        there, (S, 2).
+        """Corners of a box and its middle, with an answer, (S, P), and strain and rotation, (S, 2).
 
         Loads that are formulas may be largest in the middle.
         """
@@ -160,11 +177,11 @@ class StrainGuard(Guard):
         )
         with ignored(Warning):  # the user did not request answers in corners
             many = model.solve_many(corners, raise_on_failure=False, outside="ignore")
-        found = [answer for answer in many if answer.converged]
-        if not found:
+        answers = [answer for answer in many if answer.converged]
+        if not answers:
             return corners[:0], np.zeros((0, 2))
-        whole = np.stack([answer.displacement() for answer in found], axis=1)
-        return np.array([answer.parameter for answer in found]), self._sizes(whole)
+        displacements = np.stack([answer.displacement() for answer in answers], axis=1)
+        return np.array([answer.parameter for answer in answers]), self._sizes(displacements)
 
     def _limited(self, full: FullModel, model: Checked) -> tuple[Checked, StrainRange | None]:
         """The model with the limit of its strains, and this limit.
@@ -173,14 +190,14 @@ class StrainGuard(Guard):
         """
         if not (isinstance(model, KeptModel) and "trained" in model.kept):
             return model, None
-        given = model.trained
-        if not isinstance(given, TrainedRange | None):
+        trained = model.trained
+        if not isinstance(trained, TrainedRange | None):
             return model, None
 
         def worst(ends: np.ndarray) -> float:
             return float(self._of_corners(model, ends)[1].max(initial=0.0))
 
-        limit = narrowed(full.problem.parameters, worst, given)
+        limit = narrowed(full.problem.parameters, worst, trained)
         return (model, None) if limit is None else (model.changed(trained=limit), limit)
 
     def _judge(self, problem: ContactProblem, points: np.ndarray, sizes: np.ndarray) -> None:
@@ -199,19 +216,20 @@ class StrainGuard(Guard):
     def _spreads(
         self, problem: ContactProblem, points: np.ndarray, displacements: np.ndarray
     ) -> np.ndarray:
-        """The strain and the rotation that few cells exceed, (S, 2), of local rows without lifts,
-        (own, S).
+        """The strain and the rotation that few cells exceed, (S, 2).
+
+        Displacements are local rows without lifts, (own, S).
         """
         each = STRAINS_AT_ONCE if problem.spread.all_here else 1
-        found = []
+        sizes = []
         for first in range(0, len(points), each):
-            part = slice(first, first + each)
-            lifts = problem.amplitudes.sum_columns(problem.lifts, points[part])
-            found.append(self._sizes(problem.spread.whole(displacements[:, part]) + lifts))
-        return np.concatenate(found)
+            batch = slice(first, first + each)
+            lifts = problem.amplitudes.sum_columns(problem.lifts, points[batch])
+            sizes.append(self._sizes(problem.spread.whole(displacements[:, batch]) + lifts))
+        return np.concatenate(sizes)
 
     def _sizes(self, whole: np.ndarray) -> np.ndarray:
-        """The same of displacements, (N, S)."""
+        """Strain and rotation that few cells exceed, (S, 2), of displacements, (N, S)."""
         sizes = [kind.sizes(whole) for kind in self._kinds]
         return np.array(
             [[spread_strain(size[:, column]) for size in sizes] for column in range(whole.shape[1])]

@@ -25,7 +25,12 @@ class StrainRange(TrainedRange):
     """
 
     def check(self, point: np.ndarray, outside: str) -> None:
-        """Check a point against the range; see :func:`~hhr_dolfinx.trained.announce`."""
+        """Check a point against the range; see :func:`~hhr_dolfinx.trained.announce`.
+
+        Args:
+            point: parameters, (P,).
+            outside: policy for a point outside, see :func:`~hhr_dolfinx.trained.announce`.
+        """
         if self.complaint(point):
             announce(
                 f"strains or rotations above {STRAIN_LIMIT:g}, which mean nothing in a "
@@ -56,26 +61,28 @@ def narrowed(
         worst: largest strain in corners of a box.
         given: range of the model before, which stays a limit.
     """
-    whole = np.array([space.lower, space.upper], dtype=float)
+    box = np.array([space.lower, space.upper], dtype=float)
     choices = [np.eye(len(space.names), dtype=bool)[k] for k in range(len(space.names))]
-    found = []
+    candidates = []
     for choice in (*choices, np.ones(len(space.names), dtype=bool)):
-        ends = (*whole, whole.mean(axis=0), np.clip(0.0, *whole))
-        target = min((np.where(choice, end, whole) for end in ends), key=worst)
+        ends = (*box, box.mean(axis=0), np.clip(0.0, *box))
+        target = min((np.where(choice, end, box) for end in ends), key=worst)
         if worst(target) > STRAIN_LIMIT:
             continue
-        inside = 0.0
+        within = 0.0
         beyond = 1.0
         for _ in range(BISECTIONS):
-            middle = (inside + beyond) / 2
-            if worst(target + middle * (whole - target)) > STRAIN_LIMIT:
+            middle = (within + beyond) / 2
+            if worst(target + middle * (box - target)) > STRAIN_LIMIT:
                 beyond = middle
             else:
-                inside = middle
-        found.append((inside ** int(choice.sum()), (target + inside * (whole - target)).tolist()))
-    if not found:
+                within = middle
+        candidates.append(
+            (within ** int(choice.sum()), (target + within * (box - target)).tolist())
+        )
+    if not candidates:
         return None
-    lower, upper = np.array(max(found)[1])
+    lower, upper = np.array(max(candidates)[1])
     if given is not None:
         lower = np.maximum(lower, given.lower)
         upper = np.minimum(upper, given.upper)

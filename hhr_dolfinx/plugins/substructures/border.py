@@ -25,8 +25,9 @@ SENT = 2_000_000
 
 @dataclass(frozen=True)
 class BorderPart:
-    """A connected part of the border, which ``owner`` factors: first its ``common`` rows, those
-    that ranks share.
+    """A connected part of the border, which the rank ``owner`` factors.
+
+    Its first ``common`` rows are those that ranks share.
     """
 
     rows: slice
@@ -57,43 +58,48 @@ class Border:
 
 
 def border_of(rows: csr_matrix, first: int, last: np.ndarray, comm: Comm) -> Border:
-    """Border of a matrix with distributed rows, (own, n), the first of which has the number
-    ``first``. Collective.
+    """Border of a matrix with distributed rows.
 
-    K^-1 is needed between the local rows ``last``, increasing.
+    Collective.
+
+    Args:
+        rows: local rows of the matrix, (own, n).
+        first: number of the first one.
+        last: local rows between which K^-1 is needed, increasing.
+        comm: ranks of the matrix.
     """
     common = np.setdiff1d(_coupled(rows, first, comm), last)
     ends = np.concatenate(comm.allgather(first + last))
     numbers = np.concatenate([*comm.allgather(first + common), ends])
     inverted = np.zeros(numbers.size, dtype=bool)
     inverted[numbers.size - ends.size :] = True
-    component, inside = _connected(rows, first, numbers, comm)
+    component, component_of_row = _connected(rows, first, numbers, comm)
     names, part_of = np.unique(component, return_inverse=True)
     order = np.lexsort([numbers, inverted, part_of])
     numbers = numbers[order]
     inverted = inverted[order]
     part_of = part_of[order]
-    known = np.append(names, -1)
-    found = np.searchsorted(names, inside)
-    inside_of = np.where(known[found] == inside, found, -1)
-    place = np.full(rows.shape[1], -1)
-    place[numbers] = np.arange(numbers.size)
+    padded_names = np.append(names, -1)
+    indices = np.searchsorted(names, component_of_row)
+    inside_of = np.where(padded_names[indices] == component_of_row, indices, -1)
+    position = np.full(rows.shape[1], -1)
+    position[numbers] = np.arange(numbers.size)
     starts = np.searchsorted(part_of, np.arange(part_of.max(initial=-1) + 2))
-    spans = [slice(int(one), int(other)) for one, other in pairwise(starts)]
+    spans = [slice(int(start), int(stop)) for start, stop in pairwise(starts)]
     owners = _owners([span.stop - span.start for span in spans], comm.size)
     counts = [int(np.count_nonzero(~inverted[span])) for span in spans]
-    parts = tuple(BorderPart(*item) for item in zip(spans, counts, owners, strict=True))
-    return Border(numbers, place, parts, place[ends], inside_of)
+    components = tuple(BorderPart(*fields) for fields in zip(spans, counts, owners, strict=True))
+    return Border(numbers, position, components, position[ends], inside_of)
 
 
 def _owners(sizes: list[int], ranks: int) -> list[int]:
     """Ranks that factor parts of given sizes, with balanced work."""
     work = np.zeros(ranks)
-    found = [0] * len(sizes)
-    for part in np.argsort(sizes)[::-1]:
-        found[part] = int(np.argmin(work))
-        work[found[part]] += float(sizes[part]) ** 3
-    return found
+    owners = [0] * len(sizes)
+    for number in np.argsort(sizes)[::-1]:
+        owners[number] = int(np.argmin(work))
+        work[owners[number]] += float(sizes[number]) ** 3
+    return owners
 
 
 def _connected(
@@ -103,14 +109,14 @@ def _connected(
 
     Collective.
     """
-    own, size = rows.shape
-    place = np.full(size, -1)
-    place[border] = np.arange(border.size)
-    here = place[first : first + own] >= 0
+    count_own, size = rows.shape
+    position = np.full(size, -1)
+    position[border] = np.arange(border.size)
+    on_border = position[first : first + count_own] >= 0
     # own rows of the border are not connected here: their couplings connect them
-    inner = rows[~here]
+    inner = rows[~on_border]
     numbers = np.full(size, -1)
-    numbers[first + np.flatnonzero(~here)] = np.arange(inner.shape[0])
+    numbers[first + np.flatnonzero(~on_border)] = np.arange(inner.shape[0])
     numbers[border] = inner.shape[0] + np.arange(border.size)
     count = inner.shape[0] + border.size
     starts = np.append(inner.indptr, np.full(border.size, inner.nnz, dtype=inner.indptr.dtype))
@@ -118,25 +124,28 @@ def _connected(
         (np.ones(inner.nnz, dtype=bool), numbers[inner.indices], starts), shape=(count, count)
     )
     _, labels = connected_components(graph, directed=False)
-    edges = rows[here].tocoo()
-    between = place[edges.col] >= 0
+    edges = rows[on_border].tocoo()
+    between = position[edges.col] >= 0
     pairs = np.stack(
-        [place[first + np.flatnonzero(here)][edges.row[between]], place[edges.col[between]]]
+        [
+            position[first + np.flatnonzero(on_border)][edges.row[between]],
+            position[edges.col[between]],
+        ]
     )
     own_labels = int(labels.max(initial=-1)), labels[inner.shape[0] :]
     received = comm.allgather((*own_labels, np.unique(pairs, axis=1)))
     # labels of the same rows are merged by a vertex for each label of each rank
     ends = []
     bases = [border.size]
-    for highest, found, (one, other) in received:
-        ends += [(np.arange(border.size), bases[-1] + found), (one, other)]
+    for highest, labels_of_border, (edge_start, edge_end) in received:
+        ends += [(np.arange(border.size), bases[-1] + labels_of_border), (edge_start, edge_end)]
         bases.append(bases[-1] + highest + 1)
-    left, right = (np.concatenate(side) for side in zip(*ends, strict=True))
-    whole = coo_matrix(
-        (np.ones(left.size, dtype=bool), (left, right)), shape=(bases[-1], bases[-1])
+    left_end, right = (np.concatenate(side) for side in zip(*ends, strict=True))
+    graph_of_ranks = coo_matrix(
+        (np.ones(left_end.size, dtype=bool), (left_end, right)), shape=(bases[-1], bases[-1])
     )
-    _, parts = connected_components(whole, directed=False)
-    return parts[: border.size], parts[bases[comm.rank] + labels[: inner.shape[0]]]
+    _, labels_of_all = connected_components(graph_of_ranks, directed=False)
+    return labels_of_all[: border.size], labels_of_all[bases[comm.rank] + labels[: inner.shape[0]]]
 
 
 def _coupled(rows: csr_matrix, first: int, comm: Comm) -> np.ndarray:
@@ -150,25 +159,27 @@ def _coupled(rows: csr_matrix, first: int, comm: Comm) -> np.ndarray:
     received = comm.gather((first + of_row[after], rows.indices[after]))
     covering = np.zeros(0, dtype=np.int64)
     if received is not None:
-        for rank, (one, other) in enumerate(received):
+        for rank, (local, remote) in enumerate(received):
             for later in range(rank + 1, comm.size):
-                left = (other >= starts[later]) & (other < starts[later + 1])
-                left &= ~np.isin(one, covering) & ~np.isin(other, covering)
-                covering = np.union1d(covering, _cover(one[left], other[left]))
+                uncovered = (remote >= starts[later]) & (remote < starts[later + 1])
+                uncovered &= ~np.isin(local, covering) & ~np.isin(remote, covering)
+                covering = np.union1d(covering, _cover(local[uncovered], remote[uncovered]))
     covering = comm.bcast(covering)
     return covering[(covering >= first) & (covering < first + rows.shape[0])] - first
 
 
 def _cover(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Minimum vertex cover of a bipartite graph given by its edges, (k,), by the theorem of
-    Koenig.
+    """Minimum vertex cover of a bipartite graph, by the theorem of Koenig.
+
+    The graph is given by its edges, (k,).
     """
     if not one.size:
         return one
-    lefts, left = np.unique(one, return_inverse=True)
+    lefts, left_vertex = np.unique(one, return_inverse=True)
     rights, right = np.unique(other, return_inverse=True)
     edges = csr_matrix(
-        (np.ones(left.size, dtype=bool), (left, right)), shape=(lefts.size, rights.size)
+        (np.ones(left_vertex.size, dtype=bool), (left_vertex, right)),
+        shape=(lefts.size, rights.size),
     )
     matched = maximum_bipartite_matching(edges, perm_type="column")  # right vertex of each left one
     partner = np.full(rights.size, -1)
@@ -191,11 +202,18 @@ def _cover(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 def gathered(
     part: BorderPart, reach: np.ndarray, left: np.ndarray, comm: Comm
 ) -> np.ndarray | None:
-    """Sum of the Schur complements of all ranks on a part, (size, size); None on ranks that do not
-    own it. Collective.
+    """Sum of the Schur complements of all ranks on a part, (size, size).
 
-    ``left`` is that of this rank, (r, r), at increasing indices in the part, ``reach``. Only upper
-    triangles are valid.
+    Collective. Only upper triangles are valid.
+
+    Args:
+        part: the part of the border.
+        reach: increasing indices in the part, (r,).
+        left: Schur complement of this rank at these indices, (r, r).
+        comm: ranks of the matrix.
+
+    Returns:
+        The sum; None on ranks that do not own the part.
     """
     reaches = comm.gather(reach, part.owner)
     if reaches is None:
@@ -203,14 +221,14 @@ def gathered(
             comm.Send(np.ascontiguousarray(left[block, block.start :]), part.owner)
         return None
     total = np.zeros((part.size, part.size))
-    for rank, places in enumerate(reaches):
-        for block in _blocks(places.size):
+    for rank, indices in enumerate(reaches):
+        for block in _blocks(indices.size):
             if rank == comm.rank:
-                given = left[block, block.start :]
+                block_values = left[block, block.start :]
             else:
-                given = np.empty((block.stop - block.start, places.size - block.start))
-                comm.Recv(given, rank)
-            total[np.ix_(places[block], places[block.start :])] += given
+                block_values = np.empty((block.stop - block.start, indices.size - block.start))
+                comm.Recv(block_values, rank)
+            total[np.ix_(indices[block], indices[block.start :])] += block_values
     return total
 
 
@@ -220,8 +238,9 @@ def _blocks(count: int) -> list[slice]:
 
 
 class DenseFactors:
-    """Cholesky factors of the Schur complement on a part of the border, by its upper triangle,
-    which is overwritten.
+    """Cholesky factors of the Schur complement on a part of the border.
+
+    They are those of its upper triangle, which is overwritten.
 
     The inverse is needed after the first ``common`` rows. Unless the matrix is ``definite``, no
     method may be called.
@@ -234,12 +253,12 @@ class DenseFactors:
 
     def solve(self, loads: np.ndarray) -> np.ndarray:
         """Solve for some loads, (size, k)."""
-        found, _ = dpotrs(self._factors, loads, lower=1)
-        return found
+        solutions, _ = dpotrs(self._factors, loads, lower=1)
+        return solutions
 
     def inverse(self) -> np.ndarray:
         """K^-1 between the rows after the ``common`` ones, (n, n)."""
-        found, _ = dpotri(self._factors[self._common :, self._common :], lower=1)
-        for row in range(len(found)):  # in place, since it may be large
-            found[row, row + 1 :] = found[row + 1 :, row]
-        return found
+        inverse, _ = dpotri(self._factors[self._common :, self._common :], lower=1)
+        for row in range(len(inverse)):  # in place, since it may be large
+            inverse[row, row + 1 :] = inverse[row + 1 :, row]
+        return inverse

@@ -50,27 +50,27 @@ class Substructures:
     ):  # fmt: skip
         self._comm = comm
         self.low_rank = low_rank
-        own = len(pattern.rows) - 1
-        first = int(comm.exscan(own) or 0)
+        row_count = len(pattern.rows) - 1
+        first = int(comm.exscan(row_count) or 0)
         entries = np.arange(
             1, pattern.columns.size + 1, dtype=pattern.places.dtype
         )  # indices plus one: none is zero
         marks = csr_matrix(
-            (entries, pattern.columns, pattern.rows), shape=(own, comm.allreduce(own))
+            (entries, pattern.columns, pattern.rows), shape=(row_count, comm.allreduce(row_count))
         )
         self._border = border_of(marks, first, last, comm)
-        at = self._border.place[first : first + own]
+        at = self._border.place[first : first + row_count]
         self._edge = np.flatnonzero(at >= 0)
         self._at = at[self._edge]
-        largest = max((part.size for part in self._border.parts), default=0)
+        largest = max((component.size for component in self._border.parts), default=0)
         self.possible = largest <= MOST_AT_BORDER
         if not self.possible:
             return
         self._among = _between(marks[self._edge], self._border.place, pattern.places)
         # interior rows by the part of the border that they are connected to, which avoids Schur
         # complements with zeros; small parts form one group
-        inside = np.flatnonzero(at < 0)
-        sizes = np.array([part.size for part in self._border.parts] + [0])
+        interior = np.flatnonzero(at < 0)
+        sizes = np.array([component.size for component in self._border.parts] + [0])
         label = np.where(sizes[self._border.part_of] < SMALL_PART, -1, self._border.part_of)
         self._insides = [
             _InteriorFactors(
@@ -78,21 +78,28 @@ class Substructures:
                 pattern.places,
                 values,
                 first,
-                inside[label == part],
+                interior[label == number],
                 self._border,
                 prefix,
                 low_rank,
             )
-            for part in np.unique(label)
+            for number in np.unique(label)
         ]
-        self.possible = comm.allreduce(all(inside.possible for inside in self._insides), MPI.LAND)
+        self.possible = comm.allreduce(
+            all(interior.possible for interior in self._insides), MPI.LAND
+        )
         self._values = values[self._among.places]
         self._dense: dict[BorderPart, DenseFactors] = {}
 
     def replace(self, values: np.ndarray, _: Callable[[], Pattern]) -> None:
-        """Set the values of the first pattern that are factored next."""
-        for inside in self._insides:
-            inside.replace(values)
+        """Set the values of the first pattern that are factored next.
+
+        Args:
+            values: values of the entries, in the order of the first pattern.
+            _: not used: the pattern does not change.
+        """
+        for interior in self._insides:
+            interior.replace(values)
         self._values = values[self._among.places]
 
     def factor(self) -> bool:
@@ -102,18 +109,18 @@ class Substructures:
         """
         self._dense = {}
         if not self._comm.allreduce(
-            all([inside.factors.factor() for inside in self._insides]), MPI.LAND
+            all([interior.factors.factor() for interior in self._insides]), MPI.LAND
         ):
             return False
-        left = {}
-        for part in self._border.parts:
-            total = self._left(part)
+        complements = {}
+        for component in self._border.parts:
+            total = self._left(component)
             if total is not None:
-                left[part] = total
+                complements[component] = total
         definite = True
-        for part in list(left):  # all ranks at the same time
-            self._dense[part] = DenseFactors(left.pop(part), part.common)
-            definite &= self._dense[part].definite
+        for component in list(complements):  # all ranks at the same time
+            self._dense[component] = DenseFactors(complements.pop(component), component.common)
+            definite &= self._dense[component].definite
         return self._comm.allreduce(definite, MPI.LAND)
 
     def _left(self, part: BorderPart) -> np.ndarray | None:
@@ -121,12 +128,15 @@ class Substructures:
 
         Collective.
         """
-        for inside in self._insides:
-            here = slice(*np.searchsorted(inside.reach, (part.rows.start, part.rows.stop)))
-            if here.start < here.stop:
-                with inside.factors.left() as left:
+        for interior in self._insides:
+            span = slice(*np.searchsorted(interior.reach, (part.rows.start, part.rows.stop)))
+            if span.start < span.stop:
+                with interior.factors.left() as complement:
                     total = gathered(
-                        part, inside.reach[here] - part.rows.start, left[here, here], self._comm
+                        part,
+                        interior.reach[span] - part.rows.start,
+                        complement[span, span],
+                        self._comm,
                     )
                 break
         else:
@@ -134,11 +144,11 @@ class Substructures:
         rows = np.repeat(self._at, np.diff(self._among.rows)) - part.rows.start
         columns = self._among.columns - part.rows.start
         upper = (rows >= 0) & (rows < part.size) & (rows <= columns)
-        for own in (
+        for entries in (
             self._comm.gather((rows[upper], columns[upper], self._values[upper]), part.owner) or ()
         ):
             assert total is not None
-            total[own[0], own[1]] += own[2]  # each entry once
+            total[entries[0], entries[1]] += entries[2]  # each entry once
         return total
 
     def between_last(self, rows: csr_matrix) -> np.ndarray:
@@ -146,72 +156,87 @@ class Substructures:
 
         Collective.
         """
-        found = np.zeros((rows.shape[0], rows.shape[0]))
-        for part, factors in self._dense.items():
+        product = np.zeros((rows.shape[0], rows.shape[0]))
+        for component, factors in self._dense.items():
             inverted = self._border.inverted
-            own = csr_matrix(rows[:, (inverted >= part.rows.start) & (inverted < part.rows.stop)])
-            if own.nnz:
-                add_between(own, factors.inverse(), found)
-        self._comm.Allreduce(MPI.IN_PLACE, found)
-        return found
+            local_rows = csr_matrix(
+                rows[:, (inverted >= component.rows.start) & (inverted < component.rows.stop)]
+            )
+            if local_rows.nnz:
+                add_between(local_rows, factors.inverse(), product)
+        self._comm.Allreduce(MPI.IN_PLACE, product)
+        return product
 
     def destroy(self) -> None:
         """Free the memory at once. Collective."""
-        for inside in self._insides:
-            inside.factors.destroy()
+        for interior in self._insides:
+            interior.factors.destroy()
         self._dense = {}
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
-        """Local rows of the solution for the local rows of a right-hand side, (own,).
-        Collective.
-        """
-        found = np.empty((rhs.size, 1), order="F")
-        self.solve_block(np.asfortranarray(rhs[:, None]), found)
-        return found[:, 0]
+        """Local rows of the solution for those of a right-hand side, (own,). Collective."""
+        solution = np.empty((rhs.size, 1), order="F")
+        self.solve_block(np.asfortranarray(rhs[:, None]), solution)
+        return solution[:, 0]
 
     def solve_block(self, columns: csc_matrix | np.ndarray, solutions: np.ndarray) -> None:
-        """Write solutions for some columns, (own, k), sparse or dense, into an array in Fortran
-        order. Collective.
+        """Write solutions for some columns into an array. Collective.
 
         The interior is solved with a fixed border, whose displacement by the remaining loads then
         corrects it.
+
+        Args:
+            columns: local rows of the right-hand sides, (own, k), sparse or dense.
+            solutions: array for the local rows of the solutions, (own, k), in Fortran order.
         """
         edge = columns[self._edge]
         loads = self._on_border(edge if isinstance(edge, np.ndarray) else edge.toarray())
-        for inside in self._insides:
-            own = columns[inside.rows]
-            still = inside.solved(own) if isinstance(own, np.ndarray) or own.nnz else None
-            solutions[inside.rows] = 0.0 if still is None else still[: inside.rows.size]
+        for interior in self._insides:
+            loads_of_interior = columns[interior.rows]
+            still = (
+                interior.solved(loads_of_interior)
+                if isinstance(loads_of_interior, np.ndarray) or loads_of_interior.nnz
+                else None
+            )
+            solutions[interior.rows] = 0.0 if still is None else still[: interior.rows.size]
             if still is not None:
-                loads[inside.reach] -= inside.times(still)[inside.rows.size :]
+                loads[interior.reach] -= interior.times(still)[interior.rows.size :]
         self._comm.Allreduce(MPI.IN_PLACE, loads)
         on_border = np.zeros_like(loads)
-        for part, factors in self._dense.items():
-            on_border[part.rows] = factors.solve(loads[part.rows])
+        for component, factors in self._dense.items():
+            on_border[component.rows] = factors.solve(loads[component.rows])
         self._comm.Allreduce(MPI.IN_PLACE, on_border)
-        for inside in self._insides:
-            drawn = np.zeros((inside.rows.size + inside.reach.size, on_border.shape[1]), order="F")
-            drawn[inside.rows.size :] = on_border[inside.reach]
-            solutions[inside.rows] -= inside.solved(inside.times(drawn)[: inside.rows.size])[
-                : inside.rows.size
-            ]
+        for interior in self._insides:
+            drawn = np.zeros(
+                (interior.rows.size + interior.reach.size, on_border.shape[1]), order="F"
+            )
+            drawn[interior.rows.size :] = on_border[interior.reach]
+            solutions[interior.rows] -= interior.solved(
+                interior.times(drawn)[: interior.rows.size]
+            )[: interior.rows.size]
         solutions[self._edge] = on_border[self._at]
 
     def multiply(self, block: np.ndarray, image: np.ndarray) -> None:
-        """Write the matrix times some columns, (own, k), into an array; both are in Fortran order.
+        """Write the matrix times some columns into an array.
 
         Collective.
+
+        Args:
+            block: local rows of the columns, (own, k), in Fortran order.
+            image: array for the local rows of the product, (own, k), in Fortran order.
         """
         border = self._on_border(block[self._edge])
         self._comm.Allreduce(MPI.IN_PLACE, border)
         shape = self._edge.size, self._border.numbers.size
         among = csr_matrix((self._values, self._among.columns, self._among.rows), shape=shape)
         total = self._on_border(among @ border)
-        for inside in self._insides:
-            given = np.asfortranarray(np.vstack([block[inside.rows], border[inside.reach]]))
-            found = inside.times(given)
-            image[inside.rows] = found[: inside.rows.size]
-            total[inside.reach] += found[inside.rows.size :]
+        for interior in self._insides:
+            displacements = np.asfortranarray(
+                np.vstack([block[interior.rows], border[interior.reach]])
+            )
+            products = interior.times(displacements)
+            image[interior.rows] = products[: interior.rows.size]
+            total[interior.reach] += products[interior.rows.size :]
         self._comm.Allreduce(MPI.IN_PLACE, total)
         image[self._edge] = total[self._at]
 
@@ -222,8 +247,9 @@ class Substructures:
 
 
 class _InteriorFactors:
-    """Factors of interior rows of this rank, (k,), with their Schur complement on the border, if
-    that is ``possible``.
+    """Factors of interior rows of this rank, (k,).
+
+    They have their Schur complement on the border, if that is ``possible``.
 
     ``marks`` holds the index of each entry in the pattern plus one, CSR, (own, n), and ``places``
     their indices in the values. ``reach`` are the indices in the border of the rows that the
@@ -242,19 +268,22 @@ class _InteriorFactors:
         low_rank: float | None,
     ):
         self.rows = rows
-        inside = marks[rows]
+        interior_rows = marks[rows]
         met = np.zeros(marks.shape[1], dtype=bool)
-        met[inside.indices] = True
+        met[interior_rows.indices] = True
         self.reach = np.sort(border.place[met & (border.place >= 0)])
         count = rows.size + self.reach.size
-        columns = np.full(marks.shape[1], -1, dtype=inside.indices.dtype)
+        columns = np.full(marks.shape[1], -1, dtype=interior_rows.indices.dtype)
         columns[first + rows] = np.arange(rows.size)
         columns[border.numbers[self.reach]] = np.arange(rows.size, count)
         starts = np.append(
-            inside.indptr, np.full(self.reach.size, inside.nnz, dtype=inside.indptr.dtype)
+            interior_rows.indptr,
+            np.full(self.reach.size, interior_rows.nnz, dtype=interior_rows.indptr.dtype),
         )
         local = triu(
-            csr_matrix((inside.data, columns[inside.indices], starts), shape=(count, count)),
+            csr_matrix(
+                (interior_rows.data, columns[interior_rows.indices], starts), shape=(count, count)
+            ),
             format="csr",
         )
         local.sort_indices()
@@ -277,25 +306,23 @@ class _InteriorFactors:
         self.factors.replace(values, lambda: self._pattern)
 
     def solved(self, columns: csc_matrix | np.ndarray) -> np.ndarray:
-        """K^-1 of the interior times columns, (k, c), followed by zeros for the border: (k + r,
-        c).
-        """
-        found = np.empty((self.rows.size + self.reach.size, columns.shape[1]), order="F")
-        given = np.zeros_like(found)
-        given[: self.rows.size] = columns if isinstance(columns, np.ndarray) else columns.toarray()
-        self.factors.solve_block(given, found)
-        found[self.rows.size :] = 0.0
-        return found
+        """K^-1 of the interior times columns, (k, c), then zeros for the border: (k + r, c)."""
+        solutions = np.empty((self.rows.size + self.reach.size, columns.shape[1]), order="F")
+        loads = np.zeros_like(solutions)
+        loads[: self.rows.size] = columns if isinstance(columns, np.ndarray) else columns.toarray()
+        self.factors.solve_block(loads, solutions)
+        solutions[self.rows.size :] = 0.0
+        return solutions
 
     def times(self, block: np.ndarray) -> np.ndarray:
         """Entries of the interior rows and their transposes times displacements, (k + r, c)."""
-        found = np.empty_like(block)
-        self.factors.multiply(block, found)
-        return found
+        product = np.empty_like(block)
+        self.factors.multiply(block, product)
+        return product
 
 
 def _between(edges: csr_matrix, place: np.ndarray, places: np.ndarray) -> Pattern:
     """Entries of local rows of the border in columns of the border, by indices there."""
-    kept = place[edges.indices] >= 0
-    starts = np.append(0, np.cumsum(kept))[edges.indptr]
-    return Pattern(starts, place[edges.indices[kept]], places[edges.data[kept] - 1])
+    on_border = place[edges.indices] >= 0
+    starts = np.append(0, np.cumsum(on_border))[edges.indptr]
+    return Pattern(starts, place[edges.indices[on_border]], places[edges.data[on_border] - 1])

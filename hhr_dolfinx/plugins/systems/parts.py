@@ -27,16 +27,21 @@ def samples(space: ParameterSpace) -> np.ndarray:
 
 
 def check_symmetric(at: SystemAt, matrix: csr_matrix, name: str) -> None:
-    """Compare x^T K y with y^T K x for local rows of K, (own, N): factors read one half of K.
+    """Check that K is symmetric, by x^T K y and y^T K x: factors read one half of K.
+
+    Args:
+        at: the system at a point.
+        matrix: local rows of K, (own, N).
+        name: name of the scene.
 
     Raises:
         SceneError: if they differ by more than round-off.
     """
     problem = at.problem
-    one, other = np.random.default_rng(0).standard_normal((2, problem.free.size))
-    mine = one[problem.rows], other[problem.rows]
-    off = mine[0] @ (matrix @ other) - mine[1] @ (matrix @ one)
-    size = abs(mine[0]) @ (abs(matrix) @ abs(other))
+    first, second = np.random.default_rng(0).standard_normal((2, problem.free.size))
+    mine = first[problem.rows], second[problem.rows]
+    off = mine[0] @ (matrix @ second) - mine[1] @ (matrix @ first)
+    size = abs(mine[0]) @ (abs(matrix) @ abs(second))
     off, size = problem.spread.sum(np.array([off, size]))
     if not abs(off) <= VALUE_ROUND_OFF * size:
         raise SceneError(
@@ -47,11 +52,17 @@ def check_symmetric(at: SystemAt, matrix: csr_matrix, name: str) -> None:
 
 
 def check_parts(at: SystemAt, matrix: csr_matrix, problem: ContactProblem, name: str) -> None:
-    """Compare K, local rows (own, N), loads and contact of a system with those of a problem.
+    """Compare K, loads and contact of a system with those of a problem.
 
-    The problem has the parts that the system states: reductors answer by these alone. An entry of
-    K is compared with the diagonal of its row and column, not with the norm of K: a soft bedding
+    The problem has the parts that the system states: reductors answer by these alone. An entry of K
+    is compared with the diagonal of its row and column, not with the norm of K: a soft bedding
     beside a stiff body would be round-off of that.
+
+    Args:
+        at: the system at a point.
+        matrix: local rows of K, (own, N).
+        problem: the problem with the parts.
+        name: name of the scene.
 
     Raises:
         SceneError: if they differ by more than round-off.
@@ -60,9 +71,9 @@ def check_parts(at: SystemAt, matrix: csr_matrix, problem: ContactProblem, name:
     weights = problem.weights(at.point) if problem.moduli else np.ones(len(problem.stiffness_terms))
     stated = 0.0 * matrix
     sizes = abs(matrix)
-    for weight, part in zip(weights, problem.stiffness_terms, strict=True):
-        stated = stated + weight * part
-        sizes = sizes + abs(weight * part)
+    for weight, term in zip(weights, problem.stiffness_terms, strict=True):
+        stated = stated + weight * term
+        sizes = sizes + abs(weight * term)
     lifted = abs(problem.lifts @ theta)
     loads = problem.spread.of(problem.loads_at(at.point, theta))
     acting = abs(problem.spread.of(problem.external) @ theta) + sizes @ lifted
@@ -74,13 +85,13 @@ def check_parts(at: SystemAt, matrix: csr_matrix, problem: ContactProblem, name:
         "B": abs(at.problem.contact - problem.contact).max() / (abs(problem.contact).max() or 1.0),
         "the gaps": _largest(at.gaps - gaps, problem) / (_largest(reach, problem) or 1.0),
     }
-    for what, error in errors.items():
+    for quantity, error in errors.items():
         if not error <= VALUE_ROUND_OFF:
             raise SceneError(
-                f"the system of scene '{name}' states parts, and {what} of its equations differ "
-                f"from their sum by {error:.2g} of it at {problem.parameters.described(at.point)}: "
-                "reductors read the parts alone. State all that depends on parameters there, or "
-                "return None"
+                f"the system of scene '{name}' states parts, and {quantity} of its equations "
+                f"differ from their sum by {error:.2g} of it at "
+                f"{problem.parameters.described(at.point)}: reductors read the parts alone. "
+                "State all that depends on parameters there, or return None"
             )
 
 
@@ -90,12 +101,13 @@ def _largest(values: np.ndarray, problem: ContactProblem) -> float:
 
 
 def _of_diagonal(off: csr_matrix, sizes: csr_matrix, problem: ContactProblem) -> float:
-    """Largest entry of local rows, (own, N), over the root of the diagonals of its row and
-    column.
+    """Largest entry of local rows over the root of the diagonals of its row and column.
+
+    The rows are (own, N).
     """
-    own = np.zeros(problem.free.size)
-    own[problem.rows] = sizes.diagonal(problem.first)
-    root = np.sqrt(problem.spread.sum(own))
+    diagonal = np.zeros(problem.free.size)
+    diagonal[problem.rows] = sizes.diagonal(problem.first)
+    root = np.sqrt(problem.spread.sum(diagonal))
     rows = problem.first + np.repeat(np.arange(off.shape[0]), np.diff(off.indptr))
     scale = root[rows] * root[off.indices]
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -34,9 +34,13 @@ class OfAllDofs:
 def problem_of_all_dofs(
     problem: ContactProblem, stiffness: tuple[csr_matrix, ...]
 ) -> ContactProblem:
-    """The problem as if no dof depended on others, with parts of K of its bodies, (own, N) each.
+    """The problem as if no dof depended on others.
 
     Lifts keep their values on dependent dofs, so that F - K L is that of all dofs.
+
+    Args:
+        problem: the problem with dependent dofs.
+        stiffness: parts of K of its bodies, (own, N) each.
     """
     prolongation = replace(
         problem.prolongation, free=problem.prolongation.movable, map=None, groups=None
@@ -50,16 +54,21 @@ def problem_of_all_dofs(
 
 
 def own_loads(loads: np.ndarray, problem: ContactProblem, name: str) -> np.ndarray:
-    """Loads of a system, (own,).
+    """Loads of a system, checked, (own,).
+
+    Args:
+        loads: loads of the local rows, (own,).
+        problem: the contact problem.
+        name: name of the scene.
 
     Raises:
         SceneError: for another shape.
     """
-    own = problem.rows.stop - problem.rows.start
-    if np.shape(loads) != (own,):
+    count = problem.rows.stop - problem.rows.start
+    if np.shape(loads) != (count,):
         raise SceneError(
             f"loads of the system of scene '{name}' have the shape {np.shape(loads)}: those of the "
-            f"{own} local rows are needed, problem.spread.of(loads)"
+            f"{count} local rows are needed, problem.spread.of(loads)"
         )
     return loads
 
@@ -93,11 +102,19 @@ class Restricted(System):
     def equations(
         self, point: np.ndarray, theta: Theta
     ) -> tuple[ContactProblem, Stiffness, np.ndarray]:
-        """See :class:`System`."""
-        of_all, whole, loads = self.given.equations(point, theta)
-        if not isinstance(whole, OfAllDofs):
+        """See :class:`System`.
+
+        Args:
+            point: parameters, (P,).
+            theta: θ there.
+
+        Raises:
+            SceneError: for a K that is not made by ``made``.
+        """
+        of_all, of_all_dofs, loads = self.given.equations(point, theta)
+        if not isinstance(of_all_dofs, OfAllDofs):
             raise SceneError(
-                f"the system of scene '{self._name}' has K = {whole!r}: make it by made()"
+                f"the system of scene '{self._name}' has K = {of_all_dofs!r}: make it by made()"
             )
         problem = self.problem
         if of_all is not self.given.problem:  # rows or gaps of the point
@@ -105,14 +122,14 @@ class Restricted(System):
             contact = csr_matrix(problem.prolongation.rows(of_all.contact) @ free)
             problem = replace(problem, contact=contact, gaps=of_all.gaps)
         loads = own_loads(loads, problem, self._name) - self._pulled @ theta
-        return problem, self._restricted(whole, problem), self._on_free(loads)
+        return problem, self._restricted(of_all_dofs, problem), self._on_free(loads)
 
     def _restricted(self, whole: OfAllDofs, problem: ContactProblem) -> Stiffness:
         """T^T (K + S) T; the last one is kept, as K of a system may be constant."""
         last = self._last  # several threads may call this
         if last is None or last[0] is not whole or last[1] is not problem:
-            parts = with_springs((), self._every, (whole.matrix,), (), problem.rows.start)[0]
-            (matrix,) = problem.prolongation.stiffness(parts, problem.rows, problem.group)
+            matrices = with_springs((), self._every, (whole.matrix,), (), problem.rows.start)[0]
+            (matrix,) = problem.prolongation.stiffness(matrices, problem.rows, problem.group)
             self._last = last = whole, problem, self.made(matrix, problem)
         return last[2]
 
@@ -125,27 +142,33 @@ class Restricted(System):
 
     def parts_of_all_dofs(self) -> Parts | None:
         """Weights and local rows of the parts of K + S, before dependent dofs are eliminated."""
-        if (found := self.given.parts()) is None:
+        if (stated := self.given.parts()) is None:
             return None
-        moduli, matrices = found
+        moduli, matrices = stated
         if not moduli:  # their sum is one constant matrix
-            first, *others = matrices
-            matrices = (sum(others, start=first),)
+            first, *further = matrices
+            matrices = (sum(further, start=first),)
         names = self.problem.parameters.names
         both = with_springs(names, self._every, tuple(matrices), tuple(moduli), self.problem.first)
         return both[1], both[0]
 
     def parts(self) -> Parts | None:
         """See :class:`System`: T^T (K_q + S) T."""
-        if (found := self.parts_of_all_dofs()) is None:
+        if (stated := self.parts_of_all_dofs()) is None:
             return None
         problem = self.problem
-        return found[0], problem.prolongation.stiffness(found[1], problem.rows, problem.group)
+        return stated[0], problem.prolongation.stiffness(stated[1], problem.rows, problem.group)
 
     def explicit(
         self, point: np.ndarray, forces: np.ndarray, unknown: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """See :class:`System`."""
-        left, slack = self.given.explicit(point, forces, unknown)
+        """See :class:`System`.
+
+        Args:
+            point: parameters, (P,).
+            forces: contact forces, (m,).
+            unknown: displacement, (n,).
+        """
+        residual, slack = self.given.explicit(point, forces, unknown)
         acting, slopes = self.problem.amplitudes.slopes_at(point)
-        return self._on_free(left + self._pulled[:, acting] @ slopes), slack
+        return self._on_free(residual + self._pulled[:, acting] @ slopes), slack

@@ -7,7 +7,7 @@ nothing of constraints and springs: these are added to its equations (:mod:`.res
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -34,6 +34,7 @@ from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.full_order.system import Made, Middle
 
 
@@ -55,6 +56,10 @@ class UserSystem:
     def left_free(self, bodies: list[FreeBody], problem: ContactProblem) -> list[FreeBody]:
         """Bodies with the motions that K leaves, such as that of a foundation.
 
+        Args:
+            bodies: bodies with motions that contact, springs and displacements do not resist.
+            problem: the contact problem.
+
         Raises:
             NotSolvableError: for motions that K leaves in the middle of the box and resists at
                 other points: they are unknowns of all answers, or of none.
@@ -62,38 +67,56 @@ class UserSystem:
         if not bodies:
             return bodies
         with self._of_user(problem.group):
-            given = self._of_all_dofs(problem)
-            left = _unresisted(bodies, problem, given.at(problem.middle))
-            count = sum(len(body.left) for body in left)
-            for point in samples(problem.parameters)[1:] if left else ():
-                here = _unresisted(left, problem, given.at(point))
-                if sum(len(body.left) for body in here) < count:
+            user_system = self._of_all_dofs(problem)
+            unheld = _unresisted(bodies, problem, user_system.at(problem.middle))
+            count = sum(len(body.left) for body in unheld)
+            for point in samples(problem.parameters)[1:] if unheld else ():
+                unheld_here = _unresisted(unheld, problem, user_system.at(point))
+                if sum(len(body.left) for body in unheld_here) < count:
                     raise NotSolvableError(
-                        f"{left[0].name} can move freely in the middle of the box: it "
-                        f"{left[0].described(left[0].left)}, and the system of the scene resists "
-                        f"that at {problem.parameters.described(point)}. Choose a box in which K "
-                        "always resists it, or hold the body by a displacement"
+                        f"{unheld[0].name} can move freely in the middle of the box: it "
+                        f"{unheld[0].described(unheld[0].left)}, and the system of the scene "
+                        f"resists that at {problem.parameters.described(point)}. Choose a "
+                        "box in which K always resists it, or hold the body by a displacement"
                     )
-        return left
+        return unheld
 
     def system(self, problem: ContactProblem, middle: Middle, made: Made) -> System:
-        """The system of a problem, with its constraints and springs."""
+        """The system of a problem, with its constraints and springs.
+
+        Args:
+            problem: the contact problem.
+            middle: K in the middle of the box.
+            made: makes K from a matrix.
+
+        Raises:
+            SceneError: for a system that scales K of each body, with constraints or springs.
+        """
         with self._of_user(problem.group):
             if problem.prolongation.map is None and self.springs is None:
                 return self._given(problem, middle, self._with_pattern(problem, made))
-            given = self._of_all_dofs(problem)
-            if given.bodies is not None:
+            user_system = self._of_all_dofs(problem)
+            if user_system.bodies is not None:
                 raise SceneError(
                     f"the system of scene '{self.scene.name}' scales K of each body, and "
                     "constraints and springs act on K of all: make that by made(), with bodies = "
                     "None"
                 )
-            return Restricted(given, problem, self.scene.name, self.springs, made)
+            return Restricted(user_system, problem, self.scene.name, self.springs, made)
 
     def read(
         self, system: System, problem: ContactProblem
     ) -> tuple[ContactProblem, SparseStiffness]:
-        """The problem with the parts of the system, which are compared, and K in the middle."""
+        """The problem with the parts of the system, which are compared, and K in the middle.
+
+        Args:
+            system: the system of the problem.
+            problem: the contact problem.
+
+        Raises:
+            SceneError: if K is not made by ``made`` or not symmetric, or if parts differ from
+                equations.
+        """
         name = self.scene.name
         with self._of_user(problem.group):
             at = system.at(problem.middle)
@@ -102,19 +125,19 @@ class UserSystem:
                 raise SceneError(
                     f"the system of scene '{name}' has K = {at.stiffness!r}: make it by made()"
                 )
-            whole, given = self._compared(system, problem)
-            stated = given.parts()
-            parts = system.parts_of_all_dofs() if isinstance(system, Restricted) else stated
+            stated_problem, user_system = self._compared(system, problem)
+            stated = user_system.parts()
+            terms = system.parts_of_all_dofs() if isinstance(system, Restricted) else stated
             if stated is not None:
                 _warn_of_moduli(self.scene, stated[0])
-                whole = _with_parts(whole, *stated)
+                stated_problem = _with_parts(stated_problem, *stated)
             for point in samples(problem.parameters):
-                there = given.at(point)
-                matrix = _matrix_of(there, name)
-                check_symmetric(there, matrix, name)
+                equations = user_system.at(point)
+                matrix = _matrix_of(equations, name)
+                check_symmetric(equations, matrix, name)
                 if stated is not None:
-                    check_parts(there, matrix, whole, name)
-            return _with_parts(problem, *(parts or ((), ()))), at.stiffness
+                    check_parts(equations, matrix, stated_problem, name)
+            return _with_parts(problem, *(terms or ((), ()))), at.stiffness
 
     def _compared(self, system: System, problem: ContactProblem) -> tuple[ContactProblem, System]:
         """The system as the user made it, and its problem."""
@@ -124,34 +147,34 @@ class UserSystem:
 
     def _of_all_dofs(self, problem: ContactProblem) -> System:
         """The system as if no dof depended on others."""
-        whole = problem_of_all_dofs(problem, self.stiffness)
-        middle = OfAllDofs(whole.own_stiffness)
-        made = self._with_pattern(whole, lambda matrix, _: OfAllDofs(matrix))
-        return self._given(whole, lambda: middle, made)
+        problem_of_all = problem_of_all_dofs(problem, self.stiffness)
+        middle = OfAllDofs(problem_of_all.own_stiffness)
+        make = self._with_pattern(problem_of_all, lambda matrix, _: OfAllDofs(matrix))
+        return self._given(problem_of_all, lambda: middle, make)
 
     def _given(self, *given: Any) -> System:
-        """What the user makes of the arguments of a system.
+        """System that the user makes of the arguments.
 
         Raises:
             SceneError: if it is no system.
         """
         assert self.scene.system is not None
-        found = self.scene.system(*given)
-        if not isinstance(found, System):
+        system = self.scene.system(*given)
+        if not isinstance(system, System):
             raise SceneError(
-                f"the system of a scene made {found!r}: it must make a System of the package"
+                f"the system of a scene made {system!r}: it must make a System of the package"
             )
-        if isinstance(found, SummedSystem):
-            _check_terms(found.problem, given[0], self.scene.name)
-        return found
+        if isinstance(system, SummedSystem):
+            _check_terms(system.problem, given[0], self.scene.name)
+        return system
 
     def _with_pattern(self, problem: ContactProblem, made: Any) -> Any:
         """``made`` for matrices with the pattern of K of the bodies alone."""
-        own = problem.own_stiffness
+        pattern = problem.own_stiffness
 
         def checked(matrix: csr_matrix, problem: ContactProblem) -> Any:
-            same = matrix.shape == own.shape and matrix.nnz == own.nnz
-            if not (same and np.array_equal(matrix.indices, own.indices)):
+            same = matrix.shape == pattern.shape and matrix.nnz == pattern.nnz
+            if not (same and np.array_equal(matrix.indices, pattern.indices)):
                 raise SceneError(
                     "K of a user's system must have the pattern of K of the bodies: add numbers "
                     "to its data"
@@ -193,37 +216,39 @@ def _matrix_of(at: SystemAt, name: str) -> csr_matrix:
 
 
 def _check_terms(summed: ContactProblem, given: ContactProblem, name: str) -> None:
-    """Raise SceneError for terms of a sum that do not go together, or are not in the pattern of K
-    of the bodies.
+    """Raise SceneError for terms of a sum that do not go together.
+
+    Or for terms that are not in the pattern of K of the bodies.
     """
     terms = summed.stiffness_terms
-    own = given.own_stiffness
+    pattern = given.own_stiffness
     if len(summed.moduli) not in (0, len(terms)):
         raise SceneError(
             f"the system of scene '{name}' has {len(summed.moduli)} weights of {len(terms)} "
             "matrices"
         )
-    if any(one.names != given.parameters.names for one in summed.moduli):
+    if any(modulus.names != given.parameters.names for modulus in summed.moduli):
         raise SceneError(
             f"weights of the system of scene '{name}' must name all parameters: "
             "problem.parameters.names"
         )
-    for part in terms:
-        if not issparse(part) or (part.shape, part.nnz) != (own.shape, own.nnz):
+    for term in terms:
+        if not issparse(term) or (term.shape, term.nnz) != (pattern.shape, pattern.nnz):
             raise SceneError(
                 f"a matrix of the system of scene '{name}' is no csr_matrix in the pattern of K "
                 "of the bodies: give it the numbers of all entries there, also zeros"
             )
 
 
-def _warn_of_moduli(scene: Scene, weights: Any) -> None:
-    """Warn of parameters in moduli of bodies that no weight of a system names: they may be those of
-    stresses alone.
+def _warn_of_moduli(scene: Scene, weights: Iterable[Modulus]) -> None:
+    """Warn of parameters in moduli of bodies that no weight of a system names.
+
+    They may be those of stresses alone.
     """
     named = {
         name
-        for one in weights
-        for text in (one.factor, one.rest)
+        for weight in weights
+        for text in (weight.factor, weight.rest)
         for name in Formula(text).variables
     }
     texts = [
@@ -232,28 +257,30 @@ def _warn_of_moduli(scene: Scene, weights: Any) -> None:
         for text in (body.young, body.poisson)
         if isinstance(text, str)
     ]
-    if left := sorted({name for text in texts for name in Formula(text).variables} - named):
+    if missing := sorted({name for text in texts for name in Formula(text).variables} - named):
         warn(
-            f"moduli of bodies of scene '{scene.name}' depend on {', '.join(left)}, and K of its "
-            "system does not: take problem.moduli and problem.stiffness_terms into it, unless "
+            f"moduli of bodies of scene '{scene.name}' depend on {', '.join(missing)}, and K of "
+            "its system does not: take problem.moduli and problem.stiffness_terms into it, unless "
             "they are those of stresses alone",
             SceneWarning,
         )
 
 
-def _with_parts(problem: ContactProblem, moduli: Any, matrices: Any) -> ContactProblem:
+def _with_parts(
+    problem: ContactProblem, moduli: Sequence[Modulus], matrices: Sequence[csr_matrix]
+) -> ContactProblem:
     """The problem with the parts of K of all dofs, local rows (own, N) each. Collective."""
     prolongation = problem.prolongation
     # as in Discretisation.contact_problem: motions of dependent dofs may be rigid
     pull = csr_matrix.__matmul__ if prolongation.map is None else strained
-    pulls = (problem.stacked(csr_matrix(pull(part, problem.lifts))) for part in matrices)
+    pulls = (problem.stacked(csr_matrix(pull(matrix, problem.lifts))) for matrix in matrices)
     return replace(
         problem,
         moduli=tuple(moduli),
         stiffness_terms=prolongation.stiffness(matrices, problem.rows, problem.group)
         if matrices
         else (),
-        pulls=tuple(csc_matrix(part) for part in pulls),
+        pulls=tuple(csc_matrix(matrix) for matrix in pulls),
     )
 
 

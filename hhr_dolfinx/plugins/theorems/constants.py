@@ -44,7 +44,13 @@ class Spaces:
 
     @classmethod
     def of(cls, norms: Norms, reduced: ReducedProblem, basis: np.ndarray) -> Spaces:
-        """Of a basis V, (N, ell)."""
+        """Spaces of a basis in the norms of its RID.
+
+        Args:
+            norms: norms of the RID.
+            reduced: the projected problem.
+            basis: V, (N, ell).
+        """
         cut = basis[norms.domain.sets.A]
         return cls(
             Directions.spanned(cut, norms.inside),
@@ -54,23 +60,36 @@ class Spaces:
 
 
 def sharp_constants(norms: Norms, spaces: Spaces, inf_sup: Constants) -> dict[str, Ellipticity]:
-    """M_a, and alpha or the constant that replaces it, by theorem; undefined ones are left out."""
-    found = {"4": norms.inner, "8": replace(norms.inner, continuity=norms.from_interface)}
+    """M_a, and alpha or the constant that replaces it, by theorem.
+
+    Undefined constants are left out.
+
+    Args:
+        norms: norms of the RID.
+        spaces: spaces of the basis.
+        inf_sup: constants of the projection.
+    """
+    constants = {"4": norms.inner, "8": replace(norms.inner, continuity=norms.from_interface)}
     if inf_sup.beta_HR > 0:  # and not NaN
-        found["3"] = Ellipticity(norms.continuity(spaces.test), inf_sup.beta_HR)
+        constants["3"] = Ellipticity(norms.continuity(spaces.test), inf_sup.beta_HR)
     kernel = spaces.test_kernel
     if kernel.vectors.shape[1] == 0:
-        return found
+        return constants
     continuity = norms.continuity(kernel)
     energies = linalg.eigvalsh(kernel.vectors.T @ (norms.domain.inner @ kernel.vectors))
-    found["4 kernel"] = found["5"] = Ellipticity(continuity, float(energies[0]))
+    constants["4 kernel"] = constants["5"] = Ellipticity(continuity, float(energies[0]))
     if inf_sup.alpha_prime is not None and inf_sup.alpha_prime > 0:
-        found["6"] = Ellipticity(continuity, inf_sup.alpha_prime)
-    return found
+        constants["6"] = Ellipticity(continuity, inf_sup.alpha_prime)
+    return constants
 
 
 def refused(norms: Norms, sharp: dict[str, Ellipticity]) -> dict[str, str]:
-    """The hypothesis that fails, by theorem."""
+    """The hypothesis that fails, by theorem.
+
+    Args:
+        norms: norms of the RID.
+        sharp: constants of the theorems, see :func:`sharp_constants`.
+    """
     no_kernel = "no mode leaves all gaps as they are: alpha on the kernel, (2.39), is not defined"
     reasons = {
         "3": "beta_HR of (2.38) is not positive: some contact force of the RID moves no mode",
@@ -78,21 +97,27 @@ def refused(norms: Norms, sharp: dict[str, Ellipticity]) -> dict[str, str]:
         "5": no_kernel,
         "6": "alpha' of (2.46) is not positive, or no mode leaves all gaps as they are",
     }
-    found = {name: why for name, why in reasons.items() if name not in sharp}
+    failures = {name: reason for name, reason in reasons.items() if name not in sharp}
     reached = int((norms.domain.contact[:, norms.domain.sets.I].getnnz(axis=1) > 0).sum())
     if reached:
-        found["8"] = (
+        failures["8"] = (
             f"(H2), (2.101), fails: {reached} contact conditions of the RID act on its interface"
         )
-    return found
+    return failures
 
 
 def given_constants(
     sharp: dict[str, Ellipticity], given: Ellipticity, sigma_min: float | None
 ) -> dict[str, Ellipticity]:
-    """Constants with given M_a and alpha; with ``sigma_min`` as printed.
+    """Constants with given M_a and alpha, by theorem.
 
-    BoundError if they are not positive.
+    Args:
+        sharp: constants of the theorems, see :func:`sharp_constants`.
+        given: M_a and alpha.
+        sigma_min: constant of theorem 3 as printed; None for the sharp one.
+
+    Raises:
+        BoundError: if the given constants are not positive.
     """
     if not (0 < given.continuity < math.inf and 0 < given.coercivity < math.inf):
         raise BoundError(
@@ -100,8 +125,8 @@ def given_constants(
         )
     # theorems 3 and 6 keep their own constant in the place of alpha
     used = {
-        name: replace(own, continuity=given.continuity) if name in CONSTANT_NAMES else given
-        for name, own in sharp.items()
+        name: replace(constants, continuity=given.continuity) if name in CONSTANT_NAMES else given
+        for name, constants in sharp.items()
     }
     if sigma_min is None:
         return used
@@ -111,30 +136,43 @@ def given_constants(
 
 
 def beyond(used: dict[str, Ellipticity], sharp: dict[str, Ellipticity]) -> dict[str, str]:
-    """Theorems for which given constants do not belong to the spaces of the proofs, with the
-    reason.
+    """Theorems for which given constants do not belong to the spaces of the proofs.
+
+    Args:
+        used: constants by theorem, see :func:`given_constants`.
+        sharp: sharp constants by theorem.
+
+    Returns:
+        The reasons, by theorem.
     """
-    found = {}
+    reasons = {}
     for name in used.keys() & sharp.keys():
-        own = used[name]
-        known = sharp[name]
-        if own.continuity < known.continuity * (1 - SLACK):
-            found[name] = (
-                f"M_a = {own.continuity:.3g} is no constant of (2.7), which are "
-                f"{known.continuity:.3g} and more"
+        claimed = used[name]
+        reference = sharp[name]
+        if claimed.continuity < reference.continuity * (1 - SLACK):
+            reasons[name] = (
+                f"M_a = {claimed.continuity:.3g} is no constant of (2.7), which are "
+                f"{reference.continuity:.3g} and more"
             )
-        elif own.coercivity > known.coercivity * (1 + SLACK):
-            what = CONSTANT_NAMES.get(name, "alpha of (2.9)")
-            found[name] = (
-                f"{own.coercivity:.3g} is no {what}, which are {known.coercivity:.3g} and less"
+        elif claimed.coercivity > reference.coercivity * (1 + SLACK):
+            constant_name = CONSTANT_NAMES.get(name, "alpha of (2.9)")
+            reasons[name] = (
+                f"{claimed.coercivity:.3g} is no {constant_name}, which are "
+                f"{reference.coercivity:.3g} and less"
             )
-    return found
+    return reasons
 
 
 def check_models(full: FullModel, model: ReducedModel) -> None:
-    """Refuse models that the theorems are not on, by BoundError with the hypothesis that fails.
+    """Refuse models that the theorems are not on.
 
-    ReductionError for a model without a record of its construction, or of another full model.
+    Args:
+        full: the full model.
+        model: the reduced model.
+
+    Raises:
+        BoundError: with the hypothesis that fails.
+        ReductionError: for a model without a record of its construction, or of another full model.
     """
     problem = full.problem
     if full.equilibrium is not None:

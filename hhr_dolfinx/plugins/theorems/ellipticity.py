@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from numbers import Real
-from typing import Any
+from typing import TYPE_CHECKING
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -21,11 +21,17 @@ from hhr_dolfinx.errors import BoundError, NotSolvableError
 from hhr_dolfinx.models.full import FullModel
 from hhr_dolfinx.plugins.theorems.full_constants import DENSE, extreme_eigenvalue
 
+if TYPE_CHECKING:
+    from petsc4py import PETSc
+
+    from hhr_dolfinx.body import Body
+
 
 @dataclass(frozen=True)
 class Ellipticity:
-    """Constants of a: |a(v, w)| <= M_a |v| |w|, (2.7), and a(v, v) >= alpha |v|^2, (2.9), in some
-    norm.
+    """Constants of a in some norm.
+
+    |a(v, w)| <= M_a |v| |w|, (2.7), and a(v, v) >= alpha |v|^2, (2.9).
 
     Attributes:
         continuity: M_a.
@@ -37,8 +43,9 @@ class Ellipticity:
 
     @classmethod
     def of(cls, full: FullModel) -> Ellipticity:
-        """Constants of a full model in the Euclidean norm of nodal values, in the middle of the
-        box; stored with it.
+        """Constants of a full model in the Euclidean norm of nodal values.
+
+        They are those in the middle of the box, and cached with the model.
 
         Raises:
             BoundError: if ranks share the factors of K.
@@ -59,9 +66,10 @@ class Ellipticity:
         return _KNOWN[full]
 
     @classmethod
-    def of_materials(cls, bodies: Iterable[Any]) -> Ellipticity:
-        """Constants by (2.143) and (2.144): the largest 2 (lambda + mu) and the smallest 2 mu of
-        all bodies.
+    def of_materials(cls, bodies: Iterable[Body]) -> Ellipticity:
+        """Constants of materials by (2.143) and (2.144).
+
+        The largest 2 (lambda + mu) and the smallest 2 mu of all bodies.
 
         These are constants of a in the norm of the strain in the plane. The thesis takes them for
         those in the Euclidean norm of nodal values, in which they are constants for no mesh: see
@@ -82,7 +90,12 @@ _KNOWN: WeakKeyDictionary[FullModel, Ellipticity] = WeakKeyDictionary()
 
 
 def of_stiffness(stiffness: csr_matrix, solve: Callable[[np.ndarray], np.ndarray]) -> Ellipticity:
-    """Constants in the Euclidean norm of a symmetric K on free dofs, (n, n), with its solver."""
+    """Constants of a symmetric K in the Euclidean norm.
+
+    Args:
+        stiffness: K on free dofs, (n, n).
+        solve: K^-1 times a vector, (n,).
+    """
     return Ellipticity(largest_eigenvalue(stiffness), smallest_eigenvalue(stiffness, solve))
 
 
@@ -91,7 +104,10 @@ def smallest_eigenvalue(
 ) -> float:
     """Lower bound of the smallest eigenvalue of K v = alpha G v, by K^-1 of a vector.
 
-    G is the identity if None.
+    Args:
+        matrix: K, (n, n).
+        solve: K^-1 times a vector, (n,).
+        gram: G, (n, n); None for the identity.
     """
     if matrix.shape[0] <= DENSE:
         return float(linalg.eigvalsh(matrix.toarray(), None if gram is None else gram.toarray())[0])
@@ -113,7 +129,14 @@ class _Inverse:
     def __init__(self, solve: Callable[[np.ndarray], np.ndarray]) -> None:
         self._solve = solve
 
-    def apply(self, _: Any, rhs: Any, solution: Any) -> None:
+    def apply(self, _: PETSc.PC, rhs: PETSc.Vec, solution: PETSc.Vec) -> None:
+        """Write K^-1 times a vector into another, for PETSc.
+
+        Args:
+            _: the preconditioner, unused.
+            rhs: the vector, (n,).
+            solution: receives the result, (n,).
+        """
         solution.array[:] = self._solve(rhs.array_r)
 
 
@@ -129,9 +152,9 @@ def _extreme(
     from petsc4py import PETSc
     from slepc4py import SLEPc
 
-    operators = [_petsc(item) for item in (matrix, gram) if item is not None]
+    operators = [_petsc(operator) for operator in (matrix, gram) if operator is not None]
 
-    def prepared() -> Any:
+    def prepared() -> SLEPc.EPS:
         solver = SLEPc.EPS().create(PETSc.COMM_SELF)
         solver.setOptionsPrefix("hhr_ellipticity_")
         solver.setOperators(*operators)
@@ -151,14 +174,14 @@ def _extreme(
         preconditioner.setPythonContext(_Inverse(solve))
         return solver
 
-    if (found := extreme_eigenvalue(prepared)) is None:
+    if (eigenvalue := extreme_eigenvalue(prepared)) is None:
         raise NotSolvableError(
             "SLEPc found no eigenvalue of K: look for moduli many powers of ten apart"
         )
-    return found
+    return eigenvalue
 
 
-def _petsc(matrix: csr_matrix) -> Any:
+def _petsc(matrix: csr_matrix) -> PETSc.Mat:
     from petsc4py import PETSc
 
     matrix = csr_matrix(matrix)
@@ -171,17 +194,23 @@ def _petsc(matrix: csr_matrix) -> Any:
 def on_dofs(
     solve: Callable[[np.ndarray], np.ndarray], dofs: np.ndarray, size: int
 ) -> Callable[..., np.ndarray]:
-    """Solver on some dofs, (n,), from a solver for vectors of all dofs, (size,)."""
+    """Solver on some dofs, from a solver for vectors of all dofs.
+
+    Args:
+        solve: solves for vectors of all dofs, (size,).
+        dofs: these dofs, (n,).
+        size: number of all dofs.
+    """
 
     def solved(rhs: np.ndarray) -> np.ndarray:
-        whole = np.zeros(size)
-        whole[dofs] = rhs
-        return solve(whole)[dofs]
+        padded = np.zeros(size)
+        padded[dofs] = rhs
+        return solve(padded)[dofs]
 
     return solved
 
 
-def _moduli(body: Any) -> tuple[float, float]:
+def _moduli(body: Body) -> tuple[float, float]:
     """2 (lambda + mu) and 2 mu of a body."""
     if (
         body.grading is not None

@@ -86,8 +86,8 @@ class FullConstants:
             problem = full.problem
             rows = problem.distinct
             root = np.sqrt(problem.contact_areas[rows])
-            whole = root[:, None] * full.schur[np.ix_(rows, rows)] * root
-            energy = math.sqrt(max(float(linalg.eigvalsh(whole)[0]), 0.0))
+            scaled_schur = root[:, None] * full.schur[np.ix_(rows, rows)] * root
+            energy = math.sqrt(max(float(linalg.eigvalsh(scaled_schur)[0]), 0.0))
             _KNOWN[full] = cls(smallest_singular_value(problem.contact[rows]), energy)
         return _KNOWN[full]
 
@@ -164,8 +164,8 @@ def _smallest_by_inversion(matrix: csr_matrix) -> float:
         solver.getST().setType(SLEPc.ST.Type.SINVERT)
         return solver
 
-    found = extreme_eigenvalue(prepared)
-    return math.nan if found is None else found[0]
+    eigenvalue = extreme_eigenvalue(prepared)
+    return math.nan if eigenvalue is None else eigenvalue[0]
 
 
 def measure(draft: Draft) -> None:
@@ -178,15 +178,15 @@ def measure(draft: Draft) -> None:
         sets, reduced = independent(problem, draft.sets, draft.reduced)
         rows = problem.spread
         basis = draft.basis[:, reduced.motions :]
-        inside = rows.mine(sets.A)
-        test_gram = rows.sum(basis[inside].T @ _tested(problem, basis, inside))
+        rows_of_rid = rows.mine(sets.A)
+        test_gram = rows.sum(basis[rows_of_rid].T @ _tested(problem, basis, rows_of_rid))
         trial_gram = rows.sum(basis.T @ (problem.stiffness_of_rows @ basis))
         pressure = 1.0 / problem.contact_areas[sets.A_lambda]
         energy = constants_of(reduced.held, test_gram, trial_gram, pressure)
-        own = {name: getattr(draft.stability, name) for name in Stability.__dataclass_fields__}
-        own["euclidean"] = WholeConstants(**asdict(own["euclidean"]), beta_h=full.euclidean)
+        fields = {name: getattr(draft.stability, name) for name in Stability.__dataclass_fields__}
+        fields["euclidean"] = WholeConstants(**asdict(fields["euclidean"]), beta_h=full.euclidean)
         draft.stability = WholeStability(
-            **own, energy=WholeConstants(**asdict(energy), beta_h=full.energy)
+            **fields, energy=WholeConstants(**asdict(energy), beta_h=full.energy)
         )
 
 

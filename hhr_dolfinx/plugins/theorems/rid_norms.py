@@ -33,8 +33,9 @@ round-off.
 
 @dataclass(frozen=True)
 class Directions:
-    """A space by vectors, (n, k), orthonormal in a norm whose Gram matrix times columns is
-    ``gram``.
+    """A space by vectors, (n, k), orthonormal in a norm.
+
+    ``gram`` multiplies columns by the Gram matrix of the norm.
     """
 
     vectors: np.ndarray
@@ -42,13 +43,20 @@ class Directions:
 
     @classmethod
     def spanned(cls, columns: np.ndarray, gram: Callable[[np.ndarray], np.ndarray]) -> Directions:
-        """The span of columns, which may be dependent, (n, m)."""
-        left, sizes, _ = linalg.svd(columns, full_matrices=False)
-        left = left[:, sizes > NEGLIGIBLE_MODE * sizes.max(initial=0.0)]
+        """The span of columns, which may be dependent.
+
+        Args:
+            columns: the columns, (n, m).
+            gram: multiplies columns by the matrix of the scalar product.
+        """
+        directions, sizes, _ = linalg.svd(columns, full_matrices=False)
+        directions = directions[:, sizes > NEGLIGIBLE_MODE * sizes.max(initial=0.0)]
         energies, axes = (
-            linalg.eigh(left.T @ gram(left)) if left.size else (np.ones(0), np.zeros((0, 0)))
+            linalg.eigh(directions.T @ gram(directions))
+            if directions.size
+            else (np.ones(0), np.zeros((0, 0)))
         )
-        return cls(left @ (axes / np.sqrt(energies)), gram)
+        return cls(directions @ (axes / np.sqrt(energies)), gram)
 
     def distance(self, field: np.ndarray) -> float:
         """Distance of a vector, (n,), to the space."""
@@ -59,8 +67,9 @@ class Directions:
 
 @dataclass(frozen=True)
 class Domain:
-    """Omega_A in a full problem: K, (N, N), free dofs, (N,) bool, sets of the RID, and B[A_lambda],
-    (N_lambda_C, N).
+    """Omega_A in a full problem.
+
+    It has K, (N, N), free dofs, (N,) bool, sets of the RID, and B[A_lambda], (N_lambda_C, N).
 
     ``factor`` makes factors of K on the dofs of a mask, (N,) bool.
     """
@@ -73,7 +82,12 @@ class Domain:
 
     @classmethod
     def of(cls, full: FullModel, sets: IndexSets) -> Domain:
-        """The RID of a reduced model of a full model on one rank."""
+        """The RID of a reduced model of a full model on one rank.
+
+        Args:
+            full: the full model.
+            sets: index sets of the RID.
+        """
         from petsc4py import PETSc
 
         problem = full.problem
@@ -181,8 +195,9 @@ class EuclideanNorms:
 
 @dataclass(frozen=True)
 class EnergyNorms:
-    """Energy of displacements, and the L2 norm of the contact pressure, (sum of force^2 /
-    area)^1/2.
+    """Energy of displacements, and the L2 norm of the contact pressure.
+
+    The latter is (sum of force^2 / area)^1/2.
 
     The energy on Omega_A is the least for the displacements given there: at most that of the whole
     field, and for a function of V^0 equal to it. So M_a = alpha = 1, by Cauchy and Schwarz.

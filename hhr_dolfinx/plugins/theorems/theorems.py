@@ -91,7 +91,13 @@ class ImposedInterface:
 
     @classmethod
     def of(cls, problem: ContactProblem, domain: Domain, test: np.ndarray) -> ImposedInterface:
-        """From modes cut off outside A, (|A|, ell)."""
+        """Reduced problem with imposed values on the interface of a RID.
+
+        Args:
+            problem: the contact problem.
+            domain: the RID.
+            test: modes cut off outside A, (|A|, ell).
+        """
         sets = domain.sets
         space = Directions.spanned(test, lambda columns: domain.inner @ columns)
         contact = domain.acting.T @ space.vectors
@@ -99,9 +105,14 @@ class ImposedInterface:
         return cls(problem, domain, space, contact, SchurEqualities.of(contact @ contact.T), pairs)
 
     def solve(self, field: np.ndarray, theta: Theta) -> np.ndarray:
-        """Solution on A, (|A|,), with the interface values of a field, (N,).
+        """Solution on A, (|A|,), with the interface values of a field.
 
-        BoundError without convergence.
+        Args:
+            field: the field, (N,).
+            theta: θ of the parameter.
+
+        Raises:
+            BoundError: if the statuses do not converge.
         """
         sets = self.domain.sets
         lift = field.copy()
@@ -110,12 +121,13 @@ class ImposedInterface:
         free = self.space.vectors.T @ loads
         gaps = self.problem.gaps[sets.A_lambda] @ theta - self.domain.contact @ lift
         slack = gaps - self.contact @ free
-        found = active_set(self.equalities, slack, slack < 0, pairs=self.pairs)
-        if found.status.name != "CONVERGED":
+        statuses = active_set(self.equalities, slack, slack < 0, pairs=self.pairs)
+        if statuses.status.name != "CONVERGED":
             raise BoundError(
-                f"the reduced problem under (H), (2.33), has no answer: {found.status.name.lower()}"
+                f"the reduced problem under (H), (2.33), has no answer: "
+                f"{statuses.status.name.lower()}"
             )
-        return self.space.vectors @ (free - self.contact.T @ found.forces)
+        return self.space.vectors @ (free - self.contact.T @ statuses.forces)
 
 
 @dataclass(frozen=True)
@@ -199,7 +211,12 @@ class ThesisBounds:
         return self._pair(answer, exact).sides(theorem)
 
     def bounds(self, answer: Answer, exact: Answer) -> dict[str, Sides]:
-        """Both sides of all theorems whose hypotheses hold, see :meth:`bound`."""
+        """Both sides of all theorems whose hypotheses hold, see :meth:`bound`.
+
+        Args:
+            answer: answer of the reduced model.
+            exact: answer of the full model to the same parameter.
+        """
         pair = self._pair(answer, exact)
         return {name: pair.sides(name) for name in THEOREMS if name not in self.refused}
 
@@ -207,6 +224,10 @@ class ThesisBounds:
         """Both sides of all theorems that can be evaluated.
 
         One whose hypothesis fails proves nothing.
+
+        Args:
+            answer: answer of the reduced model.
+            exact: answer of the full model to the same parameter.
         """
         pair = self._pair(answer, exact)
         return {name: pair.sides(name) for name in THEOREMS if name in self.constants}
@@ -218,10 +239,10 @@ class ThesisBounds:
                 f"answers to {answer.parameter} and to {exact.parameter}: give those to one "
                 "parameter"
             )
-        for name, found in (("the reduced model", answer), ("the full model", exact)):
-            if not found.converged:
+        for name, checked in (("the reduced model", answer), ("the full model", exact)):
+            if not checked.converged:
                 raise BoundError(
-                    f"{name} has no answer at {found.parameter}: the theorems are on solutions"
+                    f"{name} has no answer at {checked.parameter}: the theorems are on solutions"
                 )
         return _Pair(self, answer, exact)
 
@@ -261,8 +282,8 @@ class _Pair:
                     self._residual / constants.coercivity + (1 + ratio) * self._lifted + noise,
                 )
         factor = ratio if theorem == "4" else 1 + ratio
-        left = root(self._imposed @ norms.inside(self._imposed))
-        return Sides(left, factor * near.distance(self._imposed) + noise)
+        error = root(self._imposed @ norms.inside(self._imposed))
+        return Sides(error, factor * near.distance(self._imposed) + noise)
 
     @property
     def _inside(self) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import ufl
@@ -17,6 +17,9 @@ from hhr_dolfinx.forms import volume
 from hhr_dolfinx.formulas import Formula, formula_of
 from hhr_dolfinx.loads import Assembler, Term
 from hhr_dolfinx.parameters import Tag, as_tuple, check_tag, is_number
+
+if TYPE_CHECKING:
+    pass
 
 ISOTROPIC = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 """Isotropic strain of 1 along each axis."""
@@ -39,11 +42,11 @@ class BodyForce(KnownArguments):
 
     def __post_init__(self) -> None:
         check_tag("body force", self.tag)
-        what = f"the body force on tag {self.tag}"
-        object.__setattr__(self, "direction", _vector(f"the direction of {what}", self.direction))
+        name = f"the body force on tag {self.tag}"
+        object.__setattr__(self, "direction", _vector(f"the direction of {name}", self.direction))
         if not any(self.direction):
-            raise SceneError(f"the direction {self.direction} of {what} must not be zero")
-        check_amplitude(self, what, formulas=True)
+            raise SceneError(f"the direction {self.direction} of {name} must not be zero")
+        check_amplitude(self, name, formulas=True)
 
     def terms(self, assembler: Assembler) -> list[Term]:
         """One vector."""
@@ -98,26 +101,26 @@ class Centrifugal(KnownArguments):
 
     def _axis(self, assembler: Assembler) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """A point of the axis and its unit vector within the mesh, (dim,) each."""
-        what = f"the centrifugal force on tag {self.tag}"
+        name = f"the centrifugal force on tag {self.tag}"
         hypothesis = assembler.hypothesis
         point = (0.0,) * assembler.test.ufl_shape[0] if self.axis_point is None else self.axis_point
-        _check_length(f"axis_point of {what}", point, assembler)
+        _check_length(f"axis_point of {name}", point, assembler)
         if hypothesis == "solid":
             if self.axis_direction is None or len(self.axis_direction) != 3:
                 raise SceneError(
-                    f"{what} needs an axis_direction of 3 components, and has {self.axis_direction}"
+                    f"{name} needs an axis_direction of 3 components, and has {self.axis_direction}"
                 )
             return point, tuple(
                 (np.array(self.axis_direction) / np.linalg.norm(self.axis_direction)).tolist()
             )
         if self.axis_direction is not None:
             raise SceneError(
-                f"{what}: the axis of a scene in {hypothesis} is known: leave out "
+                f"{name}: the axis of a scene in {hypothesis} is known: leave out "
                 f"{self.axis_direction}"
             )
         if hypothesis == "axisymmetric" and point[0] != 0:
             raise SceneError(
-                f"{what}: the axis of an axisymmetric scene is at r = 0: leave out the point "
+                f"{name}: the axis of an axisymmetric scene is at r = 0: leave out the point "
                 f"{point}"
             )
         return point, (0.0, 1.0) if hypothesis == "axisymmetric" else (0.0, 0.0)
@@ -125,8 +128,9 @@ class Centrifugal(KnownArguments):
 
 @dataclass(frozen=True)
 class Eigenstrain(KnownArguments):
-    """A strain ``amplitude(mu) * field(x) * strain`` that causes no stress by itself, such as
-    swelling.
+    """A strain that causes no stress by itself, such as swelling.
+
+    It is ``amplitude(mu) * field(x) * strain``.
 
     The stress is σ = C (ε - ε0), and laws of bodies use ε - ε0. The nodal forces depend on
     parameters if moduli do.
@@ -146,25 +150,36 @@ class Eigenstrain(KnownArguments):
 
     def __post_init__(self) -> None:
         check_tag("eigenstrain", self.tag)
-        what = f"the eigenstrain of body {self.tag}"
-        object.__setattr__(self, "strain", _symmetric(what, self.strain))
-        _check_field(what, self.field)
-        check_amplitude(self, what, formulas=True)
+        name = f"the eigenstrain of body {self.tag}"
+        object.__setattr__(self, "strain", _symmetric(name, self.strain))
+        _check_field(name, self.field)
+        check_amplitude(self, name, formulas=True)
 
     def terms(self, assembler: Assembler) -> list[Term]:
-        """One vector for each part of the stiffness of the body."""
+        """One vector for each part of the stiffness of the body.
+
+        Raises:
+            SceneError: for shear out of the plane.
+        """
         if assembler.hypothesis != "solid" and (self.strain[0][2] or self.strain[1][2]):
             raise SceneError(
                 f"the eigenstrain {self.strain} of body {self.tag} shears out of the plane, which "
                 f"a scene in {assembler.hypothesis} does not: set these components to zero"
             )
         strain = volume.eigenstrain(self.strain, self.field, assembler.dx(self.tag).ufl_domain())
-        return [_times(self.amplitude, *part) for part in assembler.eigenstress(self.tag, strain)]
+        return [_times(self.amplitude, *term) for term in assembler.eigenstress(self.tag, strain)]
 
-    def eigenstrain_of(self, tag: Tag, mesh: ufl.Mesh) -> tuple[Amplitude | Formula, Any] | None:
-        """Amplitude, and strain for amplitude 1, a UFL tensor 3x3, which stresses subtract.
+    def eigenstrain_of(
+        self, tag: Tag, mesh: ufl.Mesh
+    ) -> tuple[Amplitude | Formula, ufl.core.expr.Expr] | None:
+        """Amplitude, and strain for amplitude 1, which stresses subtract.
 
-        None for another body.
+        Args:
+            tag: tag of the body.
+            mesh: the mesh.
+
+        Returns:
+            Amplitude and a UFL tensor, (3, 3); None for another body.
         """
         return (
             (self.amplitude, volume.eigenstrain(self.strain, self.field, mesh))
@@ -196,8 +211,8 @@ class ThermalExpansion(KnownArguments):
     def __post_init__(self) -> None:
         check_tag("thermal expansion", self.tag)
         for name in ("expansion", "temperature"):
-            what = f"{name} of the thermal expansion of body {self.tag}"
-            object.__setattr__(self, name, _formula(getattr(self, name), what))
+            label = f"{name} of the thermal expansion of body {self.tag}"
+            object.__setattr__(self, name, _formula(getattr(self, name), label))
         _check_field(f"the thermal expansion of body {self.tag}", self.field)
 
     @cached_property
@@ -213,8 +228,15 @@ class ThermalExpansion(KnownArguments):
         """Terms of the eigenstrain, see :meth:`Eigenstrain.terms`."""
         return self._eigenstrain.terms(assembler)
 
-    def eigenstrain_of(self, tag: Tag, mesh: ufl.Mesh) -> tuple[Amplitude | Formula, Any] | None:
-        """Amplitude and strain for amplitude 1, see :meth:`Eigenstrain.eigenstrain_of`."""
+    def eigenstrain_of(
+        self, tag: Tag, mesh: ufl.Mesh
+    ) -> tuple[Amplitude | Formula, ufl.core.expr.Expr] | None:
+        """Amplitude and strain for amplitude 1, see :meth:`Eigenstrain.eigenstrain_of`.
+
+        Args:
+            tag: tag of the body.
+            mesh: the mesh.
+        """
         return self._eigenstrain.eigenstrain_of(tag, mesh)
 
 
@@ -248,9 +270,9 @@ def _formula(value: object, what: str) -> Formula:
 def _vector(what: str, value: object) -> tuple[float, ...]:
     """A tuple of finite numbers."""
     vector = as_tuple(what, value)
-    if not all(is_number(item) for item in vector):
+    if not all(is_number(component) for component in vector):
         raise SceneError(f"{what} = {value!r} must hold finite numbers")
-    return tuple(float(item) for item in vector)
+    return tuple(float(component) for component in vector)
 
 
 def _check_length(what: str, vector: tuple[float, ...], assembler: Assembler) -> None:
