@@ -86,8 +86,8 @@ class DeckContents:
 
         Empty without the set.
         """
-        found = dict.fromkeys(self.node_sets.get(name, ()))
-        return list(found) if name in self.unsorted else sorted(found)
+        nodes = dict.fromkeys(self.node_sets.get(name, ()))
+        return list(nodes) if name in self.unsorted else sorted(nodes)
 
     def named(self, kind: str, name: str) -> str:
         """A name in capitals, as Abaqus compares them."""
@@ -96,8 +96,8 @@ class DeckContents:
 
     def label(self, number: int) -> str:
         """A node or element as it is called in the file: ``7``, or ``Instance.7``."""
-        instance, own = divmod(number, STRIDE)
-        return f"{self.instances[instance - 1]}.{own}" if instance else str(own)
+        instance, local = divmod(number, STRIDE)
+        return f"{self.instances[instance - 1]}.{local}" if instance else str(local)
 
 
 def _lines(path: Path, above: tuple[Path, ...] = ()) -> Iterator[tuple[int, str]]:
@@ -108,34 +108,36 @@ def _lines(path: Path, above: tuple[Path, ...] = ()) -> Iterator[tuple[int, str]
     FileContentError for an included file that does not exist, or includes itself.
     """
     text = path.read_text(encoding="utf-8-sig", errors="replace")
-    kept = [(number, line.strip()) for number, line in enumerate(text.splitlines(), start=1)]
-    lines = iter([(number, line) for number, line in kept if line and not line.startswith("**")])
+    numbered = [(number, line.strip()) for number, line in enumerate(text.splitlines(), start=1)]
+    lines = iter(
+        [(number, line) for number, line in numbered if line and not line.startswith("**")]
+    )
     for number, line in lines:
         while line.startswith("*") and line.endswith(","):
             line += next(lines, (0, "*"))[1]
-        found = line.startswith("*") and re.search(r",\s*INPUT\s*=\s*([^,]*)", line, re.IGNORECASE)
+        source = line.startswith("*") and re.search(r",\s*INPUT\s*=\s*([^,]*)", line, re.IGNORECASE)
         include = re.match(r"\*\s*INCLUDE\b", line, re.IGNORECASE)
         if not include:
             yield number, line
-        if found:
+        if source:
             # of *NODE, *ELEMENT and others the file holds the data
-            other = path.parent / found[1].strip().strip('"').replace("\\", "/")
-            if not other.is_file() or other in (path, *above):
-                why = (
+            included = path.parent / source[1].strip().strip('"').replace("\\", "/")
+            if not included.is_file() or included in (path, *above):
+                reason = (
                     "includes itself"
-                    if other.is_file()
+                    if included.is_file()
                     else "does not exist: put it there, or name its path"
                 )
                 raise FileContentError(
-                    f"{path.name}:{number} {line.partition(',')[0]}: the file {other} {why}"
+                    f"{path.name}:{number} {line.partition(',')[0]}: the file {included} {reason}"
                 )
-            yield from _lines(other, (path, *above))
+            yield from _lines(included, (path, *above))
 
 
 def _words(line: str) -> list[str]:
     """Words of a line between commas, without the quotes of names, as in ``"an instance".set``."""
-    found = re.findall(r'((?:"[^"]*"|[^,"])*)(?:,|$)', line)
-    return [word.strip().replace('"', "") for word in found][: line.count(",") + 1]
+    matched = re.findall(r'((?:"[^"]*"|[^,"])*)(?:,|$)', line)
+    return [word.strip().replace('"', "") for word in matched][: line.count(",") + 1]
 
 
 def blocks(path: Path) -> Iterator[tuple[int, str, dict[str, str], list[list[str]]]]:
@@ -236,8 +238,8 @@ def _surface(deck: DeckContents, options: dict[str, str], rows: list[list[str]])
             _members(deck.node_sets, [row[:1] for row in rows], False)
         )
     elif kind != "ELEMENT" or combined != "UNION":
-        what = f"TYPE={kind}" if kind != "ELEMENT" else f"COMBINE={combined}"
-        deck.left_out[options["NAME"]] = f"surfaces of {what} are not read"
+        option = f"TYPE={kind}" if kind != "ELEMENT" else f"COMBINE={combined}"
+        deck.left_out[options["NAME"]] = f"surfaces of {option} are not read"
     elif "COMBINE" in options:
         deck.unions[name] = [word.upper() for row in rows for word in row if word]
     else:
@@ -288,7 +290,7 @@ def _elements(deck: DeckContents, options: dict[str, str], rows: list[list[str]]
 
 def _members(sets: dict[str, list[int]], rows: list[list[str]], ranges: bool) -> list[int]:
     """Numbers of a set, given one by one, as ranges, or as names of other sets."""
-    found: list[int] = []
+    numbers: list[int] = []
     for row in rows:
         words = [word for word in row if word]
         if ranges:
@@ -298,16 +300,16 @@ def _members(sets: dict[str, list[int]], rows: list[list[str]], ranges: bool) ->
                     f"no numbers go from {first} to {last} in steps of {step}: write the smaller "
                     "one first"
                 )
-            found.extend(range(first, last + 1, step))
+            numbers.extend(range(first, last + 1, step))
             continue
         for word in words:
             if word.lstrip("+-").isdigit():
-                found.append(int(word))
+                numbers.append(int(word))
             elif word.upper() in sets:
-                found.extend(sets[word.upper()])
+                numbers.extend(sets[word.upper()])
             else:
                 raise ValueError(f"there is no set '{word}' before it")
-    return found
+    return numbers
 
 
 def name_loaded(deck: DeckContents, block: str, rows: list[list[str]]) -> None:
@@ -351,21 +353,21 @@ def name_coupled(
     elif block.startswith("RIGID BODY:"):
         elements = deck.element_sets.get(options.get("ELSET", "").upper(), [])
         deck.node_sets[deck.named("nset", block)] = sorted(
-            {n for one in elements for n in deck.whole.get(one, ())}
+            {n for element in elements for n in deck.whole.get(element, ())}
         )
     else:
         # a word of *DISTRIBUTING COUPLING is followed by its weight
         words = [
             word for row in rows for word in (row[:1] if block.startswith("DIST") else row) if word
         ]
-        parts = [
+        node_lists = [
             deck.node_sets.get(word.upper(), [int(word)] if word.isdigit() else [])
             for word in words
         ]
         # the last node of a mean rotation is its pilot
-        pilot = set(parts[-1]) if words and words[0].upper() == "MEANROT" else set()
+        pilot = set(node_lists[-1]) if words and words[0].upper() == "MEANROT" else set()
         deck.node_sets[deck.named("nset", block)] = sorted(
-            {n for one in parts for n in one} - pilot
+            {n for node_list in node_lists for n in node_list} - pilot
         )
 
 

@@ -89,7 +89,7 @@ def side_tags(
     dim = mesh.topology.dim
     mesh.topology.create_connectivity(dim - 1, dim)
     to_cell = mesh.topology.connectivity(dim - 1, dim)
-    found = []
+    facets_of = []
     values = []
     for tag, (lower, upper, *_) in boxes.items():
         size = float(np.max(np.subtract(upper, lower)))
@@ -100,11 +100,11 @@ def side_tags(
                     dim - 1,
                     lambda x, axis=axis, at=at, size=size: np.abs(x[axis] - at) < 1e-9 * size,
                 )
-                own = np.array(
+                of_body = np.array(
                     [body[to_cell.links(facet)[0]] == tag for facet in on_side], dtype=bool
                 )
-                found.append(on_side[own])
-                values.append(np.full(own.sum(), name(tag, axis, is_upper), dtype=np.int32))
-    facets = np.concatenate(found)
+                facets_of.append(on_side[of_body])
+                values.append(np.full(of_body.sum(), name(tag, axis, is_upper), dtype=np.int32))
+    facets = np.concatenate(facets_of)
     order = np.argsort(facets)
     return dmesh.meshtags(mesh, dim - 1, facets[order], np.concatenate(values)[order])

@@ -54,16 +54,16 @@ def _read(data: Any, path: Path) -> RawMesh:
         )
     solid = [block for block in blocks if block.kind and DIMENSION.get(block.kind, 3) == dim]
     kind, left_out = one_kind(((block.kind, block.nodes) for block in solid), path)
-    own = [block for block in solid if block.kind == kind]
-    sides = sides_of(kind, [block.nodes for block in own], path, "exodus")
-    cells = np.concatenate([block.nodes[:, : CORNERS[kind]] for block in own])
-    starts = np.cumsum([0, *(len(block.nodes) for block in own)])
+    main = [block for block in solid if block.kind == kind]
+    sides = sides_of(kind, [block.nodes for block in main], path, "exodus")
+    cells = np.concatenate([block.nodes[:, : CORNERS[kind]] for block in main])
+    starts = np.cumsum([0, *(len(block.nodes) for block in main)])
     bodies: dict[str | int, np.ndarray] = {}
-    for k, block in enumerate(own):
+    for k, block in enumerate(main):
         bodies |= dict.fromkeys(block.names, np.arange(starts[k], starts[k + 1]))
     # side sets count the elements of all blocks
     row_of = np.full(sum(len(block.nodes) for block in blocks), -1)
-    row_of[np.concatenate([block.first + np.arange(len(block.nodes)) for block in own])] = (
+    row_of[np.concatenate([block.first + np.arange(len(block.nodes)) for block in main])] = (
         np.arange(len(cells))
     )
     surfaces, reasons = _side_sets(data, kind, cells, row_of)
@@ -73,15 +73,15 @@ def _read(data: Any, path: Path) -> RawMesh:
             surfaces |= {
                 name: block.nodes[:, :width] for name in block.names if name not in surfaces
             }
-        elif block in solid and block not in own:
+        elif block in solid and block not in main:
             left_out |= of_other_kinds(
                 {name: {block.kind: len(block.nodes)} for name in block.names}, kind
             )
-        elif block not in own:
-            what = (
+        elif block not in main:
+            reason = (
                 f"a block of {len(block.nodes)} elements of type {block.type}, which are no cells"
             )
-            left_out |= dict.fromkeys(block.names, what)
+            left_out |= dict.fromkeys(block.names, reason)
     return RawMesh(
         _points(data), kind, cells, bodies, surfaces, _node_sets(data), sides, left_out | reasons
     )
@@ -161,7 +161,7 @@ def _side_sets(
     """Corners of the facets of side sets, and reasons for side sets of other elements, which are
     left out.
     """
-    found: dict[str | int, np.ndarray] = {}
+    surfaces: dict[str | int, np.ndarray] = {}
     reasons: dict[str | int, str] = {}
     count = len(data.dimensions["num_side_sets"]) if "num_side_sets" in data.dimensions else 0
     for k, (number, name) in enumerate(_labels(data, "ss", count), start=1):
@@ -169,20 +169,20 @@ def _side_sets(
         if f"elem_ss{k}" not in data.variables:
             continue
         elements, sides = (
-            np.asarray(data.variables[f"{what}_ss{k}"][:], dtype=np.int64) - 1
-            for what in ("elem", "side")
+            np.asarray(data.variables[f"{variable}_ss{k}"][:], dtype=np.int64) - 1
+            for variable in ("elem", "side")
         )
         rows = row_of[elements]
-        inside = (rows >= 0) & (sides < len(_SIDES[kind]))
-        if not inside.all():
+        valid = (rows >= 0) & (sides < len(_SIDES[kind]))
+        if not valid.all():
             reasons[name or number] = (
-                f"{int((~inside).sum())} of its {len(rows)} sides are of elements that are no cells"
+                f"{int((~valid).sum())} of its {len(rows)} sides are of elements that are no cells"
             )
         facets = np.take_along_axis(
-            cells[rows[inside]], np.array(_SIDES[kind])[sides[inside]], axis=1
+            cells[rows[valid]], np.array(_SIDES[kind])[sides[valid]], axis=1
         )
-        found |= {number: facets} | ({name: facets} if name else {})
-    return found, reasons
+        surfaces |= {number: facets} | ({name: facets} if name else {})
+    return surfaces, reasons
 
 
 def _node_sets(data: Any) -> dict[str, np.ndarray]:

@@ -75,10 +75,10 @@ def _mesh_lower_half(
     y = -radius - gap / 2
     center = geo.addPoint(0, y, 0)
     pole = geo.addPoint(0, y + radius, 0)
-    left = geo.addPoint(-radius, y, 0)
-    right = geo.addPoint(radius, y, 0)
-    arcs = [geo.addCircleArc(right, center, pole), geo.addCircleArc(pole, center, left)]
-    flat = geo.addLine(left, right)
+    left_end = geo.addPoint(-radius, y, 0)
+    right_end = geo.addPoint(radius, y, 0)
+    arcs = [geo.addCircleArc(right_end, center, pole), geo.addCircleArc(pole, center, left_end)]
+    flat = geo.addLine(left_end, right_end)
     geo.mesh.setTransfiniteCurve(arcs[0], arc_segments // 2 + 1, "Progression", 1 / pole_ratio)
     geo.mesh.setTransfiniteCurve(arcs[1], arc_segments // 2 + 1, "Progression", pole_ratio)
     geo.mesh.setTransfiniteCurve(flat, flat_segments + 1)

@@ -64,12 +64,12 @@ def two_blocks(
         block.check_box(*shape)
         if closed is not None:
             _check_closed(shape, closed)
-    parts = {tag: _grid(shape, simplices, closed) for tag, shape in shapes.items()}
+    grids = {tag: _grid(shape, simplices, closed) for tag, shape in shapes.items()}
     dim = len(first[0])
-    per_cell = parts[FIRST][1].shape[1]
-    count = len(parts[FIRST][1])
-    points = np.concatenate([part[0] for part in parts.values()])
-    cells = np.concatenate([parts[FIRST][1], parts[SECOND][1] + len(parts[FIRST][0])])
+    per_cell = grids[FIRST][1].shape[1]
+    count = len(grids[FIRST][1])
+    points = np.concatenate([grid[0] for grid in grids.values()])
+    cells = np.concatenate([grids[FIRST][1], grids[SECOND][1] + len(grids[FIRST][0])])
     if comm.rank > 0:
         points = points[:0]
         cells = cells[:0]

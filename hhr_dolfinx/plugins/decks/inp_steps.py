@@ -76,9 +76,9 @@ class KeywordBlock:
         return Left(self.source, f"*{self.keyword}", why)
 
 
-def of_kind(found: Sequence[KeywordBlock], *keywords: str) -> list[KeywordBlock]:
+def of_kind(blocks: Sequence[KeywordBlock], *keywords: str) -> list[KeywordBlock]:
     """Blocks of some keywords."""
-    return [block for block in found if block.keyword in keywords]
+    return [block for block in blocks if block.keyword in keywords]
 
 
 @dataclass(frozen=True)
@@ -97,8 +97,8 @@ class Imposed:
     @property
     def unit(self) -> float:
         """Value of the row that the factor multiplies, 1 for a support or a force."""
-        place = {"DLOAD": 2, "DSLOAD": 2, "TEMPERATURE": 1}.get(self.block.keyword, len(self.row))
-        return self.block.value(self.row, place) if place < len(self.row) else 1.0
+        index = {"DLOAD": 2, "DSLOAD": 2, "TEMPERATURE": 1}.get(self.block.keyword, len(self.row))
+        return self.block.value(self.row, index) if index < len(self.row) else 1.0
 
     def moves(self, dim: int) -> bool:
         """True for a support that imposes a translation, or no rotation."""
@@ -143,21 +143,21 @@ State = Mapping[Key, Sequence[Imposed]]
 """Rows that act, by the quantity that they impose; rows of one quantity add up."""
 
 
-def steps_of(found: Sequence[KeywordBlock]) -> list[DeckStep]:
+def steps_of(blocks: Sequence[KeywordBlock]) -> list[DeckStep]:
     """Steps of a deck in their order, before them the blocks without a step."""
     starts = [
         0,
-        *(number for number, block in enumerate(found) if block.keyword == "STEP"),
-        len(found),
+        *(number for number, block in enumerate(blocks) if block.keyword == "STEP"),
+        len(blocks),
     ]
     steps = []
     end = 0.0
     for first, last in pairwise(starts):
-        own = found[first:last]
+        step_blocks = blocks[first:last]
         start = end
         if first:
-            end += next(map(period_of, of_kind(own, "STATIC", "VISCO")), 1.0)
-        steps.append(DeckStep(start, end, own))
+            end += next(map(period_of, of_kind(step_blocks, "STATIC", "VISCO")), 1.0)
+        steps.append(DeckStep(start, end, step_blocks))
     return steps
 
 
@@ -172,8 +172,8 @@ def state_after(
     amplitudes of the time of all steps.
     """
     state = {
-        key: [_later(item, curves, min(time, step.end)) for item in items]
-        for key, items in before.items()
+        key: [_later(imposed, curves, min(time, step.end)) for imposed in rows_of_key]
+        for key, rows_of_key in before.items()
     }
     seen: set[str] = (
         set()
@@ -181,45 +181,49 @@ def state_after(
     of_step: set[Key] = set()  # quantities that this step has given so far
     for block in of_kind(step.blocks, *IMPOSING):
         if block.word("OP") == "NEW" and block.keyword not in seen:
-            state = {key: items for key, items in state.items() if key.keyword != block.keyword}
+            state = {
+                key: rows_of_key
+                for key, rows_of_key in state.items()
+                if key.keyword != block.keyword
+            }
         seen.add(block.keyword)
         factor = _factor(block, curves, min(time, step.end) - step.start, min(time, step.end))
         for row in block.rows:
-            for detail, item in _rows(block, row, factor):
+            for detail, imposed in _rows(block, row, factor):
                 key = Key(block.keyword, row[0].upper(), detail)
                 if key in state and "FIXED" in block.options:
                     continue
-                item = replace(item, since=step.start)
-                given = state.pop(key, [])
+                imposed = replace(imposed, since=step.start)
+                previous = state.pop(key, [])
                 adds = key in of_step and block.keyword in ("CLOAD", "DLOAD", "DSLOAD")
-                state[key] = [*given, item] if adds else [item]
+                state[key] = [*previous, imposed] if adds else [imposed]
                 of_step.add(key)
     return state
 
 
-def _later(item: Imposed, curves: Mapping[str, KeywordBlock], total: float) -> Imposed:
+def _later(imposed: Imposed, curves: Mapping[str, KeywordBlock], total: float) -> Imposed:
     """A row of an earlier step at a time of all steps."""
-    curve = curve_of(item.block, curves)
+    curve = curve_of(imposed.block, curves)
     goes_on = curve is not None and in_total_time(curve)
     return (
-        replace(item, factor=item.value * _factor(item.block, curves, total, total))
+        replace(imposed, factor=imposed.value * _factor(imposed.block, curves, total, total))
         if goes_on
-        else item
+        else imposed
     )
 
 
-def curves_of(found: Sequence[KeywordBlock]) -> dict[str, KeywordBlock]:
+def curves_of(blocks: Sequence[KeywordBlock]) -> dict[str, KeywordBlock]:
     """Amplitudes by their names in capitals."""
-    return {block.option("NAME").upper(): block for block in of_kind(found, "AMPLITUDE")}
+    return {block.option("NAME").upper(): block for block in of_kind(blocks, "AMPLITUDE")}
 
 
-def imposed_of(found: Sequence[KeywordBlock]) -> tuple[Imposed, ...]:
+def imposed_of(blocks: Sequence[KeywordBlock]) -> tuple[Imposed, ...]:
     """Supports and loads that act at the end of the last step."""
     state: State = {}
-    curves = curves_of(found)
-    for step in steps_of(found):
+    curves = curves_of(blocks)
+    for step in steps_of(blocks):
         state = state_after(step, state, curves)
-    return tuple(item for items in state.values() for item in items)
+    return tuple(imposed for rows in state.values() for imposed in rows)
 
 
 def merged(state: Sequence[Imposed]) -> tuple[Imposed, ...]:
@@ -229,9 +233,11 @@ def merged(state: Sequence[Imposed]) -> tuple[Imposed, ...]:
     faces.
     """
     named: dict[tuple[object, ...], Imposed] = {}
-    for item in state:
-        by_number = item.place != item.row[0]
-        named[(item.place, item.component, *item.row[1:]) if by_number else (id(item),)] = item
+    for imposed in state:
+        by_number = imposed.place != imposed.row[0]
+        named[
+            (imposed.place, imposed.component, *imposed.row[1:]) if by_number else (id(imposed),)
+        ] = imposed
     return tuple(named.values())
 
 
@@ -257,12 +263,12 @@ def _rows(
         value = block.value(row, 2)
     else:
         by_number = block.keyword == "DLOAD" and word[:1] == "P" and word[1:].isdigit()
-    place = name_of_loaded(f"{block.keyword}:{block.line}", row[1:]) if by_number else row[0]
+    target = name_of_loaded(f"{block.keyword}:{block.line}", row[1:]) if by_number else row[0]
     for component in components:
         detail: object = word if block.keyword in ("DLOAD", "DSLOAD") else component
         if word == "GRAV":  # gravity along several directions adds up
             detail = (word, *block.numbers(row, 3))
-        yield detail, Imposed(block, row, place, component, factor * value, value)
+        yield detail, Imposed(block, row, target, component, factor * value, value)
 
 
 def _component(block: KeywordBlock, word: str) -> int:

@@ -80,14 +80,17 @@ def with_options(keyword: Keyword, outcome: str, options: Mapping[str, str]) -> 
     """
     return Keyword(
         keyword.rule,
-        {**keyword.options, **{name: Rule(outcome, why) for name, why in options.items()}},
+        {
+            **keyword.options,
+            **{name: Rule(outcome, sentence) for name, sentence in options.items()},
+        },
     )
 
 
 def left_options(keyword: Keyword, **options: str) -> Keyword:
     """The keyword with options that are TODO lines; ``_`` in a name stands for a blank."""
     return with_options(
-        keyword, AS_TODO, {name.replace("_", " "): why for name, why in options.items()}
+        keyword, AS_TODO, {name.replace("_", " "): sentence for name, sentence in options.items()}
     )
 
 
@@ -461,12 +464,12 @@ def blocks_of(path: Path) -> tuple[list[KeywordBlock], list[Left]]:
     Raises:
         FileContentError: for an option that is refused, with the line.
     """
-    kept: list[KeywordBlock] = []
-    left: list[Left] = []
+    selected: list[KeywordBlock] = []
+    todo: list[Left] = []
     for line, name, options, rows in blocks(path):
         block = KeywordBlock(path.name, line, name, options, rows)
         keyword = keyword_of(name)
-        left += [block.left(keyword.rule.why)] if keyword.rule.outcome == AS_TODO else []
+        todo += [block.left(keyword.rule.why)] if keyword.rule.outcome == AS_TODO else []
         rules = {}
         if keyword.rule.outcome == READ:
             rules = {
@@ -476,12 +479,12 @@ def blocks_of(path: Path) -> tuple[list[KeywordBlock], list[Left]]:
             }
             block = KeywordBlock(path.name, line, name, readable(options, rules, name), rows)
         for key, rule in rules.items():
-            said = f"{key}={options[key]}: {rule.why}" if options[key] else f"{key}: {rule.why}"
+            text = f"{key}={options[key]}: {rule.why}" if options[key] else f"{key}: {rule.why}"
             if rule.outcome == REFUSED:
-                raise FileContentError(f"{block.source} *{name}: {said}")
-            left += [block.left(said)] if rule.why else []
-        kept += [block] if OUT not in {rule.outcome for rule in rules.values()} else []
-    return kept, left
+                raise FileContentError(f"{block.source} *{name}: {text}")
+            todo += [block.left(text)] if rule.why else []
+        selected += [block] if OUT not in {rule.outcome for rule in rules.values()} else []
+    return selected, todo
 
 
 def readable(

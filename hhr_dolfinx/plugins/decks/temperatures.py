@@ -59,19 +59,21 @@ class DeckTemperatures:
         mesh = Mesh(domain.ufl_cargo(), domain)
         space = fem.functionspace(mesh, ("Discontinuous Lagrange", 1))
         cells = space.dofmap.list
-        places = space.tabulate_dof_coordinates()[cells] / self.scale  # (cells, corners, 3)
+        coordinates = space.tabulate_dof_coordinates()[cells] / self.scale  # (cells, corners, 3)
         # by cells, as nodes of several bodies, or at a crack, may coincide
-        distance, own = cKDTree(corners.mean(axis=1)).query(places.mean(axis=1))
-        nearest = np.linalg.norm(places[:, :, None] - corners[own][:, None], axis=3).argmin(axis=2)
-        found = np.where(
+        distance, matched = cKDTree(corners.mean(axis=1)).query(coordinates.mean(axis=1))
+        nearest = np.linalg.norm(
+            coordinates[:, :, None] - corners[matched][:, None], axis=3
+        ).argmin(axis=2)
+        field_values = np.where(
             (distance <= SAME_MIDPOINT * np.ptp(corners, axis=(0, 1)).max())[:, None],
-            values[own[:, None], nearest],
+            values[matched[:, None], nearest],
             0.0,
         )
         if domain.ufl_coordinate_element().degree == 1:
             space = fem.functionspace(mesh, ("Discontinuous Lagrange", 0))
             cells = space.dofmap.list
-            found = found.mean(axis=1, keepdims=True)
+            field_values = field_values.mean(axis=1, keepdims=True)
         field = fem.Function(space)
-        field.x.array[cells] = found
+        field.x.array[cells] = field_values
         return field

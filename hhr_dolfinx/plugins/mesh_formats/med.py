@@ -38,8 +38,8 @@ def groups_of_nodes(path: Path, points: np.ndarray, numbers: np.ndarray) -> dict
             data = stack.enter_context(netcdf_read(path, f"groups of nodes of {path}"))
         except OSError:
             return {}
-        found = _families_of_nodes(data, points[order])
-    return {name: order[rows] for name, rows in found.items()}
+        families = _families_of_nodes(data, points[order])
+    return {name: order[rows] for name, rows in families.items()}
 
 
 def _families_of_nodes(data: Any, points: np.ndarray) -> dict[str, np.ndarray]:
@@ -56,8 +56,10 @@ def _families_of_nodes(data: Any, points: np.ndarray) -> dict[str, np.ndarray]:
             or "FAM" not in nodes.variables
         ):
             continue
-        places = np.asarray(nodes["COO"][:]).reshape(-1, len(nodes["FAM"])).T
-        if places.shape[0] != len(points) or not np.allclose(places, points[:, : places.shape[1]]):
+        coordinates = np.asarray(nodes["COO"][:]).reshape(-1, len(nodes["FAM"])).T
+        if coordinates.shape[0] != len(points) or not np.allclose(
+            coordinates, points[:, : coordinates.shape[1]]
+        ):
             continue
         of = np.asarray(nodes["FAM"][:])
         return {
@@ -69,6 +71,6 @@ def _families_of_nodes(data: Any, points: np.ndarray) -> dict[str, np.ndarray]:
 
 def _name_of(family: str) -> str:
     """Name of the group after which a family is named."""
-    head, _, rest = family.partition("_")
-    number, _, name = rest.partition("_")
+    head, _, numbered = family.partition("_")
+    number, _, name = numbered.partition("_")
     return name if head == "FAM" and number.lstrip("-").isdigit() and name else family

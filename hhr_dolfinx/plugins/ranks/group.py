@@ -56,8 +56,8 @@ class Ranks(ProcessGroup):
 
     def gathered(self, value: Any) -> list[Any]:
         """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
-        found: list[Any] = self.comm.allgather(value)
-        return found
+        values: list[Any] = self.comm.allgather(value)
+        return values
 
     def joined(self, values: np.ndarray) -> np.ndarray:
         """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
@@ -93,31 +93,35 @@ class Ranks(ProcessGroup):
     def _exchanged(self, task: str, failure: BaseException | None, value: Any) -> list[Any]:
         """Value of each rank; if one has failed, all raise."""
         words = None if failure is None else (type(failure).__name__, _text(failure))
-        every = self.comm.allgather((words, value))
+        reports = self.comm.allgather((words, value))
         if failure is not None:
             raise failure
-        for rank, (words, _) in enumerate(every):
+        for rank, (words, _) in enumerate(reports):
             if words is not None:
                 raise class_of(words[0])(
                     f"{task} failed on rank {rank} of {self.size}, {words[0]}: {words[1]}"
                 )
-        return [value for _, value in every]
+        return [value for _, value in reports]
 
     def agreed(self, task: str, call: Callable[[], list[str | np.ndarray]]) -> None:
         """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
         failure = None
         asked: list[str | np.ndarray] = []
         try:
-            asked = [_without_addresses(item) if isinstance(item, str) else item for item in call()]
+            asked = [
+                _without_addresses(entry) if isinstance(entry, str) else entry for entry in call()
+            ]
         except BaseException as error:
             failure = error
-        every = self._exchanged(task, failure, asked)
-        other = next((rank for rank, known in enumerate(every) if not _same(known, every[0])), None)
-        if other is not None:
+        requests = self._exchanged(task, failure, asked)
+        odd = next(
+            (rank for rank, request in enumerate(requests) if not _same(request, requests[0])), None
+        )
+        if odd is not None:
             raise RankError(
                 f"{task}: ranks are asked for different things, rank 0 for "
-                f"{_shown(every[0], every[other])} and rank {other} for "
-                f"{_shown(every[other], every[0])}. Ask the same on all ranks that work on it "
+                f"{_shown(requests[0], requests[odd])} and rank {odd} for "
+                f"{_shown(requests[odd], requests[0])}. Ask the same on all ranks that work on it "
                 "together, or let each have a full model of its own: FullOrderModel(scene, "
                 "MPI.COMM_SELF)"
             )
@@ -128,19 +132,19 @@ class Ranks(ProcessGroup):
             iterator = iter(items())
         while True:
             failure = None
-            item = _END
+            value = _END
             try:
-                item = next(iterator, _END)
+                value = next(iterator, _END)
             except BaseException as error:
                 failure = error
-            ended = self._exchanged(task, failure, item is _END)
+            ended = self._exchanged(task, failure, value is _END)
             if all(ended):
                 return
             if any(ended):
                 raise RankError(
                     f"{task} ends on rank {ended.index(True)} of {self.size}, and goes on on others"
                 )
-            yield item
+            yield value
 
     @contextmanager
     def together(self, task: str) -> Iterator[None]:
@@ -190,8 +194,8 @@ class Ranks(ProcessGroup):
     def shared_out(self, count: int, work: Callable[[int], Any], task: str) -> list[Any]:
         """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
         with self.each(task):
-            own = [work(number) for number in share(count, self.number, self.size)]
-        return [item for part in self.comm.allgather(own) for item in part]
+            results = [work(number) for number in share(count, self.number, self.size)]
+        return [result for block in self.comm.allgather(results) for result in block]
 
     def no_room_side_by_side(self, scene: Scene) -> str:
         """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
@@ -240,42 +244,42 @@ def _without_addresses(text: str) -> str:
     return re.sub(r" at 0x[0-9a-f]+", "", text)
 
 
-def _same(asked: list[str | np.ndarray], known: list[str | np.ndarray]) -> bool:
+def _same(asked: list[str | np.ndarray], expected: list[str | np.ndarray]) -> bool:
     """True for equal words, and values that are equal to :data:`EQUAL_ON_RANKS`."""
-    if len(asked) != len(known):
+    if len(asked) != len(expected):
         return False
-    for here, there in zip(asked, known, strict=True):
-        if isinstance(here, str) or isinstance(there, str):
-            if not (isinstance(here, str) and isinstance(there, str) and here == there):
+    for mine, theirs in zip(asked, expected, strict=True):
+        if isinstance(mine, str) or isinstance(theirs, str):
+            if not (isinstance(mine, str) and isinstance(theirs, str) and mine == theirs):
                 return False
-        elif here.shape != there.shape or not np.allclose(
-            here, there, rtol=EQUAL_ON_RANKS, atol=0.0, equal_nan=True
+        elif mine.shape != theirs.shape or not np.allclose(
+            mine, theirs, rtol=EQUAL_ON_RANKS, atol=0.0, equal_nan=True
         ):
             return False
     return True
 
 
-def _shown(asked: list[str | np.ndarray], others: list[str | np.ndarray]) -> str:
+def _shown(asked: list[str | np.ndarray], expected: list[str | np.ndarray]) -> str:
     """Words of what a rank is asked for, and the first other difference if these are equal."""
     words = str(asked[0])
-    if words != str(others[0]) or len(asked) != len(others):
+    if words != str(expected[0]) or len(asked) != len(expected):
         return words
-    for here, there in zip(asked[1:], others[1:], strict=True):
-        if _same([here], [there]):
+    for mine, theirs in zip(asked[1:], expected[1:], strict=True):
+        if _same([mine], [theirs]):
             continue
-        if isinstance(here, str) and isinstance(there, str):
+        if isinstance(mine, str) and isinstance(theirs, str):
             first = next(
-                (k for k, (a, b) in enumerate(zip(here, there, strict=False)) if a != b), 0
+                (k for k, (a, b) in enumerate(zip(mine, theirs, strict=False)) if a != b), 0
             )
-            return f"{words} with '{here[max(first - _SHOWN, 0) : first + _SHOWN]}'"
-        if isinstance(here, str) or isinstance(there, str) or here.shape != there.shape:
-            return f"{words} with {np.shape(here)} values"
+            return f"{words} with '{mine[max(first - _SHOWN, 0) : first + _SHOWN]}'"
+        if isinstance(mine, str) or isinstance(theirs, str) or mine.shape != theirs.shape:
+            return f"{words} with {np.shape(mine)} values"
         first = int(
-            np.flatnonzero(~np.isclose(here, there, rtol=EQUAL_ON_RANKS, atol=0.0, equal_nan=True))[
-                0
-            ]
+            np.flatnonzero(
+                ~np.isclose(mine, theirs, rtol=EQUAL_ON_RANKS, atol=0.0, equal_nan=True)
+            )[0]
         )
-        return f"{words} with {here.ravel()[first]:.15g} as value {first} of {here.size}"
+        return f"{words} with {mine.ravel()[first]:.15g} as value {first} of {mine.size}"
     return words
 
 

@@ -55,8 +55,8 @@ class SharedCholesky:
         By default ranks have equal shares of rows.
         """
         if rows is None:
-            own = share(len(free), comm.rank, comm.size)
-            rows = slice(own.start, own.stop)
+            local = share(len(free), comm.rank, comm.size)
+            rows = slice(local.start, local.stop)
         held = stiffness[rows]
         factors = FreeCholesky(held, free, rows, scene, "mumps", comm, low_rank=low_rank, last=last)
         return cls(factors, rows, held, stiffness, comm)
@@ -98,6 +98,8 @@ class SharedCholesky:
         self, columns: spmatrix, dofs: np.ndarray | None = None, *, refined: bool = False
     ) -> Iterator[tuple[slice, np.ndarray]]:
         """Solutions in blocks of columns; see :meth:`FreeCholesky.solved_blocks`."""
-        for part, block in self._factors.solved_blocks(columns.tocsr()[self.rows], refined=refined):
-            whole = self._whole(block)
-            yield part, whole if dofs is None else whole[dofs]
+        for panel, block in self._factors.solved_blocks(
+            columns.tocsr()[self.rows], refined=refined
+        ):
+            gathered = self._whole(block)
+            yield panel, gathered if dofs is None else gathered[dofs]

@@ -92,9 +92,9 @@ class QuadraticFacets:
         these, (q, k).
         """
         count = self.nodes.shape[1]
-        facet, part = np.divmod(flat, self.parts)
+        facet, flat_part = np.divmod(flat, self.parts)
         local = np.einsum(
-            "qk,qkd->qd", values, REFERENCE_NODES[count][np.array(FLAT_PARTS[count])][part]
+            "qk,qkd->qd", values, REFERENCE_NODES[count][np.array(FLAT_PARTS[count])][flat_part]
         )
         return facet, quadratic(local, count)
 
@@ -105,15 +105,17 @@ class QuadraticFacets:
         Over such flat parts of other facets phi_j are linear, as psi_i. ``weights`` are those of
         the measure, (n,).
         """
-        whole = covered[self.nodes].all(axis=1)
-        found = csr_matrix((len(points), len(points)))
-        for part in FLAT_PARTS[self.nodes.shape[1]]:
-            alone = covered[self.nodes[:, list(part)]].all(axis=1) & ~whole
-            for nodes, linearly in ((self.nodes[whole], False), (self.nodes[alone], True)):
+        complete = covered[self.nodes].all(axis=1)
+        total = csr_matrix((len(points), len(points)))
+        for flat_part in FLAT_PARTS[self.nodes.shape[1]]:
+            alone = covered[self.nodes[:, list(flat_part)]].all(axis=1) & ~complete
+            for nodes, linearly in ((self.nodes[complete], False), (self.nodes[alone], True)):
                 if len(nodes):
-                    found = found + _integrated(points, weights, nodes, part, linearly=linearly)
-        found.eliminate_zeros()
-        return csr_matrix(found)
+                    total = total + _integrated(
+                        points, weights, nodes, flat_part, linearly=linearly
+                    )
+        total.eliminate_zeros()
+        return csr_matrix(total)
 
     def sag_shares(self, outward: np.ndarray) -> np.ndarray:
         """Deviation of flat parts from the smooth surface over that of flat facets with their
@@ -123,8 +125,8 @@ class QuadraticFacets:
         is half of it. Curved sides are parabolas, which deviate from an arc by the square of the
         angle between the parts.
         """
-        parts = outward.reshape(-1, self.parts, outward.shape[1])
-        cosines = np.einsum("fpd,fqd->fpq", parts, parts).min(axis=(1, 2))
+        normals = outward.reshape(-1, self.parts, outward.shape[1])
+        cosines = np.einsum("fpd,fqd->fpq", normals, normals).min(axis=(1, 2))
         angles = np.repeat(np.arccos(np.clip(cosines, -1.0, 1.0)), self.parts)
         return np.where(angles < STRAIGHT_SIDES, 4.0, angles**2)
 
@@ -134,23 +136,23 @@ class QuadraticFacets:
         Nodes beyond the edge of a master have no condition. A facet that lies there in part
         contributes the flat parts with conditions at all nodes, as facets of first order.
         """
-        place = np.full(len(surface.nodes), -1)
-        place[np.searchsorted(surface.nodes, rows.slaves)] = np.arange(rows.gap.size)
-        integrals = self.integrals(surface.points, surface.weights, place >= 0)
+        index = np.full(len(surface.nodes), -1)
+        index[np.searchsorted(surface.nodes, rows.slaves)] = np.arange(rows.gap.size)
+        integrals = self.integrals(surface.points, surface.weights, index >= 0)
         nodes = np.flatnonzero(np.diff(integrals.indptr))
         if not nodes.size:
             raise SceneError(
                 f"no part of a facet of slave surface {surface.tag} lies in front of its master "
                 "with all of its nodes: mesh it finer"
             )
-        nodes = nodes[np.argsort(place[nodes])]
+        nodes = nodes[np.argsort(index[nodes])]
         normals = np.zeros_like(surface.points)
-        own = rows.matrix.tocoo()
-        at_slave = own.col // surface.points.shape[1] == rows.slaves[own.row]
+        entries = rows.matrix.tocoo()
+        at_slave = entries.col // surface.points.shape[1] == rows.slaves[entries.row]
         slaves = np.searchsorted(surface.nodes, rows.slaves)
-        normals[slaves[own.row[at_slave]], own.col[at_slave] % surface.points.shape[1]] = own.data[
-            at_slave
-        ]
+        normals[slaves[entries.row[at_slave]], entries.col[at_slave] % surface.points.shape[1]] = (
+            entries.data[at_slave]
+        )
         shared = self.shared(surface, normals, nodes)
         tested = csr_matrix(shared @ integrals)
         nodes = nodes[np.diff(csr_matrix(shared).indptr)[nodes] > 0]
@@ -158,7 +160,7 @@ class QuadraticFacets:
         areas = np.bincount(mixed.row, mixed.data, nodes.size)
         shape = nodes.size, rows.gap.size
         means = csr_matrix(
-            (mixed.data / areas[mixed.row], (mixed.row, place[mixed.col])), shape=shape
+            (mixed.data / areas[mixed.row], (mixed.row, index[mixed.col])), shape=shape
         )
         matrix = csr_matrix(means @ rows.matrix)
         return ContactRows(
@@ -182,8 +184,8 @@ class QuadraticFacets:
         moving = np.zeros(count)
         moving[nodes] = ~held[nodes]
         k = surface.facets.shape[1]
-        places = np.repeat(surface.facets, k, axis=1).ravel(), np.tile(surface.facets, k).ravel()
-        beside = csr_matrix((np.ones(surface.facets.size * k), places), shape=(count, count))
+        pattern = np.repeat(surface.facets, k, axis=1).ravel(), np.tile(surface.facets, k).ravel()
+        beside = csr_matrix((np.ones(surface.facets.size * k), pattern), shape=(count, count))
         beside.data[:] = 1.0
         towards = diags(moving) @ beside @ diags(held.astype(float))
         share = np.asarray(towards.sum(axis=0)).ravel()
@@ -196,9 +198,9 @@ class QuadraticFacets:
         Sags of surfaces curved alike cancel in the gap.
         """
         sags = [_straight_sag(surface) for surface in surfaces]
-        place = int(np.abs(sags).argmax())
-        worst = surfaces[place]
-        largest = abs(sags[place])
+        index = int(np.abs(sags).argmax())
+        worst = surfaces[index]
+        largest = abs(sags[index])
         if largest < CURVED * worst.lengths().mean() or abs(sum(sags)) < SAME_CURVATURE * largest:
             return
         warn(
@@ -268,7 +270,7 @@ def quadratic(local: np.ndarray, count: int) -> np.ndarray:
         return _on_line(local[:, 0])
     if count == 6:
         first, second, third = shape_functions(local, 3)[0].T
-        corners = [one * (2 * one - 1) for one in (first, second, third)]
+        corners = [function * (2 * function - 1) for function in (first, second, third)]
         return np.column_stack(
             [*corners, 4 * second * third, 4 * first * third, 4 * first * second]
         )
@@ -296,16 +298,19 @@ def _rule(
     local = (ends[:, None] + 1) / 2
     weights = sizes / 2
     if count != 3:
-        first, second = (item.ravel() for item in np.meshgrid(local, local, indexing="ij"))
+        first, second = (grid.ravel() for grid in np.meshgrid(local, local, indexing="ij"))
         local = np.column_stack([first, second])
         weights = np.outer(weights, weights).ravel()
     if count == 6:  # a square folded to a triangle
         local[:, 0] *= 1 - second
         weights *= 1 - second
     values = np.hstack([1 - local, local]) if count == 3 else shape_functions(local, len(part))[0]
-    there = values @ REFERENCE_NODES[count][list(part)]
-    steps = np.eye(there.shape[1]) * 0.5
+    coordinates = values @ REFERENCE_NODES[count][list(part)]
+    steps = np.eye(coordinates.shape[1]) * 0.5
     # central differences are exact for parabolas
-    slopes = [quadratic(there + step, count) - quadratic(there - step, count) for step in steps]
+    slopes = [
+        quadratic(coordinates + step, count) - quadratic(coordinates - step, count)
+        for step in steps
+    ]
     share = 1 / len(FLAT_PARTS[count])
-    return values, quadratic(there, count), np.stack(slopes, axis=2), share * weights
+    return values, quadratic(coordinates, count), np.stack(slopes, axis=2), share * weights

@@ -39,8 +39,8 @@ def to_pandas(
     with extra("tables", "a frame of pandas"):
         import pandas
 
-    given, answers = _answered(model, points, outside)
-    return pandas.DataFrame(given | {"status": answers.status} | columns_of(answers, forces))
+    parameters, answers = _answered(model, points, outside)
+    return pandas.DataFrame(parameters | {"status": answers.status} | columns_of(answers, forces))
 
 
 def to_xarray(model: AnsweringModel, points: PointsLike, *, outside: str = "refuse") -> Any:
@@ -60,16 +60,17 @@ def to_xarray(model: AnsweringModel, points: PointsLike, *, outside: str = "refu
     with extra("tables", "a data set of xarray"):
         import xarray
 
-    given, answers = _answered(model, points, outside)
+    parameters, answers = _answered(model, points, outside)
     values: dict[str, Any] = {
-        name: ("point", item) for name, item in columns_of(answers, forces=False).items()
+        name: ("point", column_values)
+        for name, column_values in columns_of(answers, forces=False).items()
     }
     values |= {
         "status": ("point", answers.status),
         "forces": (("point", "condition"), answers.forces),
     }
     return xarray.Dataset(
-        values, coords={name: ("point", column) for name, column in given.items()}
+        values, coords={name: ("point", column) for name, column in parameters.items()}
     )
 
 
