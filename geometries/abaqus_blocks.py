@@ -90,7 +90,12 @@ class DeckContents:
         return list(nodes) if name in self.unsorted else sorted(nodes)
 
     def named(self, kind: str, name: str) -> str:
-        """A name in capitals, as Abaqus compares them."""
+        """A name in capitals, as Abaqus compares them.
+
+        Args:
+            kind: kind of the set: ``nset``, ``elset``, ``surface`` or ``part``.
+            name: the name as written; the first spelling is kept.
+        """
         self.spelling.setdefault((kind, name.upper()), name)
         return name.upper()
 
@@ -176,7 +181,18 @@ def blocks(path: Path) -> Iterator[tuple[int, str, dict[str, str], list[list[str
 
 
 def take(deck: DeckContents, keyword: str, options: dict[str, str], rows: list[list[str]]) -> None:
-    """Add a block to a deck; blocks that are not part of a mesh are skipped."""
+    """Add a block to a deck; blocks that are not part of a mesh are skipped.
+
+    Args:
+        deck: the deck that is filled.
+        keyword: keyword of the block in capitals, without its star.
+        options: options of the block, by name in capitals.
+        rows: words of the data lines of the block.
+
+    Raises:
+        ValueError: for a block that is damaged, or not supported.
+        KeyError: for an option that is missing.
+    """
     if keyword == "NODE":
         system = options.get("SYSTEM", "R").upper()
         deck.nodes |= {int(row[0]): _place(row[1:4], system) for row in rows}
@@ -315,6 +331,11 @@ def _members(sets: dict[str, list[int]], rows: list[list[str]], ranges: bool) ->
 def name_loaded(deck: DeckContents, block: str, rows: list[list[str]]) -> None:
     """Name the nodes and faces that supports and loads give by numbers, so that a scene can have
     the same ones.
+
+    Args:
+        deck: the deck that is filled.
+        block: keyword and line of the block, ``CLOAD:45``.
+        rows: words of the data lines of the block.
     """
     for first, *row in rows:
         if block.startswith("DLOAD:") and re.fullmatch(r"[Pp]\d", row[0] if row else ""):
@@ -334,6 +355,12 @@ def name_coupled(
 
     Of a set in an equation its first node is named too, and the others, ``EQUATION:45 TOP first``
     and ``... others``.
+
+    Args:
+        deck: the deck that is filled.
+        block: keyword and line of the block, ``EQUATION:45``.
+        options: options of the block, by name in capitals.
+        rows: words of the data lines of the block.
     """
     if block.startswith("EQUATION:"):
         for word in {
@@ -374,5 +401,9 @@ def name_coupled(
 def name_of_loaded(block: str, load: Sequence[str]) -> str:
     """Name of the nodes or faces in a block, ``CLOAD:45``, under a load, the words after the
     number.
+
+    Args:
+        block: keyword and line of the block.
+        load: words of the load.
     """
     return " ".join([block, *filter(None, load)])

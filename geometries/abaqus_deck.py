@@ -36,7 +36,11 @@ def read_deck(path: Path) -> RawMesh:
 
 
 def flat_deck(path: Path) -> DeckContents:
-    """Nodes, elements and sets of a deck with its includes; FileContentError for a damaged one."""
+    """Nodes, elements and sets of a deck with its includes.
+
+    Raises:
+        FileContentError: for a damaged deck, with the line.
+    """
     assembly = Assembly()
     for line, keyword, options, rows in blocks(path):
         try:

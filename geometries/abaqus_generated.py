@@ -25,6 +25,12 @@ def generate(
 ) -> None:
     """Add the nodes or elements of a block to a deck.
 
+    Args:
+        deck: the deck that is filled.
+        keyword: keyword of the block, one of :data:`GENERATED`.
+        options: options of the block, by name in capitals.
+        rows: words of the data lines of the block.
+
     Raises:
         ValueError: for blocks that are not supported, and for nodes or elements that are not there.
     """
@@ -98,6 +104,9 @@ def _arc(deck: DeckContents, given: list[str]) -> Arc:
     )
 
     def places(start: np.ndarray, end: np.ndarray, shares: np.ndarray) -> np.ndarray:
+        """Points at ``shares`` of the way, (n, 1), from ``start`` to ``end``; raises ValueError
+        without a plane.
+        """
         radii = [float(np.linalg.norm(point - centre)) for point in (start, end)]
         angle = np.arccos((start - centre) @ (end - centre) / (radii[0] * radii[1] or np.nan))
         if not 1e-6 < angle < np.pi - 1e-6:

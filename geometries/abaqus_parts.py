@@ -49,7 +49,13 @@ class Assembly:
     def take(
         self, keyword: str, options: dict[str, str], rows: list[list[str]], line: int = 0
     ) -> None:
-        """Add the block, which begins at a line, to its part, instance or assembly.
+        """Add a block to its part, instance or assembly.
+
+        Args:
+            keyword: keyword of the block in capitals, without its star.
+            options: options of the block, by name in capitals.
+            rows: words of the data lines of the block.
+            line: line of the file at which the block begins.
 
         Raises:
             ValueError: for a block that is damaged or not supported.

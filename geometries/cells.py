@@ -178,13 +178,22 @@ def one_kind(
 
 
 def in_words(count: int, kind: str) -> str:
-    """A number of cells in words."""
+    """A number of cells in words.
+
+    Args:
+        count: number of cells.
+        kind: kind of the cells, such as ``hexahedron``.
+    """
     return f"{count} {kind if count == 1 else PLURAL[kind]}"
 
 
 def of_other_kinds(sets: Mapping[str | int, Mapping[str, int]], kept: str) -> dict[str | int, str]:
     """Reasons why sets are no bodies, by their counts of cells of kinds that are left out of a mesh
     of the kept one.
+
+    Args:
+        sets: number of cells of each kind that is left out, by set.
+        kept: kind of the cells of the mesh.
     """
     texts = {
         name: " and ".join(in_words(count, kind) for kind, count in counts.items())
@@ -241,17 +250,32 @@ def sides_of(
 
 
 def faces(kind: str, cells: np.ndarray) -> np.ndarray:
-    """Corners of all faces of cells, (c, faces, k)."""
+    """Corners of all faces of cells, (c, faces, k).
+
+    Args:
+        kind: kind of the cells, such as ``hexahedron``.
+        cells: corners of the cells, (c, k).
+    """
     return cells[:, np.array(FACES[kind])]
 
 
 def outer_faces(kind: str, cells: np.ndarray) -> np.ndarray:
-    """Corners of the faces that belong to one cell only, (f, k)."""
+    """Corners of the faces that belong to one cell only, (f, k).
+
+    Args:
+        kind: kind of the cells, such as ``hexahedron``.
+        cells: corners of the cells, (c, k).
+    """
     return outer_faces_of_cells(kind, cells)[0]
 
 
 def outer_faces_of_cells(kind: str, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of the faces that belong to one cell only, (f, k), and this cell, (f,)."""
+    """Corners of the faces that belong to one cell only, (f, k), and this cell, (f,).
+
+    Args:
+        kind: kind of the cells, such as ``hexahedron``.
+        cells: corners of the cells, (c, k).
+    """
     corners = faces(kind, cells)
     flat = corners.reshape(-1, corners.shape[-1])
     _, first, count = np.unique(
@@ -262,7 +286,13 @@ def outer_faces_of_cells(kind: str, cells: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def are_sides(kind: str, cells: np.ndarray, facets: np.ndarray) -> np.ndarray:
-    """Mask of the facets, (f, k), that are sides of some cells, by their corners, (f,) bool."""
+    """Mask of the facets, (f, k), that are sides of some cells, by their corners, (f,) bool.
+
+    Args:
+        kind: kind of the cells, such as ``hexahedron``.
+        cells: corners of the cells, (c, k).
+        facets: corners of the facets, (f, k).
+    """
     # few nodes of a mesh in space are on facets, and sorting all of its sides takes seconds
     wanted = np.zeros(max(cells.max(initial=0), facets.max(initial=0)) + 1, dtype=bool)
     wanted[facets] = True

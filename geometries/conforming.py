@@ -119,6 +119,11 @@ def _with_sides_only(raw: RawMesh) -> RawMesh:
 
 
 def counted(count: int, dim: int) -> str:
-    """A number of elements of a dimension, in words."""
+    """A number of elements of a dimension, in words.
+
+    Args:
+        count: number of elements.
+        dim: their dimension, 0 to 3.
+    """
     noun = {0: "node", 1: "line", 2: "facet", 3: "cell"}[dim]
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

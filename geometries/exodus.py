@@ -109,7 +109,14 @@ class _Block:
 
     @classmethod
     def of(cls, data: Any, k: int, number: int, name: str) -> _Block:
-        """Block k = 1, 2, ... of a file; an empty one has no variable."""
+        """Block k = 1, 2, ... of a file; an empty one has no variable.
+
+        Args:
+            data: the open file.
+            k: position of the block in the file, from 1.
+            number: number of the block.
+            name: name of the block, empty without one.
+        """
         sizes = [
             len(data.dimensions[f"num_el_in_blk{j}"])
             if f"num_el_in_blk{j}" in data.dimensions

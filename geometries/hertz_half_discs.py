@@ -43,12 +43,16 @@ def half_discs(
     """Build the mesh of the two half-discs on all ranks of ``comm``.
 
     Args:
+        comm: MPI communicator.
         radius: radius R of both discs, in the unit of length of the scene.
         gap: distance d of the poles, which lie at (0, ±d/2).
         arc_segments: number of segments of each arc, even.
         flat_segments: number of segments of each flat edge.
-        pole_ratio: length of each arc segment over the length of its neighbour towards the
-            pole; above 1 the mesh is refined where contact begins.
+        pole_ratio: length of each arc segment over the length of its neighbour towards the pole;
+            above 1 the mesh is refined where contact begins.
+
+    Raises:
+        ValueError: for numbers of segments, a radius or a ratio out of their ranges.
     """
     if arc_segments < 2 or arc_segments % 2 or flat_segments < 1:
         raise ValueError(

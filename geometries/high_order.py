@@ -12,8 +12,11 @@ import numpy as np
 
 
 def optimise(path: str, how: str) -> None:
-    """Move the nodes of a mesh in a file by an optimiser of gmsh: ``HighOrder`` or
-    ``HighOrderElastic``.
+    """Move the nodes of a mesh in a file by an optimiser of gmsh.
+
+    Args:
+        path: file of the mesh, which gets the new points.
+        how: the optimiser, ``HighOrder`` or ``HighOrderElastic``.
     """
     import gmsh
 

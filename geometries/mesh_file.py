@@ -95,7 +95,12 @@ class MeshFile:
         return _shared(raw, comm, self.scale, comm.bcast(summary))
 
     def read(self) -> RawMesh:
-        """Contents of the file, before the mesh is distributed."""
+        """Contents of the file, before the mesh is distributed.
+
+        Raises:
+            FileContentError: for a file that is missing or damaged, or has no mesh of one kind of
+                cells.
+        """
         path = Path(self.path)
         if path.is_dir():
             raise FileContentError(
@@ -157,8 +162,12 @@ def _advice(path: Path) -> str:
 
 
 def reader_of(path: Path) -> Any:
-    """Reader of a file by its ending; decks of Abaqus also by their first word, as cgx names them
-    .msh.
+    """Reader of a file by its ending.
+
+    Decks of Abaqus are also found by their first word, as cgx names them .msh.
+
+    Raises:
+        FileContentError: for an ending that only a plug-in which is not installed reads.
     """
     ending = path.suffix.lower()
     if (import_path := named("readers").get(ending)) is not None:
@@ -208,8 +217,14 @@ def _version(path: Path) -> float:
 
 
 def read_by_gmsh(path: Path, nodes_of: NodesOf | None = None) -> RawMesh:
-    """Read a file of a format that gmsh supports better than meshio, and sets of nodes by another
-    function.
+    """Read a file of a format that gmsh supports better than meshio.
+
+    Args:
+        path: path of the file.
+        nodes_of: function that reads sets of nodes; None for none.
+
+    Raises:
+        FileContentError: for a file without cells, or with several kinds of them.
     """
     from hhr_dolfinx.geometries.gmsh_model import entities_of
 

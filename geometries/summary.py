@@ -46,7 +46,13 @@ class Summary:
 
 
 def summary_of(raw: RawMesh, path: Path, scale: float = 1.0) -> Summary:
-    """Summarise a file that was read."""
+    """Summarise a file that was read.
+
+    Args:
+        raw: contents of the file.
+        path: path of the file.
+        scale: factor of the coordinates.
+    """
     points = raw.points * scale
     surfaces = raw.all_surfaces()
     order = "first" if raw.sides is None else "second"

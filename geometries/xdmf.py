@@ -187,7 +187,11 @@ class _Numbers:
         return coordinates.reshape(-1, 2 if flat else 3) if coordinates.ndim == 1 else coordinates
 
     def array(self, owner: Grid) -> np.ndarray:
-        """Numbers of an item with one array."""
+        """Numbers of an item with one array.
+
+        Raises:
+            FileContentError: for an item without an array.
+        """
         data_item = owner.find("DataItem")
         if data_item is None:
             raise FileContentError(f"{self._path}: '{owner.tag}' has no DataItem")

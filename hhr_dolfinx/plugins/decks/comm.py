@@ -40,6 +40,11 @@ _FORCES = ("FORCE_NODALE", "FORCE_FACE", "FORCE_CONTOUR")
 def read_comm(path: Path, mesh: Path, parts: NamedParts) -> Deck:
     """Read materials, supports, loads and contacts of a command file, with the groups of its mesh.
 
+    Args:
+        path: the command file.
+        mesh: file of its mesh.
+        parts: bodies, surfaces and sets of this mesh.
+
     Raises:
         FileContentError: for a file that is no Python.
         SceneError: for bodies without a literal elastic material.

@@ -82,7 +82,8 @@ def number(value: object) -> float | None:
 def commands_of(path: Path) -> Iterator[Command]:
     """Commands of a file in their order.
 
-    FileContentError for text that is no Python, with the line.
+    Raises:
+        FileContentError: for text that is no Python, with the line.
     """
     try:
         tree = ast.parse(path.read_text(errors="replace"))
@@ -246,6 +247,10 @@ def _changed(node: ast.AST) -> Iterator[str]:
 def admitted(command: Command, name: str) -> Command:
     """Command, or the factor ``COMMAND/FACTOR``, with the keywords that the table of its name
     reads.
+
+    Args:
+        command: the command or factor, with all of its keywords.
+        name: name of the table of keywords, ``COMMAND`` or ``COMMAND/FACTOR``.
     """
     keyword = COMMANDS.get(name)
     if keyword is None or keyword.rule.outcome != READ:

@@ -83,7 +83,13 @@ def _clash(one: Applied, later: Applied, same: bool) -> str:
 
 
 def covered_by(parts: NamedParts, place: Tag, of_facets: bool) -> frozenset[int | tuple[int, ...]]:
-    """Nodes of a set, or facets of a surface as sorted nodes."""
+    """Nodes of a set, or facets of a surface as sorted nodes.
+
+    Args:
+        parts: bodies, surfaces and sets of the mesh.
+        place: name of the set or surface in the mesh.
+        of_facets: True for facets, if the place is a surface.
+    """
     if of_facets and place in parts.surfaces:
         return frozenset(tuple(row) for row in np.sort(parts.surfaces[place], axis=1).tolist())
     return frozenset(parts.nodes(place).tolist())

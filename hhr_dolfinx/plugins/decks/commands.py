@@ -69,6 +69,10 @@ def deck_of(path: Path, mesh: Path | None = None) -> Deck:
     """Contents of a deck, of a command file of code_aster with its mesh, or of a mesh without
     physics.
 
+    Args:
+        path: the deck, the command file, or the mesh.
+        mesh: mesh of a command file; None for the one with its name.
+
     Raises:
         FileContentError: for a file that cannot be read, with the line.
         SceneError: for a deck from which no scene can be made, with the line.

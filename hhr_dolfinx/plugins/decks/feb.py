@@ -47,8 +47,14 @@ _SOLVER = frozenset(
 
 
 def read_febio(path: Path, parts: NamedParts) -> Deck | None:
-    """Read a file whose mesh is read; None for one of version 2, or with a material that is not
-    read.
+    """Physics of a file of FEBio whose mesh is read.
+
+    Args:
+        path: path of the file.
+        parts: bodies, surfaces and sets of the mesh.
+
+    Returns:
+        The deck; None for a file of version 2, or with a material that is not read.
     """
     root = tree_of(path)
     numbers = FebNumbers(root)

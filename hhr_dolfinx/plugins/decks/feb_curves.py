@@ -149,8 +149,14 @@ class FebNumbers:
         return {controller.attributes.get("id", ""): controller for controller in data}
 
     def of(self, item: Item | None, tag: str) -> float | None:
-        """Number of a child; None if it is not there, a formula, or has a controller that is not
-        read.
+        """Number of a child at the end.
+
+        Args:
+            item: parent of the child; None for none.
+            tag: tag of the child.
+
+        Returns:
+            The number; None if it is missing, is a formula, or has a controller that is not read.
         """
         child = item.child(tag) if item is not None else None
         number = item.number(tag) if item is not None else None

@@ -47,6 +47,7 @@ def tree_of(path: Path) -> Item:
     parser.buffer_text = True
 
     def start(tag: str, attributes: dict[str, str]) -> None:
+        """Open an element with its ``tag`` and ``attributes``."""
         element = Item(tag, attributes, parser.CurrentLineNumber)
         open_elements[-1].items.append(element)
         open_elements.append(element)

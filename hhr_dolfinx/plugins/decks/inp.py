@@ -63,6 +63,13 @@ def read_inp(
     """Read bodies, supports, loads and contacts of the blocks of a deck, of which some options are
     not read.
 
+    Args:
+        path: the deck.
+        blocks: its keyword blocks, with the options that are read.
+        parts: bodies, surfaces and sets of its mesh.
+        nodes: nodes of the deck by number.
+        unread: TODO lines of the options that are not read.
+
     Raises:
         SceneError: for a deck without sections or supports, or with a material that is not elastic,
             with the line.
@@ -105,7 +112,14 @@ class _DeckParts:
     left: tuple[Left, ...]
 
     def deck(self, state: Sequence[Imposed]) -> Deck:
-        """Contents of the deck with some supports and loads."""
+        """Contents of the deck with some supports and loads.
+
+        Args:
+            state: rows of supports and loads that act.
+
+        Raises:
+            SceneError: for a deck without supports, contact pairs and constraints that are read.
+        """
         blocks = self.found
         parts = self.parts
         nodes = self.nodes
@@ -243,7 +257,13 @@ def _out_of_reach(
 
 
 def hypothesis_of(blocks: Sequence[KeywordBlock], parts: NamedParts, todo: list[Left]) -> str:
-    """Hypothesis of the first plane elements; elements of other hypotheses are left."""
+    """Hypothesis of the first plane elements; elements of other hypotheses become TODO lines.
+
+    Args:
+        blocks: keyword blocks of the deck, in the order of its lines.
+        parts: bodies, surfaces and sets of the mesh.
+        todo: list to which TODO lines are appended.
+    """
     if parts.raw.dim == 3:
         return "solid"
     kinds = [

@@ -31,7 +31,15 @@ def pairs_of(
     state: Sequence[Imposed],
     todo: list[Left],
 ) -> tuple[Pair, ...]:
-    """Contact pairs and obstacles; parts without counterpart are left."""
+    """Contact pairs and obstacles; those without counterpart become TODO lines.
+
+    Args:
+        blocks: keyword blocks of the deck, in the order of its lines.
+        parts: bodies, surfaces and sets of the mesh.
+        nodes: nodes of the deck by number.
+        state: rows of supports and loads that act.
+        todo: list to which TODO lines are appended.
+    """
     frictions = _frictions(blocks, todo)
     rigid = _rigid(blocks, parts, nodes, state, todo)
     cleared = of_kind(blocks, "CLEARANCE")
@@ -165,7 +173,12 @@ def _frictions(blocks: Sequence[KeywordBlock], todo: list[Left]) -> dict[str, De
 
 
 def is_tool(block: KeywordBlock, parts: NamedParts) -> bool:
-    """True for a *RIGID BODY without cells of the mesh."""
+    """True for a *RIGID BODY without cells of the mesh.
+
+    Args:
+        block: the *RIGID BODY.
+        parts: bodies, surfaces and sets of the mesh.
+    """
     return "NSET" not in block.options and parts.body(block.word("ELSET")) is None
 
 

@@ -34,14 +34,26 @@ class Coupling:
     by_area: bool | str = True  #: how nodes count, as in CoupledForce
 
     def text(self, kind: str, component: int, amplitude: str) -> str:
-        """A motion or a force as text of Python."""
+        """A motion or a force as text of Python.
+
+        Args:
+            kind: class of the scene, ``MeanMotion`` or ``CoupledForce``.
+            component: component of the motion, rotations after translations.
+            amplitude: amplitude as text of Python.
+        """
         more = "" if self.point is None else f", point={self.point!r}"
         more += "" if self.components is None else f", components={self.components!r}"
         more += "" if self.by_area is True else f", by_area={self.by_area!r}"
         return f"hhr.{kind}({self.place!r}, {component}, {amplitude}{more})"
 
     def shows(self, parts: NamedParts, component: int, hypothesis: str) -> bool:
-        """True if the motion of the nodes determines a component of that of the point."""
+        """True if the motion of the nodes determines a component of that of the point.
+
+        Args:
+            parts: bodies, surfaces and sets of the mesh.
+            component: component of the motion, rotations after translations.
+            hypothesis: hypothesis of the scene, such as ``plane_strain``.
+        """
         dim = parts.raw.dim
         points = parts.raw.points[parts.nodes(self.place)]
         turns = () if hypothesis == "axisymmetric" else ROTATION_PLANES[dim]
@@ -222,8 +234,19 @@ def coupled_of(
     thickness: float,
     todo: list[Left],
 ) -> tuple[list[Imposed], list[DeckLoad], list[DeckLoad]]:
-    """Supports and loads that are on no reference node, constraints of couplings, and forces on
-    reference nodes.
+    """Constraints of couplings, and forces on their reference nodes.
+
+    Args:
+        blocks: keyword blocks of the deck, in the order of its lines.
+        state: rows of supports and loads that act.
+        parts: bodies, surfaces and sets of the mesh.
+        nodes: nodes of the deck by number.
+        hypothesis: hypothesis of the scene, such as ``plane_strain``.
+        thickness: thickness of plane bodies, a length; forces are divided by it.
+        todo: list to which TODO lines are appended.
+
+    Returns:
+        Supports and loads on other nodes, constraints, and forces.
     """
     couplings = _couplings(blocks, parts, nodes, hypothesis, todo)
     constraints = [

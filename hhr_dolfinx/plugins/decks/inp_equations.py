@@ -31,7 +31,12 @@ class Combination:
     source: str = ""
 
     def add(self, other: Combination, factor: float) -> None:
-        """Add a multiple of another one."""
+        """Add a multiple of another combination.
+
+        Args:
+            other: the other combination.
+            factor: its factor.
+        """
         for dof, value in other.own.items():
             self.own[dof] = self.own.get(dof, 0.0) + factor * value
         for way, value in other.others.items():
@@ -188,8 +193,18 @@ def equations_of(
     thickness: float,
     todo: list[Left],
 ) -> tuple[list[Imposed], list[DeckLoad], list[DeckLoad]]:
-    """Supports and loads on nodes of cells, equations, and forces there of loads on the nodes that
-    they eliminate.
+    """Equations of a deck, and forces on nodes of cells by the nodes that they eliminate.
+
+    Args:
+        blocks: keyword blocks of the deck, in the order of its lines.
+        state: rows of supports and loads that act.
+        parts: bodies, surfaces and sets of the mesh.
+        nodes: nodes of the deck by number.
+        thickness: thickness of plane bodies, a length; forces are divided by it.
+        todo: list to which TODO lines are appended.
+
+    Returns:
+        Supports and loads on nodes of cells, equations, and forces.
     """
     equations = DeckEquations(parts, nodes, state, todo)
     for block in of_kind(blocks, "EQUATION"):

@@ -25,9 +25,19 @@ def gaps_of(
     state: Sequence[Imposed],
     todo: list[Left],
 ) -> tuple[list[Pair], set[int]]:
-    """Obstacles of gap elements, and the nodes of their grounds; gaps without counterpart are left.
+    """Obstacles of gap elements; gaps without counterpart become TODO lines.
 
     Surfaces may be sides of bodies that the file does not name.
+
+    Args:
+        blocks: keyword blocks of the deck, in the order of its lines.
+        parts: bodies, surfaces and sets of the mesh.
+        nodes: nodes of the deck by number.
+        state: rows of supports and loads that act.
+        todo: list to which TODO lines are appended.
+
+    Returns:
+        The obstacles, and the nodes of their grounds.
     """
     pairs = []
     grounds: set[int] = set()

@@ -44,10 +44,15 @@ Of a support its place and component, which each step gives again.
 def with_history(
     deck: Deck, blocks: Sequence[KeywordBlock], read: Callable[[Sequence[Imposed]], Deck]
 ) -> Deck:
-    """Deck with the history of its quantities, or as it is if one step from rest leads to it.
+    """Deck with the history of its quantities, or unchanged if one step from rest leads to it.
 
-    ``read`` makes a deck of supports and loads. It is linear in their factors, so that the value of
-    a quantity at some time is that of a deck with the factors of that time.
+    ``read`` is linear in the factors of supports and loads, so that the value of a quantity at some
+    time is that of a deck with the factors of that time.
+
+    Args:
+        deck: contents at the end of the last step.
+        blocks: keyword blocks of the deck, in the order of its lines.
+        read: function that makes a deck of supports and loads.
     """
     times = _times(blocks)
     steps = of_kind(blocks, "STEP")

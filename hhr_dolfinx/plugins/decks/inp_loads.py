@@ -22,10 +22,15 @@ def loads_of(
     todo: list[Left],
     axis: int = 2,
 ) -> tuple[list[Support], list[DeckLoad]]:
-    """Supports and loads; rows without counterpart are left, and forces are per thickness in the
-    plane.
+    """Supports and loads of a deck; rows without counterpart become TODO lines.
 
-    ``axis`` is that about which bodies of two dimensions may rotate.
+    Args:
+        state: rows of supports and loads that act.
+        parts: bodies, surfaces and sets of the mesh.
+        bodies: material of each body.
+        thickness: thickness of plane bodies, a length; forces are divided by it.
+        todo: list to which TODO lines are appended.
+        axis: axis about which bodies of two dimensions may rotate.
     """
     dim = parts.raw.dim
     supports = []

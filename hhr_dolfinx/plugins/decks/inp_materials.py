@@ -19,7 +19,11 @@ TabulatedHardening goes on.
 def materials_of(blocks: Sequence[KeywordBlock], todo: list[Left]) -> dict[str, DeckMaterial]:
     """Elastic materials, with their laws, by name in capitals.
 
-    Properties without counterpart are left.
+    Properties without counterpart become TODO lines.
+
+    Args:
+        blocks: keyword blocks of the deck, in the order of its lines.
+        todo: list to which TODO lines are appended.
     """
     properties: dict[str, dict[str, KeywordBlock]] = {}
     for block in blocks:

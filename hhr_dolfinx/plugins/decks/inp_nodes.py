@@ -39,7 +39,11 @@ class DeckNodes:
         return numbers[0] if len(numbers) == 1 else None
 
     def point(self, number: int) -> np.ndarray:
-        """Coordinates of a node, (3,); FileContentError for a node that the deck does not have."""
+        """Coordinates of a node, (3,).
+
+        Raises:
+            FileContentError: for a node that the deck does not have.
+        """
         if number not in self.deck.nodes:
             raise FileContentError(
                 f"node {self.deck.label(number)} of an element or a set is not in the deck"

@@ -47,7 +47,11 @@ class KeywordBlock:
         return f"{self.file}:{self.line}"
 
     def option(self, name: str) -> str:
-        """An option that must be there; FileContentError without it."""
+        """An option that the block must have.
+
+        Raises:
+            FileContentError: without it.
+        """
         if name not in self.options:
             raise FileContentError(f"{self.source} *{self.keyword} has no option {name}=")
         return self.options[name]
@@ -57,18 +61,32 @@ class KeywordBlock:
         return self.options.get(name, "").upper()
 
     def number(self, word: str) -> float:
-        """A number, also in the notation 1.0D+00; FileContentError for other words."""
+        """A number, also in the notation 1.0D+00.
+
+        Raises:
+            FileContentError: for other words.
+        """
         with suppress(ValueError):
             if word and math.isfinite(value := number_of(word)):
                 return value
         raise FileContentError(f"{self.source} *{self.keyword}: '{word}' is no finite number")
 
     def numbers(self, row: Sequence[str], first: int = 0) -> list[float]:
-        """Numbers of a data line from a word on; blank words are 0."""
+        """Numbers of a data line from a word on; blank words are 0.
+
+        Args:
+            row: words of the data line.
+            first: index of the first word that is read.
+        """
         return [self.number(word) if word else 0.0 for word in row[first:]]
 
     def value(self, row: Sequence[str], place: int) -> float:
-        """Number at a place of a data line, 0 if the line ends before it."""
+        """Number of a data line, 0 if the line ends before it.
+
+        Args:
+            row: words of the data line.
+            place: index of the word.
+        """
         return sum(self.numbers(row[: place + 1], place))
 
     def left(self, why: str) -> Left:
@@ -170,6 +188,12 @@ def state_after(
     Rows replace those of earlier steps of the same quantity but FIXED ones; loads of one step add
     up, and of supports the last one holds. Rows of earlier steps keep their values, or follow their
     amplitudes of the time of all steps.
+
+    Args:
+        step: the step.
+        before: rows that act before it.
+        curves: amplitudes by name in capitals.
+        time: total time, by default the end of the step.
     """
     state = {
         key: [_later(imposed, curves, min(time, step.end)) for imposed in rows_of_key]
@@ -291,7 +315,8 @@ def period_of(block: KeywordBlock) -> float:
 def points_of(curve: KeywordBlock) -> tuple[Sequence[float], Sequence[float]]:
     """Times of an amplitude, with its delay, and its values there.
 
-    FileContentError if it is no table of them.
+    Raises:
+        FileContentError: if it is no table of them.
     """
     values = [curve.number(word) for row in curve.rows for word in row if word]
     if len(values) % 2 or not values:
@@ -301,7 +326,15 @@ def points_of(curve: KeywordBlock) -> tuple[Sequence[float], Sequence[float]]:
 
 
 def curve_of(block: KeywordBlock, curves: Mapping[str, KeywordBlock]) -> KeywordBlock | None:
-    """Amplitude of a block, None without one; FileContentError for an unknown one."""
+    """Amplitude of a block, None without one.
+
+    Args:
+        block: block of supports or loads.
+        curves: amplitudes by name in capitals.
+
+    Raises:
+        FileContentError: for an amplitude that the deck does not have.
+    """
     name = block.word("AMPLITUDE")
     if name and name not in curves:
         raise FileContentError(f"{block.source} *{block.keyword}: there is no amplitude '{name}'")

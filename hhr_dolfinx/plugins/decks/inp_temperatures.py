@@ -38,6 +38,13 @@ def heated_of(
     """Thermal expansion of bodies above the temperatures of *INITIAL CONDITIONS.
 
     A body with different temperatures has the field of the deck, of which the load is a multiple.
+
+    Args:
+        blocks: keyword blocks of the deck, in the order of its lines.
+        state: rows of supports and loads that act.
+        nodes: nodes of the deck by number.
+        bodies: material of each body.
+        todo: list to which TODO lines are appended.
     """
     heated = [imposed.block for imposed in state if imposed.block.keyword == "TEMPERATURE"]
     if not heated:
@@ -69,6 +76,10 @@ def heated_of(
 def distribution(path: Path, tag: Tag) -> tuple[np.ndarray, np.ndarray]:
     """Corners of the cells of a body of a deck, (c, k, 3), and their rises over the largest of the
     deck, (c, k).
+
+    Args:
+        path: the deck.
+        tag: name of the body.
     """
     nodes = DeckNodes(flat_deck(path))
     blocks = blocks_of(path)[0]
@@ -132,6 +143,11 @@ def rise_of(
     An amplitude multiplies the temperature itself. Without one the factor of a row multiplies the
     rise: it is the part of the step that is over. Rows of one set add up: within a step they are
     that of the step before, which fades, and the new one.
+
+    Args:
+        blocks: keyword blocks of the deck, in the order of its lines.
+        state: rows of supports and loads that act.
+        nodes: nodes of the deck by number.
     """
     initial = {
         number: block.number(row[1])

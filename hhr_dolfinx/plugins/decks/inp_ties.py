@@ -36,7 +36,13 @@ class BoltSection(NamedTuple):
 
 
 def ties_of(blocks: Sequence[KeywordBlock], parts: NamedParts, todo: list[Left]) -> list[DeckLoad]:
-    """Ties and periodic surfaces; those without counterpart are left."""
+    """Ties and periodic surfaces; those without counterpart become TODO lines.
+
+    Args:
+        blocks: keyword blocks of the deck, in the order of its lines.
+        parts: bodies, surfaces and sets of the mesh.
+        todo: list to which TODO lines are appended.
+    """
     ties = []
     models = of_kind(blocks, "CYCLIC SYMMETRY MODEL")
     for block in of_kind(blocks, "TIE"):
@@ -121,7 +127,14 @@ def _periodic(names: Sequence[str], model: KeywordBlock, parts: NamedParts) -> s
 def sections_of(
     blocks: Sequence[KeywordBlock], parts: NamedParts, nodes: DeckNodes, todo: list[Left]
 ) -> tuple[list[BoltSection], NamedParts]:
-    """Sections of preloaded bolts, and the mesh that is cut there."""
+    """Sections of preloaded bolts, and the mesh that is cut there.
+
+    Args:
+        blocks: keyword blocks of the deck, in the order of its lines.
+        parts: bodies, surfaces and sets of the mesh.
+        nodes: nodes of the deck by number.
+        todo: list to which TODO lines are appended.
+    """
     sections: list[BoltSection] = []
     for block in of_kind(blocks, "PRE-TENSION SECTION"):
         name = parts.surface(block.word("SURFACE")) if "SURFACE" in block.options else None
@@ -187,8 +200,17 @@ def preloads_of(
     thickness: float,
     todo: list[Left],
 ) -> tuple[list[Imposed], list[DeckLoad], list[DeckLoad]]:
-    """Supports and loads on other nodes, constraints of sections, and forces in bolts, per
-    thickness in the plane.
+    """Constraints of the sections of bolts, and forces in bolts.
+
+    Args:
+        sections: sections of the bolts.
+        state: rows of supports and loads that act.
+        nodes: nodes of the deck by number.
+        thickness: thickness of plane bodies, a length; forces are divided by it.
+        todo: list to which TODO lines are appended.
+
+    Returns:
+        Supports and loads on other nodes, constraints, and forces.
     """
     pilots = {nodes.single(section.block.word("NODE")): section.name for section in sections}
     by_name: dict[str, list[Imposed]] = {section.name: [] for section in sections}

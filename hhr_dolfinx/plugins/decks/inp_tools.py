@@ -37,7 +37,13 @@ class Tool:
     sphere: bool = False
 
     def written(self, surface: Tag, points: np.ndarray, normals: np.ndarray) -> str:
-        """Text for a surface of a body with midpoints and outer normals of its facets, (f, dim)."""
+        """Text for a surface of a body.
+
+        Args:
+            surface: name of the surface.
+            points: midpoints of its facets, (f, dim).
+            normals: their outer normals, (f, dim).
+        """
         text = self.text.replace("{surface}", repr(surface))
         # a body in a hole looks away from the centre
         hole = self.sphere and ((points - self.origin) * normals).sum() > 0
@@ -47,7 +53,11 @@ class Tool:
 def tool_of(block: KeywordBlock, owner: str, nodes: DeckNodes, dim: int) -> Tool | None:
     """Obstacle of a rigid *SURFACE; None for one without counterpart.
 
-    ``owner`` is the set of rigid elements of the surface, empty for an analytical one.
+    Args:
+        block: the *SURFACE.
+        owner: set of rigid elements of the surface, empty for an analytical one.
+        nodes: nodes of the deck by number.
+        dim: dimension of the mesh, 2 or 3.
     """
     if block.word("TYPE") == "SEGMENTS" and dim == 2:
         points = _profile(block, block.rows)

@@ -39,6 +39,10 @@ class Axes:
         """Direction of a component as ``DirectedDisplacement`` has it.
 
         Empty if its points do not define it.
+
+        Args:
+            component: component in the local axes, 0 to 2.
+            dim: dimension of the mesh, 2 or 3.
         """
         first, second = self.points
         third = np.cross(first, second)
@@ -54,7 +58,12 @@ class Axes:
         )
 
     def more(self, component: int, dim: int) -> str:
-        """Further arguments: the axis of a direction around one."""
+        """Further arguments: the axis of a direction around one.
+
+        Args:
+            component: component in the local axes, 0 to 2.
+            dim: dimension of the mesh, 2 or 3.
+        """
         first, second = self.points
         if not self.round or component > 1:
             return ""
@@ -70,9 +79,20 @@ def directed_of(
     thickness: float,
     todo: list[Left],
 ) -> tuple[list[Imposed], list[DeckLoad], list[DeckLoad]]:
-    """Supports and forces along the axes of the mesh, and others as constraints and forces.
+    """Supports and forces along local axes, as constraints and forces.
 
     Supports of all components of a set need no local axes.
+
+    Args:
+        blocks: keyword blocks of the deck, in the order of its lines.
+        state: rows of supports and loads that act.
+        parts: bodies, surfaces and sets of the mesh.
+        nodes: nodes of the deck by number.
+        thickness: thickness of plane bodies, a length; forces are divided by it.
+        todo: list to which TODO lines are appended.
+
+    Returns:
+        Supports and loads along the axes of the mesh, constraints, and forces.
     """
     axes: dict[int, Axes] = {}
     for block in of_kind(blocks, "TRANSFORM"):

@@ -68,7 +68,12 @@ class NamedParts:
         ]
 
     def bodies_in(self, name: str, tags: Iterable[Tag]) -> list[Tag]:
-        """Bodies among ``tags`` whose cells all belong to a set."""
+        """Bodies among ``tags`` whose cells all belong to a set.
+
+        Args:
+            name: name of the set of cells.
+            tags: bodies to choose from.
+        """
         spelling = self.body(name)
         rows = self.raw.bodies[spelling] if spelling is not None else np.zeros(0)
         return [tag for tag in tags if np.isin(self.raw.bodies[tag], rows).all()]
@@ -111,8 +116,15 @@ class NamedParts:
         return mean.round(12) + 0.0 if np.abs(normals - mean).max() < FLAT_SURFACE else None
 
     def pair(self, slave: Tag, master: Tag, friction: float, source: str) -> Pair:
-        """Contact pair of two surfaces: node to node where they are flat and their nodes coincide,
-        else mortar.
+        """Contact pair of two surfaces.
+
+        Node to node for flat surfaces whose nodes coincide, otherwise mortar.
+
+        Args:
+            slave: name of the slave surface.
+            master: name of the master surface.
+            friction: coefficient of friction.
+            source: file and line, for comments.
         """
         normal = self.flat_normal(slave)
         slave_points, master_points = (
@@ -128,15 +140,26 @@ class NamedParts:
         return Pair(f"hhr.Mortar({slave!r}, {master!r}{{}})", friction, source)
 
     def towards(self, name: Tag, normal: np.ndarray) -> np.ndarray:
-        """A unit normal, (dim,), with the sign with which it points out of a surface."""
+        """A unit normal, (dim,), with the sign with which it points out of a surface.
+
+        Args:
+            name: name of the surface.
+            normal: unit normal of either sign, (dim,).
+        """
         towards: np.ndarray = normal * np.sign(normal @ self.normals(name).mean(axis=0)) + 0.0
         return towards
 
     def on_plane(
         self, name: Tag, point: np.ndarray, normal: np.ndarray, friction: float, source: str
     ) -> Pair:
-        """Obstacle in front of a surface: the rigid plane through a point, with a unit normal of
-        either sign.
+        """Obstacle in front of a surface: a rigid plane.
+
+        Args:
+            name: name of the surface.
+            point: a point of the plane, (dim,).
+            normal: unit normal of either sign, (dim,).
+            friction: coefficient of friction.
+            source: file and line, for comments.
         """
         normal = self.towards(name, normal)
         text = f"hhr.Obstacle({name!r}, {tuple(normal.tolist())}, {float(point @ normal)!r}{{}})"
@@ -148,7 +171,11 @@ class NamedParts:
         """A rigid plane that no body reaches: a scene needs a contact pair, and a file may have
         none.
 
-        It faces one of the surfaces ``among``, of all if None, or the outside of all bodies.
+        It faces a flat surface, or the outside of all bodies.
+
+        Args:
+            supports: supports; the plane faces a surface that they do not hold.
+            among: surfaces to choose from; None for all.
         """
         held = np.zeros(self.raw.points.shape, dtype=bool)
         for support in supports:

@@ -16,8 +16,11 @@ Plane = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def plane_through(points: np.ndarray, sweep: bool) -> tuple[np.ndarray, np.ndarray] | None:
-    """A point and the unit normal of the plane through points, (n, 3), and along z if they are
-    swept; else nothing.
+    """A point and the unit normal of the plane through some points; None without a plane.
+
+    Args:
+        points: the points, (n, 3).
+        sweep: True if the points are swept along z.
     """
     if len(points) < 2:
         return None

@@ -109,6 +109,7 @@ def _of_febio(path: Path) -> Iterator[Left]:
     parser = expat.ParserCreate()
 
     def start(tag: str, attributes: dict[str, str]) -> None:
+        """Note an element with its ``tag`` and ``attributes``, if it is physics."""
         if len(open_tags) == 2 and (remedy := OF_FEBIO.get(open_tags[1])):
             words = " ".join(f'{key}="{value}"' for key, value in attributes.items() if key != "id")
             todo.append(

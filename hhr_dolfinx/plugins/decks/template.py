@@ -58,13 +58,13 @@ PRESSED_NAMES = ("pressure",)
 
 
 def template(path: Path, mesh: NamedParts, plane: str = "plane_strain") -> Deck:
-    """Contents of a scene that a mesh suggests by its names, else by its places.
+    """Contents of a scene that a mesh suggests by its names, otherwise by its positions.
 
-    What must be chosen is left.
+    Choices that remain are TODO lines.
 
     Args:
-        path: the mesh file. What it states beside its mesh is left, line by line.
-        given: its contents.
+        path: the mesh file. Statements beside its mesh become TODO lines.
+        mesh: its contents.
         plane: hypothesis of a mesh in the plane.
 
     Raises:
@@ -294,8 +294,13 @@ def _by_ends(
 
 
 def with_springs(deck: Deck, parts: NamedParts) -> Deck:
-    """Add soft springs along components that neither supports nor constraints hold: laws admit no
-    free body.
+    """Add soft springs along components that neither supports nor constraints hold.
+
+    Laws admit no free body.
+
+    Args:
+        deck: the deck.
+        parts: bodies, surfaces and sets of the mesh.
     """
     labels = components_of_nodes(len(parts.raw.points), parts.raw.cells)
     supports = [(support.place, support.component) for support in deck.supports]

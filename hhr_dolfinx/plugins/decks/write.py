@@ -24,9 +24,14 @@ searches.
 
 
 def scene_text(deck: Deck, file: Path, target: Path) -> str:
-    """Text of the scene file ``target`` of a deck in a file.
+    """Text of a scene file.
 
     The mesh is named relative to the folder of the target.
+
+    Args:
+        deck: contents of the deck.
+        file: file of the deck.
+        target: the scene file.
     """
     parameters = proposed(deck)
     amplitude_of = amplitudes(parameters)

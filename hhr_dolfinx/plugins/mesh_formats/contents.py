@@ -52,7 +52,11 @@ class Contents:
 
     @contextmanager
     def reading(self, path: Path) -> Iterator[Iterator[str]]:
-        """Lines of a file, counted; errors become FileContentError with the line."""
+        """Lines of a file, counted.
+
+        Raises:
+            FileContentError: with the line, for errors while the lines are read.
+        """
         try:
             text = path.read_text(encoding="utf-8-sig", errors="replace")
             yield (line for self.line, line in enumerate(text.splitlines(), start=1))
@@ -61,7 +65,16 @@ class Contents:
             raise FileContentError(f"{path}, line {self.line}: {reason}") from error
 
     def add(self, kind: str, element: Hashable, nodes: Sequence[Hashable]) -> None:
-        """Add an element; ValueError if it has another number of nodes."""
+        """Add an element.
+
+        Args:
+            kind: meshio's kind of the element.
+            element: its name or number.
+            nodes: its nodes.
+
+        Raises:
+            ValueError: if it has another number of nodes than its kind.
+        """
         if len(nodes) != COUNTS[kind]:
             raise ValueError(
                 f"an element of kind {kind} has {len(nodes)} nodes, and not {COUNTS[kind]}"
@@ -69,7 +82,11 @@ class Contents:
         self.elements.setdefault(kind, {})[element] = nodes
 
     def mesh(self, path: Path) -> RawMesh:
-        """The mesh; FileContentError for an element with a node that is not in the file."""
+        """The mesh of the contents.
+
+        Raises:
+            FileContentError: for an element with a node that is not in the file.
+        """
         index = {node: k for k, node in enumerate(self.points)}
         points = np.array(list(self.points.values())).reshape(len(index), -1 if index else 3)
         blocks = []

@@ -40,6 +40,7 @@ def read_feb(path: Path) -> RawMesh:
         open_elements[-1].text = (open_elements[-1].text or "") + text
 
     def refuse(*_: object) -> None:
+        """Raise ValueError for a DOCTYPE."""
         raise ValueError("files of FEBio have no <!DOCTYPE>")
 
     parser.StartElementHandler = lambda tag, attributes: open_elements.append(

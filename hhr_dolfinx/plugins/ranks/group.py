@@ -104,7 +104,15 @@ class Ranks(ProcessGroup):
         return [value for _, value in reports]
 
     def agreed(self, task: str, call: Callable[[], list[str | np.ndarray]]) -> None:
-        """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`.
+
+        Args:
+            task: name of the task, for messages.
+            call: function that returns the words and values to compare.
+
+        Raises:
+            RankError: on all ranks, if these are asked for different things.
+        """
         failure = None
         asked: list[str | np.ndarray] = []
         try:
@@ -127,7 +135,15 @@ class Ranks(ProcessGroup):
             )
 
     def in_step(self, items: Callable[[], Iterable[Any]], task: str) -> Iterator[Any]:
-        """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`.
+
+        Args:
+            items: function that returns the values to iterate over.
+            task: name of the task, for messages.
+
+        Raises:
+            RankError: on all ranks, if the iteration ends on some of them only.
+        """
         with self.each(task):
             iterator = iter(items())
         while True:
@@ -170,6 +186,7 @@ class Ranks(ProcessGroup):
         votes = self.comm.Dup()
 
         def end(code: int, words: str) -> bool:
+            """End with an exit ``code`` and last ``words``; True on the rank that prints them."""
             codes = np.zeros(self.size, dtype=np.int32)
             arrival = votes.Iallgather(np.array([code], dtype=np.int32), codes)
             if not code:
@@ -192,7 +209,13 @@ class Ranks(ProcessGroup):
         self.comm.Abort(code)
 
     def shared_out(self, count: int, work: Callable[[int], Any], task: str) -> list[Any]:
-        """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`.
+
+        Args:
+            count: number of tasks.
+            work: function that does a task by its number.
+            task: name of the task, for messages.
+        """
         with self.each(task):
             results = [work(number) for number in share(count, self.number, self.size)]
         return [result for block in self.comm.allgather(results) for result in block]
@@ -206,7 +229,14 @@ class Ranks(ProcessGroup):
     def shared_factors(
         self, factors: FreeCholesky, rows: slice, own: csr_matrix, whole: csr_matrix
     ) -> SharedCholesky:
-        """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`.
+
+        Args:
+            factors: factors of the local rows.
+            rows: range of the local rows.
+            own: local rows of the matrix, (own, N).
+            whole: the matrix, (N, N).
+        """
         return SharedCholesky(factors, rows, own, whole, self.comm)
 
     def factors(
@@ -219,13 +249,27 @@ class Ranks(ProcessGroup):
         last: np.ndarray | None,
         rows: slice | None = None,
     ) -> SharedCholesky:
-        """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`.
+
+        Args:
+            matrix: the matrix, (N, N).
+            free: True for free dofs, (N,).
+            scene: name of the scene, for messages.
+            low_rank: precision of compressed blocks; None for exact factors.
+            last: dofs that are eliminated last; None for none.
+            rows: range of the local rows; None for equal shares.
+        """
         return SharedCholesky.of(
             matrix, free, scene, self.comm, low_rank=low_rank, last=last, rows=rows
         )
 
     def rows(self, own: slice, count: int) -> RowsOfRanks:
-        """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`.
+
+        Args:
+            own: range of the local rows.
+            count: number of all rows.
+        """
         return RowsOfRanks(own, count, self.comm)
 
 

@@ -54,7 +54,12 @@ class RowsOfRanks(Rows):
         return places[(places >= self.own.start) & (places < self.own.stop)] - self.own.start
 
     def at(self, table: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """See :class:`Rows`."""
+        """See :class:`Rows`.
+
+        Args:
+            table: local rows of the table, (own, ...).
+            places: indices of the rows, (n,).
+        """
         self.check(table)
         values = np.zeros((len(places), *table.shape[1:]))
         is_local = (places >= self.own.start) & (places < self.own.stop)
@@ -120,7 +125,13 @@ class RowsOfRanks(Rows):
         return csr_matrix(matrix[:, self.own])
 
     def modes(self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> ModesOfRows:
-        """See :class:`Rows`."""
+        """See :class:`Rows`.
+
+        Args:
+            problem: the contact problem.
+            basis: local rows of the modes, (own, ell).
+            sets: index sets of the reduction, whose A has the rows of tests.
+        """
         return ModesOfRows(problem, basis, sets)
 
     def check(self, table: np.ndarray) -> None:
@@ -190,7 +201,7 @@ class MatrixOfRows:
         return self._with(csr_matrix((matrix.data, *pattern), shape=self._matrix.shape))
 
     def cut(self, indices: np.ndarray) -> MatrixOfRows:
-        """Select local rows by their indices: products are then (n, k).
+        """Select local rows by their ``indices``: products are then (n, k).
 
         Neighbours send the same rows as before.
         """

@@ -52,7 +52,14 @@ class SharedCholesky:
     ) -> SharedCholesky:
         """Factor K, CSR, (N, N), see :class:`FreeCholesky`.
 
-        By default ranks have equal shares of rows.
+        Args:
+            stiffness: K, with all rows on each rank.
+            free: True for free dofs, (N,).
+            scene: name of the scene, for messages.
+            comm: MPI communicator.
+            low_rank: precision of compressed blocks; None for exact factors.
+            last: dofs that are eliminated last; None for none.
+            rows: range of the local rows; None for equal shares.
         """
         if rows is None:
             local = share(len(free), comm.rank, comm.size)
@@ -97,7 +104,13 @@ class SharedCholesky:
     def solved_blocks(
         self, columns: spmatrix, dofs: np.ndarray | None = None, *, refined: bool = False
     ) -> Iterator[tuple[slice, np.ndarray]]:
-        """Solutions in blocks of columns; see :meth:`FreeCholesky.solved_blocks`."""
+        """Solutions in blocks of columns; see :meth:`FreeCholesky.solved_blocks`.
+
+        Args:
+            columns: right-hand sides, sparse, (N, m).
+            dofs: dofs of the solutions; None for all.
+            refined: True for iterative refinement.
+        """
         for panel, block in self._factors.solved_blocks(
             columns.tocsr()[self.rows], refined=refined
         ):

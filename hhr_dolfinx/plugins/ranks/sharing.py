@@ -24,6 +24,10 @@ def no_room_side_by_side(scene: Scene, group: ProcessGroup) -> str:
 
     One rank of each machine generates the mesh, from which the memory in space is estimated.
     Problems with shape parameters are never distributed, and models in the plane are small.
+
+    Args:
+        scene: the scene.
+        group: the ranks.
     """
     if scene.hypothesis != "solid" or scene.shapes:
         return ""

@@ -127,8 +127,16 @@ def _facets(kind: str, cells: np.ndarray, sides: np.ndarray) -> tuple[np.ndarray
 def borders(
     kind: str, cells: np.ndarray, sides: np.ndarray, labels: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes of the facets that belong to one cell, or to cells with several labels, (f, k + m), and
-    their cells.
+    """Nodes of the facets that belong to one cell, or to cells with several labels.
+
+    Args:
+        kind: kind of the cells, such as ``hexahedron``.
+        cells: corners of the cells, (c, k).
+        sides: nodes on the edges of the cells, (c, edges).
+        labels: label of each cell, (c,).
+
+    Returns:
+        Nodes of the facets, (f, k + m), and the cells of these, (f,).
     """
     corners, middles = _facets(kind, cells, sides)
     owner = np.repeat(np.arange(len(cells)), len(FACES[kind]))

@@ -88,8 +88,11 @@ class QuadraticFacets:
         return len(FLAT_PARTS[self.nodes.shape[1]])
 
     def functions(self, flat: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Facets, (q,), and shape functions, (q, K), of points in flat parts, by the functions of
-        these, (q, k).
+        """Facets, (q,), and shape functions, (q, K), of points in flat parts.
+
+        Args:
+            flat: flat part of each point, (q,).
+            values: shape functions of the flat parts, (q, k).
         """
         count = self.nodes.shape[1]
         facet, flat_part = np.divmod(flat, self.parts)
@@ -99,11 +102,14 @@ class QuadraticFacets:
         return facet, quadratic(local, count)
 
     def integrals(self, points: np.ndarray, weights: np.ndarray, covered: np.ndarray) -> csr_matrix:
-        """Integrals ∫ psi_i phi_j over facets whose nodes all have conditions, ``covered``, (n,)
-        bool: (n, n).
+        """Integrals ∫ psi_i phi_j over facets whose nodes all have conditions, (n, n).
 
-        Over such flat parts of other facets phi_j are linear, as psi_i. ``weights`` are those of
-        the measure, (n,).
+        Over such flat parts of other facets phi_j are linear, as psi_i.
+
+        Args:
+            points: coordinates of the nodes of the surface, (n, dim).
+            weights: weights of the measure at the nodes, (n,).
+            covered: True for nodes with conditions, (n,).
         """
         complete = covered[self.nodes].all(axis=1)
         total = csr_matrix((len(points), len(points)))
@@ -135,6 +141,13 @@ class QuadraticFacets:
 
         Nodes beyond the edge of a master have no condition. A facet that lies there in part
         contributes the flat parts with conditions at all nodes, as facets of first order.
+
+        Args:
+            surface: the slave surface.
+            rows: conditions of its nodes.
+
+        Raises:
+            SceneError: if no flat part has conditions at all of its nodes.
         """
         index = np.full(len(surface.nodes), -1)
         index[np.searchsorted(surface.nodes, rows.slaves)] = np.arange(rows.gap.size)
@@ -174,6 +187,11 @@ class QuadraticFacets:
         With one function for each node conditions would be dependent if some displacements are
         imposed, as at the end of a mortar surface. The matrix is the identity if all ``nodes`` with
         conditions are free, or none is.
+
+        Args:
+            surface: the slave surface.
+            normals: normals of the conditions at its nodes, (n, dim).
+            nodes: nodes with conditions.
         """
         count = len(surface.nodes)
         held = np.zeros(count, dtype=bool)
@@ -255,8 +273,14 @@ def _straight_sag(surface: Surface) -> float:
 def parted(
     facet_nodes: np.ndarray, inner_points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, QuadraticFacets]:
-    """Nodes of flat parts of facets with nodes (F, K), facet by facet, (parts F, k), points inside,
-    and the facets.
+    """Flat parts of facets of second order.
+
+    Args:
+        facet_nodes: nodes of the facets, (F, K).
+        inner_points: a point inside of the body of each facet, (F, dim).
+
+    Returns:
+        Nodes of the flat parts, facet by facet, (parts F, k), points inside, and the facets.
     """
     count = facet_nodes.shape[1]
     flat = facet_nodes[:, np.array(FLAT_PARTS[count])].reshape(-1, CORNER_COUNTS[count])
@@ -265,7 +289,12 @@ def parted(
 
 
 def quadratic(local: np.ndarray, count: int) -> np.ndarray:
-    """Shape functions of second order, (q, K), at reference coordinates, (q, 1) or (q, 2)."""
+    """Shape functions of second order, (q, K).
+
+    Args:
+        local: reference coordinates, (q, 1) or (q, 2).
+        count: number K of nodes of the facet: 3, 6 or 9.
+    """
     if count == 3:
         return _on_line(local[:, 0])
     if count == 6:

@@ -131,7 +131,12 @@ class Mended(NamedTuple):
 
 
 def mended(raw: RawMesh, name: str, how: str = "straight") -> Mended:
-    """The mesh of a file called ``name`` without folded cells.
+    """The mesh of a file without folded cells.
+
+    Args:
+        raw: the mesh.
+        name: name of the file, for messages.
+        how: ``straight`` or ``gmsh``, see :class:`Untangled`.
 
     Raises:
         FileContentError: for cells that are folded by their corners alone.
@@ -180,9 +185,13 @@ def folded(raw: RawMesh) -> np.ndarray:
 
 
 def folded_in_words(raw: RawMesh, name: str) -> str:
-    """Number and place of folded cells of a mesh file, and the geometry of a scene.
+    """Number and position of folded cells of a mesh file, and the geometry of a scene.
 
     Empty if none is folded.
+
+    Args:
+        raw: the mesh.
+        name: path of the file.
     """
     rows = folded(raw)
     if not rows.size:
@@ -225,7 +234,12 @@ class _Sides:
 
     @classmethod
     def of(cls, raw: RawMesh, lattice: int = LATTICE) -> _Sides:
-        """Sides of a mesh of second order, with Jacobians at the nodes of cells of a degree."""
+        """Sides of a mesh of second order, with Jacobians at the nodes of cells of a degree.
+
+        Args:
+            raw: the mesh, of second order.
+            lattice: degree of the cell at whose nodes Jacobians are evaluated.
+        """
         raw.whole()  # refuses nodes that lie far from their sides
         ends = raw.points[raw.cells[:, np.array(EDGES[raw.kind])]]
         nodes = np.asarray(raw.sides)
@@ -245,7 +259,12 @@ class _Sides:
     def jacobians(
         self, rows: np.ndarray, points: np.ndarray
     ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Rows of some cells, (r,), and their Jacobians, (r, q), with the nodes at ``points``."""
+        """Rows of some cells, (r,), and their Jacobians, (r, q), block by block.
+
+        Args:
+            rows: rows of the cells.
+            points: coordinates of all nodes, (nodes, dim).
+        """
         for start in range(0, len(rows), CELLS_AT_ONCE):
             selected = rows[start : start + CELLS_AT_ONCE]
             block = RawMesh(
@@ -258,8 +277,11 @@ class _Sides:
             )
 
     def bad(self, rows: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Rows of the cells among some that are folded or nearly so with the nodes at
-        ``points``.
+        """Rows of the cells among some that are folded or nearly so.
+
+        Args:
+            rows: rows of the cells.
+            points: coordinates of all nodes, (nodes, dim).
         """
         # relative to the cell with straight sides, whose Jacobians have one sign, that of the order
         # of its nodes

@@ -332,7 +332,12 @@ class _Blocks:
             return False
 
     def answer(self, numbers: Iterable[int], progress: Progress) -> None:
-        """Answer those of some blocks, by number, that are missing."""
+        """Answer the missing ones of some blocks.
+
+        Args:
+            numbers: numbers of the blocks.
+            progress: wrapper of the iteration over blocks.
+        """
         space = self.query.model.parameters
         for number in progress([number for number in numbers if not self._is_whole(number)]):
             rows = self.rows[number * self.size : (number + 1) * self.size]
@@ -424,7 +429,12 @@ def _write_csv(
 
 
 def columns_of(answers: Answers, forces: bool = True) -> dict[str, np.ndarray]:
-    """Values of all rows by the heads of their columns, in the order of the columns."""
+    """Values of all rows by the heads of their columns, in the order of the columns.
+
+    Args:
+        answers: answers of :func:`~hhr_dolfinx.plugins.tables.batch.answer_points`.
+        forces: include a column of the force of each contact condition.
+    """
     columns = (
         {}
         if answers.largest_displacement is None
@@ -487,6 +497,11 @@ def read_columns(
 ) -> list[list[str]]:
     """Rows of some columns of a Parquet file as text with all digits; missing values are empty.
 
+    Args:
+        path: the file.
+        names: names of the columns.
+        say: function that prints what is assumed of units.
+
     Raises:
         ParameterError: if the file cannot be read, or lacks one of the columns.
     """
@@ -506,7 +521,12 @@ def read_columns(
 
 
 def write_columns(path: Path, columns: Mapping[str, Any]) -> None:
-    """Write columns by name to a Parquet file; NaN becomes an empty value."""
+    """Write columns by name to a Parquet file; NaN becomes an empty value.
+
+    Args:
+        path: the file.
+        columns: values by the head of their column.
+    """
     with extra("tables", f"the table {path}"):
         import pyarrow
         from pyarrow import parquet
@@ -525,6 +545,10 @@ def write_columns(path: Path, columns: Mapping[str, Any]) -> None:
 def join_tables(path: Path, parts: Sequence[Path]) -> None:
     """Join Parquet files with the same columns in their order, with one of them in memory at a
     time.
+
+    Args:
+        path: the joined file.
+        parts: the files, in their order.
     """
     with extra("tables", f"the table {path}"):
         from pyarrow import parquet

@@ -82,7 +82,11 @@ class Protocol:
         }
 
     def get(self, path: str) -> Fields:
-        """Answer a GET request; RequestError for any path but ``/Info``."""
+        """Answer a GET request.
+
+        Raises:
+            RequestError: for any path but ``/Info``.
+        """
         if path != "/Info":
             raise self._unknown(path)
         return {"protocolVersion": PROTOCOL_VERSION, "models": [self.name]}
@@ -90,8 +94,13 @@ class Protocol:
     def post(self, path: str, body: bytes) -> Fields:
         """Answer a POST request.
 
-        RequestError for an unknown path or model, invalid fields, a refused point, or one without
-        an answer.
+        Args:
+            path: path of the request, such as ``/Evaluate``.
+            body: its body, JSON.
+
+        Raises:
+            RequestError: for an unknown path or model, invalid fields, a refused point, or one
+                without an answer.
         """
         if not self.supported.get(path.removeprefix("/"), True):
             raise RequestError(
@@ -264,7 +273,13 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(data)
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
-        """Send an error of HTTP itself, in the format of the protocol."""
+        """Send an error of HTTP itself, in the format of the protocol.
+
+        Args:
+            code: HTTP status.
+            message: its message; None for the usual one.
+            explain: not used.
+        """
         self.close_connection = True
         self._send(code, _described("InvalidInput", message or HTTPStatus(code).phrase))
 
@@ -318,5 +333,10 @@ class Server(ThreadingHTTPServer):
         self.url = f"http://{shown}:{self.server_address[1]}"
 
     def handle_error(self, request: object, client_address: object) -> None:
-        """Log a broken connection, not on the screen."""
+        """Log a broken connection, not on the screen.
+
+        Args:
+            request: the socket, not used.
+            client_address: address of the client.
+        """
         _log.debug("the connection of %s broke", client_address, exc_info=True)
