@@ -146,8 +146,10 @@ def _words(line: str) -> list[str]:
 
 
 def blocks(path: Path) -> Iterator[tuple[int, str, dict[str, str], list[list[str]]]]:
-    """First line number, keyword, options and data lines of each block, with included files
-    inserted.
+    """Blocks of a deck, with included files inserted.
+
+    Returns:
+        First line number, keyword, options and data lines of each block.
     """
     options: dict[str, str] = {}
     rows: list[list[str]] = []
@@ -329,8 +331,9 @@ def _members(sets: dict[str, list[int]], rows: list[list[str]], ranges: bool) ->
 
 
 def name_loaded(deck: DeckContents, block: str, rows: list[list[str]]) -> None:
-    """Name the nodes and faces that supports and loads give by numbers, so that a scene can have
-    the same ones.
+    """Name the nodes and faces that supports and loads give by numbers.
+
+    A scene can then have the same ones.
 
     Args:
         deck: the deck that is filled.
@@ -350,11 +353,11 @@ def name_loaded(deck: DeckContents, block: str, rows: list[list[str]]) -> None:
 def name_coupled(
     deck: DeckContents, block: str, options: dict[str, str], rows: list[list[str]]
 ) -> None:
-    """Name the nodes of constraints: each one of an equation, and all nodes of another constraint
-    by its block.
+    """Name the nodes of constraints.
 
-    Of a set in an equation its first node is named too, and the others, ``EQUATION:45 TOP first``
-    and ``... others``.
+    These are each node of an equation, and all nodes of another constraint by its block. Of a set
+    in an equation its first node is named too, and the others, ``EQUATION:45 TOP first`` and ``...
+    others``.
 
     Args:
         deck: the deck that is filled.
@@ -399,11 +402,10 @@ def name_coupled(
 
 
 def name_of_loaded(block: str, load: Sequence[str]) -> str:
-    """Name of the nodes or faces in a block, ``CLOAD:45``, under a load, the words after the
-    number.
+    """Name of the nodes or faces in a block under a load.
 
     Args:
-        block: keyword and line of the block.
-        load: words of the load.
+        block: keyword and line of the block, ``CLOAD:45``.
+        load: words of the load after the number.
     """
     return " ".join([block, *filter(None, load)])

@@ -9,7 +9,7 @@ from contextlib import redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass, field
 from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,6 +27,9 @@ from hhr_dolfinx.geometries.cells import (
     sides_of,
 )
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
+
+if TYPE_CHECKING:
+    import meshio
 
 Sets = dict[str | int, np.ndarray]
 Groups = list[tuple[str, tuple[int, int]]]
@@ -74,8 +77,12 @@ class Elements:
         )
 
 
-def opened(path: Path) -> Any:
-    """The mesh of meshio in a file; raise FileContentError if meshio does not know its format."""
+def opened(path: Path) -> meshio.Mesh:
+    """The mesh of meshio in a file.
+
+    Raises:
+        FileContentError: if meshio does not know its format.
+    """
     with extra("mesh", f"the mesh file {path}"):
         import meshio
     output = StringIO()
@@ -95,7 +102,11 @@ def opened(path: Path) -> Any:
 
 
 def read_by_meshio(path: Path) -> RawMesh:
-    """Read a mesh file by meshio; raise FileContentError if meshio cannot read it."""
+    """Read a mesh file by meshio.
+
+    Raises:
+        FileContentError: if meshio cannot read it, or its elements do not form a mesh.
+    """
     mesh = opened(path)
     arrays = _arrays(mesh.cell_data)
     elements = [
@@ -145,7 +156,7 @@ def whole_numbers(values: np.ndarray) -> np.ndarray | None:
     return values.astype(np.int64) if finite and bool((values == np.rint(values)).all()) else None
 
 
-def _places(sets: Mapping[str, Sequence[Any]], k: int) -> dict[str, np.ndarray]:
+def _places(sets: Mapping[str, Sequence[np.ndarray | None]], k: int) -> dict[str, np.ndarray]:
     """Indices of the elements of a block in each of the named sets of meshio."""
     return {
         name.strip(): np.asarray(rows[k], dtype=np.int64)
@@ -167,7 +178,7 @@ def _physical_names(path: Path) -> Groups:
     return [(name, (int(number), int(dim))) for dim, number, name in rows]
 
 
-def _names_of_fields(fields: Mapping[str, Any]) -> Groups:
+def _names_of_fields(fields: Mapping[str, Sequence[int]]) -> Groups:
     """Names with number and dimension from the field data of meshio."""
     groups: Groups = []
     for name, group in fields.items():
@@ -201,8 +212,9 @@ def raw_mesh(
     nodes: Mapping[str, np.ndarray] | None = None,
     left_out: Mapping[str | int, str] | None = None,
 ) -> RawMesh:
-    """Make a mesh of blocks of elements: cells of the highest dimension, their facets, and the sets
-    of both.
+    """Make a mesh of blocks of elements.
+
+    It has the cells of the highest dimension, their facets, and the sets of both.
 
     Args:
         points: coordinates, (n, 2 or 3).

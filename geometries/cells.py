@@ -188,8 +188,7 @@ def in_words(count: int, kind: str) -> str:
 
 
 def of_other_kinds(sets: Mapping[str | int, Mapping[str, int]], kept: str) -> dict[str | int, str]:
-    """Reasons why sets are no bodies, by their counts of cells of kinds that are left out of a mesh
-    of the kept one.
+    """Reasons why sets with cells of other kinds than the mesh are no bodies.
 
     Args:
         sets: number of cells of each kind that is left out, by set.

@@ -24,8 +24,7 @@ digits.
 
 
 def conforming(raw: RawMesh) -> RawMesh:
-    """The mesh with one node in the middle of each side, and with surfaces whose facets are all
-    sides of cells.
+    """The mesh with one node in the middle of each side, and surfaces of sides of cells only.
 
     Raises:
         FileContentError: for cells that have a node twice, or sides with several middle nodes at

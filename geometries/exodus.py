@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from hhr_dolfinx.geometries.cells import (
     sides_of,
 )
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
+
+if TYPE_CHECKING:
+    from netCDF4 import Dataset
 
 _KINDS = {
     "TRI": "triangle",
@@ -36,12 +39,16 @@ _SIDES = FACES | {"hexahedron": _HEX_SIDES, "tetrahedron": _TET_SIDES}
 
 
 def read_exodus(path: Path) -> RawMesh:
-    """Read the mesh of an Exodus file; raise FileContentError for several kinds of cells."""
+    """Read the mesh of an Exodus file.
+
+    Raises:
+        FileContentError: for a file without cells, or with several kinds that touch.
+    """
     with netcdf_read(path, f"the mesh file {path}") as data:
         return _read(data, path)
 
 
-def _read(data: Any, path: Path) -> RawMesh:
+def _read(data: Dataset, path: Path) -> RawMesh:
     count = len(data.dimensions["num_el_blk"])
     labels = _labels(data, "eb", count)
     blocks = [_Block.of(data, k, *labels[k - 1]) for k in range(1, count + 1)]
@@ -108,7 +115,7 @@ class _Block:
     names: tuple[str | int, ...]
 
     @classmethod
-    def of(cls, data: Any, k: int, number: int, name: str) -> _Block:
+    def of(cls, data: Dataset, k: int, number: int, name: str) -> _Block:
         """Block k = 1, 2, ... of a file; an empty one has no variable.
 
         Args:
@@ -153,7 +160,7 @@ def _kind(type_: str, count: int, dim: int) -> str:
     return _KINDS.get(type_[:3], "")
 
 
-def _points(data: Any) -> np.ndarray:
+def _points(data: Dataset) -> np.ndarray:
     """Coordinates, (nodes, dim), as one array or one for each axis."""
     if "coord" in data.variables:
         return np.asarray(data.variables["coord"][:]).T
@@ -163,7 +170,7 @@ def _points(data: Any) -> np.ndarray:
 
 
 def _side_sets(
-    data: Any, kind: str, cells: np.ndarray, row_of: np.ndarray
+    data: Dataset, kind: str, cells: np.ndarray, row_of: np.ndarray
 ) -> tuple[dict[str | int, np.ndarray], dict[str | int, str]]:
     """Corners of the facets of side sets, and reasons for side sets of other elements, which are
     left out.
@@ -192,7 +199,7 @@ def _side_sets(
     return surfaces, reasons
 
 
-def _node_sets(data: Any) -> dict[str, np.ndarray]:
+def _node_sets(data: Dataset) -> dict[str, np.ndarray]:
     count = len(data.dimensions["num_node_sets"]) if "num_node_sets" in data.dimensions else 0
     return {
         name or f"nodes {number}": np.asarray(data.variables[f"node_ns{k}"][:], dtype=np.int64) - 1
@@ -201,7 +208,7 @@ def _node_sets(data: Any) -> dict[str, np.ndarray]:
     }
 
 
-def _labels(data: Any, kind: str, count: int) -> list[tuple[int, str]]:
+def _labels(data: Dataset, kind: str, count: int) -> list[tuple[int, str]]:
     """Number and name of the blocks or sets of a kind; empty if there is no name."""
     if not count:
         return []

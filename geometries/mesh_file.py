@@ -13,7 +13,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -46,6 +46,8 @@ are mistakes.
 """
 NodesOf = Callable[[Path, np.ndarray, np.ndarray], dict[str, np.ndarray]]
 """Rows of sets of nodes by name, of a path, points and their numbers in gmsh."""
+TagsOfNames = list[tuple[str | int, tuple[int, tuple[int, ...]]]]
+"""Names with their dimension and their tags."""
 BY_GMSH = (".med", ".mmed", ".rmed", ".cgns")
 """Endings of files that gmsh reads: meshio reads MED by h5py, which is incompatible with the HDF5
 of DOLFINx.
@@ -161,7 +163,7 @@ def _advice(path: Path) -> str:
     )
 
 
-def reader_of(path: Path) -> Any:
+def reader_of(path: Path) -> Callable[[Path], RawMesh]:
     """Reader of a file by its ending.
 
     Decks of Abaqus are also found by their first word, as cgx names them .msh.
@@ -190,9 +192,7 @@ def reader_of(path: Path) -> Any:
 
 
 def begins_as_deck(path: Path) -> bool:
-    """True if the first line of a file is one of an Abaqus deck: ``*NODE``, ``*HEADING`` or a
-    comment.
-    """
+    """True if a file begins as an Abaqus deck: by ``*NODE``, ``*HEADING`` or a comment."""
     with path.open("rb") as file:
         start = file.read(4096).lstrip().upper()
     return start.startswith((b"**", b"*NODE", b"*HEADING", b"*INCLUDE", b"*PART"))
@@ -307,7 +307,7 @@ def _joined(entities: list[Entity], width: int) -> tuple[np.ndarray, dict[str | 
     return all_corners, numbered if len(tags) > 1 else {1: np.arange(len(all_corners)), **numbered}
 
 
-def _arrays(raw: RawMesh, scale: float) -> tuple[tuple[np.ndarray, ...], Any]:
+def _arrays(raw: RawMesh, scale: float) -> tuple[tuple[np.ndarray, ...], TagsOfNames]:
     """Points, cells, tagged cells and facets with their tags, and the names of tags."""
     bodies = ItemNumbers.of(raw.bodies, len(raw.cells))
     facets, surfaces = facets_by_number(raw)

@@ -86,8 +86,9 @@ class RawMesh:
         return surfaces
 
     def once(self) -> RawMesh:
-        """The mesh with each cell once: files of gmsh before version 4 have a cell once for each of
-        its groups.
+        """The mesh with each cell once.
+
+        Files of gmsh before version 4 have a cell once for each of its groups.
         """
         _, first, which = np.unique(
             np.sort(self.cells, axis=1), axis=0, return_index=True, return_inverse=True
@@ -199,10 +200,13 @@ class ItemNumbers:
 
     @classmethod
     def of(cls, sets: Mapping[str | int, np.ndarray], count: int) -> ItemNumbers:
-        """Number the items of sets of indices among ``count`` items: items that are in the same
-        sets share a number.
+        """Number the items of sets: items that are in the same sets share a number.
 
         Items that are in one set only have its number, if the set has one.
+
+        Args:
+            sets: indices of the items of each set, by name or number.
+            count: number of all items.
         """
         names = list(sets)
         members_of = np.zeros((count, len(names)), dtype=bool)

@@ -86,12 +86,14 @@ def sphere_on_block(
 
 
 def indentation_cells(count: int) -> dict[str, tuple[int, int]]:
-    """Cells for a soft block under a stiffer sphere, from one number, the cells of the block along
-    x and y.
+    """Cells for a soft block under a stiffer sphere, from one number.
 
     The block has finer cells than the sphere, since its strains are larger. With ``count`` in (10,
     14, 19, 25, 33) the bodies have 3500, 8200, 20,000, 44,000 and 97,000 unknowns, and the block
     (count + 1)^2 nodes on its top.
+
+    Args:
+        count: cells of the block along x and y, at least 4.
 
     Returns:
         The options ``sphere_cells`` and ``block_cells`` of :func:`sphere_on_block`.

@@ -58,8 +58,9 @@ class Command:
         return tuple(entry for entry in entries if isinstance(entry, str))
 
     def numbers(self, name: str) -> tuple[float, ...] | None:
-        """Number or numbers of a keyword; None if the file has others, or does not have the
-        keyword.
+        """Number or numbers of a keyword.
+
+        None if the file has other values, or does not have the keyword.
         """
         value = self.words.get(name)
         values = [number(word) for word in (value if isinstance(value, tuple) else (value,))]
@@ -173,9 +174,7 @@ class _Names:
                 }
 
     def value(self, node: ast.AST | None) -> object:
-        """Value of a literal, of a sum or product of such, or of a command; None for anything
-        else.
-        """
+        """Value of a literal, of a sum or product of literals, or of a command; otherwise None."""
         match node:
             case ast.Constant(value=value):
                 return value
@@ -245,8 +244,7 @@ def _changed(node: ast.AST) -> Iterator[str]:
 
 
 def admitted(command: Command, name: str) -> Command:
-    """Command, or the factor ``COMMAND/FACTOR``, with the keywords that the table of its name
-    reads.
+    """Command or factor with the keywords that the table of its name reads.
 
     Args:
         command: the command or factor, with all of its keywords.

@@ -66,8 +66,7 @@ def start(file: Path, to: Path | None, mesh: Path | None, force: bool) -> None:
 
 
 def deck_of(path: Path, mesh: Path | None = None) -> Deck:
-    """Contents of a deck, of a command file of code_aster with its mesh, or of a mesh without
-    physics.
+    """Contents of a deck, of a command file of code_aster, or of a mesh without physics.
 
     Args:
         path: the deck, the command file, or the mesh.

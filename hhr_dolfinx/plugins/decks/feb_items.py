@@ -39,8 +39,9 @@ class Item:
 
 
 def tree_of(path: Path) -> Item:
-    """Root of a file; FileContentError comes before, from the reader of its mesh, which refuses a
-    DOCTYPE too.
+    """Root of a file that the reader of its mesh has read without an error.
+
+    That reader refuses a DOCTYPE too.
     """
     open_elements = [Item("", {}, 0)]
     parser = expat.ParserCreate()

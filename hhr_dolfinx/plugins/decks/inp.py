@@ -60,8 +60,7 @@ def read_inp(
     nodes: DeckNodes,
     unread: Sequence[Left] = (),
 ) -> Deck:
-    """Read bodies, supports, loads and contacts of the blocks of a deck, of which some options are
-    not read.
+    """Read bodies, supports, loads and contacts of a deck.
 
     Args:
         path: the deck.

@@ -172,8 +172,9 @@ class DeckEquations:
         return len(set(orders)) < 2
 
     def forces(self, item: Imposed) -> list[tuple[Tag, int, float]] | None:
-        """Forces on nodes of cells of a force on a node without cells: None if no equation has
-        it.
+        """Forces on nodes of cells by a force on a node without cells.
+
+        None if no equation has the node.
         """
         node = self.nodes.single(item.row[0])
         solved = self.known.get((node, item.component)) if node is not None else None

@@ -19,8 +19,9 @@ class DeckNodes:
     deck: DeckContents
 
     def numbers(self, word: str) -> tuple[int, ...]:
-        """Nodes of a set, or one by its number, ``7`` or ``Instance.7``; empty if there are
-        none.
+        """Nodes of a set, or one by its number, ``7`` or ``Instance.7``.
+
+        Empty if there are none.
         """
         name = word.upper()
         if name in self.deck.node_sets:

@@ -136,10 +136,10 @@ class DeckStep:
 
     @property
     def sudden(self) -> bool:
-        """True if loads without an amplitude are there at once, not in proportion to the time of
-        the step.
+        """True if loads without an amplitude act at once, not in proportion to the time of the
+        step.
 
-        So they are in a *VISCO, if its *STEP does not say RAMP.
+        So they do in a *VISCO, if its *STEP does not say RAMP.
         """
         kind = self.blocks[0].word("AMPLITUDE") or (
             "STEP" if of_kind(self.blocks, "VISCO") else "RAMP"
@@ -182,12 +182,11 @@ def steps_of(blocks: Sequence[KeywordBlock]) -> list[DeckStep]:
 def state_after(
     step: DeckStep, before: State, curves: Mapping[str, KeywordBlock], time: float = math.inf
 ) -> State:
-    """Supports and loads after a step, or at a time in it at which amplitudes are those of the
-    time.
+    """Supports and loads after a step, or at a time in it.
 
-    Rows replace those of earlier steps of the same quantity but FIXED ones; loads of one step add
-    up, and of supports the last one holds. Rows of earlier steps keep their values, or follow their
-    amplitudes of the time of all steps.
+    Amplitudes have their values at this time. Rows replace those of earlier steps of the same
+    quantity but FIXED ones; loads of one step add up, and of supports the last one holds. Rows of
+    earlier steps keep their values, or follow their amplitudes of the time of all steps.
 
     Args:
         step: the step.

@@ -74,12 +74,14 @@ def heated_of(
 
 
 def distribution(path: Path, tag: Tag) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of the cells of a body of a deck, (c, k, 3), and their rises over the largest of the
-    deck, (c, k).
+    """Distribution of the temperature rise of a body of a deck.
 
     Args:
         path: the deck.
         tag: name of the body.
+
+    Returns:
+        Corners of its cells, (c, k, 3), and their rises over the largest of the deck, (c, k).
     """
     nodes = DeckNodes(flat_deck(path))
     blocks = blocks_of(path)[0]

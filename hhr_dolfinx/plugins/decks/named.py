@@ -33,8 +33,9 @@ class NamedParts:
 
     @cached_property
     def surfaces(self) -> dict[Tag, np.ndarray]:
-        """Corners of the facets of surfaces and of sets of nodes that hold whole facets, (f, k), by
-        name.
+        """Corners of the facets of surfaces, (f, k), by name.
+
+        Sets of nodes that hold whole facets are surfaces too.
         """
         return self.raw.all_surfaces()
 
@@ -168,10 +169,9 @@ class NamedParts:
     def out_of_reach(
         self, supports: Sequence[Support], among: Container[Tag] | None = None
     ) -> tuple[Pair, ...]:
-        """A rigid plane that no body reaches: a scene needs a contact pair, and a file may have
-        none.
+        """A rigid plane that no body reaches, for a file without a contact pair.
 
-        It faces a flat surface, or the outside of all bodies.
+        A scene needs a pair. The plane faces a flat surface, or the outside of all bodies.
 
         Args:
             supports: supports; the plane faces a surface that they do not hold.

@@ -53,8 +53,9 @@ class Proposed:
         )
 
     def at(self, number: int) -> str:
-        """Value at a time of the history, as text of Python: a number, or a formula if it is
-        free.
+        """Value at a time of the history, as text of Python.
+
+        A number, or a formula if the parameter is free.
         """
         fraction = self.course[number]
         if not (self.free and fraction):
@@ -68,12 +69,11 @@ class Proposed:
 
 
 def proposed(deck: Deck) -> tuple[Proposed, ...]:
-    """Parameters, one for each block of the deck: preloads, loads, imposed displacements and gaps,
-    then moduli.
+    """Parameters of a scene, one for each block of the deck.
 
-    Moduli are parameters only without others: models of them are larger, and none is exact for a
-    body that contact alone holds. Along a history further parameters drive what changes beside
-    them.
+    Preloads, loads, imposed displacements and gaps come first. Moduli are parameters only without
+    others: models of them are larger, and none is exact for a body that contact alone holds. Along
+    a history further parameters drive other quantities that change.
     """
     groups = _groups(deck)
     chosen = groups[:MOST_PARAMETERS]

@@ -31,8 +31,10 @@ def plane_through(points: np.ndarray, sweep: bool) -> tuple[np.ndarray, np.ndarr
 
 
 def planes_of(path: Path) -> tuple[dict[str, Plane], tuple[str, ...]]:
-    """Flat surfaces of a mesh file with nodes of no cell, by name in capitals, and names of curved
-    ones.
+    """Flat surfaces of a mesh file with nodes of no cell, by name in capitals.
+
+    Returns:
+        The planes, and the names of curved surfaces.
 
     Raises:
         FileContentError: for a file that cannot be read.

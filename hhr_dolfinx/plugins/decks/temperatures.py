@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from dolfinx import fem
@@ -14,6 +14,9 @@ from ufl.domain import extract_unique_domain
 
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.parameters import Tag
+
+if TYPE_CHECKING:
+    from ufl.core.expr import Expr
 
 SAME_MIDPOINT = 1e-6
 """Distance over the size of the body up to which middles of cells of the mesh and of the deck are
@@ -41,7 +44,7 @@ class DeckTemperatures:
     tag: Tag
     scale: float = 1.0
 
-    def __call__(self, x: Any) -> Any:
+    def __call__(self, x: Expr) -> fem.Function:
         """Field at the UFL coordinates ``x``, a function of the mesh that is 0 in other bodies.
 
         Raises:

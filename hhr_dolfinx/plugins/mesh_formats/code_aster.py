@@ -24,7 +24,11 @@ _OTHERS = ("TITRE", "TRIA7", "SEG4", "PENTA18", "PENTA21", "PYRAM19", "TETRA15",
 
 
 def read_mail(path: Path) -> RawMesh:
-    """Read a file; raise FileContentError, with the line, for a damaged one."""
+    """Read a mesh file of code_aster.
+
+    Raises:
+        FileContentError: with the line, for a damaged file.
+    """
     contents = Contents()
     with contents.reading(path) as lines:
         # NOM = A is one word, and comments begin with %

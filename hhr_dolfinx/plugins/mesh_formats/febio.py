@@ -22,10 +22,12 @@ _KINDS = dict(
 
 
 def read_feb(path: Path) -> RawMesh:
-    """Read a file; raise FileContentError, with the line, for a damaged one, or a mesh in another
-    file.
+    """Read a file of FEBio.
 
     A DOCTYPE is refused: entities that it declares may expand to gigabytes, or read other files.
+
+    Raises:
+        FileContentError: with the line, for a damaged file, or a mesh in another file.
     """
     contents = Contents()
     parser = expat.ParserCreate()

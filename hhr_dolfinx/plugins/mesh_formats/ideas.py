@@ -38,10 +38,13 @@ edges, then the top.
 
 
 def read_unv(path: Path) -> RawMesh:
-    """Read a file; raise FileContentError, with the line, for a damaged one.
+    """Read a universal file.
 
     Groups are bodies, surfaces and sets of nodes by name. Elements of a dimension of which no group
     has any belong to the numbers of their physical properties.
+
+    Raises:
+        FileContentError: with the line, for a damaged file.
     """
     contents = Contents()
     properties: dict[str, int] = {}

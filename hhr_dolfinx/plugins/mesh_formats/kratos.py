@@ -18,9 +18,12 @@ _NUMBERED = ("Elements", "Conditions", "Geometries")
 
 
 def read_mdpa(path: Path) -> RawMesh:
-    """Read a file; raise FileContentError, with the line, for a damaged one.
+    """Read a mesh file of Kratos.
 
     A part within another one is ``Outer.Inner``, and ``Inner`` too if no other part is called so.
+
+    Raises:
+        FileContentError: with the line, for a damaged file.
     """
     contents = Contents()
     with contents.reading(path) as lines:

@@ -17,7 +17,11 @@ Rows = list[tuple[int, str]]  # with their lines
 
 
 def read_keywords(path: Path) -> RawMesh:
-    """Read a file with its includes; raise FileContentError, with the line, for a damaged one."""
+    """Read a keyword file with its includes.
+
+    Raises:
+        FileContentError: with the line, for a damaged file.
+    """
     contents = Contents()
     titles: dict[int, str] = {}
     _read(contents, titles, path)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,11 +12,15 @@ from hhr_dolfinx.compat import netcdf_read
 from hhr_dolfinx.geometries.mesh_file import read_by_gmsh
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
+if TYPE_CHECKING:
+    from netCDF4 import Dataset
+
 
 def read_med(path: Path) -> RawMesh:
     """Read a file of Salome, code_aster or gmsh.
 
-    Raise FileContentError for one without cells of one kind.
+    Raises:
+        FileContentError: for a file without cells of one kind.
     """
     return read_by_gmsh(path, groups_of_nodes)
 
@@ -42,7 +46,7 @@ def groups_of_nodes(path: Path, points: np.ndarray, numbers: np.ndarray) -> dict
     return {name: order[rows] for name, rows in families.items()}
 
 
-def _families_of_nodes(data: Any, points: np.ndarray) -> dict[str, np.ndarray]:
+def _families_of_nodes(data: Dataset, points: np.ndarray) -> dict[str, np.ndarray]:
     meshes = data["ENS_MAA"].groups if "ENS_MAA" in data.groups else {}
     for name, mesh in meshes.items():
         # a mesh without or with time steps

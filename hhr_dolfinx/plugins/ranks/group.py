@@ -20,7 +20,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, vstack
 
 from hhr_dolfinx.errors import RankError, class_of
-from hhr_dolfinx.group import ProcessGroup, share
+from hhr_dolfinx.group import ProcessGroup, T, share
 from hhr_dolfinx.plugins.ranks.rows import RowsOfRanks
 from hhr_dolfinx.plugins.ranks.shared import SharedCholesky
 
@@ -54,9 +54,9 @@ class Ranks(ProcessGroup):
         self.size = comm.size
         self.number = comm.rank
 
-    def gathered(self, value: Any) -> list[Any]:
+    def gathered(self, value: T) -> list[T]:
         """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
-        values: list[Any] = self.comm.allgather(value)
+        values: list[T] = self.comm.allgather(value)
         return values
 
     def joined(self, values: np.ndarray) -> np.ndarray:
@@ -67,11 +67,11 @@ class Ranks(ProcessGroup):
         """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
         return csr_matrix(vstack(self.comm.allgather(rows)))
 
-    def total(self, value: Any) -> Any:
+    def total(self, value: T) -> T:
         """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
         return self.comm.allreduce(value)
 
-    def from_first(self, value: Any) -> Any:
+    def from_first(self, value: T) -> T:
         """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
         return self.comm.bcast(value)
 
@@ -90,7 +90,7 @@ class Ranks(ProcessGroup):
             failure = error
         self._exchanged(task, failure, None)
 
-    def _exchanged(self, task: str, failure: BaseException | None, value: Any) -> list[Any]:
+    def _exchanged(self, task: str, failure: BaseException | None, value: T) -> list[T]:
         """Value of each rank; if one has failed, all raise."""
         words = None if failure is None else (type(failure).__name__, _text(failure))
         reports = self.comm.allgather((words, value))
@@ -134,7 +134,7 @@ class Ranks(ProcessGroup):
                 "MPI.COMM_SELF)"
             )
 
-    def in_step(self, items: Callable[[], Iterable[Any]], task: str) -> Iterator[Any]:
+    def in_step(self, items: Callable[[], Iterable[T]], task: str) -> Iterator[T]:
         """See :class:`~hhr_dolfinx.group.ProcessGroup`.
 
         Args:
@@ -164,8 +164,10 @@ class Ranks(ProcessGroup):
 
     @contextmanager
     def together(self, task: str) -> Iterator[None]:
-        """See :class:`~hhr_dolfinx.group.ProcessGroup`; an error on every rank is raised on
-        every rank."""
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`.
+
+        An error on every rank is raised on every rank.
+        """
         # a separate communicator, so that votes do not mix with messages of the block
         votes = self.comm.Dup()
         try:
@@ -208,7 +210,7 @@ class Ranks(ProcessGroup):
         Event().wait(_FORWARDED)
         self.comm.Abort(code)
 
-    def shared_out(self, count: int, work: Callable[[int], Any], task: str) -> list[Any]:
+    def shared_out(self, count: int, work: Callable[[int], T], task: str) -> list[T]:
         """See :class:`~hhr_dolfinx.group.ProcessGroup`.
 
         Args:
@@ -253,10 +255,10 @@ class Ranks(ProcessGroup):
 
         Args:
             matrix: the matrix, (N, N).
-            free: True for free dofs, (N,).
+            free: dofs that are not imposed, (N,) bool.
             scene: name of the scene, for messages.
             low_rank: precision of compressed blocks; None for exact factors.
-            last: dofs that are eliminated last; None for none.
+            last: dofs between which the inverse is needed, increasing, (n,); None for none.
             rows: range of the local rows; None for equal shares.
         """
         return SharedCholesky.of(

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import linalg
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, spmatrix
 
 from hhr_dolfinx.errors import RankError
-from hhr_dolfinx.linear.rows import Rows
+from hhr_dolfinx.linear.rows import Rows, T
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
@@ -89,7 +89,7 @@ class RowsOfRanks(Rows):
         value, index = max(self.comm.allgather(best))
         return -index, value
 
-    def first(self, value: object) -> Any:
+    def first(self, value: T) -> T:
         """See :class:`Rows`."""
         return self.comm.bcast(value)
 
@@ -135,8 +135,10 @@ class RowsOfRanks(Rows):
         return ModesOfRows(problem, basis, sets)
 
     def check(self, table: np.ndarray) -> None:
-        """Raise RankError for a table, (n, ...), that does not have the local rows. Not
-        collective.
+        """Check that a table, (n, ...), has the local rows. Not collective.
+
+        Raises:
+            RankError: for a table of another length.
         """
         count = self.own.stop - self.own.start
         if len(table) != count:
@@ -258,7 +260,7 @@ class ModesOfRows:
             product[:, panel] = self._test.T @ (matrix @ self._basis[:, panel])
         return self._rows.sum(product)
 
-    def tested(self, columns: object) -> np.ndarray:
+    def tested(self, columns: np.ndarray | spmatrix) -> np.ndarray:
         """Columns of dofs, dense or sparse, (N, k), tested by the modes: (ell, k)."""
         local = csr_matrix(columns)[self._rows.own][self._inside]
         return self._rows.sum(np.ascontiguousarray((local.T @ self._test).T))

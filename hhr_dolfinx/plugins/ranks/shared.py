@@ -54,11 +54,11 @@ class SharedCholesky:
 
         Args:
             stiffness: K, with all rows on each rank.
-            free: True for free dofs, (N,).
+            free: dofs that are not imposed, (N,) bool.
             scene: name of the scene, for messages.
             comm: MPI communicator.
             low_rank: precision of compressed blocks; None for exact factors.
-            last: dofs that are eliminated last; None for none.
+            last: dofs between which K^-1 is needed, increasing, (n,); None for none.
             rows: range of the local rows; None for equal shares.
         """
         if rows is None:
@@ -88,8 +88,9 @@ class SharedCholesky:
         self._factored = stiffness
 
     def between_last(self, rows: csr_matrix) -> np.ndarray | None:
-        """Product rows K^-1 rows^T, (m, m), of rows, (m, N); see
-        :meth:`FreeCholesky.between_last`.
+        """Product rows K^-1 rows^T, (m, m), of rows, (m, N).
+
+        See :meth:`FreeCholesky.between_last`.
         """
         return self._factors.between_last(rows[:, self.rows])
 

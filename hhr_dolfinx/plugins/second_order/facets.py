@@ -82,8 +82,9 @@ class QuadraticFacets:
 
     @property
     def parts(self) -> int:
-        """Number of flat parts of a facet: part p of facet f is facet f parts + p of the
-        surface.
+        """Number of flat parts of a facet.
+
+        Part p of facet f is facet f parts + p of the surface.
         """
         return len(FLAT_PARTS[self.nodes.shape[1]])
 
@@ -124,12 +125,14 @@ class QuadraticFacets:
         return csr_matrix(total)
 
     def sag_shares(self, outward: np.ndarray) -> np.ndarray:
-        """Deviation of flat parts from the smooth surface over that of flat facets with their
-        normals, (f, dim): (f,).
+        """Deviation of flat parts from the smooth surface over that of flat facets, (f,).
 
         Flat parts of a facet of second order with straight sides deviate four times as much: each
         is half of it. Curved sides are parabolas, which deviate from an arc by the square of the
         angle between the parts.
+
+        Args:
+            outward: normals of the flat parts, (f, dim).
         """
         normals = outward.reshape(-1, self.parts, outward.shape[1])
         cosines = np.einsum("fpd,fqd->fpq", normals, normals).min(axis=(1, 2))
@@ -181,12 +184,11 @@ class QuadraticFacets:
         )
 
     def shared(self, surface: Surface, normals: np.ndarray, nodes: np.ndarray) -> csr_matrix:
-        """Matrix that shares the functions psi_j of nodes with imposed displacements among their
-        neighbours, (n, n).
+        """Matrix that shares functions psi_j among free neighbours, (n, n).
 
-        With one function for each node conditions would be dependent if some displacements are
-        imposed, as at the end of a mortar surface. The matrix is the identity if all ``nodes`` with
-        conditions are free, or none is.
+        Functions of nodes with imposed displacements are shared. With one function for each node
+        conditions would be dependent if some displacements are imposed, as at the end of a mortar
+        surface. The matrix is the identity if all ``nodes`` with conditions are free, or none is.
 
         Args:
             surface: the slave surface.

@@ -78,8 +78,10 @@ class Untangled(MeshFile):
             )
 
     def read(self) -> RawMesh:
-        """See :class:`MeshFile`; FileContentError for cells that are folded by their corners
-        alone.
+        """See :class:`MeshFile`.
+
+        Raises:
+            FileContentError: for cells that are folded by their corners alone.
         """
         raw = self.mesh.read() if isinstance(self.mesh, MeshFile) else super().read()
         if raw.sides is None:

@@ -4,7 +4,7 @@ call.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,10 +14,14 @@ from hhr_dolfinx.parameters import PointsLike, named_values
 from hhr_dolfinx.plugins.tables.batch import answer_points
 from hhr_dolfinx.plugins.tables.tables import columns_of
 
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+
 
 def to_pandas(
     model: AnsweringModel, points: PointsLike, *, outside: str = "refuse", forces: bool = False
-) -> Any:
+) -> pandas.DataFrame:
     """Answer a table of points in a data frame with a row for each point.
 
     Args:
@@ -43,7 +47,9 @@ def to_pandas(
     return pandas.DataFrame(parameters | {"status": answers.status} | columns_of(answers, forces))
 
 
-def to_xarray(model: AnsweringModel, points: PointsLike, *, outside: str = "refuse") -> Any:
+def to_xarray(
+    model: AnsweringModel, points: PointsLike, *, outside: str = "refuse"
+) -> xarray.Dataset:
     """Answer a table of points in a data set with the dimensions ``point`` and ``condition``.
 
     Args:

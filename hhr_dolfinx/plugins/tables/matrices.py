@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import linalg
@@ -26,6 +26,10 @@ from hhr_dolfinx.models.functionals.kinds import Largest, Linear
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.parameters import ParameterSpace, as_tuple, is_number
 
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+    from scipy.sparse import spmatrix
+
 STATUS_POINTS = 64
 """Points at which initial statuses are computed."""
 PIVOT = 1e-14
@@ -38,19 +42,20 @@ have them.
 
 def condense_matrices(
     parameters: ParameterSpace,
-    stiffness: object,
-    contact: object,
-    loads: object,
-    gaps: object,
+    stiffness: ArrayLike | spmatrix,
+    contact: ArrayLike | spmatrix,
+    loads: ArrayLike | spmatrix,
+    gaps: ArrayLike | spmatrix,
     amplitudes: Sequence[str | float | Amplitude],
     *,
-    areas: object = None,
-    pairs: object = None,
-    displacement_outputs: Mapping[str, Any] | None = None,
-    force_outputs: Mapping[str, Any] | None = None,
+    areas: ArrayLike | None = None,
+    pairs: ArrayLike | None = None,
+    displacement_outputs: Mapping[str, ArrayLike] | None = None,
+    force_outputs: Mapping[str, ArrayLike] | None = None,
 ) -> CondensedModel:
-    """Condense  K u + B^T λ = F(μ),  B u <= g(μ),  λ >= 0,  λ·(B u - g) = 0,  thesis (1.21), from
-    its matrices.
+    """Condense a contact problem from its matrices, thesis (1.21).
+
+        K u + B^T λ = F(μ),  B u <= g(μ),  λ >= 0,  λ·(B u - g) = 0.
 
     K is constant and without imposed dofs; loads and gaps are sums of columns times amplitudes,
 
@@ -101,7 +106,10 @@ def condense_matrices(
 
 
 def _started(
-    parameters: ParameterSpace, eliminated: ConstantElimination, fields: Any, pairs: Any
+    parameters: ParameterSpace,
+    eliminated: ConstantElimination,
+    fields: ExactFields,
+    pairs: np.ndarray | None,
 ) -> CondensedModel:
     """Make the model, with initial statuses from solutions without any."""
     nothing = KnownStatuses(parameters.middle[None], np.zeros((1, fields.conditions), dtype=bool))
@@ -113,7 +121,7 @@ def _started(
     return CondensedModel(parameters, eliminated, statuses or nothing, fields, pairs)
 
 
-def _matrix(name: str, value: Any) -> csc_matrix:
+def _matrix(name: str, value: ArrayLike | spmatrix) -> csc_matrix:
     """A sparse matrix of real numbers, from anything that SciPy can convert."""
     try:
         matrix = csc_matrix(value)
@@ -124,7 +132,7 @@ def _matrix(name: str, value: Any) -> csc_matrix:
         raise SceneError(f"{name} must be a matrix of real numbers, sparse or dense") from None
 
 
-def _pairs(value: object, conditions: int) -> np.ndarray:
+def _pairs(value: ArrayLike, conditions: int) -> np.ndarray:
     """Numbers of contact pairs, checked to be integers from 0 on, (m,)."""
     numbers = _array("pairs", value, (conditions,))
     if (numbers != np.floor(numbers)).any() or numbers.min() < 0 or numbers.max() >= conditions:
@@ -175,9 +183,9 @@ def _check(stiffness: csc_matrix, contact: csc_matrix) -> None:
 
 def _terms(
     parameters: ParameterSpace,
-    amplitudes: Sequence[Any],
-    loads: object,
-    gaps: object,
+    amplitudes: Sequence[str | float | Amplitude],
+    loads: ArrayLike | spmatrix,
+    gaps: ArrayLike | spmatrix,
     sizes: tuple[int, int],
 ) -> tuple[Amplitudes, np.ndarray, np.ndarray]:
     """Amplitudes in the order of a model, affine ones first.
@@ -253,24 +261,30 @@ def _check_definite(schur: np.ndarray) -> None:
 
 
 def _outputs(
-    size: int, conditions: int, areas: Any, displacements: Any, forces: Any
+    size: int,
+    conditions: int,
+    areas: ArrayLike | None,
+    displacements: Mapping[str, ArrayLike] | None,
+    forces: Mapping[str, ArrayLike] | None,
 ) -> tuple[Functional, ...]:
-    displacements, forces = ({} if rows is None else rows for rows in (displacements, forces))
-    for rows in (displacements, forces):
-        if not isinstance(rows, Mapping) or not all(
-            isinstance(name, str) and name for name in rows
+    displacements, forces = (
+        {} if by_name is None else by_name for by_name in (displacements, forces)
+    )
+    for by_name in (displacements, forces):
+        if not isinstance(by_name, Mapping) or not all(
+            isinstance(name, str) and name for name in by_name
         ):
             raise SceneError(
-                f"outputs must be arrays by name, {{'force': [1.0, ...]}}, and are {rows!r}"
+                f"outputs must be arrays by name, {{'force': [1.0, ...]}}, and are {by_name!r}"
             )
     functionals: list[Functional] = []
     if areas is not None:
-        rows = _array("areas", areas, (conditions,))
-        if not (rows > 0).all():
+        checked = _array("areas", areas, (conditions,))
+        if not (checked > 0).all():
             raise SceneError("areas must be positive")
         nowhere = np.zeros(0, dtype=np.int64)
         functionals.append(
-            Largest("peak", "", 0, nowhere, nowhere, np.zeros(0), np.arange(conditions), rows)
+            Largest("peak", "", 0, nowhere, nowhere, np.zeros(0), np.arange(conditions), checked)
         )
     for name, row in displacements.items():
         functionals.append(

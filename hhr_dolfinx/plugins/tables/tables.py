@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from hhr_dolfinx.plugins.tables.batch import OK, Answers, Progress, Query
 from hhr_dolfinx.timing import timed
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
     from rich.console import Console
 
 PARQUET = ".parquet"
@@ -173,8 +174,9 @@ def answer_table(
     forces: bool = True,
     resume: str | None = None,
 ) -> int:
-    """Answer a table on all ranks into a file, CSV or Parquet, and print the bad rows with their
-    reasons.
+    """Answer a table on all ranks into a file, CSV or Parquet.
+
+    Bad rows are printed with their reasons.
 
     Args:
         model: see :func:`~hhr_dolfinx.plugins.tables.batch.answer_points`.
@@ -364,8 +366,10 @@ class _Blocks:
                 json.dump([bad, sums, checksum(self._answers(number))], file)
 
     def join(self) -> tuple[list[tuple[int, str]], dict[str, float]]:
-        """Make one file of all blocks; return the bad rows with their reasons, and sums of further
-        columns by head.
+        """Make one file of all blocks.
+
+        Returns:
+            The bad rows with their reasons, and sums of further columns by head.
         """
         files = [self._answers(number) for number in range(len(self))]
         if self.path.suffix == PARQUET:
@@ -414,7 +418,11 @@ def write_answers(
 
 
 def _write_csv(
-    path: str | Path, head: list[str], answers: Answers, cells: Any, columns: dict[str, np.ndarray]
+    path: str | Path,
+    head: list[str],
+    answers: Answers,
+    cells: Sequence[Sequence[str]] | None,
+    columns: dict[str, np.ndarray],
 ) -> None:
     rows = answers.points.tolist() if cells is None else cells
     numbers = np.column_stack(list(columns.values()))
@@ -520,7 +528,7 @@ def read_columns(
     ]
 
 
-def write_columns(path: Path, columns: Mapping[str, Any]) -> None:
+def write_columns(path: Path, columns: Mapping[str, ArrayLike]) -> None:
     """Write columns by name to a Parquet file; NaN becomes an empty value.
 
     Args:
@@ -543,8 +551,9 @@ def write_columns(path: Path, columns: Mapping[str, Any]) -> None:
 
 
 def join_tables(path: Path, parts: Sequence[Path]) -> None:
-    """Join Parquet files with the same columns in their order, with one of them in memory at a
-    time.
+    """Join Parquet files with the same columns in their order.
+
+    One of them is in memory at a time.
 
     Args:
         path: the joined file.
