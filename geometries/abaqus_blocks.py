@@ -86,18 +86,23 @@ class DeckContents:
 
         Empty without the set.
         """
-        found = dict.fromkeys(self.node_sets.get(name, ()))
-        return list(found) if name in self.unsorted else sorted(found)
+        nodes = dict.fromkeys(self.node_sets.get(name, ()))
+        return list(nodes) if name in self.unsorted else sorted(nodes)
 
     def named(self, kind: str, name: str) -> str:
-        """A name in capitals, as Abaqus compares them."""
+        """A name in capitals, as Abaqus compares them.
+
+        Args:
+            kind: kind of the set: ``nset``, ``elset``, ``surface`` or ``part``.
+            name: the name as written; the first spelling is kept.
+        """
         self.spelling.setdefault((kind, name.upper()), name)
         return name.upper()
 
     def label(self, number: int) -> str:
         """A node or element as it is called in the file: ``7``, or ``Instance.7``."""
-        instance, own = divmod(number, STRIDE)
-        return f"{self.instances[instance - 1]}.{own}" if instance else str(own)
+        instance, local = divmod(number, STRIDE)
+        return f"{self.instances[instance - 1]}.{local}" if instance else str(local)
 
 
 def _lines(path: Path, above: tuple[Path, ...] = ()) -> Iterator[tuple[int, str]]:
@@ -108,39 +113,43 @@ def _lines(path: Path, above: tuple[Path, ...] = ()) -> Iterator[tuple[int, str]
     FileContentError for an included file that does not exist, or includes itself.
     """
     text = path.read_text(encoding="utf-8-sig", errors="replace")
-    kept = [(number, line.strip()) for number, line in enumerate(text.splitlines(), start=1)]
-    lines = iter([(number, line) for number, line in kept if line and not line.startswith("**")])
+    numbered = [(number, line.strip()) for number, line in enumerate(text.splitlines(), start=1)]
+    lines = iter(
+        [(number, line) for number, line in numbered if line and not line.startswith("**")]
+    )
     for number, line in lines:
         while line.startswith("*") and line.endswith(","):
             line += next(lines, (0, "*"))[1]
-        found = line.startswith("*") and re.search(r",\s*INPUT\s*=\s*([^,]*)", line, re.IGNORECASE)
+        source = line.startswith("*") and re.search(r",\s*INPUT\s*=\s*([^,]*)", line, re.IGNORECASE)
         include = re.match(r"\*\s*INCLUDE\b", line, re.IGNORECASE)
         if not include:
             yield number, line
-        if found:
+        if source:
             # of *NODE, *ELEMENT and others the file holds the data
-            other = path.parent / found[1].strip().strip('"').replace("\\", "/")
-            if not other.is_file() or other in (path, *above):
-                why = (
+            included = path.parent / source[1].strip().strip('"').replace("\\", "/")
+            if not included.is_file() or included in (path, *above):
+                reason = (
                     "includes itself"
-                    if other.is_file()
+                    if included.is_file()
                     else "does not exist: put it there, or name its path"
                 )
                 raise FileContentError(
-                    f"{path.name}:{number} {line.partition(',')[0]}: the file {other} {why}"
+                    f"{path.name}:{number} {line.partition(',')[0]}: the file {included} {reason}"
                 )
-            yield from _lines(other, (path, *above))
+            yield from _lines(included, (path, *above))
 
 
 def _words(line: str) -> list[str]:
     """Words of a line between commas, without the quotes of names, as in ``"an instance".set``."""
-    found = re.findall(r'((?:"[^"]*"|[^,"])*)(?:,|$)', line)
-    return [word.strip().replace('"', "") for word in found][: line.count(",") + 1]
+    matched = re.findall(r'((?:"[^"]*"|[^,"])*)(?:,|$)', line)
+    return [word.strip().replace('"', "") for word in matched][: line.count(",") + 1]
 
 
 def blocks(path: Path) -> Iterator[tuple[int, str, dict[str, str], list[list[str]]]]:
-    """First line number, keyword, options and data lines of each block, with included files
-    inserted.
+    """Blocks of a deck, with included files inserted.
+
+    Returns:
+        First line number, keyword, options and data lines of each block.
     """
     options: dict[str, str] = {}
     rows: list[list[str]] = []
@@ -174,7 +183,18 @@ def blocks(path: Path) -> Iterator[tuple[int, str, dict[str, str], list[list[str
 
 
 def take(deck: DeckContents, keyword: str, options: dict[str, str], rows: list[list[str]]) -> None:
-    """Add a block to a deck; blocks that are not part of a mesh are skipped."""
+    """Add a block to a deck; blocks that are not part of a mesh are skipped.
+
+    Args:
+        deck: the deck that is filled.
+        keyword: keyword of the block in capitals, without its star.
+        options: options of the block, by name in capitals.
+        rows: words of the data lines of the block.
+
+    Raises:
+        ValueError: for a block that is damaged, or not supported.
+        KeyError: for an option that is missing.
+    """
     if keyword == "NODE":
         system = options.get("SYSTEM", "R").upper()
         deck.nodes |= {int(row[0]): _place(row[1:4], system) for row in rows}
@@ -236,8 +256,8 @@ def _surface(deck: DeckContents, options: dict[str, str], rows: list[list[str]])
             _members(deck.node_sets, [row[:1] for row in rows], False)
         )
     elif kind != "ELEMENT" or combined != "UNION":
-        what = f"TYPE={kind}" if kind != "ELEMENT" else f"COMBINE={combined}"
-        deck.left_out[options["NAME"]] = f"surfaces of {what} are not read"
+        option = f"TYPE={kind}" if kind != "ELEMENT" else f"COMBINE={combined}"
+        deck.left_out[options["NAME"]] = f"surfaces of {option} are not read"
     elif "COMBINE" in options:
         deck.unions[name] = [word.upper() for row in rows for word in row if word]
     else:
@@ -288,7 +308,7 @@ def _elements(deck: DeckContents, options: dict[str, str], rows: list[list[str]]
 
 def _members(sets: dict[str, list[int]], rows: list[list[str]], ranges: bool) -> list[int]:
     """Numbers of a set, given one by one, as ranges, or as names of other sets."""
-    found: list[int] = []
+    numbers: list[int] = []
     for row in rows:
         words = [word for word in row if word]
         if ranges:
@@ -298,21 +318,27 @@ def _members(sets: dict[str, list[int]], rows: list[list[str]], ranges: bool) ->
                     f"no numbers go from {first} to {last} in steps of {step}: write the smaller "
                     "one first"
                 )
-            found.extend(range(first, last + 1, step))
+            numbers.extend(range(first, last + 1, step))
             continue
         for word in words:
             if word.lstrip("+-").isdigit():
-                found.append(int(word))
+                numbers.append(int(word))
             elif word.upper() in sets:
-                found.extend(sets[word.upper()])
+                numbers.extend(sets[word.upper()])
             else:
                 raise ValueError(f"there is no set '{word}' before it")
-    return found
+    return numbers
 
 
 def name_loaded(deck: DeckContents, block: str, rows: list[list[str]]) -> None:
-    """Name the nodes and faces that supports and loads give by numbers, so that a scene can have
-    the same ones.
+    """Name the nodes and faces that supports and loads give by numbers.
+
+    A scene can then have the same ones.
+
+    Args:
+        deck: the deck that is filled.
+        block: keyword and line of the block, ``CLOAD:45``.
+        rows: words of the data lines of the block.
     """
     for first, *row in rows:
         if block.startswith("DLOAD:") and re.fullmatch(r"[Pp]\d", row[0] if row else ""):
@@ -327,11 +353,17 @@ def name_loaded(deck: DeckContents, block: str, rows: list[list[str]]) -> None:
 def name_coupled(
     deck: DeckContents, block: str, options: dict[str, str], rows: list[list[str]]
 ) -> None:
-    """Name the nodes of constraints: each one of an equation, and all nodes of another constraint
-    by its block.
+    """Name the nodes of constraints.
 
-    Of a set in an equation its first node is named too, and the others, ``EQUATION:45 TOP first``
-    and ``... others``.
+    These are each node of an equation, and all nodes of another constraint by its block. Of a set
+    in an equation its first node is named too, and the others, ``EQUATION:45 TOP first`` and ``...
+    others``.
+
+    Args:
+        deck: the deck that is filled.
+        block: keyword and line of the block, ``EQUATION:45``.
+        options: options of the block, by name in capitals.
+        rows: words of the data lines of the block.
     """
     if block.startswith("EQUATION:"):
         for word in {
@@ -351,26 +383,29 @@ def name_coupled(
     elif block.startswith("RIGID BODY:"):
         elements = deck.element_sets.get(options.get("ELSET", "").upper(), [])
         deck.node_sets[deck.named("nset", block)] = sorted(
-            {n for one in elements for n in deck.whole.get(one, ())}
+            {n for element in elements for n in deck.whole.get(element, ())}
         )
     else:
         # a word of *DISTRIBUTING COUPLING is followed by its weight
         words = [
             word for row in rows for word in (row[:1] if block.startswith("DIST") else row) if word
         ]
-        parts = [
+        node_lists = [
             deck.node_sets.get(word.upper(), [int(word)] if word.isdigit() else [])
             for word in words
         ]
         # the last node of a mean rotation is its pilot
-        pilot = set(parts[-1]) if words and words[0].upper() == "MEANROT" else set()
+        pilot = set(node_lists[-1]) if words and words[0].upper() == "MEANROT" else set()
         deck.node_sets[deck.named("nset", block)] = sorted(
-            {n for one in parts for n in one} - pilot
+            {n for node_list in node_lists for n in node_list} - pilot
         )
 
 
 def name_of_loaded(block: str, load: Sequence[str]) -> str:
-    """Name of the nodes or faces in a block, ``CLOAD:45``, under a load, the words after the
-    number.
+    """Name of the nodes or faces in a block under a load.
+
+    Args:
+        block: keyword and line of the block, ``CLOAD:45``.
+        load: words of the load after the number.
     """
     return " ".join([block, *filter(None, load)])

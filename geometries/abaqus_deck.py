@@ -36,14 +36,18 @@ def read_deck(path: Path) -> RawMesh:
 
 
 def flat_deck(path: Path) -> DeckContents:
-    """Nodes, elements and sets of a deck with its includes; FileContentError for a damaged one."""
+    """Nodes, elements and sets of a deck with its includes.
+
+    Raises:
+        FileContentError: for a damaged deck, with the line.
+    """
     assembly = Assembly()
     for line, keyword, options, rows in blocks(path):
         try:
             assembly.take(keyword, options, rows, line)
         except (ValueError, IndexError, KeyError) as error:
-            what = f"it has no option {error}" if isinstance(error, KeyError) else error
-            raise FileContentError(f"{path}, block *{keyword} at line {line}: {what}") from None
+            reason = f"it has no option {error}" if isinstance(error, KeyError) else error
+            raise FileContentError(f"{path}, block *{keyword} at line {line}: {reason}") from None
     return assembly.flat()
 
 
@@ -57,15 +61,17 @@ def _mesh_of(deck: DeckContents, path: Path) -> RawMesh:
             + (f" that are understood: {', '.join(types)}" if types else "")
         )
     solid = {
-        number: item
-        for number, item in deck.elements.items()
-        if item[0] != "line" and DIMENSION.get(item[0], 3) == max(dimensions)
+        number: element
+        for number, element in deck.elements.items()
+        if element[0] != "line" and DIMENSION.get(element[0], 3) == max(dimensions)
     }
     rows_of: dict[tuple[str, int], list[list[int]]] = {}
     for number, (of, _) in solid.items():
         rows_of.setdefault((of, len(deck.whole[number])), []).append(deck.whole[number])
     kind, left_out = one_kind(((of, np.array(rows)) for (of, _), rows in rows_of.items()), path)
-    cells = {number: nodes for number, (own, nodes) in solid.items() if own == kind}
+    cells = {
+        number: nodes for number, (kind_of_cell, nodes) in solid.items() if kind_of_cell == kind
+    }
     lost = next(
         (number for number in cells if not deck.nodes.keys() >= set(deck.whole[number])), None
     )
@@ -83,13 +89,13 @@ def _mesh_of(deck: DeckContents, path: Path) -> RawMesh:
         for name, numbers in deck.element_sets.items()
     }
     counts = {len(deck.whole[number]) for number in cells}
-    whole = [
+    node_rows = [
         np.array(
             [[node_of[n] for n in deck.whole[k]] for k in cells if len(deck.whole[k]) == count]
         )
         for count in counts
     ]
-    sides = sides_of(kind, whole, path)
+    sides = sides_of(kind, node_rows, path)
     facets = _facets(deck, kind, array, node_of)
     surfaces, reasons = _surfaces(deck, kind, array, row_of, facets)
     nodes = {
@@ -98,11 +104,24 @@ def _mesh_of(deck: DeckContents, path: Path) -> RawMesh:
         )
         for name, numbers in deck.node_sets.items()
     }
-    others = _others(deck, {number: own for number, (own, _) in solid.items() if own != kind}, kind)
-    bodies = {name: rows for name, rows in bodies.items() if rows.size and name not in others}
+    reasons_of_kinds = _others(
+        deck,
+        {
+            number: kind_of_cell
+            for number, (kind_of_cell, _) in solid.items()
+            if kind_of_cell != kind
+        },
+        kind,
+    )
+    bodies = {
+        name: rows for name, rows in bodies.items() if rows.size and name not in reasons_of_kinds
+    }
     bodies = bodies or {"all": np.arange(len(array))}
     left_out |= (
-        deck.left_out | _idle_elements(deck, cells.keys() | facets.keys()) | reasons | others
+        deck.left_out
+        | _idle_elements(deck, cells.keys() | facets.keys())
+        | reasons
+        | reasons_of_kinds
     )
     return RawMesh(
         np.array(list(deck.nodes.values())), kind, array, bodies, surfaces, nodes, sides, left_out
@@ -111,11 +130,11 @@ def _mesh_of(deck: DeckContents, path: Path) -> RawMesh:
 
 def _others(deck: DeckContents, kinds: dict[int, str], kept: str) -> dict[str | int, str]:
     """Reasons why sets with elements of other kinds, by number, are no bodies."""
-    found: dict[str | int, Counter[str]] = {}
+    counts: dict[str | int, Counter[str]] = {}
     for name, numbers in deck.element_sets.items():
-        if own := Counter(kinds[number] for number in numbers if number in kinds):
-            found[deck.spelling["elset", name]] = own
-    return of_other_kinds(found, kept)
+        if count := Counter(kinds[number] for number in numbers if number in kinds):
+            counts[deck.spelling["elset", name]] = count
+    return of_other_kinds(counts, kept)
 
 
 def _facets(
@@ -125,18 +144,20 @@ def _facets(
     plane body.
     """
     width = len(FACES[kind][0])
-    own = {
+    candidates = {
         number: np.array([node_of[n] for n in nodes])
         for number, (of, nodes) in deck.elements.items()
         if DIMENSION.get(of, 1) == DIMENSION[kind] - 1
         and len(nodes) == width
         and all(n in node_of for n in nodes)
     }
-    if not own:
+    if not candidates:
         return {}
-    inside = are_sides(kind, cells, np.array(list(own.values())))
+    are_facets = are_sides(kind, cells, np.array(list(candidates.values())))
     return {
-        number: corners for (number, corners), kept in zip(own.items(), inside, strict=True) if kept
+        number: corners
+        for (number, corners), is_facet in zip(candidates.items(), are_facets, strict=True)
+        if is_facet
     }
 
 
@@ -148,20 +169,20 @@ def _idle_elements(deck: DeckContents, used: set[int]) -> dict[str | int, str]:
     for number, name in deck.types.items():
         if number not in used:
             idle.setdefault(name, set()).add(number)
-    found: dict[str | int, str] = {}
+    reasons: dict[str | int, str] = {}
     for name, numbers in idle.items():
-        what = f"{len(numbers)} element{'' if len(numbers) == 1 else 's'} of type {name}"
+        description = f"{len(numbers)} element{'' if len(numbers) == 1 else 's'} of type {name}"
         sets = [
             deck.spelling["elset", key]
-            for key, own in deck.element_sets.items()
-            if numbers & set(own)
+            for key, members in deck.element_sets.items()
+            if numbers & set(members)
         ]
-        for key in sets or [what]:
-            more = f"; {found[key]}" if key in found else ""
-            found[key] = (
-                f"{what} in it, " if sets else ""
+        for key in sets or [description]:
+            more = f"; {reasons[key]}" if key in reasons else ""
+            reasons[key] = (
+                f"{description} in it, " if sets else ""
             ) + f"neither cells nor sides of cells{more}"
-    return found
+    return reasons
 
 
 def _surfaces(
@@ -174,30 +195,30 @@ def _surfaces(
     """Corners of the facets of sets of elements and of surfaces, (f, k), by name, and reasons for
     those without.
     """
-    found: dict[str | int, np.ndarray] = {}
+    surfaces: dict[str | int, np.ndarray] = {}
     reasons: dict[str | int, str] = {}
     for name, numbers in deck.element_sets.items():
-        own = [facets[n] for n in numbers if n in facets]
-        if own:
-            found[deck.spelling["elset", name]] = np.array(own)
-    for name, given in deck.faces.items():
+        corners = [facets[n] for n in numbers if n in facets]
+        if corners:
+            surfaces[deck.spelling["elset", name]] = np.array(corners)
+    for name, face_list in deck.faces.items():
         spelt = deck.spelling["surface", name]
-        parts = [_faces(deck, item, kind, cells, row_of, facets, spelt) for item in given]
-        said = [part for part in parts if isinstance(part, str)]
-        if said:
-            reasons[spelt] = said[0]
+        results = [_faces(deck, face, kind, cells, row_of, facets, spelt) for face in face_list]
+        failures = [result for result in results if isinstance(result, str)]
+        if failures:
+            reasons[spelt] = failures[0]
         else:
-            found[spelt] = np.concatenate(
-                [np.zeros((0, len(FACES[kind][0])), dtype=np.int64), *parts]
+            surfaces[spelt] = np.concatenate(
+                [np.zeros((0, len(FACES[kind][0])), dtype=np.int64), *results]
             )
     for name, members in deck.unions.items():
         spelt = deck.spelling["surface", name]
         spelt_members = [deck.spelling.get(("surface", member), "") for member in members]
-        if members and all(member in found for member in spelt_members):
-            found[spelt] = np.concatenate([found[member] for member in spelt_members])
+        if members and all(member in surfaces for member in spelt_members):
+            surfaces[spelt] = np.concatenate([surfaces[member] for member in spelt_members])
         else:
             reasons[spelt] = f"a union of surfaces that are not all there: {', '.join(members)}"
-    return found, reasons
+    return surfaces, reasons
 
 
 def _faces(
@@ -210,16 +231,20 @@ def _faces(
     Raises:
         FileContentError: for a face that the cells do not have.
     """
-    given, face = item
+    element, face = item
     corners = np.array(FACES[kind])
-    numbers = [int(given)] if given.isdigit() else deck.element_sets.get(given.upper(), [])
+    numbers = [int(element)] if element.isdigit() else deck.element_sets.get(element.upper(), [])
     rows = [row_of[n] for n in numbers if n in row_of]
     if face in ("SPOS", "SNEG"):
-        own = [facets[n] for n in numbers if n in facets]
-        return np.array(own) if own else f"its elements '{given}' are no sides of cells"
+        corners_of = [facets[n] for n in numbers if n in facets]
+        return (
+            np.array(corners_of)
+            if corners_of
+            else f"its elements '{element}' are no sides of cells"
+        )
     if not rows:
         types = sorted({deck.types[n] for n in numbers if n in deck.types})
-        return f"'{given}' has no cells of the mesh" + (
+        return f"'{element}' has no cells of the mesh" + (
             f", but elements of type {', '.join(types)}" if types else ""
         )
     if not face:
@@ -228,8 +253,8 @@ def _faces(
         return outer[np.isin(of, rows)]
     number = int(face[1:]) if face.startswith("S") and face[1:].isdigit() else 0
     if not 1 <= number <= len(corners):
-        said = deck.label(numbers[0]) if given.isdigit() else given
+        label = deck.label(numbers[0]) if element.isdigit() else element
         raise FileContentError(
-            f"surface '{name}': '{said}, {face}' is no face of cells of kind {kind}"
+            f"surface '{name}': '{label}, {face}' is no face of cells of kind {kind}"
         )
     return cells[rows][:, corners[number - 1]]

@@ -25,6 +25,12 @@ def generate(
 ) -> None:
     """Add the nodes or elements of a block to a deck.
 
+    Args:
+        deck: the deck that is filled.
+        keyword: keyword of the block, one of :data:`GENERATED`.
+        options: options of the block, by name in capitals.
+        rows: words of the data lines of the block.
+
     Raises:
         ValueError: for blocks that are not supported, and for nodes or elements that are not there.
     """
@@ -32,18 +38,18 @@ def generate(
     line = options.get("LINE", "").upper()
     named += ["LINE"] if line not in ("", "C") else []
     if keyword in ("NCOPY", "ELCOPY", "NMAP") or named:
-        what = ", ".join(f"{name}=" for name in named) or "copies and maps"
+        listed = ", ".join(f"{name}=" for name in named) or "copies and maps"
         raise ValueError(
-            f"{what} are not read: write the deck with all nodes and elements, as a preprocessor "
+            f"{listed} are not read: write the deck with all nodes and elements, as a preprocessor "
             "does"
         )
-    made: list[int] = []
+    numbers: list[int] = []
     for row in rows:
         words = [word for word in row if word]
         if keyword == "NGEN":
             first, last, step = (int(word or 1) for word in (*row, "", "")[:3])
-            places = _arc(deck, [*row, *("",) * 10][3:10]) if line else None
-            made += _line(deck, first, last, step, (last - first) / (step or np.inf), places)
+            arc = _arc(deck, [*row, *("",) * 10][3:10]) if line else None
+            numbers += _line(deck, first, last, step, (last - first) / (step or np.inf), arc)
         elif keyword == "NFILL":
             ends = [deck.members(name.upper()) for name in words[:2]]
             if len(ends[0]) != len(ends[1]) or not ends[0]:
@@ -53,14 +59,14 @@ def generate(
                 )
             count, step = (*(int(word) for word in words[2:4]), 1)[:2]
             for first, last in zip(*ends, strict=True):
-                made += _line(deck, first, last, step, count)
+                numbers += _line(deck, first, last, step, count)
         else:
-            made += _copies(deck, [int(word) for word in words])
+            numbers += _copies(deck, [int(word) for word in words])
     if name := options.get("ELSET" if keyword == "ELGEN" else "NSET"):
         sets, kind = (
             (deck.element_sets, "elset") if keyword == "ELGEN" else (deck.node_sets, "nset")
         )
-        sets.setdefault(deck.named(kind, name), []).extend(made)
+        sets.setdefault(deck.named(kind, name), []).extend(numbers)
 
 
 def _line(
@@ -75,10 +81,10 @@ def _line(
     numbers = [first + k * step for k in range(int(count))]
     shares = np.linspace(0.0, 1.0, int(count) + 1)[1:-1, None]
     ends = [np.array(deck.nodes[number]) for number in (first, last)]
-    places = (
+    coordinates = (
         on_arc(ends[0], ends[1], shares) if on_arc else (1 - shares) * ends[0] + shares * ends[1]
     )
-    deck.nodes |= dict(zip(numbers[1:], places.tolist(), strict=True))
+    deck.nodes |= dict(zip(numbers[1:], coordinates.tolist(), strict=True))
     return [*numbers, last]
 
 
@@ -98,16 +104,19 @@ def _arc(deck: DeckContents, given: list[str]) -> Arc:
     )
 
     def places(start: np.ndarray, end: np.ndarray, shares: np.ndarray) -> np.ndarray:
-        radii = [float(np.linalg.norm(one - centre)) for one in (start, end)]
+        """Points at ``shares`` of the way, (n, 1), from ``start`` to ``end``; raises ValueError
+        without a plane.
+        """
+        radii = [float(np.linalg.norm(point - centre)) for point in (start, end)]
         angle = np.arccos((start - centre) @ (end - centre) / (radii[0] * radii[1] or np.nan))
         if not 1e-6 < angle < np.pi - 1e-6:
             raise ValueError(
                 f"an arc from {start.tolist()} to {end.tolist()} has no plane about "
                 f"{centre.tolist()}"
             )
-        one = np.sin((1 - shares) * angle) / np.sin(angle) * (start - centre) / radii[0]
-        other = np.sin(shares * angle) / np.sin(angle) * (end - centre) / radii[1]
-        return centre + ((1 - shares) * radii[0] + shares * radii[1]) * (one + other)
+        point = np.sin((1 - shares) * angle) / np.sin(angle) * (start - centre) / radii[0]
+        second = np.sin(shares * angle) / np.sin(angle) * (end - centre) / radii[1]
+        return centre + ((1 - shares) * radii[0] + shares * radii[1]) * (point + second)
 
     return places
 
@@ -116,18 +125,18 @@ def _copies(deck: DeckContents, words: list[int]) -> list[int]:
     """Add copies of an element in rows and layers: count, and increments of nodes and elements, of
     each direction.
     """
-    master, *given = words
+    master, *counts = words
     if master not in deck.elements:
         raise ValueError(f"there is no element {master} before it")
-    given += [1, 1, 1, 1, 0, 0, 1, 0, 0][len(given) :]
+    counts += [1, 1, 1, 1, 0, 0, 1, 0, 0][len(counts) :]
     kind, corners = deck.elements[master]
     numbers = []
-    for index in product(*(range(given[k]) for k in (6, 3, 0))):
+    for index in product(*(range(counts[k]) for k in (6, 3, 0))):
         node, number = (
-            sum(i * given[k + of] for i, k in zip(index, (6, 3, 0), strict=True)) for of in (1, 2)
+            sum(i * counts[k + of] for i, k in zip(index, (6, 3, 0), strict=True)) for of in (1, 2)
         )
         numbers.append(master + number)
-        deck.elements[numbers[-1]] = kind, [one + node for one in corners]
-        deck.whole[numbers[-1]] = [one + node for one in deck.whole[master]]
+        deck.elements[numbers[-1]] = kind, [corner + node for corner in corners]
+        deck.whole[numbers[-1]] = [corner + node for corner in deck.whole[master]]
         deck.types[numbers[-1]] = deck.types[master]
     return numbers

@@ -49,7 +49,13 @@ class Assembly:
     def take(
         self, keyword: str, options: dict[str, str], rows: list[list[str]], line: int = 0
     ) -> None:
-        """Add the block, which begins at a line, to its part, instance or assembly.
+        """Add a block to its part, instance or assembly.
+
+        Args:
+            keyword: keyword of the block in capitals, without its star.
+            options: options of the block, by name in capitals.
+            rows: words of the data lines of the block.
+            line: line of the file at which the block begins.
 
         Raises:
             ValueError: for a block that is damaged or not supported.
@@ -86,8 +92,8 @@ class Assembly:
         self._close()
         self._name_coupled()
         if not self.deck.instances:
-            for name, part in self.parts.items():
-                _join(self.deck, self.deck.spelling["part", name], part)
+            for name, contents in self.parts.items():
+                _join(self.deck, self.deck.spelling["part", name], contents)
         else:
             for name in self.parts.keys() - self.placed:
                 self.deck.left_out[self.deck.spelling["part", name]] = (
@@ -109,13 +115,15 @@ class Assembly:
         if part not in self.parts:
             raise ValueError(f"there is no part {options.get('PART', '')!r} before it")
         self.placed.add(part)
-        found = self.parts[part]
-        self._own = deepcopy(replace(found, nodes={}, elements={}, whole={}, types={}))
+        contents = self.parts[part]
+        self._own = deepcopy(replace(contents, nodes={}, elements={}, whole={}, types={}))
         # of a large part these would take seconds, and no block changes them
-        self._own.elements = dict(found.elements)
-        self._own.whole = dict(found.whole)
-        self._own.types = dict(found.types)
-        self._own.nodes = _moved(found.nodes, [[number_of(word) for word in row] for row in rows])
+        self._own.elements = dict(contents.elements)
+        self._own.whole = dict(contents.whole)
+        self._own.types = dict(contents.types)
+        self._own.nodes = _moved(
+            contents.nodes, [[number_of(word) for word in row] for row in rows]
+        )
         self._instance = options["NAME"]
 
     def _close(self) -> None:
@@ -131,7 +139,7 @@ class Assembly:
         for coupled in self._coupled:
             if coupled[0] is self._own:
                 name_coupled(*coupled)
-        self._coupled = [one for one in self._coupled if one[0] is not self._own]
+        self._coupled = [coupling for coupling in self._coupled if coupling[0] is not self._own]
 
     def _with_numbers(
         self, keyword: str, options: dict[str, str], rows: list[list[str]]
@@ -147,22 +155,22 @@ class Assembly:
             or not self.deck.instances
         ):
             return rows
-        inside = f"{options['INSTANCE']}." if "INSTANCE" in options else ""
-        known = {name.upper(): (k + 1) * STRIDE for k, name in enumerate(self.deck.instances)}
+        prefix = f"{options['INSTANCE']}." if "INSTANCE" in options else ""
+        offsets = {name.upper(): (k + 1) * STRIDE for k, name in enumerate(self.deck.instances)}
         if keyword in (*LOADED, *COUPLED):  # a mesh is not refused for the name of a load
             count = 1 if keyword in LOADED else None
-            own = [
-                [word.rpartition(".")[0].upper() in known for word in row[:count]] for row in rows
+            flags = [
+                [word.rpartition(".")[0].upper() in offsets for word in row[:count]] for row in rows
             ]
             return [
                 [
                     *(
-                        _flat("", word, known) if one else word
-                        for word, one in zip(row, inner, strict=False)
+                        _flat("", word, offsets) if is_member else word
+                        for word, is_member in zip(row, inner, strict=False)
                     ),
                     *row[len(inner) :],
                 ]
-                for row, inner in zip(rows, own, strict=True)
+                for row, inner in zip(rows, flags, strict=True)
             ]
         # the step of a range and the face of an element are no members
         members = (
@@ -174,7 +182,7 @@ class Assembly:
         )
         return [
             [
-                *(_flat(inside, word, known) for word in row[:members]),
+                *(_flat(prefix, word, offsets) for word in row[:members]),
                 *([] if members is None else row[members:]),
             ]
             for row in rows
@@ -233,7 +241,7 @@ def _join(deck: DeckContents, instance: str, own: DeckContents) -> None:
     deck.instances.append(instance)
     first = len(deck.instances) * STRIDE
     upper = instance.upper()
-    deck.nodes |= {first + n: place for n, place in own.nodes.items()}
+    deck.nodes |= {first + n: coordinates for n, coordinates in own.nodes.items()}
     deck.elements |= {
         first + n: (kind, [first + k for k in nodes]) for n, (kind, nodes) in own.elements.items()
     }
@@ -242,19 +250,19 @@ def _join(deck: DeckContents, instance: str, own: DeckContents) -> None:
     for sets, added in ((deck.node_sets, own.node_sets), (deck.element_sets, own.element_sets)):
         sets |= {f"{upper}.{name}": [first + n for n in numbers] for name, numbers in added.items()}
     deck.unsorted |= {f"{upper}.{name}" for name in own.unsorted}
-    for name, items in own.faces.items():
+    for name, listed in own.faces.items():
         deck.faces[f"{upper}.{name}"] = [
-            (str(first + int(given)) if given.isdigit() else f"{upper}.{given}", face)
-            for given, face in items
+            (str(first + int(element)) if element.isdigit() else f"{upper}.{element}", face)
+            for element, face in listed
         ]
     deck.unions |= {
-        f"{upper}.{name}": [f"{upper}.{one}" for one in members]
+        f"{upper}.{name}": [f"{upper}.{member}" for member in members]
         for name, members in own.unions.items()
     }
-    deck.left_out |= {f"{instance}.{name}": why for name, why in own.left_out.items()}
+    deck.left_out |= {f"{instance}.{name}": reason for name, reason in own.left_out.items()}
     deck.spelling |= {
-        (kind, f"{upper}.{name}"): f"{instance}.{said}"
-        for (kind, name), said in own.spelling.items()
+        (kind, f"{upper}.{name}"): f"{instance}.{spelt}"
+        for (kind, name), spelt in own.spelling.items()
     }
     if own.elements:
         deck.element_sets.setdefault(
@@ -281,8 +289,8 @@ def _add_short_names(deck: DeckContents) -> None:
             for kind, full, _ in sets:
                 _add_short_name(deck, kind, name, full, short)
         elif not name.startswith("_"):  # names that Abaqus/CAE makes
-            said = " or ".join(repr(one) for one in dict.fromkeys(spelt))
-            deck.left_out[short] = f"is in several instances: name it {said}"
+            choices = " or ".join(repr(spelling) for spelling in dict.fromkeys(spelt))
+            deck.left_out[short] = f"is in several instances: name it {choices}"
 
 
 def _add_short_name(deck: DeckContents, kind: str, name: str, full: str, spelt: str) -> None:

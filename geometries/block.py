@@ -18,12 +18,26 @@ SOLID = 1
 
 
 def side(axis: int, upper: bool) -> int:
-    """Facet tag of a side: 10 * (axis + 1), plus 1 on the upper side."""
+    """Facet tag of a side: 10 * (axis + 1), plus 1 on the upper side.
+
+    Args:
+        axis: axis across the side, from 0.
+        upper: True for the side with the largest coordinate.
+    """
     return 10 * (axis + 1) + int(upper)
 
 
 def check_box(lower: Sequence[float], upper: Sequence[float], cells: Sequence[int]) -> None:
-    """Raise ValueError for a box without volume or cells."""
+    """Check that a box has a volume and cells.
+
+    Args:
+        lower: corner with the smallest coordinates, length 2 or 3.
+        upper: corner with the largest coordinates.
+        cells: number of cells along each axis.
+
+    Raises:
+        ValueError: for a box without volume or cells.
+    """
     sizes = {np.size(lower), np.size(upper), np.size(cells)}
     fits = (
         sizes in ({2}, {3})
@@ -48,10 +62,17 @@ def block(
     """Build a structured block with every side tagged by :func:`side`.
 
     Args:
+        comm: MPI communicator.
         lower: corner with the smallest coordinates, length 2 or 3.
         upper: corner with the largest coordinates.
         cells: number of cells along each axis.
         simplices: triangles or tetrahedra instead of quadrilaterals or hexahedra.
+
+    Returns:
+        The mesh, its cell tags, :data:`SOLID`, and its facet tags.
+
+    Raises:
+        ValueError: for a box without volume or cells.
     """
     check_box(lower, upper, cells)
     dim = len(lower)
@@ -89,7 +110,7 @@ def side_tags(
     dim = mesh.topology.dim
     mesh.topology.create_connectivity(dim - 1, dim)
     to_cell = mesh.topology.connectivity(dim - 1, dim)
-    found = []
+    facets_of = []
     values = []
     for tag, (lower, upper, *_) in boxes.items():
         size = float(np.max(np.subtract(upper, lower)))
@@ -100,11 +121,11 @@ def side_tags(
                     dim - 1,
                     lambda x, axis=axis, at=at, size=size: np.abs(x[axis] - at) < 1e-9 * size,
                 )
-                own = np.array(
+                of_body = np.array(
                     [body[to_cell.links(facet)[0]] == tag for facet in on_side], dtype=bool
                 )
-                found.append(on_side[own])
-                values.append(np.full(own.sum(), name(tag, axis, is_upper), dtype=np.int32))
-    facets = np.concatenate(found)
+                facets_of.append(on_side[of_body])
+                values.append(np.full(of_body.sum(), name(tag, axis, is_upper), dtype=np.int32))
+    facets = np.concatenate(facets_of)
     order = np.argsort(facets)
     return dmesh.meshtags(mesh, dim - 1, facets[order], np.concatenate(values)[order])

@@ -9,7 +9,7 @@ from contextlib import redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass, field
 from io import StringIO
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -27,6 +27,9 @@ from hhr_dolfinx.geometries.cells import (
     sides_of,
 )
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
+
+if TYPE_CHECKING:
+    import meshio
 
 Sets = dict[str | int, np.ndarray]
 Groups = list[tuple[str, tuple[int, int]]]
@@ -74,18 +77,22 @@ class Elements:
         )
 
 
-def opened(path: Path) -> Any:
-    """The mesh of meshio in a file; raise FileContentError if meshio does not know its format."""
+def opened(path: Path) -> meshio.Mesh:
+    """The mesh of meshio in a file.
+
+    Raises:
+        FileContentError: if meshio does not know its format.
+    """
     with extra("mesh", f"the mesh file {path}"):
         import meshio
-    said = StringIO()
+    output = StringIO()
     # meshio prints errors on the console and ends the program
     try:
-        with redirect_stdout(said), redirect_stderr(said):
+        with redirect_stdout(output), redirect_stderr(output):
             return meshio.read(path)
     except SystemExit:
         reason = (
-            " ".join(said.getvalue().split())
+            " ".join(output.getvalue().split())
             or f"meshio does not read files that end in {path.suffix}"
         )
         raise FileContentError(
@@ -95,7 +102,11 @@ def opened(path: Path) -> Any:
 
 
 def read_by_meshio(path: Path) -> RawMesh:
-    """Read a mesh file by meshio; raise FileContentError if meshio cannot read it."""
+    """Read a mesh file by meshio.
+
+    Raises:
+        FileContentError: if meshio cannot read it, or its elements do not form a mesh.
+    """
     mesh = opened(path)
     arrays = _arrays(mesh.cell_data)
     elements = [
@@ -110,8 +121,8 @@ def read_by_meshio(path: Path) -> RawMesh:
     names = _physical_names(path) or _names_of_fields(mesh.field_data)
     names += [
         (name, (int(number), -1))
-        for number, own in getattr(mesh, "cell_tags", {}).items()
-        for name in own
+        for number, tags in getattr(mesh, "cell_tags", {}).items()
+        for name in tags
     ]
     nodes = {str(name): np.asarray(rows) for name, rows in mesh.point_sets.items()}
     fields = [name for name in mesh.point_data if not name.startswith(("gmsh:", "medit:"))]
@@ -128,13 +139,13 @@ def read_by_meshio(path: Path) -> RawMesh:
 
 def _arrays(data: Mapping[str, Sequence[np.ndarray]]) -> dict[str, list[np.ndarray]]:
     """Arrays of a mesh with an integer for each element of all blocks, (b,) each, by name."""
-    found = {}
+    arrays = {}
     for name, blocks in data.items():
-        values = [np.asarray(own) for own in blocks]
-        whole = [whole_numbers(own.ravel()) for own in values if own.size == len(own)]
-        if len(kept := [own for own in whole if own is not None]) == len(values):
-            found[name] = kept
-    return found
+        values = [np.asarray(block) for block in blocks]
+        candidates = [whole_numbers(block.ravel()) for block in values if block.size == len(block)]
+        if len(integers := [block for block in candidates if block is not None]) == len(values):
+            arrays[name] = integers
+    return arrays
 
 
 def whole_numbers(values: np.ndarray) -> np.ndarray | None:
@@ -145,12 +156,12 @@ def whole_numbers(values: np.ndarray) -> np.ndarray | None:
     return values.astype(np.int64) if finite and bool((values == np.rint(values)).all()) else None
 
 
-def _places(sets: Mapping[str, Sequence[Any]], k: int) -> dict[str, np.ndarray]:
+def _places(sets: Mapping[str, Sequence[np.ndarray | None]], k: int) -> dict[str, np.ndarray]:
     """Indices of the elements of a block in each of the named sets of meshio."""
     return {
-        name.strip(): np.asarray(parts[k], dtype=np.int64)
-        for name, parts in sets.items()
-        if not name.startswith("gmsh:") and parts[k] is not None
+        name.strip(): np.asarray(rows[k], dtype=np.int64)
+        for name, rows in sets.items()
+        if not name.startswith("gmsh:") and rows[k] is not None
     }
 
 
@@ -161,19 +172,19 @@ def _physical_names(path: Path) -> Groups:
     if path.suffix.lower() != ".msh":
         return []
     text = path.read_bytes().partition(b"$PhysicalNames")[2].partition(b"$EndPhysicalNames")[0]
-    found = re.findall(
+    rows = re.findall(
         r'^\s*(\d+)\s+(\d+)\s+"(.*)"\s*$', text.decode(errors="replace"), re.MULTILINE
     )
-    return [(name, (int(number), int(dim))) for dim, number, name in found]
+    return [(name, (int(number), int(dim))) for dim, number, name in rows]
 
 
-def _names_of_fields(fields: Mapping[str, Any]) -> Groups:
+def _names_of_fields(fields: Mapping[str, Sequence[int]]) -> Groups:
     """Names with number and dimension from the field data of meshio."""
-    found: Groups = []
+    groups: Groups = []
     for name, group in fields.items():
         with suppress(TypeError, ValueError, IndexError):
-            found.append((name.strip(), (int(group[0]), int(group[1]))))
-    return found
+            groups.append((name.strip(), (int(group[0]), int(group[1]))))
+    return groups
 
 
 def _markers_of_su2(path: Path) -> Groups:
@@ -182,14 +193,14 @@ def _markers_of_su2(path: Path) -> Groups:
         return []
     text = path.read_text(errors="replace")
     dim = re.search(r"^\s*NDIME\s*=\s*(\d)", text, re.MULTILINE)
-    found: Groups = []
+    groups: Groups = []
     number = 0
     for word in re.findall(r"^\s*MARKER_TAG\s*=\s*(.*?)\s*$", text, re.MULTILINE):
         text_only = not word.lstrip("+-").isdigit()
         number = number + 1 if text_only else int(word)
         if text_only and dim:
-            found.append((word, (number, int(dim[1]) - 1)))
-    return found
+            groups.append((word, (number, int(dim[1]) - 1)))
+    return groups
 
 
 def raw_mesh(
@@ -201,8 +212,9 @@ def raw_mesh(
     nodes: Mapping[str, np.ndarray] | None = None,
     left_out: Mapping[str | int, str] | None = None,
 ) -> RawMesh:
-    """Make a mesh of blocks of elements: cells of the highest dimension, their facets, and the sets
-    of both.
+    """Make a mesh of blocks of elements.
+
+    It has the cells of the highest dimension, their facets, and the sets of both.
 
     Args:
         points: coordinates, (n, 2 or 3).
@@ -215,40 +227,40 @@ def raw_mesh(
     Raises:
         FileContentError: for elements that do not form a mesh.
     """
-    there = [block for block in elements if block.kind]
-    if not there:
+    cell_blocks = [block for block in elements if block.kind]
+    if not cell_blocks:
         raise FileContentError(f"{path} {_without_cells(elements)}")
-    dim = max(DIMENSION.get(block.kind, 3) for block in there)
-    kind, said_of_kinds = one_kind(
-        ((b.kind, b.nodes) for b in there if DIMENSION.get(b.kind, 3) == dim), path
+    dim = max(DIMENSION.get(block.kind, 3) for block in cell_blocks)
+    kind, other_kinds = one_kind(
+        ((b.kind, b.nodes) for b in cell_blocks if DIMENSION.get(b.kind, 3) == dim), path
     )
-    own = [block for block in there if block.kind == kind]
-    order = sides_of(kind, (block.nodes for block in own), path)
+    blocks = [block for block in cell_blocks if block.kind == kind]
+    order = sides_of(kind, (block.nodes for block in blocks), path)
     width = len(FACES[kind][0])
     sides = [
         block for block in elements if FACET_KINDS.get(block.type) == width and block.kind != kind
     ]
-    bodies, said = _sets(own, dim, names)
-    found, also_said = _sets(sides, dim - 1, names)
+    bodies, body_reasons = _sets(blocks, dim, names)
+    facet_sets, surface_reasons = _sets(sides, dim - 1, names)
     facets = _corners(sides, width)
     smaller = [
         block
         for block in elements
-        if block not in own and block not in sides and block not in there
+        if block not in blocks and block not in sides and block not in cell_blocks
     ]
-    reasons = {**said_of_kinds, **said, **also_said, **(left_out or {})}
-    cells = _corners(own, CORNERS[kind])
-    others = [b for b in there if b.kind != kind and DIMENSION.get(b.kind, 3) == dim]
+    reasons = {**other_kinds, **body_reasons, **surface_reasons, **(left_out or {})}
+    cells = _corners(blocks, CORNERS[kind])
+    others = [b for b in cell_blocks if b.kind != kind and DIMENSION.get(b.kind, 3) == dim]
     lost = _kinds_by_name(others, dim, names)
     reasons |= of_other_kinds(lost, kind)
     if not any(bodies) or (
         len(bodies) == 1
-        and not any(block.numbers.get("gmsh:physical", _ONE).any() for block in own)
+        and not any(block.numbers.get("gmsh:physical", _ONE).any() for block in blocks)
     ):
         # elements have no number, or 0, or all have that of the only entity of gmsh
         bodies = {1: np.arange(len(cells)), **bodies}
     bodies = {name: rows for name, rows in bodies.items() if name not in lost}
-    surfaces = {name: facets[rows] for name, rows in found.items()}
+    surfaces = {name: facets[rows] for name, rows in facet_sets.items()}
     return RawMesh(
         points,
         kind,
@@ -301,11 +313,11 @@ def _sets(
     are left out.
     """
     starts = np.cumsum([0, *(len(block.nodes) for block in blocks)])
-    found: dict[str | int, list[np.ndarray]] = {}
+    rows_of: dict[str | int, list[np.ndarray]] = {}
     for start, block in zip(starts, blocks, strict=False):
         for name, rows in block.sets.items():
-            found.setdefault(name, []).append(start + rows)
-    sets: Sets = {name: np.concatenate(rows) for name, rows in found.items()}
+            rows_of.setdefault(name, []).append(start + rows)
+    sets: Sets = {name: np.concatenate(rows) for name, rows in rows_of.items()}
     numbered, left_out = _numbered(_whole_arrays(blocks, starts))
     of_number: dict[str | int, list[str]] = {}
     for name, (number, of) in names:
@@ -313,7 +325,7 @@ def _sets(
             of_number.setdefault(number, []).append(name.strip())
     for tag, rows in numbered.items():
         for name in (tag, *of_number.get(tag, ())):
-            if name not in found:
+            if name not in rows_of:
                 sets[name] = np.concatenate([sets[name], rows]) if name in sets else rows
     return {name: rows for name, rows in sets.items() if rows.size}, left_out
 
@@ -324,7 +336,7 @@ def _whole_arrays(
     """Indices and values of the arrays that may number bodies or surfaces: known ones, else gmsh's,
     else others.
     """
-    parts: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
+    pairs_of: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
     for start, block in zip(starts, blocks, strict=False):
         for name, values in block.numbers.items():
             keep = (
@@ -333,21 +345,21 @@ def _whole_arrays(
                 else np.flatnonzero(values >= 0)
             )
             if keep.size:
-                parts.setdefault(name, []).append((start + keep, values[keep]))
-    found = {
-        name: (np.concatenate([p for p, _ in own]), np.concatenate([v for _, v in own]))
-        for name, own in parts.items()
+                pairs_of.setdefault(name, []).append((start + keep, values[keep]))
+    joined = {
+        name: (np.concatenate([p for p, _ in pairs]), np.concatenate([v for _, v in pairs]))
+        for name, pairs in pairs_of.items()
     }
-    for kept in (
-        [name for name in MARKERS if name in found],
-        [name for name in found if name == "gmsh:geometrical"],
+    for names in (
+        [name for name in MARKERS if name in joined],
+        [name for name in joined if name == "gmsh:geometrical"],
     ):
-        if kept:
-            return {name: found[name] for name in kept}
+        if names:
+            return {name: joined[name] for name in names}
     return {
-        name: own
-        for name, own in found.items()
-        if name.lower() not in NO_MARKERS and np.unique(own[1]).size <= MOST_MARKERS
+        name: pairs
+        for name, pairs in joined.items()
+        if name.lower() not in NO_MARKERS and np.unique(pairs[1]).size <= MOST_MARKERS
     }
 
 
@@ -358,32 +370,32 @@ def _numbered(
 
     With several arrays also by ``array:number``, the only name of a number in several arrays.
     """
-    found: Sets = {}
+    sets: Sets = {}
     left_out: dict[str | int, str] = {}
     holders: dict[int, list[str]] = {}
-    known = any(name in MARKERS for name in arrays)
-    for name, (places, values) in arrays.items():
+    has_markers = any(name in MARKERS for name in arrays)
+    for name, (indices, values) in arrays.items():
         for number in np.unique(values).tolist():
-            rows = places[values == number]
+            rows = indices[values == number]
             holders.setdefault(number, []).append(name)
-            found[number] = np.concatenate([found[number], rows]) if number in found else rows
+            sets[number] = np.concatenate([sets[number], rows]) if number in sets else rows
             if len(arrays) > 1:
-                found[f"{name}:{number}"] = rows
+                sets[f"{name}:{number}"] = rows
     for number, names in holders.items():
-        if len(names) > 1 and not known:
-            del found[number]
+        if len(names) > 1 and not has_markers:
+            del sets[number]
             left_out[number] = (
                 "is in several arrays: name it "
                 f"{' or '.join(repr(f'{name}:{number}') for name in names)}"
             )
-    return found, left_out
+    return sets, left_out
 
 
 def _smaller(
     blocks: Iterable[Elements], names: Iterable[tuple[str, tuple[int, int]]]
 ) -> dict[str, np.ndarray]:
     """Nodes of named sets of elements of too low a dimension for facets, such as lines in space."""
-    found: dict[str, np.ndarray] = {}
+    node_sets: dict[str, np.ndarray] = {}
     for block in blocks:
         dim = {"vertex": 0, "line": 1, "line3": 1}.get(block.type, 2)
         sets, _ = _sets([block], dim, names)
@@ -398,5 +410,5 @@ def _smaller(
                 else ""
             )
             if key:
-                found[key] = np.union1d(found.get(key, rows[:0]), block.nodes[rows].ravel())
-    return found
+                node_sets[key] = np.union1d(node_sets.get(key, rows[:0]), block.nodes[rows].ravel())
+    return node_sets

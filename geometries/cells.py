@@ -152,50 +152,58 @@ def one_kind(
     nodes: dict[str, list[np.ndarray]] = {}
     for kind, rows in blocks:
         nodes.setdefault(kind, []).append(np.asarray(rows))
-    found = sorted(nodes)
-    counts = {kind: sum(map(len, nodes[kind])) for kind in found}
-    kept = max((kind for kind in found if kind in CORNERS), key=counts.__getitem__, default="")
-    if kept:
-        inside = np.unique(np.concatenate([rows.ravel() for rows in nodes[kept]]))
-        others = [kind for kind in found if kind != kept]
-        if not any(np.isin(rows, inside).any() for kind in others for rows in nodes[kind]):
-            why = {
-                kind: f"the mesh has {PLURAL[kept]}" if kind in CORNERS else "not supported"
-                for kind in others
+    kinds = sorted(nodes)
+    counts = {kind: sum(map(len, nodes[kind])) for kind in kinds}
+    main = max((kind for kind in kinds if kind in CORNERS), key=counts.__getitem__, default="")
+    if main:
+        used = np.unique(np.concatenate([rows.ravel() for rows in nodes[main]]))
+        other_kinds = [kind for kind in kinds if kind != main]
+        if not any(np.isin(rows, used).any() for kind in other_kinds for rows in nodes[kind]):
+            reasons = {
+                kind: f"the mesh has {PLURAL[main]}" if kind in CORNERS else "not supported"
+                for kind in other_kinds
             }
-            return kept, {
-                in_words(counts[kind], kind): f"{said}; none touches a cell of the mesh"
-                for kind, said in why.items()
+            return main, {
+                in_words(counts[kind], kind): f"{text}; none touches a cell of the mesh"
+                for kind, text in reasons.items()
             }
-    names = " and ".join(PLURAL.get(kind, f"{kind}s") for kind in found)
-    many = " and ".join(str(counts[kind]) for kind in found)
-    said = f"mixes {names}, {many} of them" if len(found) > 1 else f"has {names}"
+    names = " and ".join(PLURAL.get(kind, f"{kind}s") for kind in kinds)
+    many = " and ".join(str(counts[kind]) for kind in kinds)
+    text = f"mixes {names}, {many} of them" if len(kinds) > 1 else f"has {names}"
     raise FileContentError(
-        f"{path} {said}, and a mesh must have cells of one kind: triangles, quadrilaterals, "
+        f"{path} {text}, and a mesh must have cells of one kind: triangles, quadrilaterals, "
         "tetrahedra or hexahedra. Mesh all bodies so: "
-        f"{_ONE_KIND[max(DIMENSION.get(kind, 3) for kind in found)]}"
+        f"{_ONE_KIND[max(DIMENSION.get(kind, 3) for kind in kinds)]}"
     )
 
 
 def in_words(count: int, kind: str) -> str:
-    """A number of cells in words."""
+    """A number of cells in words.
+
+    Args:
+        count: number of cells.
+        kind: kind of the cells, such as ``hexahedron``.
+    """
     return f"{count} {kind if count == 1 else PLURAL[kind]}"
 
 
 def of_other_kinds(sets: Mapping[str | int, Mapping[str, int]], kept: str) -> dict[str | int, str]:
-    """Reasons why sets are no bodies, by their counts of cells of kinds that are left out of a mesh
-    of the kept one.
+    """Reasons why sets with cells of other kinds than the mesh are no bodies.
+
+    Args:
+        sets: number of cells of each kind that is left out, by set.
+        kept: kind of the cells of the mesh.
     """
-    said = {
-        name: " and ".join(in_words(count, kind) for kind, count in own.items())
-        for name, own in sets.items()
+    texts = {
+        name: " and ".join(in_words(count, kind) for kind, count in counts.items())
+        for name, counts in sets.items()
     }
     return {
         name: (
-            f"{what} in it, and a mesh has cells of one kind, here {PLURAL[kept]}: mesh all "
+            f"{text} in it, and a mesh has cells of one kind, here {PLURAL[kept]}: mesh all "
             "bodies of the scene so"
         )
-        for name, what in said.items()
+        for name, text in texts.items()
     }
 
 
@@ -222,38 +230,53 @@ def sides_of(
     corners = CORNERS[kind]
     if counts == [corners]:
         return None
-    own = EDGES[kind]
-    known = {corners + len(own), *WHOLE.get(kind, ())}
+    edges = EDGES[kind]
+    allowed = {corners + len(edges), *WHOLE.get(kind, ())}
     if len(counts) > 1 and corners in counts:
         raise FileContentError(
             f"{path}: cells of kind {kind} have {' or '.join(map(str, counts))} nodes: mesh all "
             "bodies with cells of one order, in gmsh by setOrder(2)"
         )
-    if not set(counts) <= known:
+    if not set(counts) <= allowed:
         raise FileContentError(
             f"{path}: cells of kind {kind} have {' or '.join(map(str, counts))} nodes, and those "
-            f"of order 1 or 2 have {corners} or {' or '.join(map(str, sorted(known)))}: in gmsh "
+            f"of order 1 or 2 have {corners} or {' or '.join(map(str, sorted(allowed)))}: in gmsh "
             "setOrder(2)"
         )
-    listed = [frozenset(edge) for edge in EDGE_ORDERS[order].get(kind, own)]
-    places = corners + np.array([listed.index(frozenset(edge)) for edge in own])
-    return np.concatenate([block[:, places] for block in blocks])
+    listed = [frozenset(edge) for edge in EDGE_ORDERS[order].get(kind, edges)]
+    columns = corners + np.array([listed.index(frozenset(edge)) for edge in edges])
+    return np.concatenate([block[:, columns] for block in blocks])
 
 
 def faces(kind: str, cells: np.ndarray) -> np.ndarray:
-    """Corners of all faces of cells, (c, faces, k)."""
+    """Corners of all faces of cells, (c, faces, k).
+
+    Args:
+        kind: kind of the cells, such as ``hexahedron``.
+        cells: corners of the cells, (c, k).
+    """
     return cells[:, np.array(FACES[kind])]
 
 
 def outer_faces(kind: str, cells: np.ndarray) -> np.ndarray:
-    """Corners of the faces that belong to one cell only, (f, k)."""
+    """Corners of the faces that belong to one cell only, (f, k).
+
+    Args:
+        kind: kind of the cells, such as ``hexahedron``.
+        cells: corners of the cells, (c, k).
+    """
     return outer_faces_of_cells(kind, cells)[0]
 
 
 def outer_faces_of_cells(kind: str, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of the faces that belong to one cell only, (f, k), and this cell, (f,)."""
-    every = faces(kind, cells)
-    flat = every.reshape(-1, every.shape[-1])
+    """Corners of the faces that belong to one cell only, (f, k), and this cell, (f,).
+
+    Args:
+        kind: kind of the cells, such as ``hexahedron``.
+        cells: corners of the cells, (c, k).
+    """
+    corners = faces(kind, cells)
+    flat = corners.reshape(-1, corners.shape[-1])
     _, first, count = np.unique(
         np.sort(flat, axis=1), axis=0, return_index=True, return_counts=True
     )
@@ -262,13 +285,19 @@ def outer_faces_of_cells(kind: str, cells: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def are_sides(kind: str, cells: np.ndarray, facets: np.ndarray) -> np.ndarray:
-    """Mask of the facets, (f, k), that are sides of some cells, by their corners, (f,) bool."""
+    """Mask of the facets, (f, k), that are sides of some cells, by their corners, (f,) bool.
+
+    Args:
+        kind: kind of the cells, such as ``hexahedron``.
+        cells: corners of the cells, (c, k).
+        facets: corners of the facets, (f, k).
+    """
     # few nodes of a mesh in space are on facets, and sorting all of its sides takes seconds
     wanted = np.zeros(max(cells.max(initial=0), facets.max(initial=0)) + 1, dtype=bool)
     wanted[facets] = True
     sides = faces(kind, cells[wanted[cells].any(axis=1)]).reshape(-1, len(FACES[kind][0]))
     sides = np.sort(sides[wanted[sides].all(axis=1)], axis=1)
-    every = np.concatenate([np.unique(sides, axis=0), np.sort(facets, axis=1)])
-    _, which = np.unique(every, axis=0, return_inverse=True)
-    first, last = np.split(which.ravel(), [len(every) - len(facets)])
+    joined = np.concatenate([np.unique(sides, axis=0), np.sort(facets, axis=1)])
+    _, which = np.unique(joined, axis=0, return_inverse=True)
+    first, last = np.split(which.ravel(), [len(joined) - len(facets)])
     return np.isin(last, first)

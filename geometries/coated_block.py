@@ -44,6 +44,7 @@ def coated_block(
     """Build the mesh of all bodies on all ranks of ``comm``.
 
     Args:
+        comm: MPI communicator.
         radius: radius of the sphere, in the unit of length of the scene.
         width: radius of the modelled column, and the height of both bodies.
         thickness: thickness of the coating.
@@ -51,6 +52,9 @@ def coated_block(
         layers: cells of the coating along the axis, among those of the block.
         grading: 0 for even cells; cells grow from the origin like the slope of sinh over [0,
             grading].
+
+    Raises:
+        ValueError: for a width, a thickness or layers that do not fit.
     """
     if not 0 < width < radius or not 0 < thickness < width or not 0 < layers < cells[1]:
         raise ValueError(
@@ -58,6 +62,7 @@ def coated_block(
         )
 
     def warp(points: np.ndarray, tag: int) -> np.ndarray:
+        """Coordinates, (n, 2), of ``points`` of the unit square of body ``tag``."""
         r = width * _graded(points[:, 0], grading)
         if tag == BLOCK:
             share = layers / cells[1]

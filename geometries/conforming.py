@@ -24,8 +24,7 @@ digits.
 
 
 def conforming(raw: RawMesh) -> RawMesh:
-    """The mesh with one node in the middle of each side, and with surfaces whose facets are all
-    sides of cells.
+    """The mesh with one node in the middle of each side, and surfaces of sides of cells only.
 
     Raises:
         FileContentError: for cells that have a node twice, or sides with several middle nodes at
@@ -41,10 +40,10 @@ def _check_distinct(raw: RawMesh) -> None:
     order = np.sort(raw.cells, axis=1)
     twice = (order[:, 1:] == order[:, :-1]).any(axis=1)
     if twice.any():
-        place = raw.points[raw.cells[twice][0]].mean(axis=0).round(6).tolist()
+        middle = raw.points[raw.cells[twice][0]].mean(axis=0).round(6).tolist()
         raise FileContentError(
             f"{int(twice.sum())} of {len(raw.cells)} {PLURAL[raw.kind]} have a node twice, e.g. "
-            f"around {place}: collapsed cells are not supported. Mesh these places with whole "
+            f"around {middle}: collapsed cells are not supported. Mesh these places with whole "
             "cells"
         )
 
@@ -54,30 +53,32 @@ def _joined(raw: RawMesh, sides: np.ndarray) -> RawMesh:
     ends = np.sort(raw.cells[:, np.array(EDGES[raw.kind])].reshape(-1, 2), axis=1)
     _, first, which = np.unique(ends, axis=0, return_index=True, return_inverse=True)
     flat = sides.ravel()
-    kept = flat[first][which.ravel()]
+    representative = flat[first][which.ravel()]
     lengths = np.linalg.norm(raw.points[ends[:, 0]] - raw.points[ends[:, 1]], axis=1)
-    apart = np.linalg.norm(raw.points[flat] - raw.points[kept], axis=1) > COINCIDE * lengths
+    apart = (
+        np.linalg.norm(raw.points[flat] - raw.points[representative], axis=1) > COINCIDE * lengths
+    )
     if apart.any():
         _refuse(
             raw,
             ends[apart],
             "have nodes of their own in the middle of each of their cells, at different places",
         )
-    _, firsts, counts = np.unique(kept[first], return_index=True, return_counts=True)
-    shared = np.isin(kept[first], kept[first][firsts[counts > 1]])
-    wrong = shared | np.isin(kept[first], raw.cells)
+    _, firsts, counts = np.unique(representative[first], return_index=True, return_counts=True)
+    shared = np.isin(representative[first], representative[first][firsts[counts > 1]])
+    wrong = shared | np.isin(representative[first], raw.cells)
     if wrong.any():
         _refuse(
             raw,
             ends[first][wrong],
             "have a node in the middle that is that of another side or a corner of a cell",
         )
-    if np.array_equal(kept, flat):
+    if np.array_equal(representative, flat):
         return raw
     numbers = np.arange(len(raw.points))
-    numbers[flat] = kept
-    nodes = {name: np.unique(numbers[own]) for name, own in raw.nodes.items()}
-    return replace(raw, sides=kept.reshape(sides.shape), nodes=nodes)
+    numbers[flat] = representative
+    nodes = {name: np.unique(numbers[nodes_of]) for name, nodes_of in raw.nodes.items()}
+    return replace(raw, sides=representative.reshape(sides.shape), nodes=nodes)
 
 
 def _refuse(raw: RawMesh, ends: np.ndarray, what: str) -> None:
@@ -98,25 +99,30 @@ def _with_sides_only(raw: RawMesh) -> RawMesh:
     if not names:
         return raw
     ends = np.cumsum([len(raw.surfaces[name]) for name in names])
-    inside = np.split(
+    masks = np.split(
         are_sides(raw.kind, raw.cells, np.concatenate([raw.surfaces[name] for name in names])),
         ends[:-1],
     )
-    kept = {name: raw.surfaces[name][own] for name, own in zip(names, inside, strict=True)}
+    surfaces = {name: raw.surfaces[name][mask] for name, mask in zip(names, masks, strict=True)}
     lost = {
-        name: counted(int((~own).sum()), raw.dim - 1)
-        for name, own in zip(names, inside, strict=True)
-        if not own.all()
+        name: counted(int((~mask).sum()), raw.dim - 1)
+        for name, mask in zip(names, masks, strict=True)
+        if not mask.all()
     }
     reasons = {
-        name: f"{what} of it belong to no cell: there are no shells, membranes or bars"
-        for name, what in lost.items()
+        name: f"{count} of it belong to no cell: there are no shells, membranes or bars"
+        for name, count in lost.items()
     }
     # the reasons of the reader are more specific
-    return replace(raw, surfaces={**raw.surfaces, **kept}, left_out={**reasons, **raw.left_out})
+    return replace(raw, surfaces={**raw.surfaces, **surfaces}, left_out={**reasons, **raw.left_out})
 
 
 def counted(count: int, dim: int) -> str:
-    """A number of elements of a dimension, in words."""
-    one = {0: "node", 1: "line", 2: "facet", 3: "cell"}[dim]
-    return f"{count} {one}" if count == 1 else f"{count} {one}s"
+    """A number of elements of a dimension, in words.
+
+    Args:
+        count: number of elements.
+        dim: their dimension, 0 to 3.
+    """
+    noun = {0: "node", 1: "line", 2: "facet", 3: "cell"}[dim]
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from hhr_dolfinx.geometries.cells import (
     sides_of,
 )
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
+
+if TYPE_CHECKING:
+    from netCDF4 import Dataset
 
 _KINDS = {
     "TRI": "triangle",
@@ -36,12 +39,16 @@ _SIDES = FACES | {"hexahedron": _HEX_SIDES, "tetrahedron": _TET_SIDES}
 
 
 def read_exodus(path: Path) -> RawMesh:
-    """Read the mesh of an Exodus file; raise FileContentError for several kinds of cells."""
+    """Read the mesh of an Exodus file.
+
+    Raises:
+        FileContentError: for a file without cells, or with several kinds that touch.
+    """
     with netcdf_read(path, f"the mesh file {path}") as data:
         return _read(data, path)
 
 
-def _read(data: Any, path: Path) -> RawMesh:
+def _read(data: Dataset, path: Path) -> RawMesh:
     count = len(data.dimensions["num_el_blk"])
     labels = _labels(data, "eb", count)
     blocks = [_Block.of(data, k, *labels[k - 1]) for k in range(1, count + 1)]
@@ -54,16 +61,16 @@ def _read(data: Any, path: Path) -> RawMesh:
         )
     solid = [block for block in blocks if block.kind and DIMENSION.get(block.kind, 3) == dim]
     kind, left_out = one_kind(((block.kind, block.nodes) for block in solid), path)
-    own = [block for block in solid if block.kind == kind]
-    sides = sides_of(kind, [block.nodes for block in own], path, "exodus")
-    cells = np.concatenate([block.nodes[:, : CORNERS[kind]] for block in own])
-    starts = np.cumsum([0, *(len(block.nodes) for block in own)])
+    main = [block for block in solid if block.kind == kind]
+    sides = sides_of(kind, [block.nodes for block in main], path, "exodus")
+    cells = np.concatenate([block.nodes[:, : CORNERS[kind]] for block in main])
+    starts = np.cumsum([0, *(len(block.nodes) for block in main)])
     bodies: dict[str | int, np.ndarray] = {}
-    for k, block in enumerate(own):
+    for k, block in enumerate(main):
         bodies |= dict.fromkeys(block.names, np.arange(starts[k], starts[k + 1]))
     # side sets count the elements of all blocks
     row_of = np.full(sum(len(block.nodes) for block in blocks), -1)
-    row_of[np.concatenate([block.first + np.arange(len(block.nodes)) for block in own])] = (
+    row_of[np.concatenate([block.first + np.arange(len(block.nodes)) for block in main])] = (
         np.arange(len(cells))
     )
     surfaces, reasons = _side_sets(data, kind, cells, row_of)
@@ -73,15 +80,15 @@ def _read(data: Any, path: Path) -> RawMesh:
             surfaces |= {
                 name: block.nodes[:, :width] for name in block.names if name not in surfaces
             }
-        elif block in solid and block not in own:
+        elif block in solid and block not in main:
             left_out |= of_other_kinds(
                 {name: {block.kind: len(block.nodes)} for name in block.names}, kind
             )
-        elif block not in own:
-            what = (
+        elif block not in main:
+            reason = (
                 f"a block of {len(block.nodes)} elements of type {block.type}, which are no cells"
             )
-            left_out |= dict.fromkeys(block.names, what)
+            left_out |= dict.fromkeys(block.names, reason)
     return RawMesh(
         _points(data), kind, cells, bodies, surfaces, _node_sets(data), sides, left_out | reasons
     )
@@ -108,8 +115,15 @@ class _Block:
     names: tuple[str | int, ...]
 
     @classmethod
-    def of(cls, data: Any, k: int, number: int, name: str) -> _Block:
-        """Block k = 1, 2, ... of a file; an empty one has no variable."""
+    def of(cls, data: Dataset, k: int, number: int, name: str) -> _Block:
+        """Block k = 1, 2, ... of a file; an empty one has no variable.
+
+        Args:
+            data: the open file.
+            k: position of the block in the file, from 1.
+            number: number of the block.
+            name: name of the block, empty without one.
+        """
         sizes = [
             len(data.dimensions[f"num_el_in_blk{j}"])
             if f"num_el_in_blk{j}" in data.dimensions
@@ -146,7 +160,7 @@ def _kind(type_: str, count: int, dim: int) -> str:
     return _KINDS.get(type_[:3], "")
 
 
-def _points(data: Any) -> np.ndarray:
+def _points(data: Dataset) -> np.ndarray:
     """Coordinates, (nodes, dim), as one array or one for each axis."""
     if "coord" in data.variables:
         return np.asarray(data.variables["coord"][:]).T
@@ -156,12 +170,12 @@ def _points(data: Any) -> np.ndarray:
 
 
 def _side_sets(
-    data: Any, kind: str, cells: np.ndarray, row_of: np.ndarray
+    data: Dataset, kind: str, cells: np.ndarray, row_of: np.ndarray
 ) -> tuple[dict[str | int, np.ndarray], dict[str | int, str]]:
     """Corners of the facets of side sets, and reasons for side sets of other elements, which are
     left out.
     """
-    found: dict[str | int, np.ndarray] = {}
+    surfaces: dict[str | int, np.ndarray] = {}
     reasons: dict[str | int, str] = {}
     count = len(data.dimensions["num_side_sets"]) if "num_side_sets" in data.dimensions else 0
     for k, (number, name) in enumerate(_labels(data, "ss", count), start=1):
@@ -169,23 +183,23 @@ def _side_sets(
         if f"elem_ss{k}" not in data.variables:
             continue
         elements, sides = (
-            np.asarray(data.variables[f"{what}_ss{k}"][:], dtype=np.int64) - 1
-            for what in ("elem", "side")
+            np.asarray(data.variables[f"{variable}_ss{k}"][:], dtype=np.int64) - 1
+            for variable in ("elem", "side")
         )
         rows = row_of[elements]
-        inside = (rows >= 0) & (sides < len(_SIDES[kind]))
-        if not inside.all():
+        valid = (rows >= 0) & (sides < len(_SIDES[kind]))
+        if not valid.all():
             reasons[name or number] = (
-                f"{int((~inside).sum())} of its {len(rows)} sides are of elements that are no cells"
+                f"{int((~valid).sum())} of its {len(rows)} sides are of elements that are no cells"
             )
         facets = np.take_along_axis(
-            cells[rows[inside]], np.array(_SIDES[kind])[sides[inside]], axis=1
+            cells[rows[valid]], np.array(_SIDES[kind])[sides[valid]], axis=1
         )
-        found |= {number: facets} | ({name: facets} if name else {})
-    return found, reasons
+        surfaces |= {number: facets} | ({name: facets} if name else {})
+    return surfaces, reasons
 
 
-def _node_sets(data: Any) -> dict[str, np.ndarray]:
+def _node_sets(data: Dataset) -> dict[str, np.ndarray]:
     count = len(data.dimensions["num_node_sets"]) if "num_node_sets" in data.dimensions else 0
     return {
         name or f"nodes {number}": np.asarray(data.variables[f"node_ns{k}"][:], dtype=np.int64) - 1
@@ -194,7 +208,7 @@ def _node_sets(data: Any) -> dict[str, np.ndarray]:
     }
 
 
-def _labels(data: Any, kind: str, count: int) -> list[tuple[int, str]]:
+def _labels(data: Dataset, kind: str, count: int) -> list[tuple[int, str]]:
     """Number and name of the blocks or sets of a kind; empty if there is no name."""
     if not count:
         return []

@@ -102,10 +102,10 @@ def _facets_without_cells() -> bool:
             if d == wanted
             for entity in gmsh.model.getEntitiesForPhysicalGroup(d, tag)
         }
-        found = [
+        blocks = [
             nodes for entity in entities for nodes in gmsh.model.mesh.getElements(wanted, entity)[2]
         ]
-        return np.unique(np.concatenate([np.zeros(0, dtype=np.uint64), *found]))
+        return np.unique(np.concatenate([np.zeros(0, dtype=np.uint64), *blocks]))
 
     return bool(np.setdiff1d(nodes_of(dim - 1), nodes_of(dim)).size)
 
@@ -133,26 +133,27 @@ def entities_of(path: Path) -> tuple[np.ndarray, np.ndarray, list[Entity]]:
     """Read a mesh file by gmsh: points, (n, 3), their numbers, (n,), and elements."""
     with _session(_OPTIONS):
         gmsh.merge(str(path))
-        numbers, places, _ = gmsh.model.mesh.getNodes()
+        numbers, coordinates, _ = gmsh.model.mesh.getNodes()
         row_of = np.full(int(numbers.max(initial=0)) + 1, -1)
         row_of[numbers.astype(np.int64)] = np.arange(numbers.size)
-        found = []
+        entities = []
         for dim, tag in gmsh.model.getEntities():
             # a group with reversed orientation has a negative number there
-            own = (
+            group_numbers = (
                 np.unique(np.abs(gmsh.model.getPhysicalGroupsForEntity(dim, tag)))
                 .astype(int)
                 .tolist()
             )
             groups = tuple(
-                (number, gmsh.model.getPhysicalName(dim, number).strip()) for number in own
+                (number, gmsh.model.getPhysicalName(dim, number).strip())
+                for number in group_numbers
             )
             kinds, _, nodes = gmsh.model.mesh.getElements(dim, tag)
-            for kind, own in zip(kinds, nodes, strict=True):
+            for kind, node_numbers in zip(kinds, nodes, strict=True):
                 _, _, _, count, _, corners = gmsh.model.mesh.getElementProperties(kind)
-                every = row_of[own.astype(np.int64).reshape(-1, count)]
-                found.append(Entity(dim, every[:, :corners], every, groups, tag))
-        return places.reshape(-1, 3), numbers.astype(np.int64), found
+                element_nodes = row_of[node_numbers.astype(np.int64).reshape(-1, count)]
+                entities.append(Entity(dim, element_nodes[:, :corners], element_nodes, groups, tag))
+        return coordinates.reshape(-1, 3), numbers.astype(np.int64), entities
 
 
 @contextmanager
@@ -168,7 +169,7 @@ def _session(options: Mapping[str, float]) -> Iterator[None]:
         finally:
             gmsh.finalize()
         return
-    others = gmsh.model.list()
+    previous = gmsh.model.list()
     current = gmsh.model.getCurrent()
     with _default_options():
         gmsh.model.add("hhr_dolfinx")
@@ -177,7 +178,7 @@ def _session(options: Mapping[str, float]) -> Iterator[None]:
             yield
         finally:
             # gmsh appends new models to its list
-            for name in gmsh.model.list()[len(others) :]:
+            for name in gmsh.model.list()[len(previous) :]:
                 gmsh.model.setCurrent(name)
                 gmsh.model.remove()
             gmsh.model.setCurrent(current)
@@ -191,16 +192,16 @@ def _default_options() -> Iterator[None]:
     """
     before = {name: gmsh.option.getNumber(name) for name in _OPTIONS}
     with tempfile.TemporaryDirectory() as folder:
-        own = str(Path(folder) / "of_the_user.opt")
+        saved = str(Path(folder) / "of_the_user.opt")
         _set(_OPTIONS)
-        gmsh.write(own)  # options that differ from the defaults, a few lines
+        gmsh.write(saved)  # options that differ from the defaults, a few lines
         gmsh.option.restoreDefaults()
         try:
             yield
         finally:
             gmsh.option.restoreDefaults()
             _set(_OPTIONS)
-            gmsh.merge(own)
+            gmsh.merge(saved)
             _set(before)
 
 

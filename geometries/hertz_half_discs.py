@@ -43,12 +43,16 @@ def half_discs(
     """Build the mesh of the two half-discs on all ranks of ``comm``.
 
     Args:
+        comm: MPI communicator.
         radius: radius R of both discs, in the unit of length of the scene.
         gap: distance d of the poles, which lie at (0, ±d/2).
         arc_segments: number of segments of each arc, even.
         flat_segments: number of segments of each flat edge.
-        pole_ratio: length of each arc segment over the length of its neighbour towards the
-            pole; above 1 the mesh is refined where contact begins.
+        pole_ratio: length of each arc segment over the length of its neighbour towards the pole;
+            above 1 the mesh is refined where contact begins.
+
+    Raises:
+        ValueError: for numbers of segments, a radius or a ratio out of their ranges.
     """
     if arc_segments < 2 or arc_segments % 2 or flat_segments < 1:
         raise ValueError(
@@ -75,10 +79,10 @@ def _mesh_lower_half(
     y = -radius - gap / 2
     center = geo.addPoint(0, y, 0)
     pole = geo.addPoint(0, y + radius, 0)
-    left = geo.addPoint(-radius, y, 0)
-    right = geo.addPoint(radius, y, 0)
-    arcs = [geo.addCircleArc(right, center, pole), geo.addCircleArc(pole, center, left)]
-    flat = geo.addLine(left, right)
+    left_end = geo.addPoint(-radius, y, 0)
+    right_end = geo.addPoint(radius, y, 0)
+    arcs = [geo.addCircleArc(right_end, center, pole), geo.addCircleArc(pole, center, left_end)]
+    flat = geo.addLine(left_end, right_end)
     geo.mesh.setTransfiniteCurve(arcs[0], arc_segments // 2 + 1, "Progression", 1 / pole_ratio)
     geo.mesh.setTransfiniteCurve(arcs[1], arc_segments // 2 + 1, "Progression", pole_ratio)
     geo.mesh.setTransfiniteCurve(flat, flat_segments + 1)

@@ -12,8 +12,11 @@ import numpy as np
 
 
 def optimise(path: str, how: str) -> None:
-    """Move the nodes of a mesh in a file by an optimiser of gmsh: ``HighOrder`` or
-    ``HighOrderElastic``.
+    """Move the nodes of a mesh in a file by an optimiser of gmsh.
+
+    Args:
+        path: file of the mesh, which gets the new points.
+        how: the optimiser, ``HighOrder`` or ``HighOrderElastic``.
     """
     import gmsh
 
@@ -27,15 +30,15 @@ def optimise(path: str, how: str) -> None:
     gmsh.model.addDiscreteEntity(dim - 1, 1)
     gmsh.model.addDiscreteEntity(dim, 1, [1])
     fixed = np.unique(held)
-    for place, nodes in ((dim - 1, fixed), (dim, np.setdiff1d(cells, fixed))):
-        gmsh.model.mesh.addNodes(place, 1, nodes + 1, points[nodes].ravel())
+    for entity_dim, nodes in ((dim - 1, fixed), (dim, np.setdiff1d(cells, fixed))):
+        gmsh.model.mesh.addNodes(entity_dim, 1, nodes + 1, points[nodes].ravel())
     gmsh.model.mesh.addElementsByType(1, int(kinds[1]), [], (held + 1).ravel())
     gmsh.model.mesh.addElementsByType(1, int(kinds[0]), [], (cells + 1).ravel())
     gmsh.model.mesh.optimize(how)
     # gmsh numbers nodes and elements anew, and keeps their order in elements
-    numbers, places, _ = gmsh.model.mesh.getNodes()
+    numbers, coordinates, _ = gmsh.model.mesh.getNodes()
     at = np.zeros((int(numbers.max()) + 1, 3))
-    at[numbers.astype(np.int64)] = places.reshape(-1, 3)
+    at[numbers.astype(np.int64)] = coordinates.reshape(-1, 3)
     points[cells] = at[gmsh.model.mesh.getElements(dim)[2][0].astype(np.int64).reshape(cells.shape)]
     gmsh.finalize()
     with open(path, "wb") as out:

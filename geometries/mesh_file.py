@@ -13,7 +13,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -46,6 +46,8 @@ are mistakes.
 """
 NodesOf = Callable[[Path, np.ndarray, np.ndarray], dict[str, np.ndarray]]
 """Rows of sets of nodes by name, of a path, points and their numbers in gmsh."""
+TagsOfNames = list[tuple[str | int, tuple[int, tuple[int, ...]]]]
+"""Names with their dimension and their tags."""
 BY_GMSH = (".med", ".mmed", ".rmed", ".cgns")
 """Endings of files that gmsh reads: meshio reads MED by h5py, which is incompatible with the HDF5
 of DOLFINx.
@@ -95,7 +97,12 @@ class MeshFile:
         return _shared(raw, comm, self.scale, comm.bcast(summary))
 
     def read(self) -> RawMesh:
-        """Contents of the file, before the mesh is distributed."""
+        """Contents of the file, before the mesh is distributed.
+
+        Raises:
+            FileContentError: for a file that is missing or damaged, or has no mesh of one kind of
+                cells.
+        """
         path = Path(self.path)
         if path.is_dir():
             raise FileContentError(
@@ -118,9 +125,9 @@ class MeshFile:
             # readers raise many kinds of errors for damaged files, and gmsh Exception without a
             # text
             kind = "" if type(error) is Exception else f"{type(error).__name__}: "
-            what = f"{kind}{error}".rstrip(": .") or "it is damaged"
+            reason = f"{kind}{error}".rstrip(": .") or "it is damaged"
             raise FileContentError(
-                f"mesh file {path} cannot be read: {what}. {_advice(path)}"
+                f"mesh file {path} cannot be read: {reason}. {_advice(path)}"
             ) from error
 
 
@@ -132,9 +139,9 @@ def _found_instead(path: Path) -> str:
             "is run"
         )
     beside = [
-        item.name
-        for item in path.parent.iterdir()
-        if path.stem == item.stem or path.suffix == item.suffix
+        file.name
+        for file in path.parent.iterdir()
+        if path.stem == file.stem or path.suffix == file.suffix
     ]
     if beside:
         return f"{path.parent.absolute()} has {', '.join(sorted(beside)[:5])}"
@@ -156,15 +163,19 @@ def _advice(path: Path) -> str:
     )
 
 
-def reader_of(path: Path) -> Any:
-    """Reader of a file by its ending; decks of Abaqus also by their first word, as cgx names them
-    .msh.
+def reader_of(path: Path) -> Callable[[Path], RawMesh]:
+    """Reader of a file by its ending.
+
+    Decks of Abaqus are also found by their first word, as cgx names them .msh.
+
+    Raises:
+        FileContentError: for an ending that only a plug-in which is not installed reads.
     """
     ending = path.suffix.lower()
-    if (place := named("readers").get(ending)) is not None:
-        return load(place)
-    if why := remedy("readers", ending):
-        raise FileContentError(f"no installed plug-in reads files {ending}, such as {path}{why}")
+    if (import_path := named("readers").get(ending)) is not None:
+        return load(import_path)
+    if advice := remedy("readers", ending):
+        raise FileContentError(f"no installed plug-in reads files {ending}, such as {path}{advice}")
     if ending == ".inp" or begins_as_deck(path):
         from hhr_dolfinx.geometries.abaqus_deck import read_deck
 
@@ -181,9 +192,7 @@ def reader_of(path: Path) -> Any:
 
 
 def begins_as_deck(path: Path) -> bool:
-    """True if the first line of a file is one of an Abaqus deck: ``*NODE``, ``*HEADING`` or a
-    comment.
-    """
+    """True if a file begins as an Abaqus deck: by ``*NODE``, ``*HEADING`` or a comment."""
     with path.open("rb") as file:
         start = file.read(4096).lstrip().upper()
     return start.startswith((b"**", b"*NODE", b"*HEADING", b"*INCLUDE", b"*PART"))
@@ -208,8 +217,14 @@ def _version(path: Path) -> float:
 
 
 def read_by_gmsh(path: Path, nodes_of: NodesOf | None = None) -> RawMesh:
-    """Read a file of a format that gmsh supports better than meshio, and sets of nodes by another
-    function.
+    """Read a file of a format that gmsh supports better than meshio.
+
+    Args:
+        path: path of the file.
+        nodes_of: function that reads sets of nodes; None for none.
+
+    Raises:
+        FileContentError: for a file without cells, or with several kinds of them.
     """
     from hhr_dolfinx.geometries.gmsh_model import entities_of
 
@@ -221,8 +236,8 @@ def read_by_gmsh(path: Path, nodes_of: NodesOf | None = None) -> RawMesh:
         # the gmsh of Debian has no MED; meshio may read the file, or explain why not
         return read_by_meshio(path)
     kinds = {(DIMENSION[kind], CORNERS[kind]): kind for kind in CORNERS}
-    there = {(entity.dim, entity.corners.shape[1]) for entity in entities}
-    dim = max((one[0] for one in there if one in kinds or one[0] == 3), default=0)
+    shapes = {(entity.dim, entity.corners.shape[1]) for entity in entities}
+    dim = max((shape[0] for shape in shapes if shape in kinds or shape[0] == 3), default=0)
     if not dim:
         raise FileContentError(f"{path} has no triangles, quadrilaterals, tetrahedra or hexahedra")
     solid = [entity for entity in entities if entity.dim == dim]
@@ -231,15 +246,15 @@ def read_by_gmsh(path: Path, nodes_of: NodesOf | None = None) -> RawMesh:
         for entity in solid
     }
     kind, left_out = one_kind(((of[entity], entity.nodes) for entity in solid), path)
-    own = [entity for entity in solid if of[entity] == kind]
-    order = sides_of(kind, (entity.nodes for entity in own), path, "gmsh")
+    main = [entity for entity in solid if of[entity] == kind]
+    order = sides_of(kind, (entity.nodes for entity in main), path, "gmsh")
     width = len(FACES[kind][0])
     sides = [
         entity for entity in entities if entity.dim == dim - 1 and entity.corners.shape[1] == width
     ]
-    cells, bodies = _joined(own, CORNERS[kind])
+    cells, bodies = _joined(main, CORNERS[kind])
     lost: dict[str | int, Counter[str]] = {}
-    for entity in (item for item in solid if of[item] != kind):
+    for entity in (lost_entity for lost_entity in solid if of[lost_entity] != kind):
         for tag in {tag for group in entity.groups for tag in group if tag}:
             lost.setdefault(tag, Counter())[of[entity]] += len(entity.nodes)
     bodies = {tag: rows for tag, rows in bodies.items() if tag not in lost}
@@ -272,31 +287,31 @@ def _joined(entities: list[Entity], width: int) -> tuple[np.ndarray, dict[str | 
     .geo.
     """
     starts = np.cumsum([0, *(len(entity.corners) for entity in entities)])
-    found: dict[str | int, list[np.ndarray]] = {}
+    rows_of: dict[str | int, list[np.ndarray]] = {}
     for start, entity in zip(starts, entities, strict=False):
         rows = start + np.arange(len(entity.corners))
         for number, name in entity.groups:
             for tag in (number, name) if name else (number,):
-                found.setdefault(tag, []).append(rows)
+                rows_of.setdefault(tag, []).append(rows)
     corners = [entity.corners for entity in entities]
-    every = np.concatenate(corners) if corners else np.zeros((0, width), dtype=np.int64)
-    joined = {tag: np.unique(np.concatenate(rows)) for tag, rows in found.items()}
+    all_corners = np.concatenate(corners) if corners else np.zeros((0, width), dtype=np.int64)
+    joined = {tag: np.unique(np.concatenate(rows)) for tag, rows in rows_of.items()}
     joined = {tag: rows for tag, rows in joined.items() if rows.size}
     tags = sorted({entity.tag for entity in entities})
     if joined or not tags:
-        return every, joined
+        return all_corners, joined
     numbered: dict[str | int, np.ndarray] = {}
     for start, entity in zip(starts, entities, strict=False):
         rows = start + np.arange(len(entity.corners))
         numbered[entity.tag] = np.concatenate([numbered.get(entity.tag, rows[:0]), rows])
-    return every, numbered if len(tags) > 1 else {1: np.arange(len(every)), **numbered}
+    return all_corners, numbered if len(tags) > 1 else {1: np.arange(len(all_corners)), **numbered}
 
 
-def _arrays(raw: RawMesh, scale: float) -> tuple[tuple[np.ndarray, ...], Any]:
+def _arrays(raw: RawMesh, scale: float) -> tuple[tuple[np.ndarray, ...], TagsOfNames]:
     """Points, cells, tagged cells and facets with their tags, and the names of tags."""
     bodies = ItemNumbers.of(raw.bodies, len(raw.cells))
     facets, surfaces = facets_by_number(raw)
-    points, whole = raw.whole()
+    points, cell_nodes = raw.whole()
     cells = raw.ordered()
     groups = [
         (name, (dim, numbers))
@@ -305,7 +320,7 @@ def _arrays(raw: RawMesh, scale: float) -> tuple[tuple[np.ndarray, ...], Any]:
     ]
     return (
         points * scale,
-        whole,
+        cell_nodes,
         cells[bodies.items],
         facets,
         bodies.values,

@@ -21,7 +21,7 @@ def shares(points: np.ndarray, cells: np.ndarray, count: int) -> np.ndarray:
         cells: point numbers of the corners of the cells, (n, k).
         count: number of parts, at least 1.
     """
-    found = np.zeros(len(cells), dtype=np.int32)
+    parts_of = np.zeros(len(cells), dtype=np.int32)
     middles = points[cells].mean(axis=1)
     starts = np.arange(0, cells.size + 1, cells.shape[1])
     corners = csr_matrix(
@@ -33,11 +33,11 @@ def shares(points: np.ndarray, cells: np.ndarray, count: int) -> np.ndarray:
     held = np.zeros(count, dtype=np.int64)
     for body in np.split(order, np.flatnonzero(np.diff(body_of[order])) + 1):
         if body.size < count:  # too few cells to cut: the whole body goes to the smallest part
-            found[body] = np.argmin(held)
+            parts_of[body] = np.argmin(held)
         else:
-            _cut(body, middles, cells, count, found)
-        held += np.bincount(found[body], minlength=count)
-    return found
+            _cut(body, middles, cells, count, parts_of)
+        held += np.bincount(parts_of[body], minlength=count)
+    return parts_of
 
 
 def _cut(

@@ -45,6 +45,7 @@ def pellet_cladding(
     """Build the mesh of pellet and cladding on all ranks of ``comm``.
 
     Args:
+        comm: MPI communicator.
         radius: radius of the pellet, in the unit of length of the scene, as all lengths.
         height: height of both bodies.
         thickness: thickness of the cladding.
@@ -53,6 +54,9 @@ def pellet_cladding(
         axial_cells: cells of the pellet along z.
         cladding_radial_cells: cells of the cladding along r.
         cladding_axial_cells: cells of the cladding along z; None for as many as the pellet has.
+
+    Raises:
+        ValueError: for lengths or numbers of cells that are not positive.
     """
     if min(radius, height, thickness) <= 0:
         raise ValueError(

@@ -46,6 +46,7 @@ def press_fit(
     """Build the mesh of both bodies on all ranks of ``comm``.
 
     Args:
+        comm: MPI communicator.
         radius: radius of the surfaces in contact, in the unit of length of the scene.
         wall: thickness of the hub.
         bore: radius of the hole in the shaft.
@@ -53,6 +54,9 @@ def press_fit(
         overhang: length by which each end of the shaft extends beyond the hub.
         around: cells of both bodies in a quarter of a turn.
         hub_cells, shaft_cells: cells along the radius and along half the axis.
+
+    Raises:
+        ValueError: for lengths that are not positive, or a bore as wide as the shaft.
     """
     if not 0 < bore < radius or min(wall, half_length, overhang) <= 0:
         raise ValueError(
@@ -61,6 +65,7 @@ def press_fit(
         )
 
     def warp(points: np.ndarray, tag: int) -> np.ndarray:
+        """Coordinates, (n, 3), of ``points`` in polar coordinates, for both bodies, ``tag``."""
         r = points[:, 0]
         angle = points[:, 1] * np.pi / 2
         return np.column_stack([r * np.cos(angle), r * np.sin(angle), points[:, 2]])

@@ -74,20 +74,21 @@ class RawMesh:
 
     def all_surfaces(self) -> dict[str | int, np.ndarray]:
         """Corners of facets by name or number, including those of sets of nodes."""
-        found = {name: facets for name, facets in self.surfaces.items() if len(facets)}
-        wanted = {name: nodes for name, nodes in self.nodes.items() if name not in found}
+        surfaces = {name: facets for name, facets in self.surfaces.items() if len(facets)}
+        wanted = {name: nodes for name, nodes in self.nodes.items() if name not in surfaces}
         if wanted:
             outer = outer_faces(self.kind, self.cells)
             for name, nodes in wanted.items():
-                inside = np.zeros(len(self.points), dtype=bool)
-                inside[nodes] = True
-                if (whole := inside[outer].all(axis=1)).any():
-                    found[name] = outer[whole]
-        return found
+                in_set = np.zeros(len(self.points), dtype=bool)
+                in_set[nodes] = True
+                if (on_set := in_set[outer].all(axis=1)).any():
+                    surfaces[name] = outer[on_set]
+        return surfaces
 
     def once(self) -> RawMesh:
-        """The mesh with each cell once: files of gmsh before version 4 have a cell once for each of
-        its groups.
+        """The mesh with each cell once.
+
+        Files of gmsh before version 4 have a cell once for each of its groups.
         """
         _, first, which = np.unique(
             np.sort(self.cells, axis=1), axis=0, return_index=True, return_inverse=True
@@ -97,9 +98,9 @@ class RawMesh:
         order = np.argsort(first)
         row_of = np.argsort(order)[which.ravel()]
         bodies = {name: np.unique(row_of[rows]) for name, rows in self.bodies.items()}
-        kept = first[order]
-        sides = None if self.sides is None else self.sides[kept]
-        return replace(self, cells=self.cells[kept], bodies=bodies, sides=sides)
+        rows_once = first[order]
+        sides = None if self.sides is None else self.sides[rows_once]
+        return replace(self, cells=self.cells[rows_once], bodies=bodies, sides=sides)
 
     def compact(self) -> RawMesh:
         """The mesh without nodes that belong to no cell.
@@ -115,7 +116,7 @@ class RawMesh:
             points = points[:, :2] if flat else points
         surfaces = {name: numbers[facets] for name, facets in self.surfaces.items()}
         surfaces = {name: facets[(facets >= 0).all(axis=1)] for name, facets in surfaces.items()}
-        nodes = {name: numbers[one][numbers[one] >= 0] for name, one in self.nodes.items()}
+        nodes = {name: numbers[rows][numbers[rows] >= 0] for name, rows in self.nodes.items()}
         sides = None if self.sides is None else numbers[self.sides]
         cells = numbers[self.cells]
         return replace(
@@ -132,10 +133,10 @@ class RawMesh:
             return self.points, self.ordered()
         self._check_sides(self.sides)
         corners = self.ordered()
-        places = TENSOR_ORDER.get(self.kind, range(corners.shape[1]))
-        own = [frozenset(edge) for edge in EDGES[self.kind]]
+        order = TENSOR_ORDER.get(self.kind, range(corners.shape[1]))
+        listed = [frozenset(edge) for edge in EDGES[self.kind]]
         edges, faces = topology(self.kind)
-        sides = self.sides[:, [own.index(frozenset((places[a], places[b]))) for a, b in edges]]
+        sides = self.sides[:, [listed.index(frozenset((order[a], order[b]))) for a, b in edges]]
         if self.kind not in TENSOR_ORDER:
             return self.points, np.hstack([corners, sides])
         points = self.points
@@ -156,10 +157,10 @@ class RawMesh:
         off = np.linalg.norm(self.points[sides] - ends.mean(axis=2), axis=2)
         far = off > FAR_OFF * np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
         if far.any():
-            place = self.points[sides[far][0]].tolist()
+            point = self.points[sides[far][0]].tolist()
             raise FileContentError(
                 f"{int(far.sum())} nodes on sides of cells of second order lie far from the "
-                f"middles of these, e.g. at {place}: the cells are too curved, or their nodes in "
+                f"middles of these, e.g. at {point}: the cells are too curved, or their nodes in "
                 "an order that is not understood. Write them as .msh or .vtu"
             )
 
@@ -171,11 +172,13 @@ def _middles_of_faces(
     (c, 6).
     """
     on_faces = [[k for k, edge in enumerate(edges) if set(edge) <= set(face)] for face in faces]
-    every = np.stack([np.sort(corners[:, face], axis=1) for face in faces], axis=1).reshape(-1, 4)
-    _, first, which = np.unique(every, axis=0, return_index=True, return_inverse=True)
+    face_corners = np.stack([np.sort(corners[:, face], axis=1) for face in faces], axis=1).reshape(
+        -1, 4
+    )
+    _, first, which = np.unique(face_corners, axis=0, return_index=True, return_inverse=True)
     values = [
-        0.5 * points[sides[:, own]].sum(axis=1) - 0.25 * points[corners[:, face]].sum(axis=1)
-        for face, own in zip(faces, on_faces, strict=True)
+        0.5 * points[sides[:, on_face]].sum(axis=1) - 0.25 * points[corners[:, face]].sum(axis=1)
+        for face, on_face in zip(faces, on_faces, strict=True)
     ]
     middles = np.stack(values, axis=1).reshape(-1, points.shape[1])[first]
     return np.concatenate([points, middles]), len(points) + which.reshape(len(corners), len(faces))
@@ -197,38 +200,43 @@ class ItemNumbers:
 
     @classmethod
     def of(cls, sets: Mapping[str | int, np.ndarray], count: int) -> ItemNumbers:
-        """Number the items of sets of indices among ``count`` items: items that are in the same
-        sets share a number.
+        """Number the items of sets: items that are in the same sets share a number.
 
         Items that are in one set only have its number, if the set has one.
+
+        Args:
+            sets: indices of the items of each set, by name or number.
+            count: number of all items.
         """
         names = list(sets)
-        inside = np.zeros((count, len(names)), dtype=bool)
+        members_of = np.zeros((count, len(names)), dtype=bool)
         for column, name in enumerate(names):
-            inside[sets[name], column] = True
-        items = np.flatnonzero(inside.any(axis=1))
-        patterns, which = np.unique(inside[items], axis=0, return_inverse=True)
+            members_of[sets[name], column] = True
+        items = np.flatnonzero(members_of.any(axis=1))
+        patterns, which = np.unique(members_of[items], axis=0, return_inverse=True)
         used = {name for name in names if isinstance(name, int)}
         fresh = iter(n for n in range(1, len(patterns) + len(used) + 1) if n not in used)
         numbers = []
         for pattern in patterns:
-            own = [names[k] for k in np.flatnonzero(pattern)]
-            whole = [name for name in own if isinstance(name, int)]
-            numbers.append(whole[0] if len(whole) == 1 and _same(sets, own) else next(fresh))
-        found = np.array(numbers, dtype=np.int64)
+            names_of = [names[k] for k in np.flatnonzero(pattern)]
+            integers = [name for name in names_of if isinstance(name, int)]
+            numbers.append(
+                integers[0] if len(integers) == 1 and _same(sets, names_of) else next(fresh)
+            )
+        number_of = np.array(numbers, dtype=np.int64)
         members = {
-            name: tuple(sorted({int(n) for n in found[patterns[:, column]]}))
+            name: tuple(sorted({int(n) for n in number_of[patterns[:, column]]}))
             for column, name in enumerate(names)
         }
         return cls(
-            items, found[which.ravel()] if items.size else np.zeros(0, dtype=np.int64), members
+            items, number_of[which.ravel()] if items.size else np.zeros(0, dtype=np.int64), members
         )
 
 
 def _same(sets: Mapping[str | int, np.ndarray], names: Iterable[str | int]) -> bool:
     """True if sets have the same items, as those of a number and its name."""
-    first, *others = (np.unique(sets[name]) for name in names)
-    return all(np.array_equal(first, other) for other in others)
+    first, *remaining = (np.unique(sets[name]) for name in names)
+    return all(np.array_equal(first, items_of) for items_of in remaining)
 
 
 def facets_by_number(raw: RawMesh) -> tuple[np.ndarray, ItemNumbers]:
@@ -237,12 +245,12 @@ def facets_by_number(raw: RawMesh) -> tuple[np.ndarray, ItemNumbers]:
     width = len(FACES[raw.kind][0])
     if not surfaces:
         return np.zeros((0, width), dtype=np.int64), ItemNumbers.of({}, 0)
-    every = np.concatenate(list(surfaces.values()))
+    all_facets = np.concatenate(list(surfaces.values()))
     _, first, which = np.unique(
-        np.sort(every, axis=1), axis=0, return_index=True, return_inverse=True
+        np.sort(all_facets, axis=1), axis=0, return_index=True, return_inverse=True
     )
     ends = np.cumsum([len(facets) for facets in surfaces.values()])
-    parts = np.split(which.ravel(), ends[:-1])
-    numbers = ItemNumbers.of(dict(zip(surfaces, parts, strict=True)), len(first))
-    facets = every[first]
+    indices = np.split(which.ravel(), ends[:-1])
+    numbers = ItemNumbers.of(dict(zip(surfaces, indices, strict=True)), len(first))
+    facets = all_facets[first]
     return (facets[:, TENSOR_FACET] if width == 4 else facets)[numbers.items], numbers

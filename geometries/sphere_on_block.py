@@ -44,6 +44,7 @@ def sphere_on_block(
     """Build the mesh of both bodies on all ranks of ``comm``.
 
     Args:
+        comm: MPI communicator.
         radius: radius R of the sphere, in the unit of length of the scene.
         width: width over R, at most 0.7, of the modelled square of the sphere and the block.
         depth: depth of the block over R, and height over R of the flat top of the sphere above the
@@ -53,6 +54,9 @@ def sphere_on_block(
         block_cells: cells of the block along x and y, and along z.
         grading: 0 for even cells; cells grow from the origin like the slope of sinh over [0,
             grading].
+
+    Raises:
+        ValueError: for a radius, width, depth or grading out of its range.
     """
     if radius <= 0 or not 0 < width <= 0.7 or grading < 0:
         raise ValueError(
@@ -67,6 +71,7 @@ def sphere_on_block(
         )
 
     def warp(points: np.ndarray, tag: int) -> np.ndarray:
+        """Coordinates, (n, 3), of ``points`` of the unit cube of body ``tag``."""
         x, y = (width * radius * _graded(points[:, axis], grading) for axis in (0, 1))
         if tag == BLOCK:
             return np.column_stack([x, y, -depth * radius * _graded(-points[:, 2], grading)])
@@ -81,15 +86,20 @@ def sphere_on_block(
 
 
 def indentation_cells(count: int) -> dict[str, tuple[int, int]]:
-    """Cells for a soft block under a stiffer sphere, from one number, the cells of the block along
-    x and y.
+    """Cells for a soft block under a stiffer sphere, from one number.
 
     The block has finer cells than the sphere, since its strains are larger. With ``count`` in (10,
     14, 19, 25, 33) the bodies have 3500, 8200, 20,000, 44,000 and 97,000 unknowns, and the block
     (count + 1)^2 nodes on its top.
 
+    Args:
+        count: cells of the block along x and y, at least 4.
+
     Returns:
         The options ``sphere_cells`` and ``block_cells`` of :func:`sphere_on_block`.
+
+    Raises:
+        ValueError: for a count below 4.
     """
     if count < 4:
         raise ValueError(f"{count} cells along a side of the block are too few: give at least 4")

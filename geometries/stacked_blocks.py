@@ -23,17 +23,32 @@ UPPER_BLOCK = SECOND
 
 
 def interface(body: int, dim: int) -> int:
-    """Facet tag of the side of a block that faces the other one."""
+    """Facet tag of the side of a block that faces the other block.
+
+    Args:
+        body: cell tag of the block.
+        dim: dimension of the mesh, 2 or 3.
+    """
     return side(body, dim - 1, body == LOWER_BLOCK)
 
 
 def outer_end(body: int, dim: int) -> int:
-    """Facet tag of the side of a block that looks away from the other one."""
+    """Facet tag of the side of a block that is opposite to its interface.
+
+    Args:
+        body: cell tag of the block.
+        dim: dimension of the mesh, 2 or 3.
+    """
     return side(body, dim - 1, body == UPPER_BLOCK)
 
 
 def rotation(dim: int, angle: float) -> np.ndarray:
-    """Rotation matrix of an angle, in space about the diagonal, (dim, dim)."""
+    """Rotation matrix of an angle, in space about the diagonal, (dim, dim).
+
+    Args:
+        dim: dimension of the mesh, 2 or 3.
+        angle: angle in radians.
+    """
     axis = np.array([0.0, 0.0, 1.0]) if dim == 2 else np.ones(3) / 3**0.5
     return Rotation.from_rotvec(angle * axis).as_matrix()[:dim, :dim]
 
@@ -51,6 +66,7 @@ def stacked_blocks(
     """Build the mesh of both blocks on all ranks of ``comm``.
 
     Args:
+        comm: MPI communicator.
         lower: cells of the lower block along each axis.
         upper: cells of the upper block along each axis.
         angle: rotation of both blocks, as in :func:`rotation`.
@@ -62,6 +78,7 @@ def stacked_blocks(
     turn = rotation(len(lower), angle)
 
     def warp(points: np.ndarray, body: int) -> np.ndarray:
+        """Coordinates, (n, dim), of ``points`` of the plain block ``body``."""
         points = points.copy()
         if body == UPPER_BLOCK:
             points[:, 0] += shift

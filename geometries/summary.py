@@ -39,14 +39,20 @@ class Summary:
         for title, lines in self.parts.items():
             rows.append(f"  {title}:")
             width = max(len(name) for name, _ in lines[:most])
-            rows += [f"    {name:{width}}  {what}" for name, what in lines[:most]]
+            rows += [f"    {name:{width}}  {description}" for name, description in lines[:most]]
             if len(lines) > most:
                 rows.append(f"    and {len(lines) - most} more")
         return "\n".join(rows)
 
 
 def summary_of(raw: RawMesh, path: Path, scale: float = 1.0) -> Summary:
-    """Summarise a file that was read."""
+    """Summarise a file that was read.
+
+    Args:
+        raw: contents of the file.
+        path: path of the file.
+        scale: factor of the coordinates.
+    """
     points = raw.points * scale
     surfaces = raw.all_surfaces()
     order = "first" if raw.sides is None else "second"
@@ -65,12 +71,12 @@ def summary_of(raw: RawMesh, path: Path, scale: float = 1.0) -> Summary:
         name: nodes for name, nodes in raw.nodes.items() if name not in surfaces and len(nodes)
     }
     sets = _lines({name: (len(nodes), nodes) for name, nodes in lines.items()}, 0, points)
-    said = tuple((str(name), why) for name, why in raw.left_out.items())
-    parts = {
+    left_out = tuple((str(name), reason) for name, reason in raw.left_out.items())
+    sections = {
         "bodies": bodies,
         "surfaces": outer,
         "sets of nodes that hold no whole facet, for displacements and forces at nodes": sets,
-        "left out": said,
+        "left out": left_out,
     }
     reasons = {
         name: (
@@ -79,7 +85,7 @@ def summary_of(raw: RawMesh, path: Path, scale: float = 1.0) -> Summary:
         )
         for name, nodes in lines.items()
     }
-    shown = {title: rows for title, rows in parts.items() if rows}
+    shown = {title: rows for title, rows in sections.items() if rows}
     return Summary(head, shown, {**raw.left_out, **reasons}, raw.left_out)
 
 

@@ -33,7 +33,13 @@ SECOND = 2
 
 
 def side(body: int, axis: int, upper: bool) -> int:
-    """Facet tag of a side of a body: 100 * body + 10 * (axis + 1), plus 1 on the upper side."""
+    """Facet tag of a side of a body: 100 * body + 10 * (axis + 1), plus 1 on the upper side.
+
+    Args:
+        body: cell tag of the body.
+        axis: axis across the side, from 0.
+        upper: True for the side with the largest coordinate.
+    """
     return 100 * body + block.side(axis, upper)
 
 
@@ -49,27 +55,31 @@ def two_blocks(
     """Build two structured blocks with every side tagged by :func:`side`.
 
     Args:
+        comm: MPI communicator.
         first: ``(lower, upper, cells)`` of the first block: two corners and the cells along each
             axis.
         second: ``(lower, upper, cells)`` of the second block.
         simplices: triangles or tetrahedra instead of quadrilaterals or hexahedra.
-        warp: map of the coordinates of all nodes of a body and its tag to new coordinates,
-            ``((n, dim), tag) -> (n, dim)``, for instance to grade a mesh, to bend a surface or to
-            rotate both blocks; None leaves the blocks as they are.
+        warp: map of the coordinates of all nodes of a body and its tag to new coordinates, ``((n,
+            dim), tag) -> (n, dim)``, for instance to grade a mesh, to bend a surface or to rotate
+            both blocks; None leaves the blocks as they are.
         closed: axis along which the last cells of both blocks end where the first begin, for a warp
             to rings.
+
+    Raises:
+        ValueError: for a block without volume or cells, or one that cannot close.
     """
     shapes = {FIRST: first, SECOND: second}
     for shape in shapes.values():
         block.check_box(*shape)
         if closed is not None:
             _check_closed(shape, closed)
-    parts = {tag: _grid(shape, simplices, closed) for tag, shape in shapes.items()}
+    grids = {tag: _grid(shape, simplices, closed) for tag, shape in shapes.items()}
     dim = len(first[0])
-    per_cell = parts[FIRST][1].shape[1]
-    count = len(parts[FIRST][1])
-    points = np.concatenate([part[0] for part in parts.values()])
-    cells = np.concatenate([parts[FIRST][1], parts[SECOND][1] + len(parts[FIRST][0])])
+    per_cell = grids[FIRST][1].shape[1]
+    count = len(grids[FIRST][1])
+    points = np.concatenate([grid[0] for grid in grids.values()])
+    cells = np.concatenate([grids[FIRST][1], grids[SECOND][1] + len(grids[FIRST][0])])
     if comm.rank > 0:
         points = points[:0]
         cells = cells[:0]

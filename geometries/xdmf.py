@@ -71,9 +71,9 @@ def read_xdmf(path: Path) -> RawMesh:
     values: list[str] = []
     for grid in _grids(root):
         values += [
-            item.get("Name", "")
-            for item in grid.findall("Attribute")
-            if item.get("Center", "Node") != "Cell"
+            attribute.get("Name", "")
+            for attribute in grid.findall("Attribute")
+            if attribute.get("Center", "Node") != "Cell"
         ]
         topology = grid.find("Topology")
         geometry = _geometry(root, grid)
@@ -90,12 +90,14 @@ def read_xdmf(path: Path) -> RawMesh:
         raise FileContentError(
             f"mesh file {path} has no grid of triangles, quadrilaterals, tetrahedra or hexahedra"
         )
-    width = max(part.shape[1] for part in points)
-    whole = np.concatenate([np.pad(part, ((0, 0), (0, width - part.shape[1]))) for part in points])
+    width = max(block.shape[1] for block in points)
+    coordinates = np.concatenate(
+        [np.pad(block, ((0, 0), (0, width - block.shape[1]))) for block in points]
+    )
     left_out: dict[str | int, str] = (
         {"values at nodes": ", ".join(dict.fromkeys(values))} if values else {}
     )
-    return raw_mesh(whole, elements, path, left_out=left_out)
+    return raw_mesh(coordinates, elements, path, left_out=left_out)
 
 
 def _grids(root: Grid) -> list[Grid]:
@@ -115,14 +117,14 @@ def _grids(root: Grid) -> list[Grid]:
 
 def _geometry(root: Grid, grid: Grid) -> Grid | None:
     """Points of a grid, in the grid itself or in one that it refers to."""
-    own = grid.find("Geometry")
-    if own is not None:
-        return own
-    every = [item for item in root.iter("Grid") if item.find("Geometry") is not None]
-    pointers = [item.get("xpointer", "") for item in grid if item.tag.endswith("include")]
+    geometry = grid.find("Geometry")
+    if geometry is not None:
+        return geometry
+    holders = [element for element in root.iter("Grid") if element.find("Geometry") is not None]
+    pointers = [child.get("xpointer", "") for child in grid if child.tag.endswith("include")]
     names = [name for pointer in pointers for name in re.findall(r"@Name=['\"](.*?)['\"]", pointer)]
-    named = [item for item in every if item.get("Name") in names]
-    return (named or every)[0].find("Geometry") if every else None
+    named = [element for element in holders if element.get("Name") in names]
+    return (named or holders)[0].find("Geometry") if holders else None
 
 
 def _elements(
@@ -156,11 +158,11 @@ def _elements(
             values = whole_numbers(reader.array(attribute).ravel())
             if values is not None and values.size == ends[-1]:
                 key = attribute.get("Name") or grid.get("Name") or "numbers"
-                for block, part in zip(arrays, np.split(values, ends[:-1]), strict=True):
-                    block[key] = part
+                for block, numbers_of in zip(arrays, np.split(values, ends[:-1]), strict=True):
+                    block[key] = numbers_of
     return [
-        Elements(type_, rows + start, own)
-        for (type_, rows), own in zip(blocks, arrays, strict=True)
+        Elements(type_, rows + start, numbers)
+        for (type_, rows), numbers in zip(blocks, arrays, strict=True)
     ]
 
 
@@ -178,27 +180,31 @@ class _Numbers:
             "X_Y",
         ):
             return np.column_stack(
-                [self._item(item).ravel() for item in geometry.findall("DataItem")]
+                [self._item(data_item).ravel() for data_item in geometry.findall("DataItem")]
             )
-        found = self.array(geometry).astype(float)
+        coordinates = self.array(geometry).astype(float)
         flat = (geometry.get("GeometryType") or geometry.get("Type") or "XYZ").upper() == "XY"
-        return found.reshape(-1, 2 if flat else 3) if found.ndim == 1 else found
+        return coordinates.reshape(-1, 2 if flat else 3) if coordinates.ndim == 1 else coordinates
 
     def array(self, owner: Grid) -> np.ndarray:
-        """Numbers of an item with one array."""
-        item = owner.find("DataItem")
-        if item is None:
+        """Numbers of an item with one array.
+
+        Raises:
+            FileContentError: for an item without an array.
+        """
+        data_item = owner.find("DataItem")
+        if data_item is None:
             raise FileContentError(f"{self._path}: '{owner.tag}' has no DataItem")
-        return self._item(item)
+        return self._item(data_item)
 
     def _item(self, item: Grid) -> np.ndarray:
         text = (item.text or "").strip()
         if item.get("Reference"):
-            place = (text or item.get("Reference", "")).removeprefix("/Xdmf").strip("/")
-            found = self._root.find(place)
-            if found is None:
-                raise FileContentError(f"{self._path} refers to {place}, which is not in it")
-            return self._item(found)
+            xpath = (text or item.get("Reference", "")).removeprefix("/Xdmf").strip("/")
+            target = self._root.find(xpath)
+            if target is None:
+                raise FileContentError(f"{self._path} refers to {xpath}, which is not in it")
+            return self._item(target)
         shape = [int(word) for word in item.get("Dimensions", "").split()] or [-1]
         kind = item.get("Format", "XML").upper()
         odd = {item.get("ItemType", "Uniform"), item.get("Compression", "Raw")} - {"Uniform", "Raw"}
@@ -208,35 +214,35 @@ class _Numbers:
                 f"{self._path} has a DataItem of type {min(odd)}, which is not understood: write "
                 "the mesh anew, by dolfinx.io.XDMFFile or meshio"
             )
-        whole = item.get("NumberType", item.get("DataType", "Float")).lower() in (
+        is_integer = item.get("NumberType", item.get("DataType", "Float")).lower() in (
             "int",
             "uint",
             "char",
             "uchar",
         )
         if kind == "XML":
-            return np.array(text.split(), dtype=np.int64 if whole else float).reshape(shape)
+            return np.array(text.split(), dtype=np.int64 if is_integer else float).reshape(shape)
         return (self._hdf(text) if kind == "HDF" else self._raw(item, text)).reshape(shape)
 
     def _beside(self, name: str) -> Path:
         """Path of a referenced file in the folder of this one."""
-        found = self._path.parent / name.strip()
-        if not found.is_file():
+        file = self._path.parent / name.strip()
+        if not file.is_file():
             raise FileContentError(
                 f"{self._path} keeps its numbers in {name.strip()}, which is not in "
                 f"{self._path.parent.absolute()}: put it there too, under this name"
             )
-        return found
+        return file
 
     def _hdf(self, text: str) -> np.ndarray:
-        name, _, place = text.rpartition(":")
+        name, _, dataset = text.rpartition(":")
         file = self._beside(name)
         with netcdf_read(file, f"the mesh file {self._path}") as data:
             try:
-                return np.asarray(data[place.strip()][:])
+                return np.asarray(data[dataset.strip()][:])
             except (IndexError, KeyError):
                 raise FileContentError(
-                    f"{file} has no numbers {place}, which {self._path} names"
+                    f"{file} has no numbers {dataset}, which {self._path} names"
                 ) from None
 
     def _raw(self, item: Grid, text: str) -> np.ndarray:

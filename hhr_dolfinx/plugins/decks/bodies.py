@@ -33,7 +33,7 @@ def bodies_of(
         for rows in [np.arange(len(owner))] if group is None else [bodies[tag] for tag in group]:
             owner[rows] = number
     by_size = sorted(bodies, key=lambda tag: (isinstance(tag, int), -len(bodies[tag])))
-    made = []
+    chosen_of = []
     for number, (group, title) in enumerate(zip(groups, titles, strict=True)):
         chosen = _partition(bodies, [*(group or ()), *parts.apart()], owner == number)
         chosen = (
@@ -46,8 +46,8 @@ def bodies_of(
                 f"{title}: a later group replaces the material of a part of its cells, and no "
                 "group of the mesh holds the others: name one"
             )
-        made.append(chosen)
-    return made
+        chosen_of.append(chosen)
+    return chosen_of
 
 
 def _partition(

@@ -40,6 +40,11 @@ _FORCES = ("FORCE_NODALE", "FORCE_FACE", "FORCE_CONTOUR")
 def read_comm(path: Path, mesh: Path, parts: NamedParts) -> Deck:
     """Read materials, supports, loads and contacts of a command file, with the groups of its mesh.
 
+    Args:
+        path: the command file.
+        mesh: file of its mesh.
+        parts: bodies, surfaces and sets of this mesh.
+
     Raises:
         FileContentError: for a file that is no Python.
         SceneError: for bodies without a literal elastic material.
@@ -52,26 +57,31 @@ def read_comm(path: Path, mesh: Path, parts: NamedParts) -> Deck:
             f"{path.name} gives no body a literal material: DEFI_MATERIAU(ELAS=_F(E=..., NU=...))"
         )
     planes, curved = planes_of(mesh)
-    left = [one for command in commands for one in command.unread]
-    left += [command.left("not read") for command in commands if command.name not in COMMANDS]
+    todo = [entry for command in commands for entry in command.unread]
+    todo += [command.left("not read") for command in commands if command.name not in COMMANDS]
     loaded: list[Applied | DeckLoad | Left] = []
     for command, factor in acting.charges.items():
         for kind in command.words:
-            for one in command.factors(kind):
-                loaded += _weight(one, factor, parts, sections) if kind == "PESANTEUR" else []
-                loaded += _loaded(command, kind, one, factor, parts, planes)
-    hypothesis = _hypothesis(acting.models, parts, left)
-    made = [*what_counts([one for one in loaded if isinstance(one, Applied)])]
-    made += [one for one in loaded if not isinstance(one, Applied)]
-    paired = [one for command in acting.contacts for one in _pairs(command, parts, planes, curved)]
-    supports = tuple(one for one in made if isinstance(one, Support))
-    loads = [
-        _of_rings(one) if hypothesis == "axisymmetric" else one
-        for one in made
-        if isinstance(one, DeckLoad)
+            for entry in command.factors(kind):
+                loaded += _weight(entry, factor, parts, sections) if kind == "PESANTEUR" else []
+                loaded += _loaded(command, kind, entry, factor, parts, planes)
+    hypothesis = _hypothesis(acting.models, parts, todo)
+    acting_entries = [*what_counts([entry for entry in loaded if isinstance(entry, Applied)])]
+    acting_entries += [entry for entry in loaded if not isinstance(entry, Applied)]
+    paired = [
+        entry for command in acting.contacts for entry in _pairs(command, parts, planes, curved)
     ]
-    pairs = tuple(one for one in paired if isinstance(one, Pair))
-    left += [*acting.left, *(one for one in (*made, *paired) if isinstance(one, Left))]
+    supports = tuple(entry for entry in acting_entries if isinstance(entry, Support))
+    loads = [
+        _of_rings(entry) if hypothesis == "axisymmetric" else entry
+        for entry in acting_entries
+        if isinstance(entry, DeckLoad)
+    ]
+    pairs = tuple(entry for entry in paired if isinstance(entry, Pair))
+    todo += [
+        *acting.left,
+        *(entry for entry in (*acting_entries, *paired) if isinstance(entry, Left)),
+    ]
     return Deck(
         mesh,
         hypothesis,
@@ -79,27 +89,29 @@ def read_comm(path: Path, mesh: Path, parts: NamedParts) -> Deck:
         supports,
         tuple(loads),
         pairs or parts.out_of_reach(supports),
-        in_order(left),
+        in_order(todo),
         contact_lost=bool(acting.contacts) and not pairs,
     )
 
 
-def _hypothesis(models: Sequence[Command], parts: NamedParts, left: list[Left]) -> str:
+def _hypothesis(models: Sequence[Command], parts: NamedParts, todo: list[Left]) -> str:
     """Hypothesis of the model; SceneError for a plane mesh without a model that is read."""
     factors = [factor for command in models for factor in command.factors("AFFE")]
     kinds = {
         HYPOTHESES.get(str(factor.words.get("MODELISATION")).upper()): factor for factor in factors
     }
-    known = {kind: factor for kind, factor in kinds.items() if kind is not None}
-    if not known and parts.raw.dim == 2:
+    models_of = {kind: factor for kind, factor in kinds.items() if kind is not None}
+    if not models_of and parts.raw.dim == 2:
         source = f"{models[0].source} AFFE_MODELE" if models else "the command file"
         raise SceneError(
             f"{source} has no MODELISATION that is read, and a plane mesh needs one: "
             f"{', '.join(PLANE_MODELS)}"
         )
-    hypothesis = next(iter(known), "solid")
-    left += [
-        one.left(f"all cells are {hypothesis}") for kind, one in known.items() if kind != hypothesis
+    hypothesis = next(iter(models_of), "solid")
+    todo += [
+        factor.left(f"all cells are {hypothesis}")
+        for kind, factor in models_of.items()
+        if kind != hypothesis
     ]
     return hypothesis
 
@@ -109,7 +121,7 @@ def _sections(fields: Sequence[Command], parts: NamedParts) -> Iterator[Section]
     elastic material.
     """
     groups: dict[Command, list[Tag] | None] = {}
-    for factor in (one for command in fields for one in command.factors("AFFE")):
+    for factor in (inner for command in fields for inner in command.factors("AFFE")):
         title = f"{factor.source} AFFE_MATERIAU"
         names = factor.groups("GROUP_MA")
         tags = [tag for tag in map(parts.body, names) if tag is not None]
@@ -127,8 +139,8 @@ def _sections(fields: Sequence[Command], parts: NamedParts) -> Iterator[Section]
 
 def _material(factor: Command) -> DeckMaterial:
     """Elastic material of a factor of AFFE_MATERIAU; SceneError for one that is not literal."""
-    given = factor.words.get("MATER")
-    material = given[0] if isinstance(given, tuple) and given else given
+    value = factor.words.get("MATER")
+    material = value[0] if isinstance(value, tuple) and value else value
     elastic = next(iter(material.factors("ELAS")), None) if isinstance(material, Command) else None
     young, poisson, expansion, density = (
         number(elastic.words.get(name)) if elastic is not None else None
@@ -159,13 +171,13 @@ def _weight(
         yield factor.left("DIRECTION of PESANTEUR is zero, and no weight acts: give it a direction")
         return
     unit = tuple((np.array(direction) / np.linalg.norm(direction))[: parts.raw.dim].tolist())
-    for item in sections:
-        if item.material.density is None:
-            yield factor.left(f"PESANTEUR: the material of body '{item.tag}' has no RHO")
+    for section in sections:
+        if section.material.density is None:
+            yield factor.left(f"PESANTEUR: the material of body '{section.tag}' has no RHO")
         elif any(unit):
-            text = f"hhr.BodyForce({item.tag!r}, {unit}, {{}})"
+            text = f"hhr.BodyForce({section.tag!r}, {unit}, {{}})"
             yield DeckLoad(
-                "weight", text, scale * gravity[0] * item.material.density, factor.source
+                "weight", text, scale * gravity[0] * section.material.density, factor.source
             )
 
 
@@ -185,39 +197,39 @@ def _loaded(
         return
     dim = parts.raw.dim
     values = {name: number(factor.words[name]) for name in _NUMBERS if name in factor.words}
-    own = {name: value * scale for name, value in values.items() if value is not None}
+    scaled = {name: value * scale for name, value in values.items() if value is not None}
     if lost := [
         name for name, value in values.items() if value is None and factor.words[name] is not None
     ]:
         yield factor.left(f"{', '.join(lost)} of {kind} is no number")
-    given = factor.groups("GROUP_MA", "GROUP_NO")
+    groups = factor.groups("GROUP_MA", "GROUP_NO")
     held = factor.words.get("LIAISON") == "ENCASTRE" or factor.words.get("BLOCAGE") == "DEPLACEMENT"
-    imposed = dict.fromkeys(_COMPONENTS, 0.0) if held else own
-    if held and any(own.values()):
+    imposed = dict.fromkeys(_COMPONENTS, 0.0) if held else scaled
+    if held and any(scaled.values()):
         yield factor.left(f"{kind}: it holds the group and moves it too, and here it is held")
-    for name in given:
-        place = parts.place(name)
+    for name in groups:
+        target = parts.place(name)
         surface = parts.surface(name)
-        if kind in _IMPOSED and place is None and name.upper() in planes:
+        if kind in _IMPOSED and target is None and name.upper() in planes:
             for k in range(dim):
                 planes[name.upper()][2][k] = imposed.get(_COMPONENTS[k], 0.0)
-        elif kind in _IMPOSED and place is not None:
-            nodes = covered_by(parts, place, of_facets=False)
+        elif kind in _IMPOSED and target is not None:
+            nodes = covered_by(parts, target, of_facets=False)
             for k, axis in enumerate(_COMPONENTS[:dim]):
                 if axis in imposed:
-                    support = Support(place, k, imposed[axis], factor.source)
+                    support = Support(target, k, imposed[axis], factor.source)
                     yield Applied(command, kind, factor, frozenset({axis}), nodes, (support,))
         elif (kind == "PRES_REP" and surface is not None) or (
-            kind in _FORCES and place is not None
+            kind in _FORCES and target is not None
         ):
-            at = place if surface is None or kind == "FORCE_NODALE" else surface
+            at = target if surface is None or kind == "FORCE_NODALE" else surface
             assert at is not None  # a surface is a place
             facets = covered_by(parts, at, of_facets=kind != "FORCE_NODALE")
-            loads = _loads(kind, own, at, dim, factor.source)
-            yield Applied(command, kind, factor, frozenset(own), facets, loads)
+            loads = _loads(kind, scaled, at, dim, factor.source)
+            yield Applied(command, kind, factor, frozenset(scaled), facets, loads)
         else:
             yield factor.left(f"{kind} of '{name}' has no counterpart, or is not in the mesh")
-    if not given:
+    if not groups:
         yield factor.left(f"{kind} without a group has no counterpart")
 
 
@@ -231,10 +243,10 @@ def _loads(
             if "PRES" in own
             else ()
         )
-    what = "NodalForce" if kind == "FORCE_NODALE" else "Traction"
+    load_class = "NodalForce" if kind == "FORCE_NODALE" else "Traction"
     forces = [own.get(name, 0.0) for name in ("FX", "FY", "FZ")[:dim]]
     units = [tuple(np.eye(dim)[k].tolist()) for k in range(dim)]
-    texts = [f"hhr.{what}({place!r}, {unit}, {{}})" for unit in units]
+    texts = [f"hhr.{load_class}({place!r}, {unit}, {{}})" for unit in units]
     return tuple(
         DeckLoad("force", text, value, source)
         for text, value in zip(texts, forces, strict=True)
@@ -280,8 +292,8 @@ def _pairs(
                 "it is curved, and has no cells: hhr.Profile, hhr.Sphere or hhr.RigidMesh in "
                 "contacts"
             )
-            why = round_tool if tool in curved else "it is no surface with facets of the mesh"
-            yield zone.left(f"the pair of {names} is not in the scene. '{lost[0]}': {why}")
+            reason = round_tool if tool in curved else "it is no surface with facets of the mesh"
+            yield zone.left(f"the pair of {names} is not in the scene. '{lost[0]}': {reason}")
             continue
         point, normal, motion = planes[tool]
         along = motion - (motion @ normal) * normal

@@ -42,27 +42,30 @@ class Command:
 
     def factors(self, name: str) -> tuple[Command, ...]:
         """One factor or several."""
-        found = self.words.get(name, ())
+        value = self.words.get(name, ())
         return tuple(
-            one
-            for one in (found if isinstance(found, tuple) else (found,))
-            if isinstance(one, Command)
+            factor
+            for factor in (value if isinstance(value, tuple) else (value,))
+            if isinstance(factor, Command)
         )
 
     def groups(self, *names: str) -> tuple[str, ...]:
         """Names of groups."""
-        found = [self.words[name] for name in names if name in self.words]
-        every = [one for item in found for one in (item if isinstance(item, tuple) else (item,))]
-        return tuple(one for one in every if isinstance(one, str))
+        values = [self.words[name] for name in names if name in self.words]
+        entries = [
+            entry for value in values for entry in (value if isinstance(value, tuple) else (value,))
+        ]
+        return tuple(entry for entry in entries if isinstance(entry, str))
 
     def numbers(self, name: str) -> tuple[float, ...] | None:
-        """Number or numbers of a keyword; None if the file has others, or does not have the
-        keyword.
+        """Number or numbers of a keyword.
+
+        None if the file has other values, or does not have the keyword.
         """
         value = self.words.get(name)
-        values = [number(one) for one in (value if isinstance(value, tuple) else (value,))]
+        values = [number(word) for word in (value if isinstance(value, tuple) else (value,))]
         return (
-            tuple(one for one in values if one is not None)
+            tuple(word for word in values if word is not None)
             if values and None not in values
             else None
         )
@@ -80,7 +83,8 @@ def number(value: object) -> float | None:
 def commands_of(path: Path) -> Iterator[Command]:
     """Commands of a file in their order.
 
-    FileContentError for text that is no Python, with the line.
+    Raises:
+        FileContentError: for text that is no Python, with the line.
     """
     try:
         tree = ast.parse(path.read_text(errors="replace"))
@@ -154,9 +158,9 @@ class _Names:
             and isinstance(value, tuple)
             and len(value) == len(target.elts)
         ):
-            if not any(isinstance(one, ast.Starred) for one in target.elts):
-                for one, part in zip(target.elts, value, strict=True):
-                    self._bind(one, part)
+            if not any(isinstance(element, ast.Starred) for element in target.elts):
+                for element, element_value in zip(target.elts, value, strict=True):
+                    self._bind(element, element_value)
 
     def _forget(self, statement: ast.stmt) -> None:
         """Drop the values of names that a statement may change: it binds them, or items or parts of
@@ -165,28 +169,28 @@ class _Names:
         for name in _changed(statement):
             value = self.values.pop(name, None)
             if isinstance(value, tuple):  # a list may have several names
-                self.values = {key: one for key, one in self.values.items() if one is not value}
+                self.values = {
+                    key: bound for key, bound in self.values.items() if bound is not value
+                }
 
     def value(self, node: ast.AST | None) -> object:
-        """Value of a literal, of a sum or product of such, or of a command; None for anything
-        else.
-        """
+        """Value of a literal, of a sum or product of literals, or of a command; otherwise None."""
         match node:
             case ast.Constant(value=value):
                 return value
             case ast.Name(id=name):
                 return self.values.get(name)
             case ast.UnaryOp(op=op, operand=inner) if type(op) in _SIGNS:
-                found = number(self.value(inner))
-                return None if found is None else _SIGNS[type(op)](found)
+                operand = number(self.value(inner))
+                return None if operand is None else _SIGNS[type(op)](operand)
             case ast.BinOp(left=first, op=op, right=second) if type(op) in _OPERATORS:
-                a, b = (number(self.value(one)) for one in (first, second))
+                a, b = (number(self.value(term)) for term in (first, second))
                 try:
                     return None if a is None or b is None else number(_OPERATORS[type(op)](a, b))
                 except ArithmeticError:
                     return None
             case ast.Tuple(elts=items) | ast.List(elts=items):
-                return tuple(self._inner(one) for one in items)
+                return tuple(self._inner(term) for term in items)
             case ast.Call(func=ast.Name(id=name), keywords=words):
                 found_words = {word.arg or "**": self._inner(word.value) for word in words}
                 return Command(name, f"{self.file}:{node.lineno}", found_words)
@@ -240,8 +244,11 @@ def _changed(node: ast.AST) -> Iterator[str]:
 
 
 def admitted(command: Command, name: str) -> Command:
-    """Command, or the factor ``COMMAND/FACTOR``, with the keywords that the table of its name
-    reads.
+    """Command or factor with the keywords that the table of its name reads.
+
+    Args:
+        command: the command or factor, with all of its keywords.
+        name: name of the table of keywords, ``COMMAND`` or ``COMMAND/FACTOR``.
     """
     keyword = COMMANDS.get(name)
     if keyword is None or keyword.rule.outcome != READ:
@@ -249,37 +256,39 @@ def admitted(command: Command, name: str) -> Command:
     words: dict[str, object] = {}
     unread: list[Left] = []
     title = name.replace("/", " ")
-    for key, given in command.words.items():
+    for key, word in command.words.items():
         # ("AXIS",) and ["AXIS"] are what "AXIS" is
         value = (
-            given[0]
-            if isinstance(given, tuple) and len(given) == 1 and isinstance(given[0], str)
-            else given
+            word[0]
+            if isinstance(word, tuple) and len(word) == 1 and isinstance(word[0], str)
+            else word
         )
-        parts = value if isinstance(value, tuple) else (value,)
-        options = [one.upper() if isinstance(one, str) else "" for one in parts] or [""]
+        entries = value if isinstance(value, tuple) else (value,)
+        options = [entry.upper() if isinstance(entry, str) else "" for entry in entries] or [""]
         rules = dict.fromkeys(keyword.rule_of(key, option) for option in options)
         empty = isinstance(value, int | float) and not value  # a length or a rotation that is 0
-        for rule in (one for one in rules if one.why and not empty):
-            said = (
+        for rule in (candidate for candidate in rules if candidate.why and not empty):
+            text = (
                 f"{key}={value}: {rule.why}"
                 if isinstance(value, str | int | float)
                 else f"{key}: {rule.why}"
             )
-            unread.append(Left(command.source, title, said))
+            unread.append(Left(command.source, title, text))
         outcomes = {rule.outcome for rule in rules}
         if OUT in outcomes:
             return Command(command.name, command.source, {}, tuple(unread))
         if outcomes == {READ}:
-            if any(one is None for one in parts):
+            if any(entry is None for entry in entries):
                 unread.append(
                     Left(
                         command.source, title, f"{key} of {name.rpartition('/')[2]} is not literal"
                     )
                 )
             factors = [
-                admitted(one, f"{name}/{key}") for one in command.factors(key) if one.name == "_F"
+                admitted(factor, f"{name}/{key}")
+                for factor in command.factors(key)
+                if factor.name == "_F"
             ]
-            unread += [left for one in factors for left in one.unread]
-            words[key] = tuple(one for one in factors if one.words) if factors else value
+            unread += [todo for factor in factors for todo in factor.unread]
+            words[key] = tuple(factor for factor in factors if factor.words) if factors else value
     return Command(command.name, command.source, words, tuple(unread))

@@ -37,63 +37,63 @@ class Computation:
 
 def computation_of(commands: Sequence[Command]) -> Computation:
     """Find what acts in the last command that solves; all commands act in a file without one."""
-    solvers = [one for one in commands if one.name in SOLVERS]
-    charges = [one for one in commands if one.name in CHARGES]
-    contacts = [one for one in commands if one.name == "DEFI_CONTACT"]
-    models = [one for one in commands if one.name == "AFFE_MODELE"]
-    fields = [one for one in commands if one.name == "AFFE_MATERIAU"]
+    solvers = [command for command in commands if command.name in SOLVERS]
+    charges = [command for command in commands if command.name in CHARGES]
+    contacts = [command for command in commands if command.name == "DEFI_CONTACT"]
+    models = [command for command in commands if command.name == "AFFE_MODELE"]
+    fields = [command for command in commands if command.name == "AFFE_MATERIAU"]
     if not solvers:
-        left = [
-            one.left("no MECA_STATIQUE or STAT_NON_LINE names it: it acts whole")
-            for one in (*charges, *contacts)
+        todo = [
+            command.left("no MECA_STATIQUE or STAT_NON_LINE names it: it acts whole")
+            for command in (*charges, *contacts)
         ]
-        every = dict.fromkeys(charges, 1.0)
-        return Computation(every, tuple(contacts), tuple(models), tuple(fields), tuple(left))
+        full = dict.fromkeys(charges, 1.0)
+        return Computation(full, tuple(contacts), tuple(models), tuple(fields), tuple(todo))
     last = solvers[-1]
-    left = [one.left("a later computation counts, at its end") for one in solvers[:-1]]
+    todo = [command.left("a later computation counts, at its end") for command in solvers[:-1]]
     factors: dict[Command, float] = {}
     for excited in last.factors("EXCIT"):
         charge = excited.words.get("CHARGE")
         if isinstance(charge, Command):
             factor = _factor(excited, last)
             if isinstance(factor, str):
-                left.append(
+                todo.append(
                     last.left(f"a load is multiplied by a function {factor}: it counts whole")
                 )
             factors[charge] = factors.get(charge, 0.0) + (
                 1.0 if isinstance(factor, str) else factor
             )
     contact = last.words.get("CONTACT")
-    used = tuple(one for one in contacts if one is contact)
-    left += [
-        one.left(f"it does not act: no EXCIT of {last.name} names it")
-        for one in charges
-        if one not in factors
+    used = tuple(command for command in contacts if command is contact)
+    todo += [
+        command.left(f"it does not act: no EXCIT of {last.name} names it")
+        for command in charges
+        if command not in factors
     ]
-    left += [
-        one.left(f"it does not act: {last.name} does not name it")
-        for one in contacts
-        if one not in used
+    todo += [
+        command.left(f"it does not act: {last.name} does not name it")
+        for command in contacts
+        if command not in used
     ]
     return Computation(
-        {one: factors[one] for one in charges if one in factors},
+        {command: factors[command] for command in charges if command in factors},
         used,
         _named(last, "MODELE", models),
         _named(last, "CHAM_MATER", fields),
-        tuple(left),
+        tuple(todo),
     )
 
 
 def _named(solver: Command, key: str, among: Sequence[Command]) -> tuple[Command, ...]:
     """The command that a keyword names; the last one for a keyword that is not literal."""
-    given = solver.words.get(key)
-    return tuple(one for one in among if one is given) or tuple(among[-1:])
+    value = solver.words.get(key)
+    return tuple(command for command in among if command is value) or tuple(among[-1:])
 
 
 def _factor(excited: Command, solver: Command) -> float | str:
     """Factor of a load at the end of the computation, or what is wrong with its function."""
-    whole = excited.numbers("COEF_MULT")
-    scale = whole[0] if whole else 1.0
+    multiplier = excited.numbers("COEF_MULT")
+    scale = multiplier[0] if multiplier else 1.0
     curve = excited.words.get("FONC_MULT")
     if "FONC_MULT" not in excited.words:
         return scale

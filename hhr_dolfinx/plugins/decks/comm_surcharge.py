@@ -42,18 +42,20 @@ def what_counts(applied: Sequence[Applied]) -> Iterator[Support | DeckLoad | Lef
 
     TODO lines of those that later ones replace in part.
     """
-    for position, one in enumerate(applied):
+    for position, entry in enumerate(applied):
         replaced = False
-        left: list[Left] = []
-        for later in (two for two in applied[position + 1 :] if one.covered & two.covered):
-            same = later.kind == one.kind and later.command is one.command
-            if same and later.components == one.components and one.covered <= later.covered:
+        todo: list[Left] = []
+        for later in (
+            successor for successor in applied[position + 1 :] if entry.covered & successor.covered
+        ):
+            same = later.kind == entry.kind and later.command is entry.command
+            if same and later.components == entry.components and entry.covered <= later.covered:
                 replaced = True
-            elif clash := _clash(one, later, same):
-                left.append(one.factor.left(f"{one.kind}: {clash}"))
+            elif clash := _clash(entry, later, same):
+                todo.append(entry.factor.left(f"{entry.kind}: {clash}"))
         if not replaced:
-            yield from one.items
-            yield from left
+            yield from entry.items
+            yield from todo
 
 
 def _clash(one: Applied, later: Applied, same: bool) -> str:
@@ -61,11 +63,11 @@ def _clash(one: Applied, later: Applied, same: bool) -> str:
 
     Empty if both act in code_aster too.
     """
-    supports = [item for item in (*one.items, *later.items) if isinstance(item, Support)]
+    supports = [entry for entry in (*one.items, *later.items) if isinstance(entry, Support)]
     if len(supports) == 2:
         if (
-            len({item.component for item in supports}) == 2
-            or len({item.value for item in supports}) == 1
+            len({entry.component for entry in supports}) == 2
+            or len({entry.value for entry in supports}) == 1
         ):
             return ""
         return (
@@ -81,7 +83,13 @@ def _clash(one: Applied, later: Applied, same: bool) -> str:
 
 
 def covered_by(parts: NamedParts, place: Tag, of_facets: bool) -> frozenset[int | tuple[int, ...]]:
-    """Nodes of a set, or facets of a surface as sorted nodes."""
+    """Nodes of a set, or facets of a surface as sorted nodes.
+
+    Args:
+        parts: bodies, surfaces and sets of the mesh.
+        place: name of the set or surface in the mesh.
+        of_facets: True for facets, if the place is a surface.
+    """
     if of_facets and place in parts.surfaces:
         return frozenset(tuple(row) for row in np.sort(parts.surfaces[place], axis=1).tolist())
     return frozenset(parts.nodes(place).tolist())

@@ -66,8 +66,11 @@ def start(file: Path, to: Path | None, mesh: Path | None, force: bool) -> None:
 
 
 def deck_of(path: Path, mesh: Path | None = None) -> Deck:
-    """Contents of a deck, of a command file of code_aster with its mesh, or of a mesh without
-    physics.
+    """Contents of a deck, of a command file of code_aster, or of a mesh without physics.
+
+    Args:
+        path: the deck, the command file, or the mesh.
+        mesh: mesh of a command file; None for the one with its name.
 
     Raises:
         FileContentError: for a file that cannot be read, with the line.
@@ -78,7 +81,7 @@ def deck_of(path: Path, mesh: Path | None = None) -> Deck:
         raise SceneError(
             f"{path.name}: a scene needs a contact pair, and every node of the outside of its "
             "bodies is held. Name the surfaces to hold and to press in the file of the mesh, such "
-            "as physical groups of gmsh" + "".join(f". {item}" for item in deck.left)
+            "as physical groups of gmsh" + "".join(f". {entry}" for entry in deck.left)
         )
     return deck
 
@@ -102,25 +105,25 @@ def _read(path: Path, mesh: Path | None) -> Deck:
             (".med", ".mmed", ".mail", ".msh", ".unv", ".inp", *named("readers"))
         )
         beside = [path.with_suffix(ending) for ending in endings]
-        mesh = mesh or next((one for one in beside if one.is_file()), None)
+        mesh = mesh or next((candidate for candidate in beside if candidate.is_file()), None)
         if mesh is None:
             raise FileContentError(f"{path} names no mesh: give its file, --mesh part.med")
         parts = NamedParts(MeshFile(mesh).read())
         return _without_folds(read_comm(path, mesh, parts), parts.raw)
     parts = NamedParts(MeshFile(path).read())
     deck = path.suffix.lower() == ".inp" or begins_as_deck(path)
-    kept, left = blocks_of(path) if deck else ([], [])
-    physics = of_kind(kept, "SOLID SECTION", "STEP")
+    blocks, todo = blocks_of(path) if deck else ([], [])
+    physics = of_kind(blocks, "SOLID SECTION", "STEP")
     if physics:
         return _without_folds(
-            read_inp(path, kept, parts, DeckNodes(flat_deck(path)), left), parts.raw
+            read_inp(path, blocks, parts, DeckNodes(flat_deck(path)), todo), parts.raw
         )
-    if path.suffix.lower() == ".feb" and (made := read_febio(path, parts)) is not None:
-        return _without_folds(made, parts.raw)
-    made = template(
-        path, parts, hypothesis_of(kept, parts, left) if parts.raw.dim == 2 else "solid"
+    if path.suffix.lower() == ".feb" and (from_file := read_febio(path, parts)) is not None:
+        return _without_folds(from_file, parts.raw)
+    from_file = template(
+        path, parts, hypothesis_of(blocks, parts, todo) if parts.raw.dim == 2 else "solid"
     )
-    return _without_folds(replace(made, left=(*made.left, *left)), parts.raw)
+    return _without_folds(replace(from_file, left=(*from_file.left, *todo)), parts.raw)
 
 
 def _without_folds(deck: Deck, raw: RawMesh) -> Deck:
@@ -129,10 +132,10 @@ def _without_folds(deck: Deck, raw: RawMesh) -> Deck:
 
     if not (count := len(folded(raw))):
         return deck
-    why = (
+    reason = (
         f"{count} cells are folded, and hhr.Untangled moves the middles of their sides: hhr check "
         "says how far. how='gmsh' moves nodes inside of bodies instead"
     )
     return replace(
-        deck, folded=True, left=(*deck.left, Left(deck.path.name, "cells of second order", why))
+        deck, folded=True, left=(*deck.left, Left(deck.path.name, "cells of second order", reason))
     )

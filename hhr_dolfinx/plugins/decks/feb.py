@@ -47,8 +47,14 @@ _SOLVER = frozenset(
 
 
 def read_febio(path: Path, parts: NamedParts) -> Deck | None:
-    """Read a file whose mesh is read; None for one of version 2, or with a material that is not
-    read.
+    """Physics of a file of FEBio whose mesh is read.
+
+    Args:
+        path: path of the file.
+        parts: bodies, surfaces and sets of the mesh.
+
+    Returns:
+        The deck; None for a file of version 2, or with a material that is not read.
     """
     root = tree_of(path)
     numbers = FebNumbers(root)
@@ -56,27 +62,30 @@ def read_febio(path: Path, parts: NamedParts) -> Deck | None:
     domains = root.child("MeshDomains")
     if not sections or domains is None or len(sections) < len(domains.items):
         return None
-    made: list[Support | DeckLoad | Pair | Left] = [*_unread(root, numbers, path)]
+    entries: list[Support | DeckLoad | Pair | Left] = [*_unread(root, numbers, path)]
     for section in root.items:
-        for item in section.items:
-            made += _made(section.tag, item, numbers, path, parts)
-    supports = tuple(one for one in made if isinstance(one, Support))
-    ties = tuple(one for one in made if isinstance(one, DeckLoad) and not one.kind)
-    pairs = tuple(one for one in made if isinstance(one, Pair))
-    inside = [one for step in root.items if step.tag == "Step" for one in step.items]
+        for element in section.items:
+            entries += _made(section.tag, element, numbers, path, parts)
+    supports = tuple(entry for entry in entries if isinstance(entry, Support))
+    ties = tuple(entry for entry in entries if isinstance(entry, DeckLoad) and not entry.kind)
+    pairs = tuple(entry for entry in entries if isinstance(entry, Pair))
+    in_steps = [part for step in root.items if step.tag == "Step" for part in step.items]
     contacts = [
-        section for one in (root, *inside) for section in one.items if section.tag == "Contact"
+        section
+        for parent in (root, *in_steps)
+        for section in parent.items
+        if section.tag == "Contact"
     ]
     return Deck(
         path,
         "solid",
         tuple(sections),
         supports,
-        tuple(one for one in made if isinstance(one, DeckLoad) and one.kind),
+        tuple(entry for entry in entries if isinstance(entry, DeckLoad) and entry.kind),
         pairs or parts.out_of_reach(supports),
-        tuple(one for one in made if isinstance(one, Left)),
+        tuple(entry for entry in entries if isinstance(entry, Left)),
         constraints=ties,
-        contact_lost=sum(len(one.items) for one in contacts) > len(ties) and not pairs,
+        contact_lost=sum(len(section.items) for section in contacts) > len(ties) and not pairs,
     )
 
 
@@ -84,37 +93,38 @@ def _unread(root: Item, numbers: FebNumbers, path: Path) -> Iterator[Left]:
     """Sections of physics in other files, and an end of the computation that the file does not
     state.
     """
-    for one in root.items:
-        if one.tag == "Include" or (
-            one.tag in (*OF_FEBIO, "LoadData", "Control") and "from" in one.attributes
+    for section in root.items:
+        if section.tag == "Include" or (
+            section.tag in (*OF_FEBIO, "LoadData", "Control") and "from" in section.attributes
         ):
-            other = one.attributes.get("from", one.text.strip())
-            yield Left(f"{path.name}:{one.line}", f'<{one.tag} from="{other}">', ELSEWHERE)
+            file = section.attributes.get("from", section.text.strip())
+            yield Left(f"{path.name}:{section.line}", f'<{section.tag} from="{file}">', ELSEWHERE)
     if numbers.end is None and numbers.uses_curves:
-        why = (
+        reason = (
             "the file does not say when its computation ends: load curves have the values of "
             "their last points"
         )
-        yield Left(path.name, "<Control>", why)
+        yield Left(path.name, "<Control>", reason)
 
 
 def _sections(root: Item, numbers: FebNumbers, path: Path, parts: NamedParts) -> Iterator[Section]:
     """Bodies with materials that are read, by the domains of the file."""
     materials = root.child("Material")
     by_name = {
-        one.attributes.get("name", ""): one for one in (materials.items if materials else ())
+        element.attributes.get("name", ""): element
+        for element in (materials.items if materials else ())
     }
     domains = root.child("MeshDomains")
     for domain in domains.items if domains else ():
-        item = by_name.get(domain.attributes.get("mat", ""))
+        material = by_name.get(domain.attributes.get("mat", ""))
         tag = parts.body(domain.attributes.get("name", ""))
-        if item is None or tag is None or item.attributes.get("type") not in _ELASTIC:
+        if material is None or tag is None or material.attributes.get("type") not in _ELASTIC:
             continue
-        young = numbers.of(item, "E")
-        poisson = numbers.of(item, "v")
+        young = numbers.of(material, "E")
+        poisson = numbers.of(material, "v")
         if young is not None and poisson is not None:
-            name = item.attributes["name"]
-            source = f"{path.name}:{item.line}"
+            name = material.attributes["name"]
+            source = f"{path.name}:{material.line}"
             yield Section(
                 tag, DeckMaterial(name, source, young, poisson), f"{path.name}:{domain.line}"
             )
@@ -124,41 +134,43 @@ def _made(
     section: str, item: Item, numbers: FebNumbers, path: Path, parts: NamedParts
 ) -> Iterator[Support | DeckLoad | Pair | Left]:
     """Parts of a scene of an item, and what is left of it."""
-    why = OF_FEBIO.get(section)
-    if why is None:
+    remedy = OF_FEBIO.get(section)
+    if remedy is None:
         return
     source = f"{path.name}:{item.line}"
     kind = item.attributes.get("type", "")
     name = f'<{item.tag} type="{kind}">'
-    made: list[Support | DeckLoad | Pair] = []
+    parts_of_scene: list[Support | DeckLoad | Pair] = []
     if section == "Boundary" and item.tag == "bc":
-        made = list(_supports(item, kind, source, numbers, parts))
+        parts_of_scene = list(_supports(item, kind, source, numbers, parts))
     elif section == "Loads" and item.tag == "surface_load" and kind == "pressure":
         surface = parts.surface(item.name("surface"))
         value = numbers.of(item, "pressure")
         if surface is not None and value is not None:
-            made = [DeckLoad("pressure", f"hhr.Pressure({surface!r}, {{}})", value, source)]
+            parts_of_scene = [
+                DeckLoad("pressure", f"hhr.Pressure({surface!r}, {{}})", value, source)
+            ]
     elif section == "Contact":
-        made = list(_pairs(item, kind, source, numbers, parts))
-    read = bool(made) or (section == "Material" and kind in _ELASTIC)
+        parts_of_scene = list(_pairs(item, kind, source, numbers, parts))
+    read = bool(parts_of_scene) or (section == "Material" and kind in _ELASTIC)
     for child in item.items:
         if lost := numbers.why_not(child):
             yield Left(
                 f"{path.name}:{child.line}", f'<{child.tag} lc="{child.attributes["lc"]}">', lost
             )
     if not read:
-        yield Left(source, name, why)
+        yield Left(source, name, remedy)
         return
-    yield from made
+    yield from parts_of_scene
     if kind == "neo-Hookean":
         yield Left(source, name, "strains are small here")
     for key in sorted(item.attributes.keys() - _ATTRIBUTES):
         yield Left(source, f'<{item.tag} {key}="{item.attributes[key]}">', NOT_READ)
-    known = _READ.get(item.tag, ())
+    read_children = _READ.get(item.tag, ())
     for child in item.items:
         formula = child.tag == "fric_coeff" and item.number(child.tag) is None
         if formula or (
-            child.tag not in known and not (section == "Contact" and child.tag in _SOLVER)
+            child.tag not in read_children and not (section == "Contact" and child.tag in _SOLVER)
         ):
             yield Left(
                 f"{path.name}:{child.line}", f"<{child.tag}>", f"{NOT_READ}: {child.text.strip()}"
@@ -168,20 +180,20 @@ def _made(
 def _supports(
     item: Item, kind: str, source: str, numbers: FebNumbers, parts: NamedParts
 ) -> Iterator[Support]:
-    place = parts.place(item.name("node_set"))
-    if place is None:
+    target = parts.place(item.name("node_set"))
+    if target is None:
         return
     if kind in _HELD:
-        words = (one.text if (one := item.child("dofs")) is not None else "").split(",")
+        words = (child.text if (child := item.child("dofs")) is not None else "").split(",")
         listed = {word.strip() for word in words}
         for k, axis in enumerate("xyz"):
             if axis in listed or item.number(f"{axis}_dof") == 1:
-                yield Support(place, k, 0.0, source)
+                yield Support(target, k, 0.0, source)
     elif kind in _MOVED and (dof := item.child("dof")) is not None:
         tag = "value" if item.child("value") is not None else "scale"
         value = numbers.of(item, tag)
         if value is not None and dof.text.strip() in ("x", "y", "z"):
-            yield Support(place, "xyz".index(dof.text.strip()), value, source)
+            yield Support(target, "xyz".index(dof.text.strip()), value, source)
 
 
 def _pairs(
@@ -190,13 +202,16 @@ def _pairs(
     """The pair of a sliding contact, whose primary surface is the slave, or a tie."""
     mesh = numbers.root.child("Mesh")
     pairs = {
-        one.attributes.get("name"): one
-        for one in (mesh.items if mesh else ())
-        if one.tag == "SurfacePair"
+        element.attributes.get("name"): element
+        for element in (mesh.items if mesh else ())
+        if element.tag == "SurfacePair"
     }
     pair = pairs.get(item.attributes.get("surface_pair"))
     words = (
-        [one.text.strip() if (one := pair.child(tag)) else "" for tag in ("primary", "secondary")]
+        [
+            element.text.strip() if (element := pair.child(tag)) else ""
+            for tag in ("primary", "secondary")
+        ]
         if pair
         else []
     )

@@ -44,31 +44,33 @@ class Curve:
                 return f[k]
         if not t[0] < time < t[-1]:
             return self._outside(time)
-        if self.interpolate == "STEP" and any(abs(time - one) <= _SAME * abs(time) for one in t):
+        if self.interpolate == "STEP" and any(
+            abs(time - corner) <= _SAME * abs(time) for corner in t
+        ):
             return None
         k = bisect_right(t, time)
         if self.interpolate == "STEP":
             return f[k]
-        part = (time - t[k - 1]) / (t[k] - t[k - 1])
+        fraction = (time - t[k - 1]) / (t[k] - t[k - 1])
         if self.interpolate == "SMOOTH STEP":
-            part = part**3 * (10.0 - 15.0 * part + 6.0 * part**2)
+            fraction = fraction**3 * (10.0 - 15.0 * fraction + 6.0 * fraction**2)
         elif self.interpolate in ("SMOOTH", "C2-SMOOTH") and len(t) > 2:
             parabolas = [
                 self._parabola(first, time) for first in (k - 2, k - 1) if 0 <= first <= len(t) - 3
             ]
-            return parabolas[0] + part * (parabolas[-1] - parabolas[0])
+            return parabolas[0] + fraction * (parabolas[-1] - parabolas[0])
         elif self.interpolate not in ("LINEAR", "SMOOTH", "C2-SMOOTH"):
             return None
-        return f[k - 1] + part * (f[k] - f[k - 1])
+        return f[k - 1] + fraction * (f[k] - f[k - 1])
 
     def _parabola(self, first: int, time: float) -> float:
         """Value of the parabola through three points."""
         t = self.times[first : first + 3]
-        found = 0.0
+        value = 0.0
         for k in range(3):
             a, b = (t[j] for j in range(3) if j != k)
-            found += self.values[first + k] * (time - a) * (time - b) / ((t[k] - a) * (t[k] - b))
-        return found
+            value += self.values[first + k] * (time - a) * (time - b) / ((t[k] - a) * (t[k] - b))
+        return value
 
     def _outside(self, time: float) -> float | None:
         """Value before the first or after the last point."""
@@ -115,11 +117,11 @@ class FebNumbers:
         (``FEBioXML/FEModelBuilder.cpp``).
         """
         steps = [
-            one
-            for part in self.root.items
-            if part.tag == "Step"
-            for one in part.items
-            if one.tag == "step"
+            step
+            for section in self.root.items
+            if section.tag == "Step"
+            for step in section.items
+            if step.tag == "step"
         ]
         common = self.root.child("Control")
         total = 0.0
@@ -134,22 +136,33 @@ class FebNumbers:
     @cached_property
     def uses_curves(self) -> bool:
         """True if a number has a load curve."""
-        return any(_has_curve(part) for part in self.root.items)
+        return any(_has_curve(section) for section in self.root.items)
 
     @cached_property
     def _controllers(self) -> dict[str, Item]:
-        data = [one for part in self.root.items if part.tag == "LoadData" for one in part.items]
-        return {one.attributes.get("id", ""): one for one in data}
+        data = [
+            controller
+            for section in self.root.items
+            if section.tag == "LoadData"
+            for controller in section.items
+        ]
+        return {controller.attributes.get("id", ""): controller for controller in data}
 
     def of(self, item: Item | None, tag: str) -> float | None:
-        """Number of a child; None if it is not there, a formula, or has a controller that is not
-        read.
+        """Number of a child at the end.
+
+        Args:
+            item: parent of the child; None for none.
+            tag: tag of the child.
+
+        Returns:
+            The number; None if it is missing, is a formula, or has a controller that is not read.
         """
-        one = item.child(tag) if item is not None else None
+        child = item.child(tag) if item is not None else None
         number = item.number(tag) if item is not None else None
-        if one is None or number is None or "lc" not in one.attributes:
+        if child is None or number is None or "lc" not in child.attributes:
             return number
-        factor = self._factor(one.attributes["lc"])
+        factor = self._factor(child.attributes["lc"])
         return number * factor if isinstance(factor, float) else None
 
     def why_not(self, item: Item) -> str:
@@ -159,19 +172,19 @@ class FebNumbers:
 
     def _factor(self, number: str) -> float | str:
         """Value of a controller at the end, or the reason why it is not read."""
-        one = self._controllers.get(number)
-        if one is None:
+        controller = self._controllers.get(number)
+        if controller is None:
             return (
                 f"the file has no load_controller {number}: give the number at the end of the "
                 "computation"
             )
-        kind = one.attributes.get("type", "loadcurve")
+        kind = controller.attributes.get("type", "loadcurve")
         if kind != "loadcurve":
             return (
                 f"load_controller {number} is of type {kind}, which is not read: give the number "
                 "at the end"
             )
-        curve = _curve(one)
+        curve = _curve(controller)
         if curve is None:
             return (
                 f"the points of load_controller {number} are not read: give the number at the end"
@@ -189,13 +202,17 @@ class FebNumbers:
 def _first(items: Sequence[Item | None], tag: str) -> float | None:
     """Number of the first item that has a child."""
     return next(
-        (item.number(tag) for item in items if item is not None and item.child(tag) is not None),
+        (
+            parent.number(tag)
+            for parent in items
+            if parent is not None and parent.child(tag) is not None
+        ),
         None,
     )
 
 
 def _has_curve(item: Item) -> bool:
-    return "lc" in item.attributes or any(_has_curve(one) for one in item.items)
+    return "lc" in item.attributes or any(_has_curve(child) for child in item.items)
 
 
 def _curve(item: Item) -> Curve | None:
@@ -210,7 +227,7 @@ def _curve(item: Item) -> Curve | None:
     }
     try:
         rows = (
-            [tuple(map(float, one.text.split(","))) for one in points.items]
+            [tuple(map(float, point.text.split(","))) for point in points.items]
             if points is not None
             else []
         )
@@ -223,4 +240,4 @@ def _curve(item: Item) -> Curve | None:
 
 
 def _increases(times: Sequence[float]) -> bool:
-    return all(one < other for one, other in pairwise(times))
+    return all(earlier < later for earlier, later in pairwise(times))

@@ -20,16 +20,16 @@ class Item:
 
     def child(self, tag: str) -> Item | None:
         """First child of a tag."""
-        return next((one for one in self.items if one.tag == tag), None)
+        return next((element for element in self.items if element.tag == tag), None)
 
     def number(self, tag: str) -> float | None:
         """Number of a child as the file has it, without a load curve.
 
         None if it is not there, or a formula.
         """
-        one = self.child(tag)
+        element = self.child(tag)
         try:
-            return float(one.text) if one is not None else None
+            return float(element.text) if element is not None else None
         except ValueError:
             return None
 
@@ -39,23 +39,25 @@ class Item:
 
 
 def tree_of(path: Path) -> Item:
-    """Root of a file; FileContentError comes before, from the reader of its mesh, which refuses a
-    DOCTYPE too.
+    """Root of a file that the reader of its mesh has read without an error.
+
+    That reader refuses a DOCTYPE too.
     """
-    inside = [Item("", {}, 0)]
+    open_elements = [Item("", {}, 0)]
     parser = expat.ParserCreate()
     parser.buffer_text = True
 
     def start(tag: str, attributes: dict[str, str]) -> None:
-        item = Item(tag, attributes, parser.CurrentLineNumber)
-        inside[-1].items.append(item)
-        inside.append(item)
+        """Open an element with its ``tag`` and ``attributes``."""
+        element = Item(tag, attributes, parser.CurrentLineNumber)
+        open_elements[-1].items.append(element)
+        open_elements.append(element)
 
     def data(text: str) -> None:
-        inside[-1].text += text
+        open_elements[-1].text += text
 
     parser.StartElementHandler = start
-    parser.EndElementHandler = lambda tag: inside.pop()
+    parser.EndElementHandler = lambda tag: open_elements.pop()
     parser.CharacterDataHandler = data
     parser.Parse(path.read_bytes(), True)
-    return inside[0].items[0]
+    return open_elements[0].items[0]

@@ -55,36 +55,44 @@ _HYPOTHESES = {"CPE": "plane_strain", "CPS": "plane_stress", "CAX": "axisymmetri
 
 def read_inp(
     path: Path,
-    found: Sequence[KeywordBlock],
+    blocks: Sequence[KeywordBlock],
     parts: NamedParts,
     nodes: DeckNodes,
     unread: Sequence[Left] = (),
 ) -> Deck:
-    """Read bodies, supports, loads and contacts of the blocks of a deck, of which some options are
-    not read.
+    """Read bodies, supports, loads and contacts of a deck.
+
+    Args:
+        path: the deck.
+        blocks: its keyword blocks, with the options that are read.
+        parts: bodies, surfaces and sets of its mesh.
+        nodes: nodes of the deck by number.
+        unread: TODO lines of the options that are not read.
 
     Raises:
         SceneError: for a deck without sections or supports, or with a material that is not elastic,
             with the line.
         FileContentError: for words that are not the numbers that a keyword needs, with the line.
     """
-    left = [*unread, *_perturbed(found)]
-    whole = parts
-    cuts, parts = sections_of(found, parts, nodes, left)
-    hypothesis = hypothesis_of(found, parts, left)
-    sections, thickness = _sections(found, materials_of(found, left), parts, hypothesis, left)
+    todo = [*unread, *_perturbed(blocks)]
+    uncut = parts
+    cuts, parts = sections_of(blocks, parts, nodes, todo)
+    hypothesis = hypothesis_of(blocks, parts, todo)
+    sections, thickness = _sections(blocks, materials_of(blocks, todo), parts, hypothesis, todo)
     if hypothesis == "axisymmetric":
         thickness = 1.0
     reader = _DeckParts(
-        path, found, whole, parts, nodes, hypothesis, tuple(sections), thickness, cuts, tuple(left)
+        path, blocks, uncut, parts, nodes, hypothesis, tuple(sections), thickness, cuts, tuple(todo)
     )
-    final = imposed_of(found)
-    reader = replace(reader, left=(*left, *_overlapping(final, parts), *_creeping(found, sections)))
+    final = imposed_of(blocks)
+    reader = replace(
+        reader, left=(*todo, *_overlapping(final, parts), *_creeping(blocks, sections))
+    )
     deck = reader.deck(final)
-    remembers = any(item.material.law for item in sections) or any(
+    remembers = any(section.material.law for section in sections) or any(
         pair.friction for pair in deck.pairs
     )
-    return with_history(deck, found, reader.deck) if remembers else deck
+    return with_history(deck, blocks, reader.deck) if remembers else deck
 
 
 @dataclass(frozen=True)
@@ -103,29 +111,38 @@ class _DeckParts:
     left: tuple[Left, ...]
 
     def deck(self, state: Sequence[Imposed]) -> Deck:
-        """Contents of the deck with some supports and loads."""
-        found = self.found
+        """Contents of the deck with some supports and loads.
+
+        Args:
+            state: rows of supports and loads that act.
+
+        Raises:
+            SceneError: for a deck without supports, contact pairs and constraints that are read.
+        """
+        blocks = self.found
         parts = self.parts
         nodes = self.nodes
-        left = list(self.left)
-        own = self._without_tools(state)
-        gaps, grounds = gaps_of(found, parts, nodes, state, left)
-        own = [
-            item for item in own if not grounds or not set(nodes.numbers(item.row[0])) <= grounds
+        todo = list(self.left)
+        acting = self._without_tools(state)
+        gaps, grounds = gaps_of(blocks, parts, nodes, state, todo)
+        acting = [
+            imposed
+            for imposed in acting
+            if not grounds or not set(nodes.numbers(imposed.row[0])) <= grounds
         ]
-        own, constraints, forces = self._constrained(own, left)
-        constraints += ties_of(found, parts, left)
-        materials = {item.tag: item.material for item in self.sections}
+        acting, constraints, forces = self._constrained(acting, todo)
+        constraints += ties_of(blocks, parts, todo)
+        materials = {section.tag: section.material for section in self.sections}
         axis = 1 if self.hypothesis == "axisymmetric" else 2
-        supports, loads = loads_of(merged(own), parts, materials, self.thickness, left, axis)
-        loads += heated_of(found, own, nodes, materials, left)
-        touching = (*pairs_of(found, parts, nodes, state, left), *gaps)
+        supports, loads = loads_of(merged(acting), parts, materials, self.thickness, todo, axis)
+        loads += heated_of(blocks, acting, nodes, materials, todo)
+        touching = (*pairs_of(blocks, parts, nodes, state, todo), *gaps)
         sides = any(not parts.named_in(pair.text) for pair in gaps)
         if not (touching or supports or constraints):
             raise SceneError(
                 f"{self.path.name}: no support and no contact pair of it has a counterpart, so "
                 "its bodies are free: "
-                "hold them by *BOUNDARY" + "".join(f". {item}" for item in left)
+                "hold them by *BOUNDARY" + "".join(f". {entry}" for entry in todo)
             )
         deck = Deck(
             self.path,
@@ -134,19 +151,20 @@ class _DeckParts:
             tuple(supports),
             (*loads, *forces),
             touching or _out_of_reach(self.whole, parts, supports, constraints),
-            in_order(left),
-            sum(map(period_of, of_kind(found, "STATIC", "VISCO"))) or 1.0,
+            in_order(todo),
+            sum(map(period_of, of_kind(blocks, "STATIC", "VISCO"))) or 1.0,
             tuple(constraints),
-            tuple(one.name for one in self.cuts),
+            tuple(bolt.name for bolt in self.cuts),
             sides=sides,
-            contact_lost=not touching and bool(of_kind(found, "CONTACT PAIR", "CONTACT", "GAP")),
+            contact_lost=not touching and bool(of_kind(blocks, "CONTACT PAIR", "CONTACT", "GAP")),
         )
-        flows = any(item.material.law for item in self.sections)
+        flows = any(section.material.law for section in self.sections)
         return _with_20_nodes(with_springs(deck, parts) if touching and flows else deck, nodes)
 
     def _without_tools(self, state: Sequence[Imposed]) -> list[Imposed]:
-        """What is imposed on nodes of cells: those that move rigid tools are none, and their
-        motions are gaps.
+        """Rows imposed on nodes of cells.
+
+        Nodes that move rigid tools are no nodes of cells: their motions are gaps.
         """
         parts = self.parts
         tools = {
@@ -155,33 +173,31 @@ class _DeckParts:
             if is_tool(block, parts)
         }
         return [
-            item
-            for item in state
-            if item.row[0].upper() not in tools or not item.moves(parts.raw.dim)
+            imposed
+            for imposed in state
+            if imposed.row[0].upper() not in tools or not imposed.moves(parts.raw.dim)
         ]
 
     def _constrained(
-        self, own: list[Imposed], left: list[Left]
+        self, acting: list[Imposed], todo: list[Left]
     ) -> tuple[list[Imposed], list[DeckLoad], list[DeckLoad]]:
-        """What is imposed and neither constrains nor loads through a constraint, and the
-        constraints and forces of the rest.
-        """
-        found = self.found
+        """Rows that impose no constraint; constraints and forces of the others."""
+        blocks = self.found
         parts = self.parts
         nodes = self.nodes
         thickness = self.thickness
         constraints: list[DeckLoad] = []
         forces: list[DeckLoad] = []
-        for made in (
-            lambda given: preloads_of(self.cuts, given, nodes, thickness, left),
-            lambda given: coupled_of(found, given, parts, nodes, self.hypothesis, thickness, left),
-            lambda given: equations_of(found, given, parts, nodes, thickness, left),
-            lambda given: directed_of(found, given, parts, nodes, thickness, left),
+        for convert in (
+            lambda rows: preloads_of(self.cuts, rows, nodes, thickness, todo),
+            lambda rows: coupled_of(blocks, rows, parts, nodes, self.hypothesis, thickness, todo),
+            lambda rows: equations_of(blocks, rows, parts, nodes, thickness, todo),
+            lambda rows: directed_of(blocks, rows, parts, nodes, thickness, todo),
         ):
-            own, *more = made(own)
+            acting, *more = convert(acting)
             constraints += more[0]
             forces += more[1]
-        return own, constraints, forces
+        return acting, constraints, forces
 
 
 def _with_20_nodes(deck: Deck, nodes: DeckNodes) -> Deck:
@@ -189,30 +205,32 @@ def _with_20_nodes(deck: Deck, nodes: DeckNodes) -> Deck:
     kinds = nodes.types
     if not kinds or not kinds <= {"C3D20", "CPE8"}:
         return deck
-    made = DeckLoad("", "hhr.Serendipity()", 0.0, f"elements {', '.join(sorted(kinds))}")
-    return replace(deck, constraints=(*deck.constraints, made))
+    option = DeckLoad("", "hhr.Serendipity()", 0.0, f"elements {', '.join(sorted(kinds))}")
+    return replace(deck, constraints=(*deck.constraints, option))
 
 
 def _overlapping(state: Sequence[Imposed], parts: NamedParts) -> Iterator[Left]:
     """Supports and forces of which a later step gives some nodes anew: their sets are not split."""
     # nodes by numbers with one value have one place
-    items = {(item.block.keyword, item.component, item.place): item for item in state}
+    rows = {(imposed.block.keyword, imposed.component, imposed.place): imposed for imposed in state}
     first: dict[tuple[str, int], np.ndarray] = {}
-    for (keyword, component, name), item in sorted(items.items(), key=lambda one: one[1].since):
-        place = parts.place(name) if keyword in ("BOUNDARY", "CLOAD") else None
-        if place is not None:
-            nodes = parts.nodes(place)
+    for (keyword, component, name), imposed in sorted(
+        rows.items(), key=lambda keyed: keyed[1].since
+    ):
+        target = parts.place(name) if keyword in ("BOUNDARY", "CLOAD") else None
+        if target is not None:
+            nodes = parts.nodes(target)
             since = first.setdefault((keyword, component), np.full(len(parts.raw.points), np.inf))
-            if since[nodes].min() < item.since:
-                yield item.block.left(
+            if since[nodes].min() < imposed.since:
+                yield imposed.block.left(
                     "nodes of it have values of an earlier step too: both act here"
                 )
-            since[nodes] = np.minimum(since[nodes], item.since)
+            since[nodes] = np.minimum(since[nodes], imposed.since)
 
 
-def _perturbed(found: Sequence[KeywordBlock]) -> Iterator[Left]:
+def _perturbed(blocks: Sequence[KeywordBlock]) -> Iterator[Left]:
     """Steps that are linear responses to small changes, which several steps of a deck add up."""
-    steps = of_kind(found, "STEP")
+    steps = of_kind(blocks, "STEP")
     for block in steps:
         if "PERTURBATION" in block.options and len(steps) > 1:
             yield block.left(
@@ -220,10 +238,12 @@ def _perturbed(found: Sequence[KeywordBlock]) -> Iterator[Left]:
             )
 
 
-def _creeping(found: Sequence[KeywordBlock], sections: Sequence[Section]) -> Iterator[Left]:
+def _creeping(blocks: Sequence[KeywordBlock], sections: Sequence[Section]) -> Iterator[Left]:
     """Steps without creep of a deck with creep."""
-    if any("Norton" in item.material.law or "Creep" in item.material.law for item in sections):
-        for block in of_kind(found, "STATIC"):
+    if any(
+        "Norton" in section.material.law or "Creep" in section.material.law for section in sections
+    ):
+        for block in of_kind(blocks, "STATIC"):
             yield block.left("bodies creep in this step too: shorten its leg if they must not")
 
 
@@ -241,9 +261,9 @@ def _out_of_reach(
     """
     rigid = [
         name
-        for item in constraints
-        if "RigidMotion" in item.text
-        for name in whole.named_in(item.text)
+        for constraint in constraints
+        if "RigidMotion" in constraint.text
+        for name in whole.named_in(constraint.text)
     ]
     held = [*supports, *(Support(name, k, 0.0, "") for name in rigid for k in range(whole.raw.dim))]
     pairs = whole.out_of_reach(held, parts.surfaces)
@@ -251,15 +271,21 @@ def _out_of_reach(
     return parts.out_of_reach(supports) if unnamed and parts is not whole else pairs
 
 
-def hypothesis_of(found: Sequence[KeywordBlock], parts: NamedParts, left: list[Left]) -> str:
-    """Hypothesis of the first plane elements; elements of other hypotheses are left."""
+def hypothesis_of(blocks: Sequence[KeywordBlock], parts: NamedParts, todo: list[Left]) -> str:
+    """Hypothesis of the first plane elements; elements of other hypotheses become TODO lines.
+
+    Args:
+        blocks: keyword blocks of the deck, in the order of its lines.
+        parts: bodies, surfaces and sets of the mesh.
+        todo: list to which TODO lines are appended.
+    """
     if parts.raw.dim == 3:
         return "solid"
     kinds = [
-        (_HYPOTHESES.get(block.word("TYPE")[:3]), block) for block in of_kind(found, "ELEMENT")
+        (_HYPOTHESES.get(block.word("TYPE")[:3]), block) for block in of_kind(blocks, "ELEMENT")
     ]
     first = next((kind for kind, _ in kinds if kind), "plane_strain")
-    left += [
+    todo += [
         block.left(f"all elements are those of {first}")
         for kind, block in kinds
         if kind not in (None, first)
@@ -268,11 +294,11 @@ def hypothesis_of(found: Sequence[KeywordBlock], parts: NamedParts, left: list[L
 
 
 def _sections(
-    found: Sequence[KeywordBlock],
+    blocks: Sequence[KeywordBlock],
     materials: Mapping[str, DeckMaterial],
     parts: NamedParts,
     hypothesis: str,
-    left: list[Left],
+    todo: list[Left],
 ) -> tuple[list[Section], float]:
     """Bodies, and the thickness of plane ones, a length.
 
@@ -281,10 +307,10 @@ def _sections(
     sections: list[Section] = []
     thickness = 1.0
     free = np.ones(len(parts.raw.cells), dtype=bool)
-    for block, tags in _counting(found, parts, left):
+    for block, tags in _counting(blocks, parts, todo):
         name = block.option("MATERIAL")
         if not tags:
-            left.append(block.left(f"set {block.option('ELSET')} holds no cells of the mesh"))
+            todo.append(block.left(f"set {block.option('ELSET')} holds no cells of the mesh"))
             continue
         if name.upper() not in materials:
             raise SceneError(
@@ -296,7 +322,7 @@ def _sections(
         if block.rows and block.rows[0][0] and parts.raw.dim == 2:
             before, thickness = thickness, block.number(block.rows[0][0])
             if len(sections) > len(tags) and hypothesis != "axisymmetric" and thickness != before:
-                left.append(
+                todo.append(
                     block.left(
                         f"'{tags[0]}' is {thickness:g} thick, and bodies before it {before:g}; a "
                         "scene has one thickness: multiply moduli of these, and pressures on "
@@ -306,13 +332,13 @@ def _sections(
     if not sections:
         lost = [
             parts.raw.left_out[block.word("ELSET")]
-            for block in of_kind(found, "SOLID SECTION")
+            for block in of_kind(blocks, "SOLID SECTION")
             if block.word("ELSET") in parts.raw.left_out
         ]
-        why = "; ".join(lost) or "give its bodies materials"
-        raise SceneError(f"{found[0].file} has no *SOLID SECTION with cells of the mesh: {why}")
+        reason = "; ".join(lost) or "give its bodies materials"
+        raise SceneError(f"{blocks[0].file} has no *SOLID SECTION with cells of the mesh: {reason}")
     if free.any():
-        left.append(
+        todo.append(
             Left(
                 sections[-1].source,
                 "*SOLID SECTION",
@@ -323,34 +349,36 @@ def _sections(
 
 
 def _counting(
-    found: Sequence[KeywordBlock], parts: NamedParts, left: list[Left]
+    blocks: Sequence[KeywordBlock], parts: NamedParts, todo: list[Left]
 ) -> Iterator[tuple[KeywordBlock, list[Tag]]]:
     """Sections with their bodies: of several for one cell the last counts, as in CalculiX 2.20, and
     others are left.
     """
     sections = [
-        (block, _bodies_of(found, block, parts)) for block in of_kind(found, "SOLID SECTION")
+        (block, _bodies_of(blocks, block, parts)) for block in of_kind(blocks, "SOLID SECTION")
     ]
     titles = [f"{block.source} *SOLID SECTION" for block, _ in sections]
-    for (block, tags), kept in zip(
+    for (block, tags), remaining in zip(
         sections, bodies_of(parts, [tags for _, tags in sections], titles), strict=True
     ):
-        if {*tags} - {*kept}:
-            left.append(block.left("later sections count for cells of it"))
-        if kept or not tags:
-            yield block, kept
+        if {*tags} - {*remaining}:
+            todo.append(block.left("later sections count for cells of it"))
+        if remaining or not tags:
+            yield block, remaining
 
 
 def _bodies_of(
-    found: Sequence[KeywordBlock], section: KeywordBlock, parts: NamedParts
+    blocks: Sequence[KeywordBlock], section: KeywordBlock, parts: NamedParts
 ) -> list[Tag]:
     """Body of the set of a section, or one for each instance of the part that the section is in."""
     name = section.option("ELSET")
-    before = found[: next(k for k, block in enumerate(found) if block is section)]
+    before = blocks[: next(k for k, block in enumerate(blocks) if block is section)]
     around = of_kind(before, "PART", "END PART")
-    inside = around[-1].word("NAME") if around else ""
+    part_name = around[-1].word("NAME") if around else ""
     instances = [
-        block for block in of_kind(found, "INSTANCE") if inside and block.word("PART") == inside
+        block
+        for block in of_kind(blocks, "INSTANCE")
+        if part_name and block.word("PART") == part_name
     ]
     full = {f"{block.option('NAME')}.{name}".upper() for block in instances}
     tags = [tag for tag in parts.raw.bodies if str(tag).upper() in full]

@@ -25,33 +25,43 @@ class DeckFriction(NamedTuple):
 
 
 def pairs_of(
-    found: Sequence[KeywordBlock],
+    blocks: Sequence[KeywordBlock],
     parts: NamedParts,
     nodes: DeckNodes,
     state: Sequence[Imposed],
-    left: list[Left],
+    todo: list[Left],
 ) -> tuple[Pair, ...]:
-    """Contact pairs and obstacles; parts without counterpart are left."""
-    frictions = _frictions(found, left)
-    rigid = _rigid(found, parts, nodes, state, left)
-    cleared = of_kind(found, "CLEARANCE")
+    """Contact pairs and obstacles; those without counterpart become TODO lines.
+
+    Args:
+        blocks: keyword blocks of the deck, in the order of its lines.
+        parts: bodies, surfaces and sets of the mesh.
+        nodes: nodes of the deck by number.
+        state: rows of supports and loads that act.
+        todo: list to which TODO lines are appended.
+    """
+    frictions = _frictions(blocks, todo)
+    rigid = _rigid(blocks, parts, nodes, state, todo)
+    cleared = of_kind(blocks, "CLEARANCE")
     used: set[str] = set()
     pairs = []
-    for block in of_kind(found, "CONTACT PAIR"):
+    for block in of_kind(blocks, "CONTACT PAIR"):
         word = block.word("INTERACTION")
         if word and word not in frictions:
-            left.append(
+            todo.append(
                 block.left(f"there is no *SURFACE INTERACTION '{word}', so that its friction is 0")
             )
         for row in block.rows:
             names = [word.upper() for word in row if word][:2]
             friction = frictions.get(word, DeckFriction())
-            pair = _pair(block, names, parts, rigid, friction.coefficient, left)
-            clearance = next((one for one in cleared[::-1] if _clears(one, block, names)), None)
+            pair = _pair(block, names, parts, rigid, friction.coefficient, todo)
+            clearance = next(
+                (candidate for candidate in cleared[::-1] if _clears(candidate, block, names)), None
+            )
             if pair is None:
                 continue
             if clearance is not None and pair.motion:
-                left.append(
+                todo.append(
                     clearance.left("the distance of a curved rigid surface is that of the mesh")
                 )
             elif clearance is not None:
@@ -59,7 +69,11 @@ def pairs_of(
                 pair = replace(pair, gap=gap, overwrites=True)
             used |= {clearance.source} if clearance is not None else set()
             pairs.append(replace(pair, limit=friction.limit))
-    left += [one.left(_unused(one, cleared)) for one in cleared if one.source not in used]
+    todo += [
+        candidate.left(_unused(candidate, cleared))
+        for candidate in cleared
+        if candidate.source not in used
+    ]
     return tuple(pairs)
 
 
@@ -69,11 +83,11 @@ def _pair(
     parts: NamedParts,
     rigid: tuple[Mapping[str, Plane], Mapping[str, tuple[Tool, np.ndarray]]],
     friction: float,
-    left: list[Left],
+    todo: list[Left],
 ) -> Pair | None:
     """Pair of a slave and a master by their names in capitals; None for one that is left."""
     if len(names) < 2:
-        left.append(block.left("a pair needs two surfaces"))
+        todo.append(block.left("a pair needs two surfaces"))
         return None
     planes, tools = rigid
     slave, master = (parts.surface(name) for name in names)
@@ -83,16 +97,16 @@ def _pair(
     deformable = slave if slave is not None else master
     if lost in planes and deformable is not None:
         point, normal, motion = planes[lost]
-        left += _dragging(block, friction, motion - (motion @ normal) * normal)
+        todo += _dragging(block, friction, motion - (motion @ normal) * normal)
         pair = parts.on_plane(deformable, point, normal, friction, block.source)
         return replace(pair, gap=float(motion @ parts.towards(deformable, normal)))
     if lost in tools and deformable is not None:
         tool, motion = tools[lost]
         middles = parts.raw.points[parts.surfaces[deformable]].mean(axis=1)
         text = tool.written(deformable, middles, parts.normals(deformable))
-        left += _dragging(block, friction, motion)
+        todo += _dragging(block, friction, motion)
         return Pair(text, friction, block.source, motion=tuple(motion.tolist()), origin=tool.origin)
-    left.append(
+    todo.append(
         block.left(
             f"'{lost}' is no surface with facets of the mesh, nor a rigid surface that is read"
         )
@@ -102,11 +116,15 @@ def _pair(
 
 def _unused(clearance: KeywordBlock, cleared: Sequence[KeywordBlock]) -> str:
     """Reason why a *CLEARANCE has no effect: CalculiX 2.20 takes the last one of a pair."""
-    later = [one for one in cleared if one.line > clearance.line]
+    later = [
+        other_clearance for other_clearance in cleared if other_clearance.line > clearance.line
+    ]
     same = [
-        one
-        for one in later
-        if all(one.word(key) == clearance.word(key) for key in ("SLAVE", "MASTER", "CPSET"))
+        other_clearance
+        for other_clearance in later
+        if all(
+            other_clearance.word(key) == clearance.word(key) for key in ("SLAVE", "MASTER", "CPSET")
+        )
     ]
     if same:
         return f"the one of {same[-1].source} on the same pair counts"
@@ -125,18 +143,18 @@ def _clears(clearance: KeywordBlock, pair: KeywordBlock, names: Sequence[str]) -
 
 def _dragging(block: KeywordBlock, friction: float, motion: np.ndarray) -> list[Left]:
     """The motion of a rigid surface with friction along itself, which is lost."""
-    why = (
+    reason = (
         "a rigid surface that moves along the body does not drag it by friction: move the body "
         "instead"
     )
-    return [block.left(why)] if friction and motion.any() else []
+    return [block.left(reason)] if friction and motion.any() else []
 
 
-def _frictions(found: Sequence[KeywordBlock], left: list[Left]) -> dict[str, DeckFriction]:
+def _frictions(blocks: Sequence[KeywordBlock], todo: list[Left]) -> dict[str, DeckFriction]:
     """Friction by the name of the interaction in capitals."""
     frictions: dict[str, DeckFriction] = {}
     name: str | None = None
-    for block in found:
+    for block in blocks:
         if block.keyword == "SURFACE INTERACTION":
             name = block.option("NAME").upper()
             frictions[name] = DeckFriction()
@@ -146,45 +164,52 @@ def _frictions(found: Sequence[KeywordBlock], left: list[Left]) -> dict[str, Dec
             limit = block.number(block.options["TAUMAX"]) if "TAUMAX" in block.options else math.inf
             frictions[name] = DeckFriction(block.value(block.rows[0], 0), limit)
             if len(block.rows) > 1:
-                why = (
+                reason = (
                     "friction does not depend on the pressure, the speed or the temperature: its "
                     "first line counts"
                 )
-                left.append(block.left(f"{why}, {frictions[name].coefficient:g}"))
+                todo.append(block.left(f"{reason}, {frictions[name].coefficient:g}"))
     return frictions
 
 
 def is_tool(block: KeywordBlock, parts: NamedParts) -> bool:
-    """True for a *RIGID BODY without cells of the mesh."""
+    """True for a *RIGID BODY without cells of the mesh.
+
+    Args:
+        block: the *RIGID BODY.
+        parts: bodies, surfaces and sets of the mesh.
+    """
     return "NSET" not in block.options and parts.body(block.word("ELSET")) is None
 
 
 def _rigid(
-    found: Sequence[KeywordBlock],
+    blocks: Sequence[KeywordBlock],
     parts: NamedParts,
     nodes: DeckNodes,
     state: Sequence[Imposed],
-    left: list[Left],
+    todo: list[Left],
 ) -> tuple[dict[str, Plane], dict[str, tuple[Tool, np.ndarray]]]:
     """Rigid surfaces by their names in capitals: planes, and curved ones with their motions."""
     dim = parts.raw.dim
     motions: dict[str, np.ndarray] = {}
-    for block in of_kind(found, "RIGID BODY"):
+    for block in of_kind(blocks, "RIGID BODY"):
         if not is_tool(block, parts):
             continue
         motion = motions.setdefault(
             block.word("ANALYTICAL SURFACE") or block.word("ELSET"), np.zeros(dim)
         )
-        for item in state:
+        for imposed in state:
             if (
-                item.row[0].upper() == block.word("REF NODE")
-                and item.moves(dim)
-                and item.component < dim
+                imposed.row[0].upper() == block.word("REF NODE")
+                and imposed.moves(dim)
+                and imposed.component < dim
             ):
-                motion[item.component] = item.factor
+                motion[imposed.component] = imposed.factor
     planes = {}
     tools: dict[str, tuple[Tool, np.ndarray]] = {}
-    for block in (one for one in of_kind(found, "SURFACE") if not _in_moved_part(found, one)):
+    for block in (
+        surface for surface in of_kind(blocks, "SURFACE") if not _in_moved_part(blocks, surface)
+    ):
         name = owner = block.option("NAME").upper()
         firsts = [row[0].upper() for row in block.rows]
         points: list[list[float]] = []
@@ -198,12 +223,12 @@ def _rigid(
             points = [[*[*block.numbers(row, 1), 0.0, 0.0][:2], 0.0] for row in block.rows]
         elif not profile and firsts and firsts[0] in motions and parts.surface(name) is None:
             owner = firsts[0]
-            points = _points_of(found, owner)
+            points = _points_of(blocks, owner)
         if (
             "FILLET RADIUS" in block.options
             and sum(word in ("LINE", "CIRCL") for word in firsts) > 1
         ):
-            left.append(block.left("FILLET RADIUS: corners of the profile stay sharp"))
+            todo.append(block.left("FILLET RADIUS: corners of the profile stay sharp"))
         plane = plane_through(np.array(points), sweep=profile or dim == 2)
         motion = motions.get(owner, np.zeros(dim))
         if plane is not None:
@@ -215,35 +240,35 @@ def _rigid(
     return planes, tools
 
 
-def _in_moved_part(found: Sequence[KeywordBlock], surface: KeywordBlock) -> bool:
+def _in_moved_part(blocks: Sequence[KeywordBlock], surface: KeywordBlock) -> bool:
     """True for an analytical surface of a part, or in an instance, that the assembly moves."""
     if not surface.word("TYPE"):
         return False
     around = [
-        one
-        for one in of_kind(found, "PART", "END PART", "INSTANCE", "END INSTANCE")
-        if one.line < surface.line
+        part_block
+        for part_block in of_kind(blocks, "PART", "END PART", "INSTANCE", "END INSTANCE")
+        if part_block.line < surface.line
     ]
     inner = around[-1] if around else surface
-    part = inner.word("NAME") if inner.keyword == "PART" else None
+    part_name = inner.word("NAME") if inner.keyword == "PART" else None
     instances = [
-        one
-        for one in of_kind(found, "INSTANCE")
-        if one is inner or (part and one.word("PART") == part)
+        part_block
+        for part_block in of_kind(blocks, "INSTANCE")
+        if part_block is inner or (part_name and part_block.word("PART") == part_name)
     ]
-    return any(any(one.numbers(row)) for one in instances for row in one.rows)
+    return any(any(part_block.numbers(row)) for part_block in instances for row in part_block.rows)
 
 
-def _points_of(found: Sequence[KeywordBlock], elset: str) -> list[list[float]]:
+def _points_of(blocks: Sequence[KeywordBlock], elset: str) -> list[list[float]]:
     """Coordinates of the nodes of the elements of blocks with a set."""
     elements = [
         row
-        for block in of_kind(found, "ELEMENT")
+        for block in of_kind(blocks, "ELEMENT")
         if block.word("ELSET") == elset
         for row in block.rows
     ]
     numbers = {word for row in elements for word in row[1:]}
     nodes = [
-        (block, row) for block in of_kind(found, "NODE") for row in block.rows if row[0] in numbers
+        (block, row) for block in of_kind(blocks, "NODE") for row in block.rows if row[0] in numbers
     ]
     return [[*block.numbers(row, 1), 0.0, 0.0, 0.0][:3] for block, row in nodes]

@@ -34,14 +34,26 @@ class Coupling:
     by_area: bool | str = True  #: how nodes count, as in CoupledForce
 
     def text(self, kind: str, component: int, amplitude: str) -> str:
-        """A motion or a force as text of Python."""
+        """A motion or a force as text of Python.
+
+        Args:
+            kind: class of the scene, ``MeanMotion`` or ``CoupledForce``.
+            component: component of the motion, rotations after translations.
+            amplitude: amplitude as text of Python.
+        """
         more = "" if self.point is None else f", point={self.point!r}"
         more += "" if self.components is None else f", components={self.components!r}"
         more += "" if self.by_area is True else f", by_area={self.by_area!r}"
         return f"hhr.{kind}({self.place!r}, {component}, {amplitude}{more})"
 
     def shows(self, parts: NamedParts, component: int, hypothesis: str) -> bool:
-        """True if the motion of the nodes determines a component of that of the point."""
+        """True if the motion of the nodes determines a component of that of the point.
+
+        Args:
+            parts: bodies, surfaces and sets of the mesh.
+            component: component of the motion, rotations after translations.
+            hypothesis: hypothesis of the scene, such as ``plane_strain``.
+        """
         dim = parts.raw.dim
         points = parts.raw.points[parts.nodes(self.place)]
         turns = () if hypothesis == "axisymmetric" else ROTATION_PLANES[dim]
@@ -53,36 +65,38 @@ class Coupling:
 
 
 def _couplings(
-    found: Sequence[KeywordBlock],
+    blocks: Sequence[KeywordBlock],
     parts: NamedParts,
     nodes: DeckNodes,
     hypothesis: str,
-    left: list[Left],
+    todo: list[Left],
 ) -> list[Coupling]:
     """Couplings of a deck; those without counterpart are left."""
     couplings = []
     pilots: set[int] = set()
-    for block, after in zip(found, [*found[1:], None], strict=True):
+    for block, after in zip(blocks, [*blocks[1:], None], strict=True):
         if block.keyword not in REFERENCE_KEYWORDS or (
             block.keyword == "RIGID BODY" and _without_cells(block, parts)
         ):
             continue
-        made = _coupling(found, block, after, parts, nodes)
-        if isinstance(made, Coupling) and made.rigid and hypothesis == "axisymmetric":
-            made = "no counterpart: a rigid coupling in axisymmetry"
-        own = {number for number, _ in made.ways} if isinstance(made, Coupling) else set()
-        if own & pilots:
-            made = "its reference node has another coupling too"
-        pilots |= own
-        if isinstance(made, str):
-            left.append(block.left(made))
+        coupling = _coupling(blocks, block, after, parts, nodes)
+        if isinstance(coupling, Coupling) and coupling.rigid and hypothesis == "axisymmetric":
+            coupling = "no counterpart: a rigid coupling in axisymmetry"
+        references = (
+            {number for number, _ in coupling.ways} if isinstance(coupling, Coupling) else set()
+        )
+        if references & pilots:
+            coupling = "its reference node has another coupling too"
+        pilots |= references
+        if isinstance(coupling, str):
+            todo.append(block.left(coupling))
             continue
-        couplings.append(made)
-        if block.keyword == "DISTRIBUTING COUPLING" and made.ways:
-            points = parts.raw.points[parts.nodes(made.place)]
-            off = points.mean(axis=0) - nodes.point(next(iter(own)))[: parts.raw.dim]
+        couplings.append(coupling)
+        if block.keyword == "DISTRIBUTING COUPLING" and coupling.ways:
+            points = parts.raw.points[parts.nodes(coupling.place)]
+            off = points.mean(axis=0) - nodes.point(next(iter(references)))[: parts.raw.dim]
             if np.abs(off).max() > 1e-6 * np.ptp(points, axis=0).max():
-                left.append(
+                todo.append(
                     block.left(
                         "as in CalculiX, its reference node counts as the centre of its nodes"
                     )
@@ -95,7 +109,7 @@ def _without_cells(block: KeywordBlock, parts: NamedParts) -> bool:
 
 
 def _coupling(
-    found: Sequence[KeywordBlock],
+    blocks: Sequence[KeywordBlock],
     block: KeywordBlock,
     after: KeywordBlock | None,
     parts: NamedParts,
@@ -105,7 +119,7 @@ def _coupling(
     dim = parts.raw.dim
     rigid = block.keyword == "RIGID BODY"
     words = [block.word("REF NODE"), block.word("ROT NODE")]
-    place = parts.place(f"{block.keyword}:{block.line}")
+    target = parts.place(f"{block.keyword}:{block.line}")
     components = None
     if block.keyword == "COUPLING":
         kind = after.keyword if after is not None else ""
@@ -119,13 +133,20 @@ def _coupling(
         components = _components(after, dim) if rigid else None
         if "ORIENTATION" in block.options and components is not None:  # all components need no axes
             return "no counterpart: local axes (ORIENTATION)"
-        place = parts.surface(block.word("SURFACE"))
-        place = parts.place(block.word("SURFACE")) if place is None else place
+        target = parts.surface(block.word("SURFACE"))
+        target = parts.place(block.word("SURFACE")) if target is None else target
     elif "NSET" in block.options:
-        place = parts.place(block.option("NSET"))
+        target = parts.place(block.option("NSET"))
     elif block.keyword == "DISTRIBUTING COUPLING":
-        own = [one for one in of_kind(found, "ELEMENT") if one.word("ELSET") == block.word("ELSET")]
-        words = [own[0].rows[0][1] if own and own[0].rows else block.word("ELSET"), ""]
+        elements = [
+            element_block
+            for element_block in of_kind(blocks, "ELEMENT")
+            if element_block.word("ELSET") == block.word("ELSET")
+        ]
+        words = [
+            elements[0].rows[0][1] if elements and elements[0].rows else block.word("ELSET"),
+            "",
+        ]
         if len({row[1] for row in block.rows if len(row) > 1}) > 1:
             return "no counterpart: its nodes have different weights"
     elif block.keyword == "MPC":
@@ -133,12 +154,12 @@ def _coupling(
         if kinds != ["MEANROT"]:
             return f"no counterpart: {', '.join(kinds)}; hhr.Equation or hhr.RigidMotion may be one"
         words = [next(word for word in reversed(block.rows[-1]) if word), ""]
-    if place is None:
+    if target is None:
         return "it has no nodes of the mesh"
     pilot, turned = (nodes.single(word) if word else None for word in words)
     if pilot is None and any(words):
         return f"'{words[0]}' is not one node"
-    return _with_ways(block, place, rigid, components, pilot, turned, parts, nodes)
+    return _with_ways(block, target, rigid, components, pilot, turned, parts, nodes)
 
 
 def _with_ways(
@@ -205,70 +226,89 @@ def _components(block: KeywordBlock, dim: int) -> tuple[int, ...] | None:
 
 
 def coupled_of(
-    found: Sequence[KeywordBlock],
+    blocks: Sequence[KeywordBlock],
     state: Sequence[Imposed],
     parts: NamedParts,
     nodes: DeckNodes,
     hypothesis: str,
     thickness: float,
-    left: list[Left],
+    todo: list[Left],
 ) -> tuple[list[Imposed], list[DeckLoad], list[DeckLoad]]:
-    """Supports and loads that are on no reference node, constraints of couplings, and forces on
-    reference nodes.
+    """Constraints of couplings, and forces on their reference nodes.
+
+    Args:
+        blocks: keyword blocks of the deck, in the order of its lines.
+        state: rows of supports and loads that act.
+        parts: bodies, surfaces and sets of the mesh.
+        nodes: nodes of the deck by number.
+        hypothesis: hypothesis of the scene, such as ``plane_strain``.
+        thickness: thickness of plane bodies, a length; forces are divided by it.
+        todo: list to which TODO lines are appended.
+
+    Returns:
+        Supports and loads on other nodes, constraints, and forces.
     """
-    couplings = _couplings(found, parts, nodes, hypothesis, left)
+    couplings = _couplings(blocks, parts, nodes, hypothesis, todo)
     constraints = [
-        DeckLoad("", f"hhr.RigidMotion({one.place!r}{_more(one)})", 0.0, one.block.source)
-        for one in couplings
-        if one.rigid
+        DeckLoad(
+            "", f"hhr.RigidMotion({coupling.place!r}{_more(coupling)})", 0.0, coupling.block.source
+        )
+        for coupling in couplings
+        if coupling.rigid
     ]
     forces: list[DeckLoad] = []
-    kept = []
-    by_way = {way: (one, component) for one in couplings for way, component in one.ways.items()}
+    remaining = []
+    by_way = {
+        way: (coupling, component)
+        for coupling in couplings
+        for way, component in coupling.ways.items()
+    }
     pilots = {number for number, _ in by_way}
-    for item in state:
-        number = nodes.single(item.row[0])
+    for imposed in state:
+        number = nodes.single(imposed.row[0])
         if (
-            item.block.keyword not in ("BOUNDARY", "CLOAD")
+            imposed.block.keyword not in ("BOUNDARY", "CLOAD")
             or number is None
             or number not in pilots
         ):
-            kept.append(item)
-        elif (number, item.component) in by_way:
-            one, component = by_way[number, item.component]
-            made = _made(one, component, item, thickness)
-            if not one.shows(parts, component, hypothesis):
-                left += [
-                    item.block.left(
+            remaining.append(imposed)
+        elif (number, imposed.component) in by_way:
+            coupling, component = by_way[number, imposed.component]
+            load = _made(coupling, component, imposed, thickness)
+            if not coupling.shows(parts, component, hypothesis):
+                todo += [
+                    imposed.block.left(
                         f"the nodes of its coupling do not determine component {component + 1}"
                     )
-                ] * (item.factor != 0)
-            elif item.block.keyword == "BOUNDARY":
-                constraints.append(made)
-            elif item.factor:
-                forces.append(made)
+                ] * (imposed.factor != 0)
+            elif imposed.block.keyword == "BOUNDARY":
+                constraints.append(load)
+            elif imposed.factor:
+                forces.append(load)
         elif number in nodes.of_cells:
-            kept.append(item)
-        elif item.factor:
-            left.append(item.block.left(f"'{item.row[0]}' has no component {item.component + 1}"))
-    return kept, constraints, forces
+            remaining.append(imposed)
+        elif imposed.factor:
+            todo.append(
+                imposed.block.left(f"'{imposed.row[0]}' has no component {imposed.component + 1}")
+            )
+    return remaining, constraints, forces
 
 
-def _more(one: Coupling) -> str:
-    return "" if one.components is None else f", components={one.components!r}"
+def _more(coupling: Coupling) -> str:
+    return "" if coupling.components is None else f", components={coupling.components!r}"
 
 
-def _made(one: Coupling, component: int, item: Imposed, thickness: float) -> DeckLoad:
-    dim = 3 if one.point is None else len(one.point)
+def _made(coupling: Coupling, component: int, imposed: Imposed, thickness: float) -> DeckLoad:
+    dim = 3 if coupling.point is None else len(coupling.point)
     turns = component >= dim
-    if item.block.keyword == "BOUNDARY":
+    if imposed.block.keyword == "BOUNDARY":
         return DeckLoad(
             "turn" if turns else "displacement",
-            one.text("MeanMotion", component, "{}"),
-            item.factor,
-            item.block.source,
+            coupling.text("MeanMotion", component, "{}"),
+            imposed.factor,
+            imposed.block.source,
         )
-    text = one.text("CoupledForce", component, "{}")
+    text = coupling.text("CoupledForce", component, "{}")
     return DeckLoad(
-        "moment" if turns else "force", text, item.factor / thickness, item.block.source
+        "moment" if turns else "force", text, imposed.factor / thickness, imposed.block.source
     )

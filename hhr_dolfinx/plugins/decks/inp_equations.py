@@ -31,7 +31,12 @@ class Combination:
     source: str = ""
 
     def add(self, other: Combination, factor: float) -> None:
-        """Add a multiple of another one."""
+        """Add a multiple of another combination.
+
+        Args:
+            other: the other combination.
+            factor: its factor.
+        """
         for dof, value in other.own.items():
             self.own[dof] = self.own.get(dof, 0.0) + factor * value
         for way, value in other.others.items():
@@ -66,17 +71,17 @@ class DeckEquations:
             count = int(block.number(words.pop(0)))
             terms = [words[3 * k : 3 * k + 3] for k in range(count)]
             words = words[3 * count :]
-            why = (
+            reason = (
                 "it has too few words"
                 if not terms or len(terms[-1]) < 3
                 else self._take_one(block, terms)
             )
-            if why:
-                self.left.append(block.left(why))
+            if reason:
+                self.left.append(block.left(reason))
 
     def _take_one(self, block: KeywordBlock, terms: Sequence[Sequence[str]]) -> str:
         """Add an equation; the reason if it has no counterpart."""
-        found = Combination()
+        combination = Combination()
         sets: list[str] = []
         for word, number, value in terms:
             component = int(block.number(number)) - 1
@@ -88,7 +93,7 @@ class DeckEquations:
             if self.nodes.free_of_cells(word):
                 if (node := self.nodes.single(word)) is None:
                     return f"'{word}' has several nodes that belong to no cell"
-                found.add(self._motion(node, component), coefficient)
+                combination.add(self._motion(node, component), coefficient)
                 self.pilots.add(node)
                 continue
             if component >= self.parts.raw.dim:
@@ -97,59 +102,64 @@ class DeckEquations:
                 sets.append(word)
             by_number = word.rpartition(".")[2].isdigit()
             name = name_of_loaded(f"EQUATION:{block.line}", [word]) if by_number else word
-            place = self.parts.place(name)
-            if place is None:
+            target = self.parts.place(name)
+            if target is None:
                 return f"'{word}' is no node of the mesh"
-            found.add(Combination({(place, component): 1.0}), coefficient)
-        return self._placed(block, found, sets)
+            combination.add(Combination({(target, component): 1.0}), coefficient)
+        return self._placed(block, combination, sets)
 
     def _motion(self, node: int, component: int) -> Combination:
         """A displacement of a node without cells by its support or its equation, or as an
         unknown.
         """
-        for item in self.state:
-            held = item.block.keyword == "BOUNDARY" and item.component == component
-            if held and node in self.nodes.numbers(item.row[0]):
-                return Combination(constant=item.factor, source=item.block.source)
+        for imposed in self.state:
+            held = imposed.block.keyword == "BOUNDARY" and imposed.component == component
+            if held and node in self.nodes.numbers(imposed.row[0]):
+                return Combination(constant=imposed.factor, source=imposed.block.source)
         if (node, component) in self.known:
             return self.known[node, component]
         return Combination(others={(node, component): 1.0})
 
-    def _placed(self, block: KeywordBlock, found: Combination, sets: Sequence[str]) -> str:
+    def _placed(self, block: KeywordBlock, combination: Combination, sets: Sequence[str]) -> str:
         """Write an equation, or solve it for the displacement of a node without cells."""
         if not self._in_order(sets):
             return "sets of nodes are paired in another order than that of their coordinates"
-        open_ways = [way for way, value in found.others.items() if value]
+        open_ways = [way for way, value in combination.others.items() if value]
         if len(open_ways) > 1 or (open_ways and len(sets) > 1):
             return "several nodes that belong to no cell are free in it"
         if open_ways and sets:
-            ((_, component), value), *more = found.own.items()
-            first, others = (
+            ((_, component), value), *more = combination.own.items()
+            first, remaining = (
                 self.parts.place(f"EQUATION:{block.line} {sets[0]} {k}")
                 for k in ("first", "others")
             )
-            if more or first is None or others is None:
+            if more or first is None or remaining is None:
                 return "a set and a node that belongs to no cell have other terms too"
-            self._write(block, Combination({(others, component): 1.0, (first, component): -1.0}))
-            found.own = {(first, component): value}
+            self._write(block, Combination({(remaining, component): 1.0, (first, component): -1.0}))
+            combination.own = {(first, component): value}
         if open_ways:
             way = open_ways[0]
-            solved = Combination(source=found.source)
+            solved = Combination(source=combination.source)
             solved.add(
-                Combination(found.own, {}, found.constant, found.source), -1.0 / found.others[way]
+                Combination(combination.own, {}, combination.constant, combination.source),
+                -1.0 / combination.others[way],
             )
             self.known[way] = solved
             return ""
-        own = {dof: value for dof, value in found.own.items() if value}
-        if own:
-            self._write(block, Combination(own, {}, found.constant, found.source))
+        terms = {dof: value for dof, value in combination.own.items() if value}
+        if terms:
+            self._write(block, Combination(terms, {}, combination.constant, combination.source))
         return ""
 
-    def _write(self, block: KeywordBlock, found: Combination) -> None:
-        terms = tuple((place, component, value) for (place, component), value in found.own.items())
+    def _write(self, block: KeywordBlock, combination: Combination) -> None:
+        terms = tuple(
+            (target, component, value) for (target, component), value in combination.own.items()
+        )
         text = f"hhr.Equation({terms!r}, {{}})"
         self.constraints.append(
-            DeckLoad("displacement", text, -found.constant, found.source or block.source)
+            DeckLoad(
+                "displacement", text, -combination.constant, combination.source or block.source
+            )
         )
 
     def _in_order(self, sets: Sequence[str]) -> bool:
@@ -162,47 +172,60 @@ class DeckEquations:
         return len(set(orders)) < 2
 
     def forces(self, item: Imposed) -> list[tuple[Tag, int, float]] | None:
-        """Forces on nodes of cells of a force on a node without cells: None if no equation has
-        it.
+        """Forces on nodes of cells by a force on a node without cells.
+
+        None if no equation has the node.
         """
         node = self.nodes.single(item.row[0])
-        known = self.known.get((node, item.component)) if node is not None else None
-        if item.block.keyword != "CLOAD" or known is None:
+        solved = self.known.get((node, item.component)) if node is not None else None
+        if item.block.keyword != "CLOAD" or solved is None:
             return None
         return [
-            (place, component, value * item.factor)
-            for (place, component), value in known.own.items()
+            (target, component, value * item.factor)
+            for (target, component), value in solved.own.items()
         ]
 
 
 def equations_of(
-    found: Sequence[KeywordBlock],
+    blocks: Sequence[KeywordBlock],
     state: Sequence[Imposed],
     parts: NamedParts,
     nodes: DeckNodes,
     thickness: float,
-    left: list[Left],
+    todo: list[Left],
 ) -> tuple[list[Imposed], list[DeckLoad], list[DeckLoad]]:
-    """Supports and loads on nodes of cells, equations, and forces there of loads on the nodes that
-    they eliminate.
+    """Equations of a deck, and forces on nodes of cells by the nodes that they eliminate.
+
+    Args:
+        blocks: keyword blocks of the deck, in the order of its lines.
+        state: rows of supports and loads that act.
+        parts: bodies, surfaces and sets of the mesh.
+        nodes: nodes of the deck by number.
+        thickness: thickness of plane bodies, a length; forces are divided by it.
+        todo: list to which TODO lines are appended.
+
+    Returns:
+        Supports and loads on nodes of cells, equations, and forces.
     """
-    equations = DeckEquations(parts, nodes, state, left)
-    for block in of_kind(found, "EQUATION"):
+    equations = DeckEquations(parts, nodes, state, todo)
+    for block in of_kind(blocks, "EQUATION"):
         equations.take(block)
-    kept: list[Imposed] = []
+    remaining: list[Imposed] = []
     forces: list[DeckLoad] = []
-    for item in state:
-        own = equations.forces(item)
-        if own is not None:
-            for place, component, value in own:
+    for imposed in state:
+        nodal_forces = equations.forces(imposed)
+        if nodal_forces is not None:
+            for target, component, value in nodal_forces:
                 unit = tuple(float(k == component) for k in range(parts.raw.dim))
-                text = f"hhr.NodalForce({place!r}, {unit!r}, {{}})"
+                text = f"hhr.NodalForce({target!r}, {unit!r}, {{}})"
                 forces += (
-                    [DeckLoad("force", text, value / thickness, item.block.source)] if value else []
+                    [DeckLoad("force", text, value / thickness, imposed.block.source)]
+                    if value
+                    else []
                 )
         elif (
-            item.block.keyword != "BOUNDARY"
-            or not set(nodes.numbers(item.row[0])) & equations.pilots
+            imposed.block.keyword != "BOUNDARY"
+            or not set(nodes.numbers(imposed.row[0])) & equations.pilots
         ):
-            kept.append(item)
-    return kept, equations.constraints, forces
+            remaining.append(imposed)
+    return remaining, equations.constraints, forces

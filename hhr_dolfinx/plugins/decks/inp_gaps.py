@@ -19,46 +19,57 @@ SAME_NODE = 1e-6
 
 
 def gaps_of(
-    found: Sequence[KeywordBlock],
+    blocks: Sequence[KeywordBlock],
     parts: NamedParts,
     nodes: DeckNodes,
     state: Sequence[Imposed],
-    left: list[Left],
+    todo: list[Left],
 ) -> tuple[list[Pair], set[int]]:
-    """Obstacles of gap elements, and the nodes of their grounds; gaps without counterpart are left.
+    """Obstacles of gap elements; gaps without counterpart become TODO lines.
 
     Surfaces may be sides of bodies that the file does not name.
+
+    Args:
+        blocks: keyword blocks of the deck, in the order of its lines.
+        parts: bodies, surfaces and sets of the mesh.
+        nodes: nodes of the deck by number.
+        state: rows of supports and loads that act.
+        todo: list to which TODO lines are appended.
+
+    Returns:
+        The obstacles, and the nodes of their grounds.
     """
     pairs = []
     grounds: set[int] = set()
     held = {
-        (number, item.component)
-        for item in state
-        if item.block.keyword == "BOUNDARY" and not item.factor
-        for number in nodes.numbers(item.row[0])
+        (number, imposed.component)
+        for imposed in state
+        if imposed.block.keyword == "BOUNDARY" and not imposed.factor
+        for number in nodes.numbers(imposed.row[0])
     }
-    for block in of_kind(found, "GAP"):
+    for block in of_kind(blocks, "GAP"):
         elements = [
             tuple(int(word) for word in row[1:3])
-            for one in of_kind(found, "ELEMENT")
-            if one.word("TYPE").startswith("GAP") and one.word("ELSET") == block.word("ELSET")
-            for row in one.rows
+            for elements_block in of_kind(blocks, "ELEMENT")
+            if elements_block.word("TYPE").startswith("GAP")
+            and elements_block.word("ELSET") == block.word("ELSET")
+            for row in elements_block.rows
         ]
-        of_body = [tuple(number in nodes.of_cells for number in one) for one in elements]
-        ground = {number for one in elements for number in one} - nodes.of_cells
+        of_body = [tuple(number in nodes.of_cells for number in element) for element in elements]
+        ground = {number for element in elements for number in element} - nodes.of_cells
         fixed = all((number, k) in held for number in ground for k in range(parts.raw.dim))
         ends = set(of_body)
-        made = None
+        obstacle = None
         if len(ends) == 1 and sum(next(iter(ends))) == 1 and fixed:
-            made = _obstacle(
+            obstacle = _obstacle(
                 block,
-                [one[of_body[0].index(True)] for one in elements],
+                [element[of_body[0].index(True)] for element in elements],
                 of_body[0][1],
                 parts,
                 nodes,
             )
-        if made is None:
-            left.append(
+        if obstacle is None:
+            todo.append(
                 block.left(
                     "no counterpart: a gap between a whole flat side of a body and a ground that "
                     "is held is read. hhr.Obstacle(SURFACE, NORMAL, OFFSET) in contacts is a "
@@ -66,10 +77,10 @@ def gaps_of(
                 )
             )
             continue
-        pairs.append(made)
+        pairs.append(obstacle)
         grounds |= ground
         if len(block.rows[0]) > 5 and block.rows[0][5]:
-            left.append(block.left("contact is hard here: its stiffness is not read"))
+            todo.append(block.left("contact is hard here: its stiffness is not read"))
     return pairs, grounds
 
 

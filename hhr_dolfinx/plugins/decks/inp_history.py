@@ -42,15 +42,20 @@ Of a support its place and component, which each step gives again.
 
 
 def with_history(
-    deck: Deck, found: Sequence[KeywordBlock], read: Callable[[Sequence[Imposed]], Deck]
+    deck: Deck, blocks: Sequence[KeywordBlock], read: Callable[[Sequence[Imposed]], Deck]
 ) -> Deck:
-    """Deck with the history of its quantities, or as it is if one step from rest leads to it.
+    """Deck with the history of its quantities, or unchanged if one step from rest leads to it.
 
-    ``read`` makes a deck of supports and loads. It is linear in their factors, so that the value of
-    a quantity at some time is that of a deck with the factors of that time.
+    ``read`` is linear in the factors of supports and loads, so that the value of a quantity at some
+    time is that of a deck with the factors of that time.
+
+    Args:
+        deck: contents at the end of the last step.
+        blocks: keyword blocks of the deck, in the order of its lines.
+        read: function that makes a deck of supports and loads.
     """
-    times = _times(found)
-    steps = of_kind(found, "STEP")
+    times = _times(blocks)
+    steps = of_kind(blocks, "STEP")
     if len(times) < 2:
         return deck
     if len(times) > MOST_TIMES:
@@ -59,13 +64,13 @@ def with_history(
             steps[-1],
             f"{len(times)} times of steps and amplitudes are more than {MOST_TIMES}",
         )
-    states = _states(found, times)
-    made = _followed(states, times, read)
-    if isinstance(made, str):
-        return _with_one_step(deck, steps[-1], made)
-    if made.history is None:
+    states = _states(blocks, times)
+    followed = _followed(states, times, read)
+    if isinstance(followed, str):
+        return _with_one_step(deck, steps[-1], followed)
+    if followed.history is None:
         return deck
-    return replace(made, left=in_order((*made.left, *_released(found, states))))
+    return replace(followed, left=in_order((*followed.left, *_released(blocks, states))))
 
 
 def _followed(
@@ -76,19 +81,29 @@ def _followed(
 
     The reason why it has none is returned if a quantity has no one course.
     """
-    items, factors = _courses(states, merged=True)
-    if not _one_course_by_name(items, factors):
+    rows_of_deck, factors = _courses(states, merged=True)
+    if not _one_course_by_name(rows_of_deck, factors):
         # a later step gives only some nodes of a block again: rows of different blocks stay apart
-        items, factors = _courses(states, merged=False)
+        rows_of_deck, factors = _courses(states, merged=False)
     # at rest nothing acts, and temperatures are the initial ones
-    rest = [replace(item, factor=0.0) for item in items if item.block.keyword != "TEMPERATURE"]
-    acting = [
-        [replace(item, factor=one) for item, one in zip(items, own, strict=True)]
-        for own in zip(*factors, strict=True)
+    at_rest = [
+        replace(imposed, factor=0.0)
+        for imposed in rows_of_deck
+        if imposed.block.keyword != "TEMPERATURE"
     ]
-    decks = [read(state) for state in (rest, *acting)]
+    acting = [
+        [
+            replace(imposed, factor=factor)
+            for imposed, factor in zip(rows_of_deck, course_of, strict=True)
+        ]
+        for course_of in zip(*factors, strict=True)
+    ]
+    decks = [read(state) for state in (at_rest, *acting)]
     largest = read(
-        [replace(item, factor=max(own, key=abs)) for item, own in zip(items, factors, strict=True)]
+        [
+            replace(imposed, factor=max(course_of, key=abs))
+            for imposed, course_of in zip(rows_of_deck, factors, strict=True)
+        ]
     )
     largest = _with_temperatures(largest, decks)
     amounts = _amounts(largest)
@@ -96,24 +111,24 @@ def _followed(
         map(len, (largest.constraints, largest.loads, largest.supports, largest.pairs))
     ):
         return "rows of one block impose one quantity twice"
-    rows = [row for one in decks if (row := _fractions(_amounts(one), amounts)) is not None]
-    if len(rows) < len(decks) or not _one_course_by_name(items, factors):
+    rows = [row for deck in decks if (row := _fractions(_amounts(deck), amounts)) is not None]
+    if len(rows) < len(decks) or not _one_course_by_name(rows_of_deck, factors):
         return "values of one block change their proportions between steps"
     columns = zip(*rows, strict=True)
     courses = {
-        item: course
-        for (item, value), course in zip(amounts.values(), columns, strict=True)
+        quantity: course
+        for (quantity, value), course in zip(amounts.values(), columns, strict=True)
         if value.any()
     }
-    left = (*largest.left, *(item for one in decks for item in one.left))
+    todo = (*largest.left, *(entry for deck in decks for entry in deck.left))
     return replace(
-        largest, history=DeckHistory((0.0, *times), courses) if courses else None, left=left
+        largest, history=DeckHistory((0.0, *times), courses) if courses else None, left=todo
     )
 
 
-def in_order(left: Iterable[Left]) -> tuple[Left, ...]:
+def in_order(todo: Iterable[Left]) -> tuple[Left, ...]:
     """Parts that are left, each once, in the order of their lines."""
-    return tuple(sorted(dict.fromkeys(left), key=lambda item: int(item.source.rpartition(":")[2])))
+    return tuple(sorted(dict.fromkeys(todo), key=lambda item: int(item.source.rpartition(":")[2])))
 
 
 def _with_one_step(deck: Deck, block: KeywordBlock, why: str) -> Deck:
@@ -121,26 +136,28 @@ def _with_one_step(deck: Deck, block: KeywordBlock, why: str) -> Deck:
     return replace(deck, left=in_order((*deck.left, block.left(text))))
 
 
-def _times(found: Sequence[KeywordBlock]) -> list[float]:
+def _times(blocks: Sequence[KeywordBlock]) -> list[float]:
     """Times at which courses may have corners: ends of steps, and points of amplitudes in them."""
-    curves = curves_of(found)
+    curves = curves_of(blocks)
     times: list[float] = []
     going_on: list[
         KeywordBlock
     ] = []  # amplitudes of the time of all steps, which later steps follow too
-    for step in steps_of(found)[1:]:
+    for step in steps_of(blocks)[1:]:
         times += [step.start + SUDDEN * (step.end - step.start)] * step.sudden
-        own = [
+        amplitudes = [
             curve for block in of_kind(step.blocks, *IMPOSING) if (curve := curve_of(block, curves))
         ]
-        going_on += [curve for curve in own if in_total_time(curve) and curve not in going_on]
-        own = [*going_on, *(curve for curve in own if not in_total_time(curve))]
-        inside = (
+        going_on += [
+            curve for curve in amplitudes if in_total_time(curve) and curve not in going_on
+        ]
+        amplitudes = [*going_on, *(curve for curve in amplitudes if not in_total_time(curve))]
+        corners = (
             time + step.start * (not in_total_time(curve))
-            for curve in own
+            for curve in amplitudes
             for time in points_of(curve)[0]
         )
-        times += [time for time in inside if step.start < time < step.end]
+        times += [time for time in corners if step.start < time < step.end]
         times.append(step.end)
     times.sort()
     return [
@@ -148,22 +165,22 @@ def _times(found: Sequence[KeywordBlock]) -> list[float]:
     ]
 
 
-def _states(found: Sequence[KeywordBlock], times: Sequence[float]) -> list[State]:
+def _states(blocks: Sequence[KeywordBlock], times: Sequence[float]) -> list[State]:
     """Supports and loads at some times."""
-    curves = curves_of(found)
+    curves = curves_of(blocks)
     before: State = {}
     states = []
-    for step in steps_of(found):
+    for step in steps_of(blocks):
         after = state_after(step, before, curves)
         for time in (time for time in times if step.start < time <= step.end):
-            part = 1.0 if step.sudden else (time - step.start) / (step.end - step.start)
+            fraction = 1.0 if step.sudden else (time - step.start) / (step.end - step.start)
             then = state_after(step, before, curves, time)
-            states.append(then if time == step.end else _between(before, then, part))
+            states.append(then if time == step.end else _between(before, then, fraction))
         before = after
     return states
 
 
-def _between(before: State, after: State, part: float) -> State:
+def _between(before: State, after: State, fraction: float) -> State:
     """A state in a step, of which a part is over: values without amplitudes change in proportion to
     it.
     """
@@ -171,18 +188,24 @@ def _between(before: State, after: State, part: float) -> State:
     for key in {**before, **after}:
         old = list(before.get(key, ()))
         new = list(after.get(key, ()))
-        at_once = [item for item in new if "AMPLITUDE" in item.block.options]
+        at_once = [imposed for imposed in new if "AMPLITUDE" in imposed.block.options]
         if old == new or (new and len(at_once) == len(new)):
             state[key] = new
         elif key.keyword == "BOUNDARY" and new:
             # of one node and component there is one value
-            value = part * new[-1].factor + (1 - part) * sum(item.factor for item in old)
+            value = fraction * new[-1].factor + (1 - fraction) * sum(
+                imposed.factor for imposed in old
+            )
             state[key] = [replace(new[-1], factor=value)]
         else:
-            state[key] = [replace(item, factor=(1 - part) * item.factor) for item in old]
+            state[key] = [
+                replace(imposed, factor=(1 - fraction) * imposed.factor) for imposed in old
+            ]
             state[key] += [
-                item if item in at_once else replace(item, factor=part * item.factor)
-                for item in new
+                imposed
+                if imposed in at_once
+                else replace(imposed, factor=fraction * imposed.factor)
+                for imposed in new
             ]
     return state
 
@@ -193,35 +216,41 @@ def _courses(states: Sequence[State], merged: bool) -> tuple[list[Imposed], list
     Merged, rows of different steps with one place and component are one, that with the largest
     value.
     """
-    items: dict[Name, Imposed] = {}
+    imposed_rows: dict[Name, Imposed] = {}
     amounts: dict[Name, list[float]] = {}
     for number, state in enumerate(states):
         for key, rows in state.items():
-            for repeated, item in enumerate(rows):
+            for repeated, imposed in enumerate(rows):
                 # temperatures are no multiples of each other: what counts is their rise over the
                 # initial ones
                 together = key.keyword != "TEMPERATURE" and (merged or key.keyword == "BOUNDARY")
-                name: Name = key if together else (*key, item.block.source, repeated)
-                name = (*name, *item.row[3:]) if key.keyword in ("DLOAD", "DSLOAD") else name
-                amount = item.factor * item.unit
-                if name not in items or abs(amount) >= abs(items[name].factor * items[name].unit):
-                    items[name] = item
+                name: Name = key if together else (*key, imposed.block.source, repeated)
+                name = (*name, *imposed.row[3:]) if key.keyword in ("DLOAD", "DSLOAD") else name
+                amount = imposed.factor * imposed.unit
+                if name not in imposed_rows or abs(amount) >= abs(
+                    imposed_rows[name].factor * imposed_rows[name].unit
+                ):
+                    imposed_rows[name] = imposed
                 amounts.setdefault(name, [0.0] * len(states))[number] += amount
-    return [*items.values()], [
-        [one / (item.unit or 1.0) for one in amounts[name]] for name, item in items.items()
+    return [*imposed_rows.values()], [
+        [amount_at / (imposed.unit or 1.0) for amount_at in amounts[name]]
+        for name, imposed in imposed_rows.items()
     ]
 
 
-def _one_course_by_name(items: Sequence[Imposed], factors: Sequence[Sequence[float]]) -> bool:
+def _one_course_by_name(
+    imposed_rows: Sequence[Imposed], factors: Sequence[Sequence[float]]
+) -> bool:
     """True if nodes and faces by numbers that have one name in the mesh have one course."""
     groups: dict[Name, tuple[Imposed, list[Sequence[float]]]] = {}
-    for item, course in zip(items, factors, strict=True):
-        if item.place != item.row[0]:
-            groups.setdefault((item.place, item.component), (item, []))[1].append(course)
+    for imposed, course in zip(imposed_rows, factors, strict=True):
+        if imposed.place != imposed.row[0]:
+            groups.setdefault((imposed.place, imposed.component), (imposed, []))[1].append(course)
     return all(
-        len({row[0] for row in item.block.rows if [*row[1:]] == [*item.row[1:]]}) == len(courses)
+        len({row[0] for row in imposed.block.rows if [*row[1:]] == [*imposed.row[1:]]})
+        == len(courses)
         and all(np.allclose(course, courses[0], EQUAL_TIMES, EQUAL_TIMES) for course in courses)
-        for item, courses in groups.values()
+        for imposed, courses in groups.values()
     )
 
 
@@ -243,9 +272,9 @@ def _with_temperatures(largest: Deck, decks: Sequence[Deck]) -> Deck:
     )
 
 
-def _released(found: Sequence[KeywordBlock], states: Sequence[State]) -> Iterator[Left]:
+def _released(blocks: Sequence[KeywordBlock], states: Sequence[State]) -> Iterator[Left]:
     """Supports that hold in some steps only, other than lengths of bolts that are fixed."""
-    bolts = {block.word("NODE") for block in of_kind(found, "PRE-TENSION SECTION")}
+    bolts = {block.word("NODE") for block in of_kind(blocks, "PRE-TENSION SECTION")}
     always = {key for key in states[0] if all(key in state for state in states)}
     for key in {key for state in states for key in state} - always:
         block = next(state[key][0].block for state in states if key in state)
@@ -255,32 +284,35 @@ def _released(found: Sequence[KeywordBlock], states: Sequence[State]) -> Iterato
 
 def _amounts(deck: Deck) -> dict[Name, tuple[Item, np.ndarray]]:
     """Quantities of a deck with their values, (1,), or (1 + dim,) of a rigid surface that moves."""
-    found: dict[Name, tuple[Item, np.ndarray]] = {}
+    quantities: dict[Name, tuple[Item, np.ndarray]] = {}
     for load in (*deck.constraints, *deck.loads):
-        found[load.kind, load.text, load.source] = load, np.array([load.value])
+        quantities[load.kind, load.text, load.source] = load, np.array([load.value])
     for support in deck.supports:
-        found[support.place, support.component, support.source] = support, np.array([support.value])
+        quantities[support.place, support.component, support.source] = (
+            support,
+            np.array([support.value]),
+        )
     for number, pair in enumerate(deck.pairs):
-        found["pair", number] = pair, np.array([pair.gap, *pair.motion])
-    return found
+        quantities["pair", number] = pair, np.array([pair.gap, *pair.motion])
+    return quantities
 
 
 def _fractions(
-    own: Mapping[Name, tuple[Item, np.ndarray]], amounts: Mapping[Name, tuple[Item, np.ndarray]]
+    values: Mapping[Name, tuple[Item, np.ndarray]], amounts: Mapping[Name, tuple[Item, np.ndarray]]
 ) -> list[float] | None:
     """Values as fractions of others, in their order.
 
     None if a value is no multiple of the other one.
     """
     fractions = []
-    for name, (_, whole) in amounts.items():
-        value = own[name][1] if name in own else np.zeros_like(whole)
-        fraction = float(value @ whole / (whole @ whole)) if whole.any() else 0.0
-        if np.abs(value - fraction * whole).max() > EQUAL_TIMES * np.abs(value).max():
+    for name, (_, reference) in amounts.items():
+        value = values[name][1] if name in values else np.zeros_like(reference)
+        fraction = float(value @ reference / (reference @ reference)) if reference.any() else 0.0
+        if np.abs(value - fraction * reference).max() > EQUAL_TIMES * np.abs(value).max():
             return None
         fractions.append(round(fraction, 12))
     return (
         None
-        if any(value.any() for name, (_, value) in own.items() if name not in amounts)
+        if any(value.any() for name, (_, value) in values.items() if name not in amounts)
         else fractions
     )

@@ -19,42 +19,49 @@ def loads_of(
     parts: NamedParts,
     bodies: Mapping[Tag, DeckMaterial],
     thickness: float,
-    left: list[Left],
+    todo: list[Left],
     axis: int = 2,
 ) -> tuple[list[Support], list[DeckLoad]]:
-    """Supports and loads; rows without counterpart are left, and forces are per thickness in the
-    plane.
+    """Supports and loads of a deck; rows without counterpart become TODO lines.
 
-    ``axis`` is that about which bodies of two dimensions may rotate.
+    Args:
+        state: rows of supports and loads that act.
+        parts: bodies, surfaces and sets of the mesh.
+        bodies: material of each body.
+        thickness: thickness of plane bodies, a length; forces are divided by it.
+        todo: list to which TODO lines are appended.
+        axis: axis about which bodies of two dimensions may rotate.
     """
     dim = parts.raw.dim
     supports = []
     forces: dict[str, list[tuple[Tag, int, float]]] = {}
     loads: list[DeckLoad] = []
-    for item in state:
-        block = item.block
-        place = parts.place(item.place)
+    for imposed in state:
+        block = imposed.block
+        target = parts.place(imposed.place)
         if block.keyword in ("DLOAD", "DSLOAD"):
-            made = _distributed(item, parts, bodies, axis)
-            loads += [] if isinstance(made, str) else [load for load in made if load.value]
-            left += [block.left(made)] if isinstance(made, str) else []
-        elif block.keyword == "TEMPERATURE" or (item.component >= 3 and not item.factor):
+            distributed = _distributed(imposed, parts, bodies, axis)
+            loads += (
+                [] if isinstance(distributed, str) else [load for load in distributed if load.value]
+            )
+            todo += [block.left(distributed)] if isinstance(distributed, str) else []
+        elif block.keyword == "TEMPERATURE" or (imposed.component >= 3 and not imposed.factor):
             continue  # nodes of solids have no rotations
-        elif place is None or item.component >= max(dim, 3 * (block.keyword == "BOUNDARY")):
-            left.append(
+        elif target is None or imposed.component >= max(dim, 3 * (block.keyword == "BOUNDARY")):
+            todo.append(
                 block.left(
-                    f"'{item.row[0]}' is no node of the mesh, or has no component "
-                    f"{item.component + 1}"
+                    f"'{imposed.row[0]}' is no node of the mesh, or has no component "
+                    f"{imposed.component + 1}"
                 )
             )
-        elif block.keyword == "BOUNDARY" and item.component < dim:
-            supports.append(Support(place, item.component, item.factor, block.source))
-        elif block.keyword == "CLOAD" and item.factor:
+        elif block.keyword == "BOUNDARY" and imposed.component < dim:
+            supports.append(Support(target, imposed.component, imposed.factor, block.source))
+        elif block.keyword == "CLOAD" and imposed.factor:
             forces.setdefault(block.source, []).append(
-                (place, item.component, item.factor / thickness)
+                (target, imposed.component, imposed.factor / thickness)
             )
-    for source, own in forces.items():
-        loads += _forces(source, own, dim)
+    for source, forces_of_block in forces.items():
+        loads += _forces(source, forces_of_block, dim)
     return supports, loads
 
 
@@ -77,46 +84,50 @@ def _forces(source: str, forces: Sequence[tuple[Tag, int, float]], dim: int) -> 
     """Forces of a block: a load for each set and component, or one load for many of them."""
     if len(forces) <= MANY_FORCES:
         texts = [
-            (f"hhr.NodalForce({place!r}, {_unit(axis, dim)}, {{}})", value)
-            for place, axis, value in forces
+            (f"hhr.NodalForce({target!r}, {_unit(axis, dim)}, {{}})", value)
+            for target, axis, value in forces
         ]
         return [DeckLoad("force", text, value, source) for text, value in texts]
     vectors: dict[Tag, np.ndarray] = {}
-    for place, component, value in forces:
-        vectors[place] = vectors.get(place, np.zeros(dim)) + value * np.eye(dim)[component]
-    text = repr({place: tuple(vector.tolist()) for place, vector in vectors.items()})
+    for target, component, value in forces:
+        vectors[target] = vectors.get(target, np.zeros(dim)) + value * np.eye(dim)[component]
+    text = repr({target: tuple(vector.tolist()) for target, vector in vectors.items()})
     return [DeckLoad("force", f"hhr.NodalForces({text}, {{}})", 1.0, source)]
 
 
 def _distributed(
-    item: Imposed, parts: NamedParts, bodies: Mapping[Tag, DeckMaterial], axis: int
+    imposed: Imposed, parts: NamedParts, bodies: Mapping[Tag, DeckMaterial], axis: int
 ) -> list[DeckLoad] | str:
     """Loads on a surface, on faces of elements or on their volume, or the reason why there are
     none.
     """
-    label = item.row[1].upper()
+    label = imposed.row[1].upper()
     dim = parts.raw.dim
-    source = item.block.source
-    more = [*item.block.numbers(item.row, 2), *(0.0,) * 8]
-    value = item.factor * more.pop(0)
-    surface = parts.surface(item.place)
+    source = imposed.block.source
+    more = [*imposed.block.numbers(imposed.row, 2), *(0.0,) * 8]
+    value = imposed.factor * more.pop(0)
+    surface = parts.surface(imposed.place)
     if (label[:1] == "P" and label[1:].isdigit()) or label in ("P", "TRVEC"):
         if surface is None:
-            return f"'{item.row[0]}' is no surface of the mesh"
+            return f"'{imposed.row[0]}' is no surface of the mesh"
         if label == "TRVEC":
             unit = _direction(more, dim)
             if isinstance(unit, str):
                 return unit
             return [DeckLoad("traction", f"hhr.Traction({surface!r}, {unit}, {{}})", value, source)]
         return [DeckLoad("pressure", f"hhr.Pressure({surface!r}, {{}})", value, source)]
-    tags = parts.bodies_in(item.row[0], bodies)
-    known = label in ("GRAV", "CENTRIF", "BX", "BY", "BZ")
-    if not tags or not known:
-        return f"'{item.row[0]}' holds no whole body" if known else f"no counterpart: load {label}"
+    tags = parts.bodies_in(imposed.row[0], bodies)
+    supported = label in ("GRAV", "CENTRIF", "BX", "BY", "BZ")
+    if not tags or not supported:
+        return (
+            f"'{imposed.row[0]}' holds no whole body"
+            if supported
+            else f"no counterpart: load {label}"
+        )
     if (
         label == "CENTRIF"
         and dim == 2
-        and any(part for k, part in enumerate(more[3:6]) if k != axis)
+        and any(direction for k, direction in enumerate(more[3:6]) if k != axis)
     ):
         return f"in two dimensions bodies rotate about the axis {'xyz'[axis]}"
     along = _direction(more, dim) if label == "GRAV" else ()

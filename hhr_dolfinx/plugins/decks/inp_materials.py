@@ -16,33 +16,41 @@ TabulatedHardening goes on.
 """
 
 
-def materials_of(found: Sequence[KeywordBlock], left: list[Left]) -> dict[str, DeckMaterial]:
+def materials_of(blocks: Sequence[KeywordBlock], todo: list[Left]) -> dict[str, DeckMaterial]:
     """Elastic materials, with their laws, by name in capitals.
 
-    Properties without counterpart are left.
+    Properties without counterpart become TODO lines.
+
+    Args:
+        blocks: keyword blocks of the deck, in the order of its lines.
+        todo: list to which TODO lines are appended.
     """
-    own: dict[str, dict[str, KeywordBlock]] = {}
-    for block in found:
+    properties: dict[str, dict[str, KeywordBlock]] = {}
+    for block in blocks:
         if block.keyword == "MATERIAL":
-            own[name := block.option("NAME").upper()] = {}
-        elif block.keyword in PROPERTIES and block.rows and own:
-            own[name][block.keyword] = block
-    return {name: _material(name, parts, left) for name, parts in own.items() if "ELASTIC" in parts}
+            properties[name := block.option("NAME").upper()] = {}
+        elif block.keyword in PROPERTIES and block.rows and properties:
+            properties[name][block.keyword] = block
+    return {
+        name: _material(name, blocks_of, todo)
+        for name, blocks_of in properties.items()
+        if "ELASTIC" in blocks_of
+    }
 
 
-def _material(name: str, own: dict[str, KeywordBlock], left: list[Left]) -> DeckMaterial:
-    elastic = own["ELASTIC"]
+def _material(name: str, properties: dict[str, KeywordBlock], todo: list[Left]) -> DeckMaterial:
+    elastic = properties["ELASTIC"]
     row = elastic.numbers(elastic.rows[0])
     if len(row) < 2:
         raise FileContentError(
             f"{elastic.source} *ELASTIC of material '{name}' has {row}, and E and nu are needed"
         )
-    for block in own.values():
+    for block in properties.values():
         if len(block.rows) > 1 and block.keyword != "PLASTIC":
-            left.append(block.left(f"'{name}' depends on temperature: its first line counts"))
+            todo.append(block.left(f"'{name}' depends on temperature: its first line counts"))
     single = {
         key: block.number(block.rows[0][0])
-        for key, block in own.items()
+        for key, block in properties.items()
         if key in ("EXPANSION", "DENSITY")
     }
     return DeckMaterial(
@@ -50,17 +58,17 @@ def _material(name: str, own: dict[str, KeywordBlock], left: list[Left]) -> Deck
         elastic.source,
         row[0],
         row[1],
-        _law(own, left),
+        _law(properties, todo),
         single.get("EXPANSION"),
         single.get("DENSITY"),
     )
 
 
-def _law(own: dict[str, KeywordBlock], left: list[Left]) -> str:
+def _law(properties: dict[str, KeywordBlock], todo: list[Left]) -> str:
     """Text of the law of a body; empty for an elastic one."""
-    plastic = own.get("PLASTIC")
-    creep = own.get("CREEP")
-    curve = _curve(plastic, left) if plastic is not None else []
+    plastic = properties.get("PLASTIC")
+    creep = properties.get("CREEP")
+    curve = _curve(plastic, todo) if plastic is not None else []
     if creep is not None:
         curve = curve if any(stress for stress, _ in curve) else []
         factor, exponent, power = (*creep.numbers(creep.rows[0]), 0.0, 0.0)[:3]
@@ -73,7 +81,7 @@ def _law(own: dict[str, KeywordBlock], left: list[Left]) -> str:
                 if not power:
                     return f"hhr.Norton({resistance!r}, {exponent!r})"
                 if kind != "STRAIN":
-                    left.append(
+                    todo.append(
                         creep.left(
                             f"LAW={kind}: it slows with the strain here, which is the same at "
                             "constant stress"
@@ -86,24 +94,24 @@ def _law(own: dict[str, KeywordBlock], left: list[Left]) -> str:
                     f"hhr.PlasticityWithCreep({curve[0][0]!r}, {slope!r}, {resistance!r}, "
                     f"{exponent!r})"
                 )
-        left.append(
+        todo.append(
             creep.left(
                 f"LAW={kind} with {', '.join(creep.rows[0])} has no counterpart, or not with "
                 "*PLASTIC"
             )
         )
-    return _plastic(plastic, curve, left) if plastic is not None else ""
+    return _plastic(plastic, curve, todo) if plastic is not None else ""
 
 
-def _curve(block: KeywordBlock, left: list[Left]) -> list[tuple[float, float]]:
+def _curve(block: KeywordBlock, todo: list[Left]) -> list[tuple[float, float]]:
     """Stresses and plastic strains, at the first of several temperatures."""
     rows = [(*block.numbers(row), 0.0, 0.0)[:3] for row in block.rows]
     if any(row[2] != rows[0][2] for row in rows):
-        left.append(block.left(f"depends on temperature: that at {rows[0][2]:g} counts"))
+        todo.append(block.left(f"depends on temperature: that at {rows[0][2]:g} counts"))
     return [(row[0], row[1]) for row in rows if row[2] == rows[0][2]]
 
 
-def _plastic(block: KeywordBlock, curve: list[tuple[float, float]], left: list[Left]) -> str:
+def _plastic(block: KeywordBlock, curve: list[tuple[float, float]], todo: list[Left]) -> str:
     kind = block.word("HARDENING") or "ISOTROPIC"
     if len(curve) == 1:
         return f"hhr.Plasticity({curve[0][0]!r})"
@@ -111,6 +119,6 @@ def _plastic(block: KeywordBlock, curve: list[tuple[float, float]], left: list[L
         slope = (curve[1][0] - curve[0][0]) / (curve[1][1] - curve[0][1])
         return f"hhr.Chaboche({curve[0][0]!r}, (({slope!r}, 0.0),))"
     if kind != "ISOTROPIC":
-        left.append(block.left(f"HARDENING={kind} with {len(curve)} lines is read as isotropic"))
+        todo.append(block.left(f"HARDENING={kind} with {len(curve)} lines is read as isotropic"))
     points = [(strain, stress) for stress, strain in curve]
     return f"hhr.TabulatedHardening({(*points, (points[-1][0] + PLATEAU, points[-1][1]))!r})"

@@ -19,26 +19,32 @@ class DeckNodes:
     deck: DeckContents
 
     def numbers(self, word: str) -> tuple[int, ...]:
-        """Nodes of a set, or one by its number, ``7`` or ``Instance.7``; empty if there are
-        none.
+        """Nodes of a set, or one by its number, ``7`` or ``Instance.7``.
+
+        Empty if there are none.
         """
         name = word.upper()
         if name in self.deck.node_sets:
             return tuple(self.deck.members(name))
-        instance, _, own = name.rpartition(".")
-        first = {one.upper(): k * STRIDE for k, one in enumerate(self.deck.instances, start=1)} | {
-            "": 0
-        }
-        number = first.get(instance, 0) + int(own) if own.isdigit() else 0
+        instance, _, local = name.rpartition(".")
+        first = {
+            name_of_instance.upper(): k * STRIDE
+            for k, name_of_instance in enumerate(self.deck.instances, start=1)
+        } | {"": 0}
+        number = first.get(instance, 0) + int(local) if local.isdigit() else 0
         return (number,) if number in self.deck.nodes else ()
 
     def single(self, word: str) -> int | None:
         """The one node of a word; None for none and for several."""
-        found = self.numbers(word)
-        return found[0] if len(found) == 1 else None
+        numbers = self.numbers(word)
+        return numbers[0] if len(numbers) == 1 else None
 
     def point(self, number: int) -> np.ndarray:
-        """Coordinates of a node, (3,); FileContentError for a node that the deck does not have."""
+        """Coordinates of a node, (3,).
+
+        Raises:
+            FileContentError: for a node that the deck does not have.
+        """
         if number not in self.deck.nodes:
             raise FileContentError(
                 f"node {self.deck.label(number)} of an element or a set is not in the deck"
@@ -69,12 +75,12 @@ class DeckNodes:
     def solids(self) -> dict[int, tuple[str, list[int]]]:
         """Elements without rigid ones and lines."""
         return {
-            number: item
-            for number, item in self.deck.elements.items()
-            if item[0] != "line" and not self.deck.types[number].startswith("R")
+            number: element
+            for number, element in self.deck.elements.items()
+            if element[0] != "line" and not self.deck.types[number].startswith("R")
         }
 
     def free_of_cells(self, word: str) -> bool:
         """True for nodes that are all no nodes of cells."""
-        found = self.numbers(word)
-        return bool(found) and not self.of_cells & set(found)
+        numbers = self.numbers(word)
+        return bool(numbers) and not self.of_cells & set(numbers)

@@ -47,7 +47,11 @@ class KeywordBlock:
         return f"{self.file}:{self.line}"
 
     def option(self, name: str) -> str:
-        """An option that must be there; FileContentError without it."""
+        """An option that the block must have.
+
+        Raises:
+            FileContentError: without it.
+        """
         if name not in self.options:
             raise FileContentError(f"{self.source} *{self.keyword} has no option {name}=")
         return self.options[name]
@@ -57,18 +61,32 @@ class KeywordBlock:
         return self.options.get(name, "").upper()
 
     def number(self, word: str) -> float:
-        """A number, also in the notation 1.0D+00; FileContentError for other words."""
+        """A number, also in the notation 1.0D+00.
+
+        Raises:
+            FileContentError: for other words.
+        """
         with suppress(ValueError):
             if word and math.isfinite(value := number_of(word)):
                 return value
         raise FileContentError(f"{self.source} *{self.keyword}: '{word}' is no finite number")
 
     def numbers(self, row: Sequence[str], first: int = 0) -> list[float]:
-        """Numbers of a data line from a word on; blank words are 0."""
+        """Numbers of a data line from a word on; blank words are 0.
+
+        Args:
+            row: words of the data line.
+            first: index of the first word that is read.
+        """
         return [self.number(word) if word else 0.0 for word in row[first:]]
 
     def value(self, row: Sequence[str], place: int) -> float:
-        """Number at a place of a data line, 0 if the line ends before it."""
+        """Number of a data line, 0 if the line ends before it.
+
+        Args:
+            row: words of the data line.
+            place: index of the word.
+        """
         return sum(self.numbers(row[: place + 1], place))
 
     def left(self, why: str) -> Left:
@@ -76,9 +94,9 @@ class KeywordBlock:
         return Left(self.source, f"*{self.keyword}", why)
 
 
-def of_kind(found: Sequence[KeywordBlock], *keywords: str) -> list[KeywordBlock]:
+def of_kind(blocks: Sequence[KeywordBlock], *keywords: str) -> list[KeywordBlock]:
     """Blocks of some keywords."""
-    return [block for block in found if block.keyword in keywords]
+    return [block for block in blocks if block.keyword in keywords]
 
 
 @dataclass(frozen=True)
@@ -97,8 +115,8 @@ class Imposed:
     @property
     def unit(self) -> float:
         """Value of the row that the factor multiplies, 1 for a support or a force."""
-        place = {"DLOAD": 2, "DSLOAD": 2, "TEMPERATURE": 1}.get(self.block.keyword, len(self.row))
-        return self.block.value(self.row, place) if place < len(self.row) else 1.0
+        index = {"DLOAD": 2, "DSLOAD": 2, "TEMPERATURE": 1}.get(self.block.keyword, len(self.row))
+        return self.block.value(self.row, index) if index < len(self.row) else 1.0
 
     def moves(self, dim: int) -> bool:
         """True for a support that imposes a translation, or no rotation."""
@@ -118,10 +136,10 @@ class DeckStep:
 
     @property
     def sudden(self) -> bool:
-        """True if loads without an amplitude are there at once, not in proportion to the time of
-        the step.
+        """True if loads without an amplitude act at once, not in proportion to the time of the
+        step.
 
-        So they are in a *VISCO, if its *STEP does not say RAMP.
+        So they do in a *VISCO, if its *STEP does not say RAMP.
         """
         kind = self.blocks[0].word("AMPLITUDE") or (
             "STEP" if of_kind(self.blocks, "VISCO") else "RAMP"
@@ -143,37 +161,42 @@ State = Mapping[Key, Sequence[Imposed]]
 """Rows that act, by the quantity that they impose; rows of one quantity add up."""
 
 
-def steps_of(found: Sequence[KeywordBlock]) -> list[DeckStep]:
+def steps_of(blocks: Sequence[KeywordBlock]) -> list[DeckStep]:
     """Steps of a deck in their order, before them the blocks without a step."""
     starts = [
         0,
-        *(number for number, block in enumerate(found) if block.keyword == "STEP"),
-        len(found),
+        *(number for number, block in enumerate(blocks) if block.keyword == "STEP"),
+        len(blocks),
     ]
     steps = []
     end = 0.0
     for first, last in pairwise(starts):
-        own = found[first:last]
+        step_blocks = blocks[first:last]
         start = end
         if first:
-            end += next(map(period_of, of_kind(own, "STATIC", "VISCO")), 1.0)
-        steps.append(DeckStep(start, end, own))
+            end += next(map(period_of, of_kind(step_blocks, "STATIC", "VISCO")), 1.0)
+        steps.append(DeckStep(start, end, step_blocks))
     return steps
 
 
 def state_after(
     step: DeckStep, before: State, curves: Mapping[str, KeywordBlock], time: float = math.inf
 ) -> State:
-    """Supports and loads after a step, or at a time in it at which amplitudes are those of the
-    time.
+    """Supports and loads after a step, or at a time in it.
 
-    Rows replace those of earlier steps of the same quantity but FIXED ones; loads of one step add
-    up, and of supports the last one holds. Rows of earlier steps keep their values, or follow their
-    amplitudes of the time of all steps.
+    Amplitudes have their values at this time. Rows replace those of earlier steps of the same
+    quantity but FIXED ones; loads of one step add up, and of supports the last one holds. Rows of
+    earlier steps keep their values, or follow their amplitudes of the time of all steps.
+
+    Args:
+        step: the step.
+        before: rows that act before it.
+        curves: amplitudes by name in capitals.
+        time: total time, by default the end of the step.
     """
     state = {
-        key: [_later(item, curves, min(time, step.end)) for item in items]
-        for key, items in before.items()
+        key: [_later(imposed, curves, min(time, step.end)) for imposed in rows_of_key]
+        for key, rows_of_key in before.items()
     }
     seen: set[str] = (
         set()
@@ -181,45 +204,49 @@ def state_after(
     of_step: set[Key] = set()  # quantities that this step has given so far
     for block in of_kind(step.blocks, *IMPOSING):
         if block.word("OP") == "NEW" and block.keyword not in seen:
-            state = {key: items for key, items in state.items() if key.keyword != block.keyword}
+            state = {
+                key: rows_of_key
+                for key, rows_of_key in state.items()
+                if key.keyword != block.keyword
+            }
         seen.add(block.keyword)
         factor = _factor(block, curves, min(time, step.end) - step.start, min(time, step.end))
         for row in block.rows:
-            for detail, item in _rows(block, row, factor):
+            for detail, imposed in _rows(block, row, factor):
                 key = Key(block.keyword, row[0].upper(), detail)
                 if key in state and "FIXED" in block.options:
                     continue
-                item = replace(item, since=step.start)
-                given = state.pop(key, [])
+                imposed = replace(imposed, since=step.start)
+                previous = state.pop(key, [])
                 adds = key in of_step and block.keyword in ("CLOAD", "DLOAD", "DSLOAD")
-                state[key] = [*given, item] if adds else [item]
+                state[key] = [*previous, imposed] if adds else [imposed]
                 of_step.add(key)
     return state
 
 
-def _later(item: Imposed, curves: Mapping[str, KeywordBlock], total: float) -> Imposed:
+def _later(imposed: Imposed, curves: Mapping[str, KeywordBlock], total: float) -> Imposed:
     """A row of an earlier step at a time of all steps."""
-    curve = curve_of(item.block, curves)
+    curve = curve_of(imposed.block, curves)
     goes_on = curve is not None and in_total_time(curve)
     return (
-        replace(item, factor=item.value * _factor(item.block, curves, total, total))
+        replace(imposed, factor=imposed.value * _factor(imposed.block, curves, total, total))
         if goes_on
-        else item
+        else imposed
     )
 
 
-def curves_of(found: Sequence[KeywordBlock]) -> dict[str, KeywordBlock]:
+def curves_of(blocks: Sequence[KeywordBlock]) -> dict[str, KeywordBlock]:
     """Amplitudes by their names in capitals."""
-    return {block.option("NAME").upper(): block for block in of_kind(found, "AMPLITUDE")}
+    return {block.option("NAME").upper(): block for block in of_kind(blocks, "AMPLITUDE")}
 
 
-def imposed_of(found: Sequence[KeywordBlock]) -> tuple[Imposed, ...]:
+def imposed_of(blocks: Sequence[KeywordBlock]) -> tuple[Imposed, ...]:
     """Supports and loads that act at the end of the last step."""
     state: State = {}
-    curves = curves_of(found)
-    for step in steps_of(found):
+    curves = curves_of(blocks)
+    for step in steps_of(blocks):
         state = state_after(step, state, curves)
-    return tuple(item for items in state.values() for item in items)
+    return tuple(imposed for rows in state.values() for imposed in rows)
 
 
 def merged(state: Sequence[Imposed]) -> tuple[Imposed, ...]:
@@ -229,9 +256,11 @@ def merged(state: Sequence[Imposed]) -> tuple[Imposed, ...]:
     faces.
     """
     named: dict[tuple[object, ...], Imposed] = {}
-    for item in state:
-        by_number = item.place != item.row[0]
-        named[(item.place, item.component, *item.row[1:]) if by_number else (id(item),)] = item
+    for imposed in state:
+        by_number = imposed.place != imposed.row[0]
+        named[
+            (imposed.place, imposed.component, *imposed.row[1:]) if by_number else (id(imposed),)
+        ] = imposed
     return tuple(named.values())
 
 
@@ -257,12 +286,12 @@ def _rows(
         value = block.value(row, 2)
     else:
         by_number = block.keyword == "DLOAD" and word[:1] == "P" and word[1:].isdigit()
-    place = name_of_loaded(f"{block.keyword}:{block.line}", row[1:]) if by_number else row[0]
+    target = name_of_loaded(f"{block.keyword}:{block.line}", row[1:]) if by_number else row[0]
     for component in components:
         detail: object = word if block.keyword in ("DLOAD", "DSLOAD") else component
         if word == "GRAV":  # gravity along several directions adds up
             detail = (word, *block.numbers(row, 3))
-        yield detail, Imposed(block, row, place, component, factor * value, value)
+        yield detail, Imposed(block, row, target, component, factor * value, value)
 
 
 def _component(block: KeywordBlock, word: str) -> int:
@@ -285,7 +314,8 @@ def period_of(block: KeywordBlock) -> float:
 def points_of(curve: KeywordBlock) -> tuple[Sequence[float], Sequence[float]]:
     """Times of an amplitude, with its delay, and its values there.
 
-    FileContentError if it is no table of them.
+    Raises:
+        FileContentError: if it is no table of them.
     """
     values = [curve.number(word) for row in curve.rows for word in row if word]
     if len(values) % 2 or not values:
@@ -295,7 +325,15 @@ def points_of(curve: KeywordBlock) -> tuple[Sequence[float], Sequence[float]]:
 
 
 def curve_of(block: KeywordBlock, curves: Mapping[str, KeywordBlock]) -> KeywordBlock | None:
-    """Amplitude of a block, None without one; FileContentError for an unknown one."""
+    """Amplitude of a block, None without one.
+
+    Args:
+        block: block of supports or loads.
+        curves: amplitudes by name in capitals.
+
+    Raises:
+        FileContentError: for an amplitude that the deck does not have.
+    """
     name = block.word("AMPLITUDE")
     if name and name not in curves:
         raise FileContentError(f"{block.source} *{block.keyword}: there is no amplitude '{name}'")

@@ -29,56 +29,69 @@ PROJECTED = {
 
 
 def heated_of(
-    found: Sequence[KeywordBlock],
+    blocks: Sequence[KeywordBlock],
     state: Sequence[Imposed],
     nodes: DeckNodes,
     bodies: Mapping[Tag, DeckMaterial],
-    left: list[Left],
+    todo: list[Left],
 ) -> list[DeckLoad]:
     """Thermal expansion of bodies above the temperatures of *INITIAL CONDITIONS.
 
     A body with different temperatures has the field of the deck, of which the load is a multiple.
+
+    Args:
+        blocks: keyword blocks of the deck, in the order of its lines.
+        state: rows of supports and loads that act.
+        nodes: nodes of the deck by number.
+        bodies: material of each body.
+        todo: list to which TODO lines are appended.
     """
-    given = [item.block for item in state if item.block.keyword == "TEMPERATURE"]
-    if not given:
+    heated = [imposed.block for imposed in state if imposed.block.keyword == "TEMPERATURE"]
+    if not heated:
         return []
-    left += _unknown(found, state, nodes)
-    rise = rise_of(found, state, nodes)
+    todo += _unknown(blocks, state, nodes)
+    rise = rise_of(blocks, state, nodes)
     most = max(rise.values(), key=abs, default=0.0)
-    final = rise_of(found, imposed_of(found), nodes)
+    final = rise_of(blocks, imposed_of(blocks), nodes)
     loads = []
     for tag, material in bodies.items():
-        own = _at_corners(nodes, tag, rise)
-        if not material.expansion or not own.any():
+        rises = _at_corners(nodes, tag, rise)
+        if not material.expansion or not rises.any():
             continue
         text = f"hhr.ThermalExpansion({tag!r}, {material.expansion!r}, {{}}"
-        if np.ptp(own) <= EQUAL_TEMPERATURES * np.abs(own).max():
-            loads.append(DeckLoad("temperature", f"{text})", float(own[0, 0]), given[0].source))
-        elif not np.allclose(own / most, _fractions(final, nodes, tag), atol=EQUAL_TEMPERATURES):
-            left.append(
-                given[0].left(
+        if np.ptp(rises) <= EQUAL_TEMPERATURES * np.abs(rises).max():
+            loads.append(DeckLoad("temperature", f"{text})", float(rises[0, 0]), heated[0].source))
+        elif not np.allclose(rises / most, _fractions(final, nodes, tag), atol=EQUAL_TEMPERATURES):
+            todo.append(
+                heated[0].left(
                     f"the distribution of the temperature of body '{tag}' changes with the steps"
                 )
             )
         else:
             text += f", field=hhr.DeckTemperatures(MESH, {tag!r}))"
-            loads.append(DeckLoad("temperature", text, most, given[0].source))
+            loads.append(DeckLoad("temperature", text, most, heated[0].source))
     return loads
 
 
 def distribution(path: Path, tag: Tag) -> tuple[np.ndarray, np.ndarray]:
-    """Corners of the cells of a body of a deck, (c, k, 3), and their rises over the largest of the
-    deck, (c, k).
+    """Distribution of the temperature rise of a body of a deck.
+
+    Args:
+        path: the deck.
+        tag: name of the body.
+
+    Returns:
+        Corners of its cells, (c, k, 3), and their rises over the largest of the deck, (c, k).
     """
     nodes = DeckNodes(flat_deck(path))
-    found = blocks_of(path)[0]
+    blocks = blocks_of(path)[0]
     points = np.array(
         [
-            [nodes.point(number) for number in one[: CORNERS[kind]]]
-            for kind, one in _cells(nodes, tag)
+            [nodes.point(number) for number in numbers[: CORNERS[kind]]]
+            for kind, numbers in _cells(nodes, tag)
         ]
     )
-    return points, _fractions(rise_of(found, imposed_of(found), nodes), nodes, tag)
+    return points, _fractions(rise_of(blocks, imposed_of(blocks), nodes), nodes, tag)
 
 
 def _fractions(rise: Mapping[int, float], nodes: DeckNodes, tag: Tag) -> np.ndarray:
@@ -97,18 +110,18 @@ def _at_corners(nodes: DeckNodes, tag: Tag, rise: Mapping[int, float]) -> np.nda
     if not cells:
         return np.zeros((0, 0))
     kind = cells[0][0]
-    given = np.array([[rise.get(number, 0.0) for number in one] for _, one in cells])
+    values = np.array([[rise.get(number, 0.0) for number in numbers] for _, numbers in cells])
     count = CORNERS[kind]
     ends = np.array(EDGES[kind])
-    own = given[:, :count]
-    middles = given[:, count : count + len(ends)]
+    at_corners = values[:, :count]
+    middles = values[:, count : count + len(ends)]
     if middles.shape[1] < len(ends):
-        return own
+        return at_corners
     near, beyond = PROJECTED[kind]
     shares = np.full((len(ends), count), beyond)
     shares[np.arange(len(ends))[:, None], ends] = near
-    found: np.ndarray = own + (middles - own[:, ends].mean(axis=2)) @ shares
-    return found
+    linear: np.ndarray = at_corners + (middles - at_corners[:, ends].mean(axis=2)) @ shares
+    return linear
 
 
 def _cells(nodes: DeckNodes, tag: Tag) -> list[tuple[str, list[int]]]:
@@ -119,11 +132,11 @@ def _cells(nodes: DeckNodes, tag: Tag) -> list[tuple[str, list[int]]]:
     kinds = {number: deck.elements[number][0] for number in elements if number in deck.elements}
     # a set may hold membranes on the sides of its solids too
     kinds = {number: kind for number, kind in kinds.items() if DIMENSION.get(kind) == most}
-    return [(kind, deck.whole[one]) for one, kind in kinds.items()]
+    return [(kind, deck.whole[index]) for index, kind in kinds.items()]
 
 
 def rise_of(
-    found: Sequence[KeywordBlock], state: Sequence[Imposed], nodes: DeckNodes
+    blocks: Sequence[KeywordBlock], state: Sequence[Imposed], nodes: DeckNodes
 ) -> dict[int, float]:
     """Temperatures above the initial ones by the number of the node.
 
@@ -132,10 +145,15 @@ def rise_of(
     An amplitude multiplies the temperature itself. Without one the factor of a row multiplies the
     rise: it is the part of the step that is over. Rows of one set add up: within a step they are
     that of the step before, which fades, and the new one.
+
+    Args:
+        blocks: keyword blocks of the deck, in the order of its lines.
+        state: rows of supports and loads that act.
+        nodes: nodes of the deck by number.
     """
     initial = {
         number: block.number(row[1])
-        for block in _starts(found)
+        for block in _starts(blocks)
         for row in block.rows
         if len(row) > 1
         for number in nodes.numbers(row[0])
@@ -143,26 +161,35 @@ def rise_of(
     rise: dict[int, float] = {}
     set_of: dict[int, str] = {}  # set of the last row of each node
     # a row with the factor 0 does not act yet
-    for item in (item for item in state if item.block.keyword == "TEMPERATURE" and item.factor):
-        with_amplitude = "AMPLITUDE" in item.block.options
-        for number in nodes.numbers(item.row[0]):
-            before = rise[number] if set_of.get(number) == item.row[0] else 0.0
-            start = initial.get(number, 0.0) * (1.0 if with_amplitude else item.factor)
-            rise[number] = before + item.factor * item.unit - start
-            set_of[number] = item.row[0]
+    for imposed in (
+        imposed for imposed in state if imposed.block.keyword == "TEMPERATURE" and imposed.factor
+    ):
+        with_amplitude = "AMPLITUDE" in imposed.block.options
+        for number in nodes.numbers(imposed.row[0]):
+            before = rise[number] if set_of.get(number) == imposed.row[0] else 0.0
+            start = initial.get(number, 0.0) * (1.0 if with_amplitude else imposed.factor)
+            rise[number] = before + imposed.factor * imposed.unit - start
+            set_of[number] = imposed.row[0]
     return rise
 
 
-def _starts(found: Sequence[KeywordBlock]) -> list[KeywordBlock]:
+def _starts(blocks: Sequence[KeywordBlock]) -> list[KeywordBlock]:
     return [
-        one for one in of_kind(found, "INITIAL CONDITIONS") if one.word("TYPE") == "TEMPERATURE"
+        block
+        for block in of_kind(blocks, "INITIAL CONDITIONS")
+        if block.word("TYPE") == "TEMPERATURE"
     ]
 
 
 def _unknown(
-    found: Sequence[KeywordBlock], state: Sequence[Imposed], nodes: DeckNodes
+    blocks: Sequence[KeywordBlock], state: Sequence[Imposed], nodes: DeckNodes
 ) -> Iterator[Left]:
-    given = [(item.block, item.row) for item in state if item.block.keyword == "TEMPERATURE"]
-    for block, row in [*((one, row) for one in _starts(found) for row in one.rows), *given]:
+    imposed_rows = [
+        (imposed.block, imposed.row) for imposed in state if imposed.block.keyword == "TEMPERATURE"
+    ]
+    for block, row in [
+        *((start_block, row) for start_block in _starts(blocks) for row in start_block.rows),
+        *imposed_rows,
+    ]:
         if not nodes.numbers(row[0]):
             yield block.left(f"'{row[0]}' is no set of nodes of the mesh")

@@ -35,35 +35,45 @@ class BoltSection(NamedTuple):
     sign: float
 
 
-def ties_of(found: Sequence[KeywordBlock], parts: NamedParts, left: list[Left]) -> list[DeckLoad]:
-    """Ties and periodic surfaces; those without counterpart are left."""
+def ties_of(blocks: Sequence[KeywordBlock], parts: NamedParts, todo: list[Left]) -> list[DeckLoad]:
+    """Ties and periodic surfaces; those without counterpart become TODO lines.
+
+    Args:
+        blocks: keyword blocks of the deck, in the order of its lines.
+        parts: bodies, surfaces and sets of the mesh.
+        todo: list to which TODO lines are appended.
+    """
     ties = []
-    models = of_kind(found, "CYCLIC SYMMETRY MODEL")
-    for block in of_kind(found, "TIE"):
+    models = of_kind(blocks, "CYCLIC SYMMETRY MODEL")
+    for block in of_kind(blocks, "TIE"):
         for row in block.rows:
             names = [word for word in row if word][:2]
             if len(names) < 2:
-                left.append(block.left("no counterpart: a tie of two surfaces is read"))
+                todo.append(block.left("no counterpart: a tie of two surfaces is read"))
             elif "CYCLIC SYMMETRY" in block.options:
-                own = [one for one in models if one.word("TIE") in ("", block.word("NAME"))]
+                matching = [
+                    model for model in models if model.word("TIE") in ("", block.word("NAME"))
+                ]
                 text = (
-                    _periodic(names, own[0], parts) if own else "it has no *CYCLIC SYMMETRY MODEL"
+                    _periodic(names, matching[0], parts)
+                    if matching
+                    else "it has no *CYCLIC SYMMETRY MODEL"
                 )
                 if text.startswith("hhr"):
                     ties.append(DeckLoad("", text, 0.0, block.source))
                 else:
-                    left.append(block.left(text))
+                    todo.append(block.left(text))
             else:
                 slave, master = (parts.surface(name) for name in names)
                 if slave is None or master is None:
-                    left.append(
+                    todo.append(
                         block.left(
                             f"'{names[slave is not None]}' is no surface with facets of the mesh"
                         )
                     )
                 else:
                     ties.append(DeckLoad("", f"hhr.Tie({slave!r}, {master!r})", 0.0, block.source))
-                    left += _beyond(block, slave, master, parts)
+                    todo += _beyond(block, slave, master, parts)
     return ties
 
 
@@ -71,18 +81,18 @@ def _beyond(block: KeywordBlock, slave: Tag, master: Tag, parts: NamedParts) -> 
     """Tied nodes beyond the tolerance of a deck, which it leaves free."""
     if "POSITION TOLERANCE" not in block.options:
         return []
-    outside = OuterFacets.of(parts.raw)
-    gaps = outside.gaps(*(outside.rows(parts.surfaces[name]) for name in (slave, master)))[:, :-1]
+    outer = OuterFacets.of(parts.raw)
+    gaps = outer.gaps(*(outer.rows(parts.surfaces[name]) for name in (slave, master)))[:, :-1]
     far = np.abs(gaps[np.isfinite(gaps)]).max(initial=0.0)
     tolerance = block.number(block.options["POSITION TOLERANCE"])
-    why = f"POSITION TOLERANCE={tolerance:g}: nodes up to {far:g} apart are tied, too"
-    return [block.left(why)] if far > tolerance else []
+    reason = f"POSITION TOLERANCE={tolerance:g}: nodes up to {far:g} apart are tied, too"
+    return [block.left(reason)] if far > tolerance else []
 
 
 def _periodic(names: Sequence[str], model: KeywordBlock, parts: NamedParts) -> str:
     """Text of a periodic pair of surfaces, or the reason why it has no counterpart."""
-    places = [parts.place(name) for name in names]
-    follower, leader = places
+    targets = [parts.place(name) for name in names]
+    follower, leader = targets
     if follower is None or leader is None:
         return f"'{names[follower is not None]}' is no set of nodes of the mesh"
     dim = parts.raw.dim
@@ -100,12 +110,14 @@ def _periodic(names: Sequence[str], model: KeywordBlock, parts: NamedParts) -> s
         or (dim == 2 and axis != 2)
     ):
         return "its axis is not an axis of the mesh through the origin"
-    own, other = (parts.raw.points[parts.nodes(place)] for place in (follower, leader))
+    follower_points, leader_points = (
+        parts.raw.points[parts.nodes(target)] for target in (follower, leader)
+    )
     size = np.ptp(parts.raw.points, axis=0).max()
     for sign in (1.0, -1.0):
         angle = sign * 2 * np.pi / model.number(model.option("N"))
         turn = Periodic(follower, leader, angle=angle, axis=axis).turn(dim)
-        far = cKDTree(other @ turn.T).query(own)[0].max() / size
+        far = cKDTree(leader_points @ turn.T).query(follower_points)[0].max() / size
         if far <= ROUNDED:
             more = f", tolerance={ROUNDED!r}" if far > COINCIDENT_NODES else ""
             return f"hhr.Periodic({follower!r}, {leader!r}, angle={angle!r}, axis={axis}{more})"
@@ -113,14 +125,21 @@ def _periodic(names: Sequence[str], model: KeywordBlock, parts: NamedParts) -> s
 
 
 def sections_of(
-    found: Sequence[KeywordBlock], parts: NamedParts, nodes: DeckNodes, left: list[Left]
+    blocks: Sequence[KeywordBlock], parts: NamedParts, nodes: DeckNodes, todo: list[Left]
 ) -> tuple[list[BoltSection], NamedParts]:
-    """Sections of preloaded bolts, and the mesh that is cut there."""
+    """Sections of preloaded bolts, and the mesh that is cut there.
+
+    Args:
+        blocks: keyword blocks of the deck, in the order of its lines.
+        parts: bodies, surfaces and sets of the mesh.
+        nodes: nodes of the deck by number.
+        todo: list to which TODO lines are appended.
+    """
     sections: list[BoltSection] = []
-    for block in of_kind(found, "PRE-TENSION SECTION"):
+    for block in of_kind(blocks, "PRE-TENSION SECTION"):
         name = parts.surface(block.word("SURFACE")) if "SURFACE" in block.options else None
         if not isinstance(name, str):
-            left.append(
+            todo.append(
                 block.left("no counterpart: its SURFACE= is no surface with facets of the mesh")
             )
             continue
@@ -130,11 +149,11 @@ def sections_of(
         try:
             parts = NamedParts(cut(parts.raw, name))
         except FileContentError as error:
-            left.append(block.left(f"the mesh cannot be cut there: {error}"))
+            todo.append(block.left(f"the mesh cannot be cut there: {error}"))
             continue
         sections.append(BoltSection(block, name, sign))
         if off > TILTED:
-            left.append(
+            todo.append(
                 block.left(
                     f"its normal is {off:.2g} degrees off that of its section, which counts here"
                 )
@@ -146,13 +165,13 @@ def _off(block: KeywordBlock, corners: np.ndarray) -> float:
     """Angle between the normal that a section is given and that of its corners, (n, dim), in
     degrees; 0 without one.
     """
-    given = np.array(
+    stated = np.array(
         [*(block.numbers(block.rows[0]) if block.rows else ()), 0.0, 0.0, 0.0][: corners.shape[1]]
     )
-    if not given.any():
+    if not stated.any():
         return 0.0
     normal = np.linalg.svd(corners - corners.mean(axis=0), full_matrices=False)[2][-1]
-    return float(np.rad2deg(np.arccos(min(abs(given @ normal) / np.linalg.norm(given), 1.0))))
+    return float(np.rad2deg(np.arccos(min(abs(stated @ normal) / np.linalg.norm(stated), 1.0))))
 
 
 def _sign(block: KeywordBlock, middle: np.ndarray, nodes: DeckNodes) -> float:
@@ -169,9 +188,9 @@ def _sign(block: KeywordBlock, middle: np.ndarray, nodes: DeckNodes) -> float:
     ]
     if not block.rows or not owners or owners[0] not in deck.elements:
         return 1.0
-    inside = np.mean([deck.nodes[node] for node in deck.elements[owners[0]][1]], axis=0)
+    element_centre = np.mean([deck.nodes[node] for node in deck.elements[owners[0]][1]], axis=0)
     normal = np.array([*block.numbers(block.rows[0]), 0.0, 0.0, 0.0][: middle.size])
-    return -1.0 if (middle - inside[: middle.size]) @ normal < 0 else 1.0
+    return -1.0 if (middle - element_centre[: middle.size]) @ normal < 0 else 1.0
 
 
 def preloads_of(
@@ -179,30 +198,37 @@ def preloads_of(
     state: Sequence[Imposed],
     nodes: DeckNodes,
     thickness: float,
-    left: list[Left],
+    todo: list[Left],
 ) -> tuple[list[Imposed], list[DeckLoad], list[DeckLoad]]:
-    """Supports and loads on other nodes, constraints of sections, and forces in bolts, per
-    thickness in the plane.
+    """Constraints of the sections of bolts, and forces in bolts.
+
+    Args:
+        sections: sections of the bolts.
+        state: rows of supports and loads that act.
+        nodes: nodes of the deck by number.
+        thickness: thickness of plane bodies, a length; forces are divided by it.
+        todo: list to which TODO lines are appended.
+
+    Returns:
+        Supports and loads on other nodes, constraints, and forces.
     """
-    pilots = {nodes.single(one.block.word("NODE")): one.name for one in sections}
-    by_name: dict[str, list[Imposed]] = {one.name: [] for one in sections}
-    kept = []
-    for item in state:
-        of_node = (
-            item.block.keyword in ("BOUNDARY", "CLOAD") and nodes.single(item.row[0]) in pilots
-        )
-        if not of_node or nodes.single(item.row[0]) is None:
-            kept.append(item)
-        elif item.component == 0:
-            by_name[pilots[nodes.single(item.row[0])]].append(item)
+    pilots = {nodes.single(section.block.word("NODE")): section.name for section in sections}
+    by_name: dict[str, list[Imposed]] = {section.name: [] for section in sections}
+    remaining = []
+    for row in state:
+        of_node = row.block.keyword in ("BOUNDARY", "CLOAD") and nodes.single(row.row[0]) in pilots
+        if not of_node or nodes.single(row.row[0]) is None:
+            remaining.append(row)
+        elif row.component == 0:
+            by_name[pilots[nodes.single(row.row[0])]].append(row)
     constraints = []
     forces = []
     for block, name, sign in sections:
-        drawn = [item for item in by_name[name] if item.block.keyword == "CLOAD" and item.factor]
+        drawn = [row for row in by_name[name] if row.block.keyword == "CLOAD" and row.factor]
         # a bolt that is FIXED after a force drew it keeps the force: its length then is not known
         # here
-        own = [item for item in by_name[name] if not (drawn and "FIXED" in item.block.options)]
-        imposed = [item for item in own if item.block.keyword == "BOUNDARY"]
+        acting = [row for row in by_name[name] if not (drawn and "FIXED" in row.block.options)]
+        imposed = [row for row in acting if row.block.keyword == "BOUNDARY"]
         if imposed:
             # a shortening of 0 has an amplitude, too
             text = (
@@ -215,11 +241,11 @@ def preloads_of(
             )
         else:
             constraints.append(DeckLoad("", f"hhr.ForcedSection({name!r})", 0.0, block.source))
-        for item in () if imposed else drawn:
+        for row in () if imposed else drawn:
             text = f"hhr.BoltForce({name!r}, {{}})"
             forces.append(
-                DeckLoad("preload", text, sign * item.factor / thickness, item.block.source)
+                DeckLoad("preload", text, sign * row.factor / thickness, row.block.source)
             )
         if imposed and drawn:
-            left.append(drawn[-1].block.left("its section has a shortening too, which counts"))
-    return kept, constraints, forces
+            todo.append(drawn[-1].block.left("its section has a shortening too, which counts"))
+    return remaining, constraints, forces

@@ -37,7 +37,13 @@ class Tool:
     sphere: bool = False
 
     def written(self, surface: Tag, points: np.ndarray, normals: np.ndarray) -> str:
-        """Text for a surface of a body with midpoints and outer normals of its facets, (f, dim)."""
+        """Text for a surface of a body.
+
+        Args:
+            surface: name of the surface.
+            points: midpoints of its facets, (f, dim).
+            normals: their outer normals, (f, dim).
+        """
         text = self.text.replace("{surface}", repr(surface))
         # a body in a hole looks away from the centre
         hole = self.sphere and ((points - self.origin) * normals).sum() > 0
@@ -47,7 +53,11 @@ class Tool:
 def tool_of(block: KeywordBlock, owner: str, nodes: DeckNodes, dim: int) -> Tool | None:
     """Obstacle of a rigid *SURFACE; None for one without counterpart.
 
-    ``owner`` is the set of rigid elements of the surface, empty for an analytical one.
+    Args:
+        block: the *SURFACE.
+        owner: set of rigid elements of the surface, empty for an analytical one.
+        nodes: nodes of the deck by number.
+        dim: dimension of the mesh, 2 or 3.
     """
     if block.word("TYPE") == "SEGMENTS" and dim == 2:
         points = _profile(block, block.rows)
@@ -55,24 +65,24 @@ def tool_of(block: KeywordBlock, owner: str, nodes: DeckNodes, dim: int) -> Tool
     if block.word("TYPE") in ("CYLINDER", "REVOLUTION") and dim == 3:
         return _in_space(block, nodes)
     elements = [
-        nodes.deck.whole[one]
-        for one in nodes.deck.element_sets.get(owner, ())
-        if nodes.deck.types[one].startswith("R") and one in nodes.deck.whole
+        nodes.deck.whole[number]
+        for number in nodes.deck.element_sets.get(owner, ())
+        if nodes.deck.types[number].startswith("R") and number in nodes.deck.whole
     ]
-    sizes = {len(one) for one in elements}
+    sizes = {len(element) for element in elements}
     if dim == 2 and sizes == {2}:
         line = _chain(elements)
         return _drawn(np.array([nodes.point(number)[:2] for number in line])) if line else None
     if dim != 3 or not sizes or not sizes <= {3, 4} or len(elements) > MOST_FACETS:
         return None
-    used = sorted({number for one in elements for number in one})
+    used = sorted({number for element in elements for number in element})
     index = {number: k for k, number in enumerate(used)}
-    places = [tuple(nodes.point(number).tolist()) for number in used]
+    coordinates = [tuple(nodes.point(number).tolist()) for number in used]
     facets = [
-        [[index[number] for number in one] for one in elements if len(one) == size]
+        [[index[number] for number in element] for element in elements if len(element) == size]
         for size in sorted(sizes)
     ]
-    return Tool(_mesh(places, *facets))
+    return Tool(_mesh(coordinates, *facets))
 
 
 def _mesh(places: Sequence[Sequence[float]], *facets: Sequence[Sequence[int]]) -> str:
@@ -114,27 +124,27 @@ def _in_space(block: KeywordBlock, nodes: DeckNodes) -> Tool | None:
     of revolution.
     """
     first = next((k for k, row in enumerate(block.rows) if row[0].upper() == "START"), 0)
-    given = np.concatenate([np.zeros(0), *(block.numbers(row) for row in block.rows[:first])])
+    axis_points = np.concatenate([np.zeros(0), *(block.numbers(row) for row in block.rows[:first])])
     revolved = block.word("TYPE") == "REVOLUTION"
     profile = _profile(block, block.rows[first:])
     if revolved and len(profile) > MOST_FACETS / REVOLVED_FACETS:
         profile = _profile(block, block.rows[first:], 2 * np.pi / REVOLVED_FACETS)
-    if len(profile) < 2 or given.size not in (0, 6, 9):
+    if len(profile) < 2 or axis_points.size not in (0, 6, 9):
         return None
-    origin = given[:3] if given.size else np.zeros(3)
-    x = given[3:6] - origin if given.size else np.array([1.0, 0.0, 0.0])
-    every = np.array(list(nodes.deck.nodes.values()))
+    origin = axis_points[:3] if axis_points.size else np.zeros(3)
+    x = axis_points[3:6] - origin if axis_points.size else np.array([1.0, 0.0, 0.0])
+    all_points = np.array(list(nodes.deck.nodes.values()))
     if not revolved:
-        along = given[6:9] - origin if given.size == 9 else np.array([0.0, 0.0, -1.0])
+        along = axis_points[6:9] - origin if axis_points.size == 9 else np.array([0.0, 0.0, -1.0])
         x /= np.linalg.norm(x)
         along /= np.linalg.norm(along)
         line = origin + profile @ [x, np.cross(x, along)]
-        heights = (every - origin) @ along
-        size = np.ptp(every, axis=0).max()
+        heights = (all_points - origin) @ along
+        size = np.ptp(all_points, axis=0).max()
         ends = (heights.min() - size, heights.max() + size)
         rows = np.array([line + end * along for end in ends])
         return _swept(rows, closed=False)
-    axis = x / np.linalg.norm(x) if given.size else np.array([0.0, 1.0, 0.0])
+    axis = x / np.linalg.norm(x) if axis_points.size else np.array([0.0, 1.0, 0.0])
     arcs = np.array(
         [block.numbers(row, 1)[2:4] for row in block.rows[first + 1 :] if row[0].upper() == "CIRCL"]
     )
@@ -173,7 +183,7 @@ def _profile(block: KeywordBlock, rows: Sequence[Sequence[str]], chord: float = 
 
 def _arc(start: np.ndarray, end: np.ndarray, centre: np.ndarray, chord: float) -> list[np.ndarray]:
     """Points of the shorter arc between two points, without the first."""
-    angles = [np.arctan2(*(one - centre)[::-1]) for one in (start, end)]
+    angles = [np.arctan2(*(point - centre)[::-1]) for point in (start, end)]
     turn = (angles[1] - angles[0] + np.pi) % (2 * np.pi) - np.pi
     radius = np.linalg.norm(start - centre)
     steps = np.linspace(
@@ -194,12 +204,14 @@ def _chain(elements: Sequence[Sequence[int]]) -> list[int]:
     for first, last in elements:
         after.setdefault(first, []).append(last)
         after.setdefault(last, []).append(first)
-    ends = [number for number, others in after.items() if len(others) == 1]
-    if any(len(others) > 2 for others in after.values()) or len(ends) > 2:
+    ends = [number for number, neighbours in after.items() if len(neighbours) == 1]
+    if any(len(neighbours) > 2 for neighbours in after.values()) or len(ends) > 2:
         return []
     chain = [ends[0] if ends else next(iter(after))]
     while True:
-        onward = [one for one in after[chain[-1]] if len(chain) < 2 or one != chain[-2]]
+        onward = [
+            neighbour for neighbour in after[chain[-1]] if len(chain) < 2 or neighbour != chain[-2]
+        ]
         if not onward:
             break
         chain.append(onward[0])

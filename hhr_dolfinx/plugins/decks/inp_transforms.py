@@ -39,20 +39,31 @@ class Axes:
         """Direction of a component as ``DirectedDisplacement`` has it.
 
         Empty if its points do not define it.
+
+        Args:
+            component: component in the local axes, 0 to 2.
+            dim: dimension of the mesh, 2 or 3.
         """
         first, second = self.points
         third = np.cross(first, second)
-        found = (first, np.cross(third, first), third)[component]
+        vector = (first, np.cross(third, first), third)[component]
         if self.round:
-            found = second - first
-            if component < 2 and found.any():
+            vector = second - first
+            if component < 2 and vector.any():
                 return ("radial", "tangential")[component]
         return (
-            tuple((found / np.linalg.norm(found)).round(12).tolist()[:dim]) if found.any() else ()
+            tuple((vector / np.linalg.norm(vector)).round(12).tolist()[:dim])
+            if vector.any()
+            else ()
         )
 
     def more(self, component: int, dim: int) -> str:
-        """Further arguments: the axis of a direction around one."""
+        """Further arguments: the axis of a direction around one.
+
+        Args:
+            component: component in the local axes, 0 to 2.
+            dim: dimension of the mesh, 2 or 3.
+        """
         first, second = self.points
         if not self.round or component > 1:
             return ""
@@ -61,64 +72,75 @@ class Axes:
 
 
 def directed_of(
-    found: Sequence[KeywordBlock],
+    blocks: Sequence[KeywordBlock],
     state: Sequence[Imposed],
     parts: NamedParts,
     nodes: DeckNodes,
     thickness: float,
-    left: list[Left],
+    todo: list[Left],
 ) -> tuple[list[Imposed], list[DeckLoad], list[DeckLoad]]:
-    """Supports and forces along the axes of the mesh, and others as constraints and forces.
+    """Supports and forces along local axes, as constraints and forces.
 
     Supports of all components of a set need no local axes.
+
+    Args:
+        blocks: keyword blocks of the deck, in the order of its lines.
+        state: rows of supports and loads that act.
+        parts: bodies, surfaces and sets of the mesh.
+        nodes: nodes of the deck by number.
+        thickness: thickness of plane bodies, a length; forces are divided by it.
+        todo: list to which TODO lines are appended.
+
+    Returns:
+        Supports and loads along the axes of the mesh, constraints, and forces.
     """
     axes: dict[int, Axes] = {}
-    for block in of_kind(found, "TRANSFORM"):
+    for block in of_kind(blocks, "TRANSFORM"):
         # one object for all of its nodes, by which they are compared
         axes |= dict.fromkeys(nodes.numbers(block.option("NSET")), Axes(block))
     if not axes:
         return list(state), [], []
     dim = parts.raw.dim
     held = {
-        (item.place, item.component)
-        for item in state
-        if item.block.keyword == "BOUNDARY" and not item.factor
+        (imposed.place, imposed.component)
+        for imposed in state
+        if imposed.block.keyword == "BOUNDARY" and not imposed.factor
     }
-    kept: list[Imposed] = []
+    aligned: list[Imposed] = []
     turned: list[Imposed] = []
-    for item in state:
-        of_nodes = item.block.keyword in ("BOUNDARY", "CLOAD") and 0 <= item.component < dim
-        clamped = item.block.keyword == "BOUNDARY" and all(
-            (item.place, k) in held for k in range(dim)
+    for imposed in state:
+        of_nodes = imposed.block.keyword in ("BOUNDARY", "CLOAD") and 0 <= imposed.component < dim
+        clamped = imposed.block.keyword == "BOUNDARY" and all(
+            (imposed.place, k) in held for k in range(dim)
         )
         straight = (
             not of_nodes
             or clamped
-            or _directions(item, nodes, axes, dim) == {(_unit(item.component, dim), "")}
+            or _directions(imposed, nodes, axes, dim) == {(_unit(imposed.component, dim), "")}
         )
-        (kept if straight else turned).append(item)
+        (aligned if straight else turned).append(imposed)
     constraints: list[DeckLoad] = []
     forces: list[DeckLoad] = []
-    for item in merged(turned):
-        block = item.block
-        place = parts.place(item.place)
-        own = _directions(item, nodes, axes, dim)
-        direction, more = next(iter(own), ((), ""))
-        if place is None or len(own) != 1 or not direction:
-            left.append(
+    for imposed in merged(turned):
+        block = imposed.block
+        target = parts.place(imposed.place)
+        directions = _directions(imposed, nodes, axes, dim)
+        direction, more = next(iter(directions), ((), ""))
+        if target is None or len(directions) != 1 or not direction:
+            todo.append(
                 block.left(
                     "its nodes have several systems of axes, or none by the points of *TRANSFORM"
                 )
             )
         elif block.keyword == "BOUNDARY":
-            text = f"hhr.DirectedDisplacement({place!r}, {direction!r}, {{}}{more})"
-            constraints.append(DeckLoad("displacement", text, item.factor, block.source))
+            text = f"hhr.DirectedDisplacement({target!r}, {direction!r}, {{}}{more})"
+            constraints.append(DeckLoad("displacement", text, imposed.factor, block.source))
         elif isinstance(direction, str):
-            left.append(block.left(f"no counterpart: {direction} forces at nodes"))
-        elif item.factor:
-            text = f"hhr.NodalForce({place!r}, {direction}, {{}})"
-            forces.append(DeckLoad("force", text, item.factor / thickness, block.source))
-    return kept, constraints, forces
+            todo.append(block.left(f"no counterpart: {direction} forces at nodes"))
+        elif imposed.factor:
+            text = f"hhr.NodalForce({target!r}, {direction}, {{}})"
+            forces.append(DeckLoad("force", text, imposed.factor / thickness, block.source))
+    return aligned, constraints, forces
 
 
 def _unit(component: int, dim: int) -> Direction:
@@ -126,15 +148,16 @@ def _unit(component: int, dim: int) -> Direction:
 
 
 def _directions(
-    item: Imposed, nodes: DeckNodes, axes: dict[int, Axes], dim: int
+    imposed: Imposed, nodes: DeckNodes, axes: dict[int, Axes], dim: int
 ) -> set[tuple[Direction, str]]:
     """Directions of the nodes of a row, and of the others that have its name in the mesh, with
     their axes as text.
     """
-    alike = [row for row in item.block.rows if [*row[1:]] == [*item.row[1:]]]
-    words = [item.row[0]] if item.place == item.row[0] else [row[0] for row in alike]
+    alike = [row for row in imposed.block.rows if [*row[1:]] == [*imposed.row[1:]]]
+    words = [imposed.row[0]] if imposed.place == imposed.row[0] else [row[0] for row in alike]
     systems = dict.fromkeys(axes.get(number) for word in words for number in nodes.numbers(word))
-    k = item.component
+    k = imposed.component
     return {
-        (one.direction(k, dim), one.more(k, dim)) if one else (_unit(k, dim), "") for one in systems
+        (system.direction(k, dim), system.more(k, dim)) if system else (_unit(k, dim), "")
+        for system in systems
     }

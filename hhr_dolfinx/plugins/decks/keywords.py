@@ -55,6 +55,10 @@ class Keyword:
         """Rule of an option with its value, both in capitals.
 
         An option that is not in the table is left.
+
+        Args:
+            name: name of the option in capitals.
+            value: its value in capitals.
         """
         for key in (f"{name}={value}", f"{name}=*", name):
             if key in self.options:
@@ -66,8 +70,11 @@ class Keyword:
 
 
 def read_options(read: str = "", idle: str = "") -> Keyword:
-    """Keyword that is read: options that are read, and those without effect, apart by ``|``, and
-    others by name.
+    """Keyword that is read, with options by name, separated by ``|``.
+
+    Args:
+        read: options that are read.
+        idle: options without effect.
     """
     options = {name: Rule(READ) for name in filter(None, read.split("|"))}
     options |= {name: Rule(IDLE) for name in filter(None, idle.split("|"))}
@@ -75,29 +82,51 @@ def read_options(read: str = "", idle: str = "") -> Keyword:
 
 
 def with_options(keyword: Keyword, outcome: str, options: Mapping[str, str]) -> Keyword:
-    """Keyword with further options of one outcome, by name with the sentences of their TODO
-    lines.
+    """Keyword with further options of one outcome.
+
+    Args:
+        keyword: the keyword.
+        outcome: outcome of the options.
+        options: sentences of their TODO lines, by name.
     """
     return Keyword(
         keyword.rule,
-        {**keyword.options, **{name: Rule(outcome, why) for name, why in options.items()}},
+        {
+            **keyword.options,
+            **{name: Rule(outcome, sentence) for name, sentence in options.items()},
+        },
     )
 
 
 def left_options(keyword: Keyword, **options: str) -> Keyword:
-    """The keyword with options that are TODO lines; ``_`` in a name stands for a blank."""
+    """Keyword with further options that are TODO lines.
+
+    Args:
+        keyword: the keyword.
+        **options: sentences of the TODO lines; ``_`` in a name stands for a blank.
+    """
     return with_options(
-        keyword, AS_TODO, {name.replace("_", " "): why for name, why in options.items()}
+        keyword, AS_TODO, {name.replace("_", " "): sentence for name, sentence in options.items()}
     )
 
 
 def out_options(keyword: Keyword, options: Mapping[str, str]) -> Keyword:
-    """Keyword with options that leave its block out."""
+    """Keyword with options that leave its block out.
+
+    Args:
+        keyword: the keyword.
+        options: sentences of their TODO lines, by name.
+    """
     return with_options(keyword, OUT, options)
 
 
 def refused_options(keyword: Keyword, options: Mapping[str, str]) -> Keyword:
-    """Keyword with options that are refused."""
+    """Keyword with options that are refused.
+
+    Args:
+        keyword: the keyword.
+        options: sentences of the refusals, by name.
+    """
     return with_options(keyword, REFUSED, options)
 
 
@@ -461,12 +490,12 @@ def blocks_of(path: Path) -> tuple[list[KeywordBlock], list[Left]]:
     Raises:
         FileContentError: for an option that is refused, with the line.
     """
-    kept: list[KeywordBlock] = []
-    left: list[Left] = []
+    selected: list[KeywordBlock] = []
+    todo: list[Left] = []
     for line, name, options, rows in blocks(path):
         block = KeywordBlock(path.name, line, name, options, rows)
         keyword = keyword_of(name)
-        left += [block.left(keyword.rule.why)] if keyword.rule.outcome == AS_TODO else []
+        todo += [block.left(keyword.rule.why)] if keyword.rule.outcome == AS_TODO else []
         rules = {}
         if keyword.rule.outcome == READ:
             rules = {
@@ -476,23 +505,34 @@ def blocks_of(path: Path) -> tuple[list[KeywordBlock], list[Left]]:
             }
             block = KeywordBlock(path.name, line, name, readable(options, rules, name), rows)
         for key, rule in rules.items():
-            said = f"{key}={options[key]}: {rule.why}" if options[key] else f"{key}: {rule.why}"
+            text = f"{key}={options[key]}: {rule.why}" if options[key] else f"{key}: {rule.why}"
             if rule.outcome == REFUSED:
-                raise FileContentError(f"{block.source} *{name}: {said}")
-            left += [block.left(said)] if rule.why else []
-        kept += [block] if OUT not in {rule.outcome for rule in rules.values()} else []
-    return kept, left
+                raise FileContentError(f"{block.source} *{name}: {text}")
+            todo += [block.left(text)] if rule.why else []
+        selected += [block] if OUT not in {rule.outcome for rule in rules.values()} else []
+    return selected, todo
 
 
 def readable(
     options: Mapping[str, str], rules: Mapping[str, Rule], keyword: str
 ) -> Mapping[str, str]:
-    """Options of a keyword that a reader gets: no other can have an effect."""
+    """Options of a keyword that a reader gets: no other can have an effect.
+
+    Args:
+        options: options of the block, by name in capitals.
+        rules: rule of each option that counts.
+        keyword: the keyword in capitals.
+    """
     return {key: options[key] for key, rule in rules.items() if rule.outcome == READ}
 
 
 def rows_of_docs(table: Mapping[str, Keyword] = TABLE, mark: str = "*") -> Iterator[str]:
-    """Rows of a table of keywords and options in Markdown; ``mark`` stands before keywords."""
+    """Rows of a table of keywords and options in Markdown.
+
+    Args:
+        table: the keywords with their outcomes.
+        mark: sign before keywords.
+    """
     yield "| keyword | options that are read | without effect | TODO line | refused |"
     yield "|---|---|---|---|---|"
     by_cells: dict[tuple[str, ...], list[str]] = {}

@@ -33,8 +33,9 @@ class NamedParts:
 
     @cached_property
     def surfaces(self) -> dict[Tag, np.ndarray]:
-        """Corners of the facets of surfaces and of sets of nodes that hold whole facets, (f, k), by
-        name.
+        """Corners of the facets of surfaces, (f, k), by name.
+
+        Sets of nodes that hold whole facets are surfaces too.
         """
         return self.raw.all_surfaces()
 
@@ -55,9 +56,9 @@ class NamedParts:
 
     def nodes(self, name: Tag) -> np.ndarray:
         """Nodes of a set or of a surface by its spelling in the mesh."""
-        parts = [self.raw.nodes[name]] if name in self.raw.nodes else []
-        parts += [self.surfaces[name].ravel()] if name in self.surfaces else []
-        return np.unique(np.concatenate(parts))
+        arrays = [self.raw.nodes[name]] if name in self.raw.nodes else []
+        arrays += [self.surfaces[name].ravel()] if name in self.surfaces else []
+        return np.unique(np.concatenate(arrays))
 
     def named_in(self, text: str) -> list[Tag]:
         """Surfaces and sets of nodes whose names are in a text of Python."""
@@ -68,22 +69,27 @@ class NamedParts:
         ]
 
     def bodies_in(self, name: str, tags: Iterable[Tag]) -> list[Tag]:
-        """Bodies among ``tags`` whose cells all belong to a set."""
-        found = self.body(name)
-        rows = self.raw.bodies[found] if found is not None else np.zeros(0)
+        """Bodies among ``tags`` whose cells all belong to a set.
+
+        Args:
+            name: name of the set of cells.
+            tags: bodies to choose from.
+        """
+        spelling = self.body(name)
+        rows = self.raw.bodies[spelling] if spelling is not None else np.zeros(0)
         return [tag for tag in tags if np.isin(self.raw.bodies[tag], rows).all()]
 
     def apart(self) -> list[Tag]:
         """Bodies without common cells: sets with names come first, then small ones."""
         free = np.ones(len(self.raw.cells), dtype=bool)
-        found = []
+        selected = []
         for tag in sorted(
-            self.raw.bodies, key=lambda one: (isinstance(one, int), len(self.raw.bodies[one]))
+            self.raw.bodies, key=lambda body: (isinstance(body, int), len(self.raw.bodies[body]))
         ):
             if free[self.raw.bodies[tag]].all() and len(self.raw.bodies[tag]):
                 free[self.raw.bodies[tag]] = False
-                found.append(tag)
-        return found
+                selected.append(tag)
+        return selected
 
     @cached_property
     def _owners(self) -> dict[tuple[int, ...], int]:
@@ -94,15 +100,15 @@ class NamedParts:
         """Cell of each outer facet of a surface, (f,); -1 for facets within a body."""
         return np.array(
             [
-                self._owners.get(tuple(one), -1)
-                for one in np.sort(self.surfaces[name], axis=1).tolist()
+                self._owners.get(tuple(facet), -1)
+                for facet in np.sort(self.surfaces[name], axis=1).tolist()
             ]
         )
 
     def normals(self, name: Tag) -> np.ndarray:
         """Outer unit normals of the facets of a surface, (f, dim)."""
-        inside = self.raw.points[self.raw.cells[self.owners(name)]].mean(axis=1)
-        return outward(self.raw.points[self.surfaces[name]], inside)
+        cell_centres = self.raw.points[self.raw.cells[self.owners(name)]].mean(axis=1)
+        return outward(self.raw.points[self.surfaces[name]], cell_centres)
 
     def flat_normal(self, name: Tag) -> np.ndarray | None:
         """Outer unit normal of a flat surface, (dim,); None for a curved one."""
@@ -111,30 +117,50 @@ class NamedParts:
         return mean.round(12) + 0.0 if np.abs(normals - mean).max() < FLAT_SURFACE else None
 
     def pair(self, slave: Tag, master: Tag, friction: float, source: str) -> Pair:
-        """Contact pair of two surfaces: node to node where they are flat and their nodes coincide,
-        else mortar.
+        """Contact pair of two surfaces.
+
+        Node to node for flat surfaces whose nodes coincide, otherwise mortar.
+
+        Args:
+            slave: name of the slave surface.
+            master: name of the master surface.
+            friction: coefficient of friction.
+            source: file and line, for comments.
         """
         normal = self.flat_normal(slave)
-        here, there = (self.raw.points[self.nodes(name)] for name in (slave, master))
-        if normal is not None and len(here) == len(there):
-            distance, partner = cKDTree(there).query(here)
-            if (distance <= FLAT_SURFACE * np.ptp(here, axis=0).max()).all() and np.unique(
+        slave_points, master_points = (
+            self.raw.points[self.nodes(name)] for name in (slave, master)
+        )
+        if normal is not None and len(slave_points) == len(master_points):
+            distance, partner = cKDTree(master_points).query(slave_points)
+            if (distance <= FLAT_SURFACE * np.ptp(slave_points, axis=0).max()).all() and np.unique(
                 partner
-            ).size == len(here):
+            ).size == len(slave_points):
                 text = f"hhr.NodeToNode({slave!r}, {master!r}, {tuple(normal.tolist())}{{}})"
                 return Pair(text, friction, source)
         return Pair(f"hhr.Mortar({slave!r}, {master!r}{{}})", friction, source)
 
     def towards(self, name: Tag, normal: np.ndarray) -> np.ndarray:
-        """A unit normal, (dim,), with the sign with which it points out of a surface."""
+        """A unit normal, (dim,), with the sign with which it points out of a surface.
+
+        Args:
+            name: name of the surface.
+            normal: unit normal of either sign, (dim,).
+        """
         towards: np.ndarray = normal * np.sign(normal @ self.normals(name).mean(axis=0)) + 0.0
         return towards
 
     def on_plane(
         self, name: Tag, point: np.ndarray, normal: np.ndarray, friction: float, source: str
     ) -> Pair:
-        """Obstacle in front of a surface: the rigid plane through a point, with a unit normal of
-        either sign.
+        """Obstacle in front of a surface: a rigid plane.
+
+        Args:
+            name: name of the surface.
+            point: a point of the plane, (dim,).
+            normal: unit normal of either sign, (dim,).
+            friction: coefficient of friction.
+            source: file and line, for comments.
         """
         normal = self.towards(name, normal)
         text = f"hhr.Obstacle({name!r}, {tuple(normal.tolist())}, {float(point @ normal)!r}{{}})"
@@ -143,16 +169,21 @@ class NamedParts:
     def out_of_reach(
         self, supports: Sequence[Support], among: Container[Tag] | None = None
     ) -> tuple[Pair, ...]:
-        """A rigid plane that no body reaches: a scene needs a contact pair, and a file may have
-        none.
+        """A rigid plane that no body reaches, for a file without a contact pair.
 
-        It faces one of the surfaces ``among``, of all if None, or the outside of all bodies.
+        A scene needs a pair. The plane faces a flat surface, or the outside of all bodies.
+
+        Args:
+            supports: supports; the plane faces a surface that they do not hold.
+            among: surfaces to choose from; None for all.
         """
         held = np.zeros(self.raw.points.shape, dtype=bool)
-        for item in supports:
-            held[self.nodes(item.place), item.component] = True
-        known = self.surfaces if among is None else among
-        names = [name for name in self.surfaces if name in known and (self.owners(name) >= 0).all()]
+        for support in supports:
+            held[self.nodes(support.place), support.component] = True
+        candidates = self.surfaces if among is None else among
+        names = [
+            name for name in self.surfaces if name in candidates and (self.owners(name) >= 0).all()
+        ]
         flat = {name: self.flat_normal(name) for name in names}
         surfaces = [
             (name, normal, self.nodes(name)) for name, normal in flat.items() if normal is not None
@@ -175,5 +206,5 @@ def _spelt(name: str, names: Iterable[Tag]) -> Tag | None:
     """A name, or its last part after the name of an instance, among names in which capitals do not
     matter.
     """
-    known = {str(one).upper(): one for one in names}
-    return known.get(name.upper(), known.get(name.upper().rpartition(".")[2]))
+    spelling_of = {str(spelling).upper(): spelling for spelling in names}
+    return spelling_of.get(name.upper(), spelling_of.get(name.upper().rpartition(".")[2]))

@@ -35,8 +35,8 @@ class NodalForces:
 
     def terms(self, assembler: Assembler) -> list[Term]:
         """One vector, the sum of all sets."""
-        parts = [
-            NodalForce(place, vector).terms(assembler)[0].columns
-            for place, vector in self.vectors.items()
+        columns = [
+            NodalForce(node_set, vector).terms(assembler)[0].columns
+            for node_set, vector in self.vectors.items()
         ]
-        return [Term(self.amplitude, sum(parts[1:], parts[0]))]
+        return [Term(self.amplitude, sum(columns[1:], columns[0]))]

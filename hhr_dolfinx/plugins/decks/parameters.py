@@ -35,13 +35,13 @@ class Proposed:
     @property
     def box(self) -> tuple[float, float]:
         """Bounds of the value, of which the smaller comes first."""
-        low, high = sorted(_short((1 + part) * self.value) for part in (-SPREAD, SPREAD))
+        low, high = sorted(_short((1 + change) * self.value) for change in (-SPREAD, SPREAD))
         return (low, high) if self.free else (self.value, self.value)
 
     @property
     def reach(self) -> tuple[float, float]:
         """Bounds over the whole course."""
-        ends = [_short(part * end) for part in self.course or (1.0,) for end in self.box]
+        ends = [_short(fraction * end) for fraction in self.course or (1.0,) for end in self.box]
         return min(ends), max(ends)
 
     def amplitude(self, value: float) -> str:
@@ -53,45 +53,52 @@ class Proposed:
         )
 
     def at(self, number: int) -> str:
-        """Value at a time of the history, as text of Python: a number, or a formula if it is
-        free.
+        """Value at a time of the history, as text of Python.
+
+        A number, or a formula if the parameter is free.
         """
-        part = self.course[number]
-        if not (self.free and part):
-            return repr(_short(part * self.value))
-        over = f"{_short(part * self.value)!r} / {self.value!r}" if self.value != 1 else repr(part)
-        return repr(self.name if part == 1 else f"{over} * {self.name}")
+        fraction = self.course[number]
+        if not (self.free and fraction):
+            return repr(_short(fraction * self.value))
+        over = (
+            f"{_short(fraction * self.value)!r} / {self.value!r}"
+            if self.value != 1
+            else repr(fraction)
+        )
+        return repr(self.name if fraction == 1 else f"{over} * {self.name}")
 
 
 def proposed(deck: Deck) -> tuple[Proposed, ...]:
-    """Parameters, one for each block of the deck: preloads, loads, imposed displacements and gaps,
-    then moduli.
+    """Parameters of a scene, one for each block of the deck.
 
-    Moduli are parameters only without others: models of them are larger, and none is exact for a
-    body that contact alone holds. Along a history further parameters drive what changes beside
-    them.
+    Preloads, loads, imposed displacements and gaps come first. Moduli are parameters only without
+    others: models of them are larger, and none is exact for a body that contact alone holds. Along
+    a history further parameters drive other quantities that change.
     """
     groups = _groups(deck)
     chosen = groups[:MOST_PARAMETERS]
     kinds = [group.kind for group in chosen]
-    found = []
-    for number, (kind, course, items) in enumerate(chosen):
-        values = set(items.values())
+    parameters = []
+    for number, (kind, course, driven) in enumerate(chosen):
+        values = set(driven.values())
         value = values.pop() if len(values) == 1 else 1.0
-        found.append(
+        parameters.append(
             Proposed(
-                _numbered(kind, kinds.count(kind), kinds[:number].count(kind)), value, items, course
+                _numbered(kind, kinds.count(kind), kinds[:number].count(kind)),
+                value,
+                driven,
+                course,
             )
         )
-    others: dict[tuple[float, ...], dict[Item, float]] = {}
-    for _, course, items in groups[MOST_PARAMETERS:]:
+    further: dict[tuple[float, ...], dict[Item, float]] = {}
+    for _, course, driven in groups[MOST_PARAMETERS:]:
         if len(set(course)) > 1:
-            others.setdefault(course, {}).update(items)
-    for number, (course, items) in enumerate(others.items()):
-        found.append(
-            Proposed(_numbered("others", len(others), number), 1.0, items, course, free=False)
+            further.setdefault(course, {}).update(driven)
+    for number, (course, driven) in enumerate(further.items()):
+        parameters.append(
+            Proposed(_numbered("others", len(further), number), 1.0, driven, course, free=False)
         )
-    return tuple(found)
+    return tuple(parameters)
 
 
 class _Group(NamedTuple):
@@ -107,22 +114,31 @@ def _groups(deck: Deck) -> list[_Group]:
     parameters.
     """
     courses = deck.history.courses if deck.history else {}
-    parts: list[tuple[str, Item, float]] = [
-        (item.kind, item, item.value) for item in deck.constraints
+    quantities: list[tuple[str, Item, float]] = [
+        (part_of_deck.kind, part_of_deck, part_of_deck.value) for part_of_deck in deck.constraints
     ]
-    parts += [(item.kind, item, item.value) for item in deck.loads]
-    parts += [("displacement", item, item.value) for item in deck.supports]
-    parts += [("gap", item, item.gap) for item in deck.pairs]
-    parts += [("motion", item, math.hypot(*item.motion)) for item in deck.pairs if item.motion]
+    quantities += [
+        (part_of_deck.kind, part_of_deck, part_of_deck.value) for part_of_deck in deck.loads
+    ]
+    quantities += [
+        ("displacement", part_of_deck, part_of_deck.value) for part_of_deck in deck.supports
+    ]
+    quantities += [("gap", part_of_deck, part_of_deck.gap) for part_of_deck in deck.pairs]
+    quantities += [
+        ("motion", part_of_deck, math.hypot(*part_of_deck.motion))
+        for part_of_deck in deck.pairs
+        if part_of_deck.motion
+    ]
     groups: dict[tuple[str, str, tuple[float, ...]], _Group] = {}
-    for kind, item, value in parts:
+    for kind, part_of_deck, value in quantities:
         if value:
-            course = courses.get(item, ())
-            groups.setdefault((kind, item.source, course), _Group(kind, course, {})).items[item] = (
-                value
-            )
+            course = courses.get(part_of_deck, ())
+            groups.setdefault((kind, part_of_deck.source, course), _Group(kind, course, {})).items[
+                part_of_deck
+            ] = value
     return [*groups.values()] or [
-        _Group("young", (), {item: item.material.young}) for item in deck.sections
+        _Group("young", (), {part_of_deck: part_of_deck.material.young})
+        for part_of_deck in deck.sections
     ]
 
 
@@ -137,4 +153,8 @@ def _numbered(kind: str, count: int, number: int) -> str:
 
 def amplitudes(parameters: Sequence[Proposed]) -> Mapping[Item, str]:
     """Amplitudes of the parts that parameters drive, as texts of Python."""
-    return {item: one.amplitude(value) for one in parameters for item, value in one.items.items()}
+    return {
+        driven: parameter.amplitude(value)
+        for parameter in parameters
+        for driven, value in parameter.items.items()
+    }

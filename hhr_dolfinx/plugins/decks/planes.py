@@ -16,8 +16,11 @@ Plane = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def plane_through(points: np.ndarray, sweep: bool) -> tuple[np.ndarray, np.ndarray] | None:
-    """A point and the unit normal of the plane through points, (n, 3), and along z if they are
-    swept; else nothing.
+    """A point and the unit normal of the plane through some points; None without a plane.
+
+    Args:
+        points: the points, (n, 3).
+        sweep: True if the points are swept along z.
     """
     if len(points) < 2:
         return None
@@ -28,8 +31,10 @@ def plane_through(points: np.ndarray, sweep: bool) -> tuple[np.ndarray, np.ndarr
 
 
 def planes_of(path: Path) -> tuple[dict[str, Plane], tuple[str, ...]]:
-    """Flat surfaces of a mesh file with nodes of no cell, by name in capitals, and names of curved
-    ones.
+    """Flat surfaces of a mesh file with nodes of no cell, by name in capitals.
+
+    Returns:
+        The planes, and the names of curved surfaces.
 
     Raises:
         FileContentError: for a file that cannot be read.

@@ -104,49 +104,50 @@ def _lines(path: Path) -> Iterator[tuple[str, str]]:
 
 def _of_febio(path: Path) -> Iterator[Left]:
     """Items of the sections of a file, which the reader of meshes has parsed before."""
-    left: list[Left] = []
-    inside: list[str] = []
+    todo: list[Left] = []
+    open_tags: list[str] = []
     parser = expat.ParserCreate()
 
     def start(tag: str, attributes: dict[str, str]) -> None:
-        if len(inside) == 2 and (why := OF_FEBIO.get(inside[1])):
+        """Note an element with its ``tag`` and ``attributes``, if it is physics."""
+        if len(open_tags) == 2 and (remedy := OF_FEBIO.get(open_tags[1])):
             words = " ".join(f'{key}="{value}"' for key, value in attributes.items() if key != "id")
-            left.append(
+            todo.append(
                 Left(
                     f"{path.name}:{parser.CurrentLineNumber}",
                     f"<{tag} {words}>".replace(" >", ">"),
-                    why,
+                    remedy,
                 )
             )
-        elif len(inside) == 1 and tag in OF_FEBIO and "from" in attributes:
+        elif len(open_tags) == 1 and tag in OF_FEBIO and "from" in attributes:
             keyword = f'<{tag} from="{attributes["from"]}">'
-            left.append(Left(f"{path.name}:{parser.CurrentLineNumber}", keyword, ELSEWHERE))
-        inside.append(tag)
+            todo.append(Left(f"{path.name}:{parser.CurrentLineNumber}", keyword, ELSEWHERE))
+        open_tags.append(tag)
 
     parser.StartElementHandler = start
-    parser.EndElementHandler = lambda tag: inside.pop()
+    parser.EndElementHandler = lambda tag: open_tags.pop()
     parser.Parse(path.read_bytes(), True)
-    yield from left
+    yield from todo
 
 
 def _of_dyna(path: Path) -> Iterator[Left]:
     for source, line in _lines(path):
         keyword = line[1:].strip().upper() if line.startswith("*") else ""
-        for begin, why in _OF_DYNA.items():
+        for begin, remedy in _OF_DYNA.items():
             if keyword.startswith(begin):
-                yield Left(source, f"*{keyword}", why)
+                yield Left(source, f"*{keyword}", remedy)
 
 
 def _of_kratos(path: Path) -> Iterator[Left]:
     """Values in blocks of properties and of data of nodes, elements and conditions, and processes
     of tables.
     """
-    inside = ""
+    block_name = ""
     for source, line in _lines(path):
         words = line.partition("//")[0].split()
         if words[:1] == ["Begin"]:
             data = words[1] in ("Properties", "Table") or words[1].endswith("Data")
-            inside = words[1] if data and not inside else inside
+            block_name = words[1] if data and not block_name else block_name
             kind = (
                 SUPPORT
                 if words[1] == "NodalData"
@@ -157,9 +158,9 @@ def _of_kratos(path: Path) -> Iterator[Left]:
             if kind:
                 yield Left(source, " ".join(words[1:]), kind)
         elif words[:1] == ["End"]:
-            inside = "" if words[1:2] == [inside] else inside
-        elif words and inside in ("Properties", "ModelPartData"):
-            yield Left(source, " ".join(words), BODY if inside == "Properties" else NOT_READ)
+            block_name = "" if words[1:2] == [block_name] else block_name
+        elif words and block_name in ("Properties", "ModelPartData"):
+            yield Left(source, " ".join(words), BODY if block_name == "Properties" else NOT_READ)
 
 
 def _of_nastran(path: Path) -> Iterator[Left]:

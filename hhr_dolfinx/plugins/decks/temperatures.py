@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from dolfinx import fem
@@ -14,6 +14,9 @@ from ufl.domain import extract_unique_domain
 
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.parameters import Tag
+
+if TYPE_CHECKING:
+    from ufl.core.expr import Expr
 
 SAME_MIDPOINT = 1e-6
 """Distance over the size of the body up to which middles of cells of the mesh and of the deck are
@@ -41,7 +44,7 @@ class DeckTemperatures:
     tag: Tag
     scale: float = 1.0
 
-    def __call__(self, x: Any) -> Any:
+    def __call__(self, x: Expr) -> fem.Function:
         """Field at the UFL coordinates ``x``, a function of the mesh that is 0 in other bodies.
 
         Raises:
@@ -59,19 +62,21 @@ class DeckTemperatures:
         mesh = Mesh(domain.ufl_cargo(), domain)
         space = fem.functionspace(mesh, ("Discontinuous Lagrange", 1))
         cells = space.dofmap.list
-        places = space.tabulate_dof_coordinates()[cells] / self.scale  # (cells, corners, 3)
+        coordinates = space.tabulate_dof_coordinates()[cells] / self.scale  # (cells, corners, 3)
         # by cells, as nodes of several bodies, or at a crack, may coincide
-        distance, own = cKDTree(corners.mean(axis=1)).query(places.mean(axis=1))
-        nearest = np.linalg.norm(places[:, :, None] - corners[own][:, None], axis=3).argmin(axis=2)
-        found = np.where(
+        distance, matched = cKDTree(corners.mean(axis=1)).query(coordinates.mean(axis=1))
+        nearest = np.linalg.norm(
+            coordinates[:, :, None] - corners[matched][:, None], axis=3
+        ).argmin(axis=2)
+        field_values = np.where(
             (distance <= SAME_MIDPOINT * np.ptp(corners, axis=(0, 1)).max())[:, None],
-            values[own[:, None], nearest],
+            values[matched[:, None], nearest],
             0.0,
         )
         if domain.ufl_coordinate_element().degree == 1:
             space = fem.functionspace(mesh, ("Discontinuous Lagrange", 0))
             cells = space.dofmap.list
-            found = found.mean(axis=1, keepdims=True)
+            field_values = field_values.mean(axis=1, keepdims=True)
         field = fem.Function(space)
-        field.x.array[cells] = found
+        field.x.array[cells] = field_values
         return field

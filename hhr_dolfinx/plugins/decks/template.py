@@ -60,20 +60,20 @@ PRESSED_NAMES = ("pressure",)
 """Beginnings of names of surfaces under pressure."""
 
 
-def template(path: Path, given: NamedParts, plane: str = "plane_strain") -> Deck:
-    """Contents of a scene that a mesh suggests by its names, else by its places.
+def template(path: Path, mesh: NamedParts, plane: str = "plane_strain") -> Deck:
+    """Contents of a scene that a mesh suggests by its names, otherwise by its positions.
 
-    What must be chosen is left.
+    Choices that remain are TODO lines.
 
     Args:
-        path: the mesh file. What it states beside its mesh is left, line by line.
-        given: its contents.
+        path: the mesh file. Statements beside its mesh become TODO lines.
+        mesh: its contents.
         plane: hypothesis of a mesh in the plane.
 
     Raises:
         FileContentError: for a mesh of shells.
     """
-    parts = given
+    parts = mesh
     dim = parts.raw.dim
     if parts.raw.points.shape[1] > dim:
         raise FileContentError(
@@ -85,7 +85,7 @@ def template(path: Path, given: NamedParts, plane: str = "plane_strain") -> Deck
     steel = DeckMaterial("steel in MPa and mm", source, 210e3, 0.3)
     sections = tuple(Section(tag, steel, source) for tag in parts.apart())
     stated = stated_in(path)
-    left = [
+    todo = [
         Left(source, "materials, support and pressure", STATED if stated else PROPOSED),
         *stated,
     ]
@@ -97,35 +97,41 @@ def template(path: Path, given: NamedParts, plane: str = "plane_strain") -> Deck
         constraints=(*bolts.values(),),
         cuts=(*bolts,),
     )
-    supports, loads, planes = _by_names(parts, source, left)
-    parts, pairs = _touching(given, supports, wider=not bolts)
+    supports, loads, planes = _by_names(parts, source, todo)
+    parts, pairs = _touching(mesh, supports, wider=not bolts)
     piece = _pieces(parts)
     if not pairs:
-        left.append(Left(source, "contact", NO_PAIR))
-    held = {item.component for item in supports}
+        todo.append(Left(source, "contact", NO_PAIR))
+    held = {support.component for support in supports}
     if pairs and len(held) < dim and not planes:
-        proposed, pressures = _by_places(parts, piece, pairs[0], source, left, given.surfaces)
-        along = {(piece.get(item.place), item.component) for item in supports}
-        supports += [item for item in proposed if (piece[item.place], item.component) not in along]
+        proposed, pressures = _by_places(parts, piece, pairs[0], source, todo, mesh.surfaces)
+        along = {(piece.get(support.place), support.component) for support in supports}
+        supports += [
+            support
+            for support in proposed
+            if (piece[support.place], support.component) not in along
+        ]
         loads = loads or pressures
         if not loads:
-            left.append(Left(source, "loads", NO_LOAD))
+            todo.append(Left(source, "loads", NO_LOAD))
     elif not pairs and not loads:
-        made, loads = _by_ends(parts, piece, [item.place for item in supports], source)
-        supports = supports or made
+        end_supports, loads = _by_ends(
+            parts, piece, [support.place for support in supports], source
+        )
+        supports = supports or end_supports
         if not supports:
-            left.append(Left(source, "support", NO_SUPPORT))
+            todo.append(Left(source, "support", NO_SUPPORT))
         elif not loads:
-            left.append(Left(source, "loads", NO_LOAD))
+            todo.append(Left(source, "loads", NO_LOAD))
     return replace(
         deck,
         supports=tuple(supports),
         loads=tuple(loads),
         constraints=(*deck.constraints, *planes),
         pairs=tuple(_pair(parts, *pair, source) for pair in pairs) or parts.out_of_reach(supports),
-        left=tuple(left),
+        left=tuple(todo),
         proposal=True,
-        sides=parts is not given,
+        sides=parts is not mesh,
     )
 
 
@@ -142,17 +148,17 @@ def _touching(
     """
 
     def pairs_of(mesh: NamedParts) -> list[tuple[Tag, Tag]]:
-        used = {item.place for item in supports}
+        used = {support.place for support in supports}
         piece = _pieces(mesh)
         used |= {name for name in piece if _begins(name, PRESSED_NAMES + SYMMETRY_NAMES)}
         return _facing(mesh, {name: number for name, number in piece.items() if name not in used})
 
-    found = pairs_of(parts)
-    if found or not wider:
-        return parts, found
+    facing = pairs_of(parts)
+    if facing or not wider:
+        return parts, facing
     divided = NamedParts(with_sides(parts.raw))
-    found = pairs_of(divided)
-    return (divided, found) if found or len(_pieces(parts)) < 2 else (parts, [])
+    facing = pairs_of(divided)
+    return (divided, facing) if facing or len(_pieces(parts)) < 2 else (parts, [])
 
 
 def _begins(name: Tag, words: tuple[str, ...]) -> bool:
@@ -160,7 +166,7 @@ def _begins(name: Tag, words: tuple[str, ...]) -> bool:
 
 
 def _by_names(
-    parts: NamedParts, source: str, left: list[Left]
+    parts: NamedParts, source: str, todo: list[Left]
 ) -> tuple[list[Support], list[DeckLoad], list[DeckLoad]]:
     """Supports, loads and inclined planes of symmetry of outer surfaces whose names say what they
     are.
@@ -179,7 +185,7 @@ def _by_names(
     for name in (name for name in names if _begins(name, SYMMETRY_NAMES)):
         normal = parts.flat_normal(name)
         if normal is None:
-            left.append(
+            todo.append(
                 Left(
                     source, name, "a surface of symmetry that is not flat: hold it by a constraint"
                 )
@@ -202,7 +208,7 @@ def _by_places(
     piece: Mapping[Tag, int],
     pair: tuple[Tag, Tag],
     source: str,
-    left: list[Left],
+    todo: list[Left],
     named: Container[Tag],
 ) -> tuple[list[Support], list[DeckLoad]]:
     """Supports and a pressure on the far sides of the bodies of a contact pair, on those that the
@@ -216,7 +222,7 @@ def _by_places(
     supports: list[Support] = []
     loads: list[DeckLoad] = []
     for number in sorted({piece[name] for name in pair}):
-        own, other = sorted(pair, key=lambda name: piece[name] != number)
+        surface, opposite = sorted(pair, key=lambda name: piece[name] != number)
         sides = [
             name
             for name in piece
@@ -225,9 +231,11 @@ def _by_places(
         far = _far(parts, [name for name in sides if name in named], slave) or _far(
             parts, sides, slave
         )
-        far = far or _facing_away(parts, sides, other)
+        far = far or _facing_away(parts, sides, opposite)
         if far is None:
-            left.append(Left(source, "support", f"no named surface to hold the body of {own!r}"))
+            todo.append(
+                Left(source, "support", f"no named surface to hold the body of {surface!r}")
+            )
             continue
         along = int(np.abs(parts.normals(far).mean(axis=0)).argmax()) if number == pressed else -1
         supports += [Support(far, k, 0.0, source) for k in range(parts.raw.dim) if k != along]
@@ -265,12 +273,19 @@ def _by_ends(
 
 
 def with_springs(deck: Deck, parts: NamedParts) -> Deck:
-    """Add soft springs along components that neither supports nor constraints hold: laws admit no
-    free body.
+    """Add soft springs along components that neither supports nor constraints hold.
+
+    Laws admit no free body.
+
+    Args:
+        deck: the deck.
+        parts: bodies, surfaces and sets of the mesh.
     """
     labels = components_of_nodes(len(parts.raw.points), parts.raw.cells)
-    supports = [(item.place, item.component) for item in deck.supports]
-    for names, text in ((parts.named_in(item.text), item.text) for item in deck.constraints):
+    supports = [(support.place, support.component) for support in deck.supports]
+    for names, text in (
+        (parts.named_in(constraint.text), constraint.text) for constraint in deck.constraints
+    ):
         if motion := re.match(r"hhr\.MeanMotion\(.*?, (\d)", text):
             supports += [(name, int(motion[1])) for name in names]
         elif text.startswith(("hhr.Tie", "hhr.Periodic", "hhr.Preload")):
@@ -281,30 +296,32 @@ def with_springs(deck: Deck, parts: NamedParts) -> Deck:
             ]
             labels[np.isin(labels, joined)] = joined[0]
     held = {
-        (number, k) for place, k in supports for number in set(labels[parts.nodes(place)].tolist())
+        (number, k)
+        for target, k in supports
+        for number in set(labels[parts.nodes(target)].tolist())
     }
     first = {
         labels[parts.nodes(name)[0]]: name
         for pair in deck.pairs[::-1]
         for name in parts.named_in(pair.text)
     }
-    found = []
+    springs = []
     for number, name in reversed(first.items()):
-        young = max(item.material.young for item in deck.sections)
+        young = max(section.material.young for section in deck.sections)
         stiffness = (
             BEDDING_STIFFNESS * young / np.ptp(parts.raw.points[labels == number], axis=0).max()
         )
         for k in (k for k in range(parts.raw.dim) if (number, k) not in held):
             text = f"hhr.Springs({name!r}, {k}, {float(f'{stiffness:.1g}')!r}, bedding=True)"
-            found.append(
+            springs.append(
                 DeckLoad("springs", text, 0.0, "soft: without them contact alone holds this body")
             )
-    why = (
+    reason = (
         "bodies must be held without contact where one has a law: soft springs are added to "
         "loads, check them"
     )
-    left = [Left(deck.pairs[0].source, "contact", why)] if found else []
-    return replace(deck, loads=(*deck.loads, *found), left=(*deck.left, *left))
+    todo = [Left(deck.pairs[0].source, "contact", reason)] if springs else []
+    return replace(deck, loads=(*deck.loads, *springs), left=(*deck.left, *todo))
 
 
 def _bolts(parts: NamedParts, source: str) -> Iterator[tuple[str, DeckLoad]]:
@@ -321,14 +338,17 @@ def _bolts(parts: NamedParts, source: str) -> Iterator[tuple[str, DeckLoad]]:
                 or outer & set(map(tuple, rows))
             ):
                 continue
-            own = raw.points[np.unique(facets)]
-            middle = own.mean(axis=0)
-            normal = np.linalg.svd(own - middle)[2][-1]
-            if np.abs((own - middle) @ normal).max() < FLAT_SURFACE * np.ptp(own, axis=0).max():
+            section_points = raw.points[np.unique(facets)]
+            middle = section_points.mean(axis=0)
+            normal = np.linalg.svd(section_points - middle)[2][-1]
+            if (
+                np.abs((section_points - middle) @ normal).max()
+                < FLAT_SURFACE * np.ptp(section_points, axis=0).max()
+            ):
                 length = float(np.ptp(raw.points[np.unique(cells)] @ normal))
                 shortening = float(f"{STRAIN * length:.2g}")
-                why = f"{source}: {STRAIN:.1%} of the length"
-                yield name, DeckLoad("preload", f"hhr.Preload({name!r}, {{}})", shortening, why)
+                reason = f"{source}: {STRAIN:.1%} of the length"
+                yield name, DeckLoad("preload", f"hhr.Preload({name!r}, {{}})", shortening, reason)
 
 
 def _pieces(parts: NamedParts) -> dict[Tag, int]:
@@ -355,23 +375,23 @@ def _facing(parts: NamedParts, piece: Mapping[Tag, int]) -> list[tuple[Tag, Tag]
     """Surfaces of different pieces that face each other, the finer one first: the nearest pair, and
     all near ones.
     """
-    outside = OuterFacets.of(parts.raw)
-    rows = {name: outside.rows(parts.surfaces[name]) for name in piece}
+    outer = OuterFacets.of(parts.raw)
+    rows = {name: outer.rows(parts.surfaces[name]) for name in piece}
     size = {
-        name: float(np.median(np.ptp(outside.corners[own], axis=1).max(axis=1)))
-        for name, own in rows.items()
+        name: float(np.median(np.ptp(outer.corners[facet_rows], axis=1).max(axis=1)))
+        for name, facet_rows in rows.items()
     }
-    known: list[tuple[float, Tag, Tag]] = []
+    candidates: list[tuple[float, Tag, Tag]] = []
     for first, second in permutations(piece, 2):
         if piece[first] != piece[second]:
-            gaps = outside.gaps(rows[first], rows[second])[:, -1]  # of middles
+            gaps = outer.gaps(rows[first], rows[second])[:, -1]  # of middles
             facing = np.isfinite(gaps)
             if facing.mean() > FACING_SHARE:
-                known.append((float(np.median(np.abs(gaps[facing]))), first, second))
+                candidates.append((float(np.median(np.abs(gaps[facing]))), first, second))
     pairs: list[tuple[Tag, Tag]] = []
-    for distance, *pair in sorted(known, key=lambda item: item[0]):
+    for distance, *pair in sorted(candidates, key=lambda candidate: candidate[0]):
         extent = min(np.ptp(parts.raw.points[parts.nodes(name)], axis=0).max() for name in pair)
-        if not {*pair} & {name for one in pairs for name in one} and (
+        if not {*pair} & {name for chosen_pair in pairs for name in chosen_pair} and (
             not pairs or distance < FURTHER_PAIR * extent
         ):
             first, second = sorted(pair, key=lambda name: size[name])
@@ -392,7 +412,7 @@ def _facing_away(parts: NamedParts, names: Iterable[Tag], name: Tag) -> Tag | No
     """
     normal = parts.normals(name).mean(axis=0)
     normal /= np.linalg.norm(normal)
-    cosines = {one: float(parts.normals(one).mean(axis=0) @ normal) for one in names}
+    cosines = {surface: float(parts.normals(surface).mean(axis=0) @ normal) for surface in names}
     best = max(cosines, key=cosines.__getitem__, default=None)
     return best if best is not None and cosines[best] > 0.5 else None
 
@@ -401,9 +421,11 @@ def _far(parts: NamedParts, names: Iterable[Tag], name: Tag) -> Tag | None:
     """The surface that is farthest from another one, among those without common nodes."""
     points = parts.raw.points
     middle = points[parts.nodes(name)].mean(axis=0)
-    others = [one for one in names if not np.isin(parts.nodes(one), parts.nodes(name)).any()]
+    candidates = [
+        surface for surface in names if not np.isin(parts.nodes(surface), parts.nodes(name)).any()
+    ]
     return max(
-        others,
-        key=lambda one: np.linalg.norm(points[parts.nodes(one)].mean(axis=0) - middle),
+        candidates,
+        key=lambda surface: np.linalg.norm(points[parts.nodes(surface)].mean(axis=0) - middle),
         default=None,
     )

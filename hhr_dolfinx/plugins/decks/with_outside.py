@@ -56,7 +56,7 @@ def with_sides(raw: RawMesh) -> RawMesh:
     normals = outward(raw.points[outer], raw.points[raw.cells[of]].mean(axis=1))
     owner = np.zeros(len(raw.cells), dtype=np.int64)
     tags = sorted(
-        raw.bodies, key=lambda one: (isinstance(one, int), len(raw.bodies[one])), reverse=True
+        raw.bodies, key=lambda body: (isinstance(body, int), len(raw.bodies[body])), reverse=True
     )
     for number, tag in enumerate(tags):
         owner[raw.bodies[tag]] = number
@@ -74,14 +74,14 @@ def with_sides(raw: RawMesh) -> RawMesh:
     graph = coo_matrix(
         (np.ones(int(smooth.sum())), (first[smooth], second[smooth])), shape=(len(outer),) * 2
     )
-    found: dict[str | int, np.ndarray] = {}
+    sides: dict[str | int, np.ndarray] = {}
     for number in range(
         (labels := connected_components(graph, directed=False)[1]).max(initial=-1) + 1
     ):
         rows = labels == number
         name = _name(tags[owner[of[rows][0]]], normals[rows], raw.points[outer[rows]], number + 1)
-        found[name if name not in found else f"{name}, side {number + 1}"] = outer[rows]
-    return replace(raw, surfaces={**found, **raw.surfaces})
+        sides[name if name not in sides else f"{name}, side {number + 1}"] = outer[rows]
+    return replace(raw, surfaces={**sides, **raw.surfaces})
 
 
 def _name(tag: str | int, normals: np.ndarray, corners: np.ndarray, number: int) -> str:

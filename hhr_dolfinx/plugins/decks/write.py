@@ -24,9 +24,14 @@ searches.
 
 
 def scene_text(deck: Deck, file: Path, target: Path) -> str:
-    """Text of the scene file ``target`` of a deck in a file.
+    """Text of a scene file.
 
     The mesh is named relative to the folder of the target.
+
+    Args:
+        deck: contents of the deck.
+        file: file of the deck.
+        target: the scene file.
     """
     parameters = proposed(deck)
     amplitude_of = amplitudes(parameters)
@@ -39,7 +44,11 @@ def scene_text(deck: Deck, file: Path, target: Path) -> str:
         "",
     ]
     lines += ["from pathlib import Path", "", "import hhr_dolfinx as hhr", ""]
-    lines += [f"MESH = Path(__file__).parent / {mesh!r}", *(f"# {left}" for left in deck.left), ""]
+    lines += [
+        f"MESH = Path(__file__).parent / {mesh!r}",
+        *(f"# {todo_line}" for todo_line in deck.left),
+        "",
+    ]
     lines += [
         "scene = hhr.Scene(",
         *(f"    {row}" for row in _scene(deck, file, parameters, amplitude_of)),
@@ -57,28 +66,27 @@ def _scene(
 ) -> Iterator[str]:
     """Arguments of the scene; parts that the deck does not have are left out."""
     stem = re.sub(r"\W", "_", file.stem)
-    parts: Mapping[str, list[str]] = {
-        "bodies": [row for item in deck.sections for row in _body(item, amplitude_of)],
-        "contacts": [_pair(item, amplitude_of) for item in deck.pairs],
+    sections: Mapping[str, list[str]] = {
+        "bodies": [row for entry in deck.sections for row in _body(entry, amplitude_of)],
+        "contacts": [_pair(entry, amplitude_of) for entry in deck.pairs],
         "displacements": [
             *_supports(deck.supports, 3 if deck.hypothesis == "solid" else 2, amplitude_of)
         ],
         "loads": [
-            f"{item.text.replace('{}', amplitude_of.get(item, repr(item.value)))},  # {item.source}"
-            for item in deck.loads
+            f"{entry.text.replace('{}', amplitude_of.get(entry, repr(entry.value)))},"
+            f"  # {entry.source}"
+            for entry in deck.loads
         ],
-        "constraints": [_constraint(item, amplitude_of) for item in deck.constraints],
+        "constraints": [_constraint(entry, amplitude_of) for entry in deck.constraints],
         "openings": [*_openings(deck.pairs, amplitude_of)],
         "outputs": [*_outputs(deck.pairs)],
     }
     yield f"name={stem if stem.isidentifier() else f'deck_{stem}'!r},"
     yield f"geometry={_geometry(deck)},"
     yield f"hypothesis={deck.hypothesis!r},"
-    for name, rows in ((name, rows) for name, rows in parts.items() if rows):
+    for name, rows in ((name, rows) for name, rows in sections.items() if rows):
         yield from (f"{name}=(", *(f"    {line}" for row in rows for line in _fitted(row)), "),")
-    yield (
-        f"parameters={_space([one.name for one in parameters], [one.reach for one in parameters])},"
-    )
+    yield (f"parameters={_space([mu.name for mu in parameters], [mu.reach for mu in parameters])},")
 
 
 def _space(names: Sequence[str], bounds: Sequence[tuple[float, float]]) -> str:
@@ -128,8 +136,8 @@ def _double_quoted(text: str) -> str:
 
 
 def _geometry(deck: Deck) -> str:
-    outside = any(repr(OUTSIDE_SURFACE) in pair.text for pair in deck.pairs)
-    text = "hhr.WithOutside(MESH)" if outside else "hhr.MeshFile(MESH)"
+    has_outside = any(repr(OUTSIDE_SURFACE) in pair.text for pair in deck.pairs)
+    text = "hhr.WithOutside(MESH)" if has_outside else "hhr.MeshFile(MESH)"
     if deck.sides:
         text = "hhr.WithOutside(MESH, sides=True)"
     if deck.cuts:
@@ -146,7 +154,7 @@ def _outputs(pairs: Sequence[Pair]) -> Iterator[str]:
 
 
 def _has_laws(deck: Deck) -> bool:
-    return any(item.material.law for item in deck.sections)
+    return any(section.material.law for section in deck.sections)
 
 
 def _instructions(deck: Deck, target: Path, parameters: Sequence[Proposed]) -> Iterator[str]:
@@ -163,14 +171,14 @@ def _instructions(deck: Deck, target: Path, parameters: Sequence[Proposed]) -> I
         yield f"    hhr march {target.name}    # the steps of the file, one after another"
     yield f"    hhr reduce {target.name}   # a small model for all of the box"
     yield ""
-    for one in (one for one in parameters if one.free):
-        value = "a proposal" if deck.proposal else f"and {one.value:g} in the file, {_origin(one)}"
-        yield f"Parameter {one.name}: {one.box[0]:g} to {one.box[1]:g}, {value}."
+    for mu in (mu for mu in parameters if mu.free):
+        value = "a proposal" if deck.proposal else f"and {mu.value:g} in the file, {_origin(mu)}"
+        yield f"Parameter {mu.name}: {mu.box[0]:g} to {mu.box[1]:g}, {value}."
 
 
 def _origin(parameter: Proposed) -> str:
     """Lines of a parameter, and its meaning if it is no number of these lines."""
-    lines = ", ".join(dict.fromkeys(item.source for item in parameter.items))
+    lines = ", ".join(dict.fromkeys(driven.source for driven in parameter.items))
     if parameter.name.startswith("temperature"):
         return f"{lines}: the largest change from the initial temperature"
     if len({*parameter.items.values()}) > 1:
@@ -178,17 +186,17 @@ def _origin(parameter: Proposed) -> str:
     return lines
 
 
-def _body(item: Section, amplitude_of: Mapping[Item, str]) -> Iterator[str]:
+def _body(section: Section, amplitude_of: Mapping[Item, str]) -> Iterator[str]:
     """Rows of a body, one for each argument if they are longer than a line."""
-    material = item.material
-    origin = f"{item.source}: {material.name}"
-    origin += f" of {material.source}" if material.source != item.source else ""
+    material = section.material
+    origin = f"{section.source}: {material.name}"
+    origin += f" of {material.source}" if material.source != section.source else ""
     origin += (
         ", constant after its table" if material.law.startswith("hhr.TabulatedHardening") else ""
     )
     arguments = [
-        repr(item.tag),
-        f"young={amplitude_of.get(item, repr(material.young))}",
+        repr(section.tag),
+        f"young={amplitude_of.get(section, repr(material.young))}",
         f"poisson={material.poisson!r}",
         *([f"law={material.law}"] if material.law else []),
     ]
@@ -216,42 +224,50 @@ def _pair(pair: Pair, amplitude_of: Mapping[Item, str]) -> str:
     )
     friction = f", friction={law}" if pair.friction else ""
     origin = pair.origin or (0.0,) * len(pair.motion)
-    place: tuple[float | str, ...] = tuple(a + b for a, b in zip(origin, pair.motion, strict=True))
+    position: tuple[float | str, ...] = tuple(
+        a + b for a, b in zip(origin, pair.motion, strict=True)
+    )
     if pair in amplitude_of:
         # the amplitude of the length of the motion: a name, or a name and its factor
         name, factor = re.findall(r"'(\w+)'(?:: ([^}]*))?", amplitude_of[pair])[0]
-        parts = [value / math.hypot(*pair.motion) * float(factor or 1) for value in pair.motion]
-        place = tuple(_coordinate(a, part, name) for a, part in zip(origin, parts, strict=True))
-    return f"{pair.text.replace('{}', friction).replace('{place}', repr(place))},  # {pair.source}"
+        slopes = [value / math.hypot(*pair.motion) * float(factor or 1) for value in pair.motion]
+        position = tuple(
+            _coordinate(a, slope, name) for a, slope in zip(origin, slopes, strict=True)
+        )
+    return (
+        f"{pair.text.replace('{}', friction).replace('{place}', repr(position))},  # {pair.source}"
+    )
 
 
-def _coordinate(start: float, part: float, name: str) -> float | str:
+def _coordinate(start: float, slope: float, name: str) -> float | str:
     """A coordinate that follows a parameter."""
-    return (f"{start!r} + {part!r} * {name}" if start else f"{part!r} * {name}") if part else start
+    return (
+        (f"{start!r} + {slope!r} * {name}" if start else f"{slope!r} * {name}") if slope else start
+    )
 
 
-def _constraint(item: DeckLoad, amplitude_of: Mapping[Item, str]) -> str:
-    amplitude = amplitude_of.get(item, repr(item.value))
-    text = item.text.replace("{}", amplitude) if item.value else item.text.replace(", {}", "")
-    return f"{text},  # {item.source}"
+def _constraint(load: DeckLoad, amplitude_of: Mapping[Item, str]) -> str:
+    amplitude = amplitude_of.get(load, repr(load.value))
+    text = load.text.replace("{}", amplitude) if load.value else load.text.replace(", {}", "")
+    return f"{text},  # {load.source}"
 
 
 def _supports(
     supports: Sequence[Support], dim: int, amplitude_of: Mapping[Item, str]
 ) -> Iterator[str]:
     """One line for each component that is imposed, or for all of them where they are held."""
-    held = [(item.place, item.source) for item in supports if not item.value]
-    for item in supports:
-        end = f"),  # {item.source}"
-        if item.value:
+    held = [(support.place, support.source) for support in supports if not support.value]
+    for support in supports:
+        end = f"),  # {support.source}"
+        if support.value:
             yield (
-                f"hhr.Displacement({item.place!r}, {item.component}, "
-                f"{amplitude_of.get(item, repr(item.value))}{end}"
+                f"hhr.Displacement({support.place!r}, {support.component}, "
+                f"{amplitude_of.get(support, repr(support.value))}{end}"
             )
-        elif held.count((item.place, item.source)) < dim:
-            yield f"hhr.Displacement({item.place!r}, {item.component}{end}"
-        elif item.component == 0:
-            yield f"*hhr.Displacement.clamp({item.place!r}, {dim}{end}"
+        elif held.count((support.place, support.source)) < dim:
+            yield f"hhr.Displacement({support.place!r}, {support.component}{end}"
+        elif support.component == 0:
+            yield f"*hhr.Displacement.clamp({support.place!r}, {dim}{end}"
 
 
 def _openings(pairs: Sequence[Pair], amplitude_of: Mapping[Item, str]) -> Iterator[str]:
@@ -270,8 +286,8 @@ def _paths(deck: Deck, parameters: Sequence[Proposed]) -> Iterator[str]:
     """Paths for the reduction of inelastic bodies: from the corner of the box with the smallest
     loads to any point.
     """
-    start = {one.name: min(one.box, key=abs) for one in parameters}
-    to = {one.name: one.name for one in parameters}
+    start = {mu.name: min(mu.box, key=abs) for mu in parameters}
+    to = {mu.name: mu.name for mu in parameters}
     yield "# load paths for hhr reduce: from the smallest loads of the box to any of its points"
     yield "PATHS = hhr.PathFamily("
     yield "    'loading',"
@@ -284,7 +300,7 @@ def _paths(deck: Deck, parameters: Sequence[Proposed]) -> Iterator[str]:
 
 def _steps(history: DeckHistory, parameters: Sequence[Proposed]) -> Iterator[str]:
     """Paths over the steps of the deck, with values within the boxes of the parameters."""
-    free = [one for one in parameters if one.free]
+    free = [mu for mu in parameters if mu.free]
     yield (
         "# the steps of the file, for hhr march and hhr reduce: values at the ends of legs, "
         "seconds, number of steps"
@@ -292,12 +308,12 @@ def _steps(history: DeckHistory, parameters: Sequence[Proposed]) -> Iterator[str
     yield "PATHS = hhr.PathFamily("
     yield "    'steps',"
     yield "    scene.parameters,"
-    yield f"    {_space([one.name for one in free], [one.box for one in free])},"
-    yield f"    {{{', '.join(f'{one.name!r}: {one.at(0)}' for one in parameters)}}},"
+    yield f"    {_space([mu.name for mu in free], [mu.box for mu in free])},"
+    yield f"    {{{', '.join(f'{mu.name!r}: {mu.at(0)}' for mu in parameters)}}},"
     yield "    ("
     for number, (before, time) in enumerate(pairwise(history.times), 1):
-        changed = [one for one in parameters if one.course[number] != one.course[number - 1]]
-        to = ", ".join(f"{one.name!r}: {one.at(number)}" for one in changed)
+        changed = [mu for mu in parameters if mu.course[number] != mu.course[number - 1]]
+        to = ", ".join(f"{mu.name!r}: {mu.at(number)}" for mu in changed)
         yield f"        hhr.Leg({{{to}}}, {time - before!r}, {TRAINING_STEPS}),  # until {time:g} s"
     yield "    ),"
     yield ")"

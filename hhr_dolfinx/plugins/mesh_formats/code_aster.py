@@ -24,9 +24,13 @@ _OTHERS = ("TITRE", "TRIA7", "SEG4", "PENTA18", "PENTA21", "PYRAM19", "TETRA15",
 
 
 def read_mail(path: Path) -> RawMesh:
-    """Read a file; raise FileContentError, with the line, for a damaged one."""
-    found = Contents()
-    with found.reading(path) as lines:
+    """Read a mesh file of code_aster.
+
+    Raises:
+        FileContentError: with the line, for a damaged file.
+    """
+    contents = Contents()
+    with contents.reading(path) as lines:
         # NOM = A is one word, and comments begin with %
         words = (
             word
@@ -36,36 +40,38 @@ def read_mail(path: Path) -> RawMesh:
         for word in words:
             if word.upper() == "FIN":
                 break
-            _block(found, word.upper(), words)
-    return found.mesh(path)
+            _block(contents, word.upper(), words)
+    return contents.mesh(path)
 
 
-def _block(found: Contents, head: str, words: Iterator[str]) -> None:
+def _block(contents: Contents, head: str, words: Iterator[str]) -> None:
     """Read a block up to FINSF; ValueError for an unknown one, or one that ends too soon."""
     if head not in _WIDTHS and head not in ("GROUP_MA", "GROUP_NO", *_OTHERS):
         raise ValueError(f"'{head}' begins no block of a mesh of code_aster")
     name = ""
-    item: list[str] = []
+    row: list[str] = []
     for word in words:
         if word.upper() == "FINSF":
             break
         name = word[4:] if word.upper().startswith("NOM=") else name
-        item += [word] if "=" not in word else []
-        if len(item) == _WIDTHS.get(head):
+        row += [word] if "=" not in word else []
+        if len(row) == _WIDTHS.get(head):
             if head in _KINDS:
-                found.add(_KINDS[head], item[0], item[1:])
+                contents.add(_KINDS[head], row[0], row[1:])
             else:
-                found.points[item[0]] = [
-                    float(number.upper().replace("D", "E")) for number in item[1:]
+                contents.points[row[0]] = [
+                    float(number.upper().replace("D", "E")) for number in row[1:]
                 ]
-            item = []
+            row = []
     else:
         raise ValueError(f"the block {head} has no FINSF")
-    if head in _WIDTHS and item:
-        raise ValueError(f"the last item of {head} has {len(item)} words, and not {_WIDTHS[head]}")
+    if head in _WIDTHS and row:
+        raise ValueError(f"the last item of {head} has {len(row)} words, and not {_WIDTHS[head]}")
     if head.startswith("GROUP"):
         # the name stands after NOM, or is the first word
-        name, *members = [name, *item] if name else item
-        (found.sets if head == "GROUP_MA" else found.nodes).setdefault(name, []).extend(members)
+        name, *members = [name, *row] if name else row
+        (contents.sets if head == "GROUP_MA" else contents.nodes).setdefault(name, []).extend(
+            members
+        )
     elif head in _OTHERS[1:]:
-        found.left_out[head] = "elements of this kind are not read"
+        contents.left_out[head] = "elements of this kind are not read"

@@ -52,16 +52,29 @@ class Contents:
 
     @contextmanager
     def reading(self, path: Path) -> Iterator[Iterator[str]]:
-        """Lines of a file, counted; errors become FileContentError with the line."""
+        """Lines of a file, counted.
+
+        Raises:
+            FileContentError: with the line, for errors while the lines are read.
+        """
         try:
             text = path.read_text(encoding="utf-8-sig", errors="replace")
             yield (line for self.line, line in enumerate(text.splitlines(), start=1))
         except (ValueError, IndexError, KeyError, OSError) as error:
-            what = f"there is no {error}" if isinstance(error, KeyError) else error
-            raise FileContentError(f"{path}, line {self.line}: {what}") from error
+            reason = f"there is no {error}" if isinstance(error, KeyError) else error
+            raise FileContentError(f"{path}, line {self.line}: {reason}") from error
 
     def add(self, kind: str, element: Hashable, nodes: Sequence[Hashable]) -> None:
-        """Add an element; ValueError if it has another number of nodes."""
+        """Add an element.
+
+        Args:
+            kind: meshio's kind of the element.
+            element: its name or number.
+            nodes: its nodes.
+
+        Raises:
+            ValueError: if it has another number of nodes than its kind.
+        """
         if len(nodes) != COUNTS[kind]:
             raise ValueError(
                 f"an element of kind {kind} has {len(nodes)} nodes, and not {COUNTS[kind]}"
@@ -69,37 +82,41 @@ class Contents:
         self.elements.setdefault(kind, {})[element] = nodes
 
     def mesh(self, path: Path) -> RawMesh:
-        """The mesh; FileContentError for an element with a node that is not in the file."""
-        place = {node: k for k, node in enumerate(self.points)}
-        points = np.array(list(self.points.values())).reshape(len(place), -1 if place else 3)
+        """The mesh of the contents.
+
+        Raises:
+            FileContentError: for an element with a node that is not in the file.
+        """
+        index = {node: k for k, node in enumerate(self.points)}
+        points = np.array(list(self.points.values())).reshape(len(index), -1 if index else 3)
         blocks = []
-        for kind, own in self.elements.items():
-            lost = {node for nodes in own.values() for node in nodes} - place.keys()
+        for kind, members in self.elements.items():
+            lost = {node for nodes in members.values() for node in nodes} - index.keys()
             if lost:
                 raise FileContentError(
                     f"{path}: a {kind} names node {min(map(str, lost))}, which is not in the file"
                 )
-            nodes = np.array([[place[node] for node in row] for row in own.values()])
-            row_of = {element: k for k, element in enumerate(own)}
+            nodes = np.array([[index[node] for node in row] for row in members.values()])
+            row_of = {element: k for k, element in enumerate(members)}
             rows_of = {
-                name: {row_of[one] for one in own if one in row_of}
-                for name, own in self.sets.items()
+                name: {row_of[member] for member in members if member in row_of}
+                for name, members in self.sets.items()
             }
             sets = {name: np.array(sorted(rows)) for name, rows in rows_of.items() if rows}
             blocks.append(Elements(kind, _in_order_of_vtk(kind, points, nodes), sets=sets))
-        kept = {
-            str(name): [place[one] for one in own if one in place]
-            for name, own in self.nodes.items()
+        node_sets = {
+            str(name): [index[member] for member in members if member in index]
+            for name, members in self.nodes.items()
         }
-        nodes_of = {name: np.array(rows, dtype=np.int64) for name, rows in kept.items()}
-        there = {name for block in blocks for name in block.sets} | {
-            name for name, rows in kept.items() if rows
+        nodes_of = {name: np.array(rows, dtype=np.int64) for name, rows in node_sets.items()}
+        present = {name for block in blocks for name in block.sets} | {
+            name for name, rows in node_sets.items() if rows
         }
         named = [*self.sets.items(), *self.nodes.items()]
         reasons = {
-            key: f"none of its {len(own)} members is in the file"
-            for key, own in named
-            if own and key not in there
+            key: f"none of its {len(members)} members is in the file"
+            for key, members in named
+            if members and key not in present
         }
         return raw_mesh(points, blocks, path, nodes=nodes_of, left_out={**reasons, **self.left_out})
 
@@ -118,9 +135,12 @@ def _in_order_of_vtk(kind: str, points: np.ndarray, nodes: np.ndarray) -> np.nda
     listed = orders[
         int(
             np.argmin(
-                [np.linalg.norm(points[nodes[:, 8:20]] - one, axis=2).sum() for one in middles]
+                [
+                    np.linalg.norm(points[nodes[:, 8:20]] - middle, axis=2).sum()
+                    for middle in middles
+                ]
             )
         )
     ]
-    places = [8 + [set(edge) for edge in listed].index(set(edge)) for edge in EDGES["hexahedron"]]
-    return nodes[:, [*range(8), *places, *range(20, nodes.shape[1])]]
+    columns = [8 + [set(edge) for edge in listed].index(set(edge)) for edge in EDGES["hexahedron"]]
+    return nodes[:, [*range(8), *columns, *range(20, nodes.shape[1])]]

@@ -22,81 +22,90 @@ _KINDS = dict(
 
 
 def read_feb(path: Path) -> RawMesh:
-    """Read a file; raise FileContentError, with the line, for a damaged one, or a mesh in another
-    file.
+    """Read a file of FEBio.
 
     A DOCTYPE is refused: entities that it declares may expand to gigabytes, or read other files.
+
+    Raises:
+        FileContentError: with the line, for a damaged file, or a mesh in another file.
     """
-    found = Contents()
+    contents = Contents()
     parser = expat.ParserCreate()
-    inside: list[Element] = []
+    open_elements: list[Element] = []
 
     def end(tag: str) -> None:
-        item = inside.pop()
-        if len(inside) > 1 and inside[1].tag in ("Mesh", "Geometry"):
-            _take(found, item, inside[-1])
+        element = open_elements.pop()
+        if len(open_elements) > 1 and open_elements[1].tag in ("Mesh", "Geometry"):
+            _take(contents, element, open_elements[-1])
 
     def data(text: str) -> None:
-        inside[-1].text = (inside[-1].text or "") + text
+        open_elements[-1].text = (open_elements[-1].text or "") + text
 
     def refuse(*_: object) -> None:
+        """Raise ValueError for a DOCTYPE."""
         raise ValueError("files of FEBio have no <!DOCTYPE>")
 
-    parser.StartElementHandler = lambda tag, attributes: inside.append(Element(tag, attributes))
+    parser.StartElementHandler = lambda tag, attributes: open_elements.append(
+        Element(tag, attributes)
+    )
     parser.EndElementHandler = end
     parser.CharacterDataHandler = data
     parser.StartDoctypeDeclHandler = refuse
     parser.buffer_text = True
-    with found.reading(path):
+    with contents.reading(path):
         try:
             parser.Parse(path.read_bytes(), True)
-            if not found.points:
+            if not contents.points:
                 raise ValueError(
                     "there is no <Mesh> or <Geometry> with nodes: save all in one file"
                 )
         except expat.ExpatError as error:
             raise ValueError(f"no XML: {error}") from error
         finally:
-            found.line = parser.CurrentLineNumber
-    return found.mesh(path)
+            contents.line = parser.CurrentLineNumber
+    return contents.mesh(path)
 
 
-def _take(found: Contents, item: Element, block: Element) -> None:
+def _take(contents: Contents, element: Element, block: Element) -> None:
     """Add an item of a block of the mesh, or numbers that are the text of a set."""
-    words = (item.text or "").replace(",", " ").split()
+    words = (element.text or "").replace(",", " ").split()
     # files of version 2 name their elements by elset
     name = block.get("name", block.get("elset", ""))
     if block.tag == "Nodes":
-        found.points[item.attrib["id"]] = [float(word) for word in words]
+        contents.points[element.attrib["id"]] = [float(word) for word in words]
     elif block.tag == "Elements" and (kind := _KINDS.get(block.attrib["type"].lower())):
         # further nodes lie inside of the element
-        found.add(kind, item.attrib["id"], words[: COUNTS[kind]])
-        found.sets.setdefault(name or int(block.get("mat", "1")), []).append(item.attrib["id"])
+        contents.add(kind, element.attrib["id"], words[: COUNTS[kind]])
+        contents.sets.setdefault(name or int(block.get("mat", "1")), []).append(
+            element.attrib["id"]
+        )
     elif block.tag == "Elements":
-        found.left_out[name or block.attrib["type"]] = (
+        contents.left_out[name or block.attrib["type"]] = (
             f"elements of type {block.attrib['type']} are not read"
         )
     elif block.tag in ("Surface", "Edge"):
-        found.add(_KINDS[item.tag.lower()], (name, item.attrib["id"]), words)
-        found.sets.setdefault(name, []).append((name, item.attrib["id"]))
-    elif item.tag in ("NodeSet", "ElementSet") or block.tag in ("NodeSet", "ElementSet"):
-        whole = item.tag.endswith("Set")
-        sets = found.nodes if "NodeSet" in (item.tag, block.tag) else found.sets
+        contents.add(_KINDS[element.tag.lower()], (name, element.attrib["id"]), words)
+        contents.sets.setdefault(name, []).append((name, element.attrib["id"]))
+    elif element.tag in ("NodeSet", "ElementSet") or block.tag in ("NodeSet", "ElementSet"):
+        is_set = element.tag.endswith("Set")
+        sets = contents.nodes if "NodeSet" in (element.tag, block.tag) else contents.sets
         members = (
-            [one for word in words for one in _members(word)] if whole else [item.attrib["id"]]
+            [number for word in words for number in _members(word)]
+            if is_set
+            else [element.attrib["id"]]
         )
-        sets.setdefault(item.get("name", "") if whole else name, []).extend(members)
+        sets.setdefault(element.get("name", "") if is_set else name, []).extend(members)
 
 
 def _members(word: str) -> Iterator[str]:
     """Numbers of a word of a set: one number, or a range with both ends, such as ``1:7`` or
     ``1:7:2``.
     """
-    first, *rest = word.split(":")
-    if not rest:
+    first, *bounds = word.split(":")
+    if not bounds:
         yield word
         return
-    if len(rest) > 2:
+    if len(bounds) > 2:
         raise ValueError(f"{word!r} is no range of numbers, first:last or first:last:step")
-    last, step = (*map(int, rest), 1)[:2]
+    last, step = (*map(int, bounds), 1)[:2]
     yield from map(str, range(int(first), last + 1, step))

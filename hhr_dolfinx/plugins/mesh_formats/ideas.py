@@ -38,42 +38,45 @@ edges, then the top.
 
 
 def read_unv(path: Path) -> RawMesh:
-    """Read a file; raise FileContentError, with the line, for a damaged one.
+    """Read a universal file.
 
     Groups are bodies, surfaces and sets of nodes by name. Elements of a dimension of which no group
     has any belong to the numbers of their physical properties.
+
+    Raises:
+        FileContentError: with the line, for a damaged file.
     """
-    found = Contents()
+    contents = Contents()
     properties: dict[str, int] = {}
-    with found.reading(path) as lines:
+    with contents.reading(path) as lines:
         for line in lines:
             if line.strip() != "-1":
                 continue
             kind = next(lines, "").strip()
             rows = (row.split() for row in takewhile(lambda row: row.strip() != "-1", lines))
             if kind in _NODES:
-                _nodes(found, rows, _NODES[kind])
+                _nodes(contents, rows, _NODES[kind])
             elif kind in _ELEMENTS:
-                _elements(found, rows, _ELEMENTS[kind], properties)
+                _elements(contents, rows, _ELEMENTS[kind], properties)
             elif kind in _GROUPS:
-                _groups(found, rows, _GROUPS[kind])
+                _groups(contents, rows, _GROUPS[kind])
             else:
                 for _ in rows:
                     pass
-    _by_property(found, properties)
-    return found.mesh(path)
+    _by_property(contents, properties)
+    return contents.mesh(path)
 
 
-def _nodes(found: Contents, rows: Iterator[list[str]], two_rows: bool) -> None:
+def _nodes(contents: Contents, rows: Iterator[list[str]], two_rows: bool) -> None:
     for row in rows:
-        place = next(rows, []) if two_rows else row[4:]
-        if len(place) < 3:
-            raise ValueError(f"node {row[0]} has {len(place)} coordinates, and not 3")
-        found.points[row[0]] = [float(word.upper().replace("D", "E")) for word in place[:3]]
+        words = next(rows, []) if two_rows else row[4:]
+        if len(words) < 3:
+            raise ValueError(f"node {row[0]} has {len(words)} coordinates, and not 3")
+        contents.points[row[0]] = [float(word.upper().replace("D", "E")) for word in words[:3]]
 
 
 def _elements(
-    found: Contents, rows: Iterator[list[str]], column: int, properties: dict[str, int]
+    contents: Contents, rows: Iterator[list[str]], column: int, properties: dict[str, int]
 ) -> None:
     """Add elements and their properties; those of unknown kinds are left out."""
     for row in rows:
@@ -98,15 +101,15 @@ def _elements(
         )
         if len(nodes) in kinds:
             kind = kinds[len(nodes)]
-            found.add(kind, row[0], [nodes[k] for k in _AROUND.get(kind, range(len(nodes)))])
+            contents.add(kind, row[0], [nodes[k] for k in _AROUND.get(kind, range(len(nodes)))])
             properties[row[0]] = int(row[column])
         else:
-            found.left_out[f"type {type_}"] = (
+            contents.left_out[f"type {type_}"] = (
                 f"elements of this type, with {count} nodes, are not read"
             )
 
 
-def _groups(found: Contents, rows: Iterator[list[str]], width: int) -> None:
+def _groups(contents: Contents, rows: Iterator[list[str]], width: int) -> None:
     """Add groups: a head that ends in the count, a name, and members."""
     for head in rows:
         count = int(head[-1])
@@ -116,20 +119,26 @@ def _groups(found: Contents, rows: Iterator[list[str]], width: int) -> None:
         if len(words) != count * values:
             raise ValueError(f"group '{name}' has {len(words) // values} members, and not {count}")
         members = list(zip(words[::values], words[1::values], strict=True))
-        for sets, code in ((found.sets, _OF_ELEMENTS), (found.nodes, _OF_NODES)):
-            if own := [str(number) for type_, number in members if type_ == code]:
-                sets.setdefault(name, []).extend(own)
-        if others := sorted({type_ for type_, _ in members} - {_OF_ELEMENTS, _OF_NODES}):
-            found.left_out[f"{name}, type {others[0]}"] = (
+        for sets, code in ((contents.sets, _OF_ELEMENTS), (contents.nodes, _OF_NODES)):
+            if numbers := [str(number) for type_, number in members if type_ == code]:
+                sets.setdefault(name, []).extend(numbers)
+        if unknown := sorted({type_ for type_, _ in members} - {_OF_ELEMENTS, _OF_NODES}):
+            contents.left_out[f"{name}, type {unknown[0]}"] = (
                 "members of this type are no nodes and no elements"
             )
 
 
-def _by_property(found: Contents, properties: dict[str, int]) -> None:
+def _by_property(contents: Contents, properties: dict[str, int]) -> None:
     """Add sets of elements by their properties, in dimensions of which no group has elements."""
     dims = dict.fromkeys(SOLID_KINDS.values(), 3) | dict.fromkeys(PLANE_KINDS.values(), 2)
-    dimension = {one: dims.get(kind, 1) for kind, own in found.elements.items() for one in own}
-    grouped = {dimension.get(str(one)) for own in found.sets.values() for one in own}
+    dimension = {
+        member: dims.get(kind, 1)
+        for kind, members in contents.elements.items()
+        for member in members
+    }
+    grouped = {
+        dimension.get(str(member)) for members in contents.sets.values() for member in members
+    }
     for element, number in properties.items():
         if dimension[element] not in grouped:
-            found.sets.setdefault(number, []).append(element)
+            contents.sets.setdefault(number, []).append(element)

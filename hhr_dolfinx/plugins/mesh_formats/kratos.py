@@ -18,23 +18,26 @@ _NUMBERED = ("Elements", "Conditions", "Geometries")
 
 
 def read_mdpa(path: Path) -> RawMesh:
-    """Read a file; raise FileContentError, with the line, for a damaged one.
+    """Read a mesh file of Kratos.
 
     A part within another one is ``Outer.Inner``, and ``Inner`` too if no other part is called so.
+
+    Raises:
+        FileContentError: with the line, for a damaged file.
     """
-    found = Contents()
-    with found.reading(path) as lines:
+    contents = Contents()
+    with contents.reading(path) as lines:
         rows = (row for line in lines if (row := line.partition("//")[0].split()))
         for row in rows:
             if row[0] != "Begin":
                 raise ValueError(f"'{' '.join(row)}' begins no block")
-            _block(found, row, rows)
-    short = {full: str(full).rpartition(".")[2] for full in found.sets}
+            _block(contents, row, rows)
+    short = {full: str(full).rpartition(".")[2] for full in contents.sets}
     for full, name in short.items():
         if "." in str(full) and list(short.values()).count(name) == 1:
-            found.sets[name] = found.sets[full]
-            found.nodes[name] = found.nodes.get(full, [])
-    return found.mesh(path)
+            contents.sets[name] = contents.sets[full]
+            contents.nodes[name] = contents.nodes.get(full, [])
+    return contents.mesh(path)
 
 
 def _inside(kind: str, rows: Iterator[list[str]]) -> Iterator[list[str]]:
@@ -48,23 +51,23 @@ def _inside(kind: str, rows: Iterator[list[str]]) -> Iterator[list[str]]:
     raise ValueError(f"a block of {kind} has no end")
 
 
-def _block(found: Contents, head: list[str], rows: Iterator[list[str]]) -> None:
+def _block(contents: Contents, head: list[str], rows: Iterator[list[str]]) -> None:
     """Read one block; those without a mesh are skipped."""
     kind = head[1]
     if kind == "SubModelPart":
-        _part(found, head[2], rows)
+        _part(contents, head[2], rows)
         return
     for row in _inside(kind, rows):
         if row[0] == "Begin":
-            _block(found, row, rows)
+            _block(contents, row, rows)
         elif kind == "Nodes":
-            found.points[row[0]] = [float(word) for word in row[1:4]]
+            contents.points[row[0]] = [float(word) for word in row[1:4]]
         elif kind in _NUMBERED:
             # a geometry has no property
             nodes = row[1:] if kind == "Geometries" else row[2:]
-            found.add(_kind_of(head[2], kind, len(nodes)), (kind, row[0]), nodes)
+            contents.add(_kind_of(head[2], kind, len(nodes)), (kind, row[0]), nodes)
             if kind == "Elements":
-                found.sets.setdefault(int(row[1]), []).append((kind, row[0]))
+                contents.sets.setdefault(int(row[1]), []).append((kind, row[0]))
 
 
 def _kind_of(name: str, kind: str, count: int) -> str:
@@ -83,17 +86,17 @@ def _kind_of(name: str, kind: str, count: int) -> str:
     return kinds[count]
 
 
-def _part(found: Contents, name: str, rows: Iterator[list[str]]) -> None:
+def _part(contents: Contents, name: str, rows: Iterator[list[str]]) -> None:
     """Read a part of the model: its elements and conditions, or its nodes if it has neither, and
     the parts in it.
     """
     members: list[tuple[str, str]] = []
     for row in _inside("SubModelPart", rows):
         if row[:2] == ["Begin", "SubModelPart"]:
-            _part(found, f"{name}.{row[2]}", rows)
+            _part(contents, f"{name}.{row[2]}", rows)
         elif row[0] == "Begin":
             kind = row[1].removeprefix("SubModelPart")
-            members += [(kind, number) for one in _inside(row[1], rows) for number in one]
-    found.sets[name] = [one for one in members if one[0] in _NUMBERED]
-    if not found.sets[name]:
-        found.nodes[name] = [number for kind, number in members if kind == "Nodes"]
+            members += [(kind, number) for line in _inside(row[1], rows) for number in line]
+    contents.sets[name] = [member for member in members if member[0] in _NUMBERED]
+    if not contents.sets[name]:
+        contents.nodes[name] = [number for kind, number in members if kind == "Nodes"]

@@ -17,30 +17,34 @@ Rows = list[tuple[int, str]]  # with their lines
 
 
 def read_keywords(path: Path) -> RawMesh:
-    """Read a file with its includes; raise FileContentError, with the line, for a damaged one."""
-    found = Contents()
+    """Read a keyword file with its includes.
+
+    Raises:
+        FileContentError: with the line, for a damaged file.
+    """
+    contents = Contents()
     titles: dict[int, str] = {}
-    _read(found, titles, path)
+    _read(contents, titles, path)
     for number, title in titles.items():
-        if title and number in found.sets:
-            found.sets.setdefault(title, []).extend(found.sets[number])
-    for name, parts in found.unions.items():
-        found.sets.setdefault(name, []).extend(
-            one for number in parts for one in found.sets.get(number, ())
+        if title and number in contents.sets:
+            contents.sets.setdefault(title, []).extend(contents.sets[number])
+    for name, part_numbers in contents.unions.items():
+        contents.sets.setdefault(name, []).extend(
+            element for number in part_numbers for element in contents.sets.get(number, ())
         )
-    return found.mesh(path)
+    return contents.mesh(path)
 
 
-def _read(found: Contents, titles: dict[int, str], path: Path) -> None:
+def _read(contents: Contents, titles: dict[int, str], path: Path) -> None:
     keyword = ""
     usual = "-"
     rows: Rows = []
-    with found.reading(path) as lines:
+    with contents.reading(path) as lines:
         for line in lines:
             if line.upper().startswith("*END"):
                 break
             if line.startswith("*"):
-                _take(found, titles, keyword, rows, path)
+                _take(contents, titles, keyword, rows, path)
                 # writers add (ten nodes format) to solids, whose nodes are in the next row
                 keyword = line[1:].partition("(")[0].strip().upper()
                 options = keyword.replace(" ", "")
@@ -49,11 +53,11 @@ def _read(found: Contents, titles: dict[int, str], path: Path) -> None:
                 keyword += "" if keyword.endswith(("+", "-", "%")) else usual
                 rows = []
             elif not line.startswith("$"):
-                rows.append((found.line, line))
-        _take(found, titles, keyword, rows, path)
+                rows.append((contents.line, line))
+        _take(contents, titles, keyword, rows, path)
 
 
-def _take(found: Contents, titles: dict[int, str], keyword: str, rows: Rows, path: Path) -> None:
+def _take(contents: Contents, titles: dict[int, str], keyword: str, rows: Rows, path: Path) -> None:
     """Add a block; blocks that are not part of a mesh are skipped.
 
     ``*NODE+`` has fields of 20 letters, as all blocks after ``LONG=Y``, and ``*NODE %`` of 10 and
@@ -63,60 +67,62 @@ def _take(found: Contents, titles: dict[int, str], keyword: str, rows: Rows, pat
     width = 20 if keyword.endswith("+") else 8 if short else 10
     keyword = keyword.rstrip("+-% ")
     if keyword == "NODE":
-        for found.line, row in rows:
-            node, *place = _fields(row, width, max(width, 16))
-            found.points[int(_number(node))] = [_number(word) for word in (*place, "", "", "")[:3]]
+        for contents.line, row in rows:
+            node, *coordinates = _fields(row, width, max(width, 16))
+            contents.points[int(_number(node))] = [
+                _number(word) for word in (*coordinates, "", "", "")[:3]
+            ]
     elif keyword == "ELEMENT_SHELL":
-        _elements(found, PLANE_KINDS, keyword, rows, width)
+        _elements(contents, PLANE_KINDS, keyword, rows, width)
     elif solid := _SOLID.fullmatch(keyword):
-        _elements(found, SOLID_KINDS, "ELEMENT_SOLID", rows, width, _COUNTED.get(solid[1], 0))
+        _elements(contents, SOLID_KINDS, "ELEMENT_SOLID", rows, width, _COUNTED.get(solid[1], 0))
     elif keyword == "PART":
-        for (_, title), (found.line, row) in zip(rows[::2], rows[1::2], strict=False):
+        for (_, title), (contents.line, row) in zip(rows[::2], rows[1::2], strict=False):
             titles[_numbers(row, width, 1)[0]] = title.strip()
     elif keyword == "INCLUDE":
-        for found.line, row in rows:
-            _read(found, titles, path.parent / row.strip())
+        for contents.line, row in rows:
+            _read(contents, titles, path.parent / row.strip())
     elif of := _SET.fullmatch(keyword):
         title = rows[0][1].strip() if keyword.endswith("_TITLE") else ""
         titled = keyword.endswith("_TITLE")
         # the first row goes on with attributes and the name of a solver
         numbers = [
             _numbers(row, width, None if k else 1)
-            for k, (found.line, row) in enumerate(rows[titled:])
+            for k, (contents.line, row) in enumerate(rows[titled:])
         ]
-        _set(found, of[1], title, numbers, bool(of[2]))
+        _set(contents, of[1], title, numbers, bool(of[2]))
     elif keyword.startswith(("ELEMENT_", "SET_", "INCLUDE_", "NODE_")):
-        found.left_out[f"*{keyword}"] = "blocks of this kind are not read"
+        contents.left_out[f"*{keyword}"] = "blocks of this kind are not read"
 
 
-def _set(found: Contents, what: str, title: str, rows: list[list[int]], ranges: bool) -> None:
+def _set(contents: Contents, kind: str, title: str, rows: list[list[int]], ranges: bool) -> None:
     """Add a set by its title or its number, which is in its first row.
 
     Members may be ranges, first and last each.
     """
     number = rows[0][0]
-    members = [one for row in rows[1:] for one in row if one]
+    members = [member for row in rows[1:] for member in row if member]
     if ranges:
         pairs = zip(members[::2], members[1::2], strict=True)
-        members = [one for first, last in pairs for one in range(first, last + 1)]
-    if what == "NODE":
-        found.nodes[title or f"nodes {number}"] = [*members]
-    elif what == "PART":
+        members = [member for first, last in pairs for member in range(first, last + 1)]
+    if kind == "NODE":
+        contents.nodes[title or f"nodes {number}"] = [*members]
+    elif kind == "PART":
         # its parts may follow
-        found.unions[title or f"parts {number}"] = [*members]
-    elif what != "SEGMENT":
-        name = title or f"{what.lower()}s {number}"
-        found.sets.setdefault(name, []).extend((f"ELEMENT_{what}", one) for one in members)
-    for k, row in enumerate(rows[1:] if what == "SEGMENT" else ()):
+        contents.unions[title or f"parts {number}"] = [*members]
+    elif kind != "SEGMENT":
+        name = title or f"{kind.lower()}s {number}"
+        contents.sets.setdefault(name, []).extend((f"ELEMENT_{kind}", member) for member in members)
+    for k, row in enumerate(rows[1:] if kind == "SEGMENT" else ()):
         nodes = list(dict.fromkeys(node for node in row[:4] if node))
-        found.add(
-            (LOW_KINDS if len(nodes) == 2 else PLANE_KINDS)[len(nodes)], (what, number, k), nodes
+        contents.add(
+            (LOW_KINDS if len(nodes) == 2 else PLANE_KINDS)[len(nodes)], (kind, number, k), nodes
         )
-        found.sets.setdefault(title or number, []).append((what, number, k))
+        contents.sets.setdefault(title or number, []).append((kind, number, k))
 
 
 def _elements(
-    found: Contents, kinds: dict[int, str], keyword: str, rows: Rows, width: int, count: int = 0
+    contents: Contents, kinds: dict[int, str], keyword: str, rows: Rows, width: int, count: int = 0
 ) -> None:
     """Add solids or shells.
 
@@ -126,17 +132,17 @@ def _elements(
     ``count``.
     """
     held: list[int] = []
-    for found.line, row in rows:
+    for contents.line, row in rows:
         held += _numbers(row.rstrip().rstrip(","), width)
         if len(held) > 2 and len(held) - 2 >= count and (count or not row.rstrip().endswith(",")):
-            element, part, *nodes = held
+            element, part_number, *nodes = held
             nodes = list(dict.fromkeys(node for node in nodes if node))
             if len(nodes) not in kinds:
                 raise ValueError(
                     f"element {element} has {len(nodes)} nodes, which is not understood"
                 )
-            found.add(kinds[len(nodes)], (keyword, element), nodes)
-            found.sets.setdefault(part, []).append((keyword, element))
+            contents.add(kinds[len(nodes)], (keyword, element), nodes)
+            contents.sets.setdefault(part_number, []).append((keyword, element))
             held = []
     if held:
         raise ValueError(f"element {held[0]} has {'too few' if len(held) > 2 else 'no'} nodes")
@@ -147,10 +153,13 @@ def _fields(row: str, *widths: int) -> list[str]:
     if "," in row:
         return [word.strip() for word in row.split(",")]
     first = row[: widths[0]]
-    rest = row[widths[0] :].rstrip()
+    remaining = row[widths[0] :].rstrip()
     return [
         word.strip()
-        for word in (first, *(rest[k : k + widths[-1]] for k in range(0, len(rest), widths[-1])))
+        for word in (
+            first,
+            *(remaining[k : k + widths[-1]] for k in range(0, len(remaining), widths[-1])),
+        )
     ]
 
 

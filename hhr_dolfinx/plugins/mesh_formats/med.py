@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,11 +12,15 @@ from hhr_dolfinx.compat import netcdf_read
 from hhr_dolfinx.geometries.mesh_file import read_by_gmsh
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
+if TYPE_CHECKING:
+    from netCDF4 import Dataset
+
 
 def read_med(path: Path) -> RawMesh:
     """Read a file of Salome, code_aster or gmsh.
 
-    Raise FileContentError for one without cells of one kind.
+    Raises:
+        FileContentError: for a file without cells of one kind.
     """
     return read_by_gmsh(path, groups_of_nodes)
 
@@ -38,11 +42,11 @@ def groups_of_nodes(path: Path, points: np.ndarray, numbers: np.ndarray) -> dict
             data = stack.enter_context(netcdf_read(path, f"groups of nodes of {path}"))
         except OSError:
             return {}
-        found = _families_of_nodes(data, points[order])
-    return {name: order[rows] for name, rows in found.items()}
+        families = _families_of_nodes(data, points[order])
+    return {name: order[rows] for name, rows in families.items()}
 
 
-def _families_of_nodes(data: Any, points: np.ndarray) -> dict[str, np.ndarray]:
+def _families_of_nodes(data: Dataset, points: np.ndarray) -> dict[str, np.ndarray]:
     meshes = data["ENS_MAA"].groups if "ENS_MAA" in data.groups else {}
     for name, mesh in meshes.items():
         # a mesh without or with time steps
@@ -56,8 +60,10 @@ def _families_of_nodes(data: Any, points: np.ndarray) -> dict[str, np.ndarray]:
             or "FAM" not in nodes.variables
         ):
             continue
-        places = np.asarray(nodes["COO"][:]).reshape(-1, len(nodes["FAM"])).T
-        if places.shape[0] != len(points) or not np.allclose(places, points[:, : places.shape[1]]):
+        coordinates = np.asarray(nodes["COO"][:]).reshape(-1, len(nodes["FAM"])).T
+        if coordinates.shape[0] != len(points) or not np.allclose(
+            coordinates, points[:, : coordinates.shape[1]]
+        ):
             continue
         of = np.asarray(nodes["FAM"][:])
         return {
@@ -69,6 +75,6 @@ def _families_of_nodes(data: Any, points: np.ndarray) -> dict[str, np.ndarray]:
 
 def _name_of(family: str) -> str:
     """Name of the group after which a family is named."""
-    head, _, rest = family.partition("_")
-    number, _, name = rest.partition("_")
+    head, _, numbered = family.partition("_")
+    number, _, name = numbered.partition("_")
     return name if head == "FAM" and number.lstrip("-").isdigit() and name else family

@@ -47,27 +47,30 @@ def read_nastran(path: Path) -> RawMesh:
     Raises:
         FileContentError: with the line, for a damaged file.
     """
-    found = Contents()
+    contents = Contents()
     systems: dict[int, tuple[str, np.ndarray]] = {}
     turned: dict[str, str] = {}
-    _read(found, systems, turned, path)
-    with found.reading(path):
+    _read(contents, systems, turned, path)
+    with contents.reading(path):
         usual = turned.pop(DEFAULT_SYSTEM, "")
         for node, word in turned.items():
             if number := int(word or usual or 0):
-                found.points[node] = _in_space(found.points[node], systems, number)
-    return found.mesh(path)
+                contents.points[node] = _in_space(contents.points[node], systems, number)
+    return contents.mesh(path)
 
 
 def _read(
-    found: Contents, systems: dict[int, tuple[str, np.ndarray]], turned: dict[str, str], path: Path
+    contents: Contents,
+    systems: dict[int, tuple[str, np.ndarray]],
+    turned: dict[str, str],
+    path: Path,
 ) -> None:
-    with found.reading(path) as lines:
+    with contents.reading(path) as lines:
         for name, words in _cards(lines):
             if name == "INCLUDE":
-                _read(found, systems, turned, path.parent / words[0])
+                _read(contents, systems, turned, path.parent / words[0])
             else:
-                _take(found, systems, turned, name, words)
+                _take(contents, systems, turned, name, words)
 
 
 def _cards(lines: Iterator[str]) -> Iterator[tuple[str, list[str]]]:
@@ -77,8 +80,8 @@ def _cards(lines: Iterator[str]) -> Iterator[tuple[str, list[str]]]:
     """
     name = ""
     words: list[str] = []
-    for whole in lines:
-        line = whole.partition("$")[0].expandtabs(8).rstrip()
+    for raw_line in lines:
+        line = raw_line.partition("$")[0].expandtabs(8).rstrip()
         if re.match(r"\s*BEGIN\s+BULK", line, re.IGNORECASE):
             name = ""
         elif line.upper().startswith("ENDDATA"):
@@ -115,7 +118,7 @@ def _fields(line: str) -> tuple[str, list[str]]:
 
 
 def _take(
-    found: Contents,
+    contents: Contents,
     systems: dict[int, tuple[str, np.ndarray]],
     turned: dict[str, str],
     name: str,
@@ -123,7 +126,7 @@ def _take(
 ) -> None:
     """Add a card; those that are not part of a mesh are skipped."""
     if name == "GRID":
-        found.points[words[0]] = [_number(word) for word in words[2:5]]
+        contents.points[words[0]] = [_number(word) for word in words[2:5]]
         turned[words[0]] = words[1]
     elif name == "GRDSET":
         turned[DEFAULT_SYSTEM] = words[1]
@@ -138,7 +141,7 @@ def _take(
             np.array([_number(word) for word in words[2:11]]).reshape(3, 3),
         )
     elif name == "CONROD":
-        found.add("line", words[0], words[1:3])
+        contents.add("line", words[0], words[1:3])
     elif name in _KINDS:
         kinds, counts = _KINDS[name]
         nodes = [word for word in words[2 : 2 + counts[-1]] if word]
@@ -149,25 +152,25 @@ def _take(
                 f"{' or '.join(map(str, counts))}: elements of second order need all nodes on "
                 "their edges"
             )
-        found.add(kinds[len(nodes)], words[0], nodes)
+        contents.add(kinds[len(nodes)], words[0], nodes)
         if words[1]:
-            found.sets.setdefault(int(words[1]), []).append(words[0])
+            contents.sets.setdefault(int(words[1]), []).append(words[0])
     elif name == "SET1" and any(
         word and not word.isdigit() and word.upper() not in WORDS for word in words[1:]
     ):
-        found.left_out[f"SET1 {words[0]}"] = "its list has other words than numbers and THRU"
+        contents.left_out[f"SET1 {words[0]}"] = "its list has other words than numbers and THRU"
     elif name == "SET1":
-        found.nodes.setdefault(f"SET1 {words[0]}", []).extend(_members(words[1:]))
+        contents.nodes.setdefault(f"SET1 {words[0]}", []).extend(_members(words[1:]))
     elif _OTHERS.fullmatch(name):
-        found.left_out[name] = "elements of this kind are not read"
+        contents.left_out[name] = "elements of this kind are not read"
 
 
 def _members(words: Sequence[str]) -> Iterator[str]:
     """Numbers of a list in which ``1 THRU 9`` stands for all from 1 to 9."""
-    given = [word.upper() for word in words if word and not word.upper().startswith("SKIN")]
-    for k, word in enumerate(given):
+    items_of_list = [word.upper() for word in words if word and not word.upper().startswith("SKIN")]
+    for k, word in enumerate(items_of_list):
         if word == "THRU":
-            yield from map(str, range(int(given[k - 1]) + 1, int(given[k + 1])))
+            yield from map(str, range(int(items_of_list[k - 1]) + 1, int(items_of_list[k + 1])))
         else:
             yield str(int(word))
 
@@ -182,7 +185,7 @@ def _number(word: str) -> float:
 
 
 def _in_space(
-    place: Sequence[float], systems: dict[int, tuple[str, np.ndarray]], number: int
+    coordinates: Sequence[float], systems: dict[int, tuple[str, np.ndarray]], number: int
 ) -> list[float]:
     """Coordinates of a point of a rectangular, cylindrical or spherical system, with angles in
     degrees.
@@ -200,16 +203,16 @@ def _in_space(
     across = np.cross(upright, on_plane - origin)
     across /= np.linalg.norm(across)
     axes = np.array([np.cross(across, upright), across, upright])
-    first, second, third = place
+    first, second, third = coordinates
     if kind == "C":
         angle = np.deg2rad(second)
-        place = (first * np.cos(angle), first * np.sin(angle), third)
+        coordinates = (first * np.cos(angle), first * np.sin(angle), third)
     elif kind == "S":
         down, angle = np.deg2rad([second, third])
-        place = (
+        coordinates = (
             first * np.sin(down) * np.cos(angle),
             first * np.sin(down) * np.sin(angle),
             first * np.cos(down),
         )
-    found: list[float] = (origin + np.array(place) @ axes).tolist()
-    return found
+    point: list[float] = (origin + np.array(coordinates) @ axes).tolist()
+    return point

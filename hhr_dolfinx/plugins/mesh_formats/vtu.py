@@ -14,7 +14,11 @@ from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
 
 def read_vtu(path: Path) -> RawMesh:
-    """Read a file, as ParaView and DOLFINx write it; raise FileContentError for a damaged one."""
+    """Read a file, as ParaView and DOLFINx write it.
+
+    Raises:
+        FileContentError: for a damaged file, or one compressed by LZ4.
+    """
     if b"vtkLZ4DataCompressor" in path.read_bytes()[:1000]:
         raise FileContentError(
             f"{path} is compressed by LZ4: write it by ZLib, in ParaView's options of the writer"

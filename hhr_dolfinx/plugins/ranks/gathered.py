@@ -15,13 +15,13 @@ def gathered(full: FullOrderModel) -> FullOrderModel:
     model = copy(full)
     vars(model).pop("per_load", None)  # that of local rows
     model.problem = problem = full.problem.gathered(full.comm)
-    own = full.problem.own_stiffness  # raises an error if reductors cannot read it
-    whole = problem.own_stiffness
-    with full.store.of(own) as factors:
+    local_stiffness = full.problem.own_stiffness  # raises an error if reductors cannot read it
+    stiffness = problem.own_stiffness
+    with full.store.of(local_stiffness) as factors:
         assert isinstance(factors, FreeCholesky)
-        shared = full.group.shared_factors(factors, full.problem.rows, own, whole)
+        shared = full.group.shared_factors(factors, full.problem.rows, local_stiffness, stiffness)
     model.store = FactorStore(lambda _: shared)
-    with model.store.of(whole):
+    with model.store.of(stiffness):
         # a user-defined system is that of its parts, which were compared
         model.system = system_of(problem, lambda: model.stiffness, model._stiffness_of)
     response = full.spread.whole(full.stiffness.response) if full.stiffness.has_response else None

@@ -20,7 +20,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, vstack
 
 from hhr_dolfinx.errors import RankError, class_of
-from hhr_dolfinx.group import ProcessGroup, share
+from hhr_dolfinx.group import ProcessGroup, T, share
 from hhr_dolfinx.plugins.ranks.rows import RowsOfRanks
 from hhr_dolfinx.plugins.ranks.shared import SharedCholesky
 
@@ -54,10 +54,10 @@ class Ranks(ProcessGroup):
         self.size = comm.size
         self.number = comm.rank
 
-    def gathered(self, value: Any) -> list[Any]:
+    def gathered(self, value: T) -> list[T]:
         """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
-        found: list[Any] = self.comm.allgather(value)
-        return found
+        values: list[T] = self.comm.allgather(value)
+        return values
 
     def joined(self, values: np.ndarray) -> np.ndarray:
         """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
@@ -67,11 +67,11 @@ class Ranks(ProcessGroup):
         """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
         return csr_matrix(vstack(self.comm.allgather(rows)))
 
-    def total(self, value: Any) -> Any:
+    def total(self, value: T) -> T:
         """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
         return self.comm.allreduce(value)
 
-    def from_first(self, value: Any) -> Any:
+    def from_first(self, value: T) -> T:
         """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
         return self.comm.bcast(value)
 
@@ -90,62 +90,84 @@ class Ranks(ProcessGroup):
             failure = error
         self._exchanged(task, failure, None)
 
-    def _exchanged(self, task: str, failure: BaseException | None, value: Any) -> list[Any]:
+    def _exchanged(self, task: str, failure: BaseException | None, value: T) -> list[T]:
         """Value of each rank; if one has failed, all raise."""
         words = None if failure is None else (type(failure).__name__, _text(failure))
-        every = self.comm.allgather((words, value))
+        reports = self.comm.allgather((words, value))
         if failure is not None:
             raise failure
-        for rank, (words, _) in enumerate(every):
+        for rank, (words, _) in enumerate(reports):
             if words is not None:
                 raise class_of(words[0])(
                     f"{task} failed on rank {rank} of {self.size}, {words[0]}: {words[1]}"
                 )
-        return [value for _, value in every]
+        return [value for _, value in reports]
 
     def agreed(self, task: str, call: Callable[[], list[str | np.ndarray]]) -> None:
-        """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`.
+
+        Args:
+            task: name of the task, for messages.
+            call: function that returns the words and values to compare.
+
+        Raises:
+            RankError: on all ranks, if these are asked for different things.
+        """
         failure = None
         asked: list[str | np.ndarray] = []
         try:
-            asked = [_without_addresses(item) if isinstance(item, str) else item for item in call()]
+            asked = [
+                _without_addresses(entry) if isinstance(entry, str) else entry for entry in call()
+            ]
         except BaseException as error:
             failure = error
-        every = self._exchanged(task, failure, asked)
-        other = next((rank for rank, known in enumerate(every) if not _same(known, every[0])), None)
-        if other is not None:
+        requests = self._exchanged(task, failure, asked)
+        odd = next(
+            (rank for rank, request in enumerate(requests) if not _same(request, requests[0])), None
+        )
+        if odd is not None:
             raise RankError(
                 f"{task}: ranks are asked for different things, rank 0 for "
-                f"{_shown(every[0], every[other])} and rank {other} for "
-                f"{_shown(every[other], every[0])}. Ask the same on all ranks that work on it "
+                f"{_shown(requests[0], requests[odd])} and rank {odd} for "
+                f"{_shown(requests[odd], requests[0])}. Ask the same on all ranks that work on it "
                 "together, or let each have a full model of its own: FullOrderModel(scene, "
                 "MPI.COMM_SELF)"
             )
 
-    def in_step(self, items: Callable[[], Iterable[Any]], task: str) -> Iterator[Any]:
-        """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
+    def in_step(self, items: Callable[[], Iterable[T]], task: str) -> Iterator[T]:
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`.
+
+        Args:
+            items: function that returns the values to iterate over.
+            task: name of the task, for messages.
+
+        Raises:
+            RankError: on all ranks, if the iteration ends on some of them only.
+        """
         with self.each(task):
             iterator = iter(items())
         while True:
             failure = None
-            item = _END
+            value = _END
             try:
-                item = next(iterator, _END)
+                value = next(iterator, _END)
             except BaseException as error:
                 failure = error
-            ended = self._exchanged(task, failure, item is _END)
+            ended = self._exchanged(task, failure, value is _END)
             if all(ended):
                 return
             if any(ended):
                 raise RankError(
                     f"{task} ends on rank {ended.index(True)} of {self.size}, and goes on on others"
                 )
-            yield item
+            yield value
 
     @contextmanager
     def together(self, task: str) -> Iterator[None]:
-        """See :class:`~hhr_dolfinx.group.ProcessGroup`; an error on every rank is raised on
-        every rank."""
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`.
+
+        An error on every rank is raised on every rank.
+        """
         # a separate communicator, so that votes do not mix with messages of the block
         votes = self.comm.Dup()
         try:
@@ -166,6 +188,7 @@ class Ranks(ProcessGroup):
         votes = self.comm.Dup()
 
         def end(code: int, words: str) -> bool:
+            """End with an exit ``code`` and last ``words``; True on the rank that prints them."""
             codes = np.zeros(self.size, dtype=np.int32)
             arrival = votes.Iallgather(np.array([code], dtype=np.int32), codes)
             if not code:
@@ -187,11 +210,17 @@ class Ranks(ProcessGroup):
         Event().wait(_FORWARDED)
         self.comm.Abort(code)
 
-    def shared_out(self, count: int, work: Callable[[int], Any], task: str) -> list[Any]:
-        """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
+    def shared_out(self, count: int, work: Callable[[int], T], task: str) -> list[T]:
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`.
+
+        Args:
+            count: number of tasks.
+            work: function that does a task by its number.
+            task: name of the task, for messages.
+        """
         with self.each(task):
-            own = [work(number) for number in share(count, self.number, self.size)]
-        return [item for part in self.comm.allgather(own) for item in part]
+            results = [work(number) for number in share(count, self.number, self.size)]
+        return [result for block in self.comm.allgather(results) for result in block]
 
     def no_room_side_by_side(self, scene: Scene) -> str:
         """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
@@ -202,7 +231,14 @@ class Ranks(ProcessGroup):
     def shared_factors(
         self, factors: FreeCholesky, rows: slice, own: csr_matrix, whole: csr_matrix
     ) -> SharedCholesky:
-        """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`.
+
+        Args:
+            factors: factors of the local rows.
+            rows: range of the local rows.
+            own: local rows of the matrix, (own, N).
+            whole: the matrix, (N, N).
+        """
         return SharedCholesky(factors, rows, own, whole, self.comm)
 
     def factors(
@@ -215,13 +251,27 @@ class Ranks(ProcessGroup):
         last: np.ndarray | None,
         rows: slice | None = None,
     ) -> SharedCholesky:
-        """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`.
+
+        Args:
+            matrix: the matrix, (N, N).
+            free: dofs that are not imposed, (N,) bool.
+            scene: name of the scene, for messages.
+            low_rank: precision of compressed blocks; None for exact factors.
+            last: dofs between which the inverse is needed, increasing, (n,); None for none.
+            rows: range of the local rows; None for equal shares.
+        """
         return SharedCholesky.of(
             matrix, free, scene, self.comm, low_rank=low_rank, last=last, rows=rows
         )
 
     def rows(self, own: slice, count: int) -> RowsOfRanks:
-        """See :class:`~hhr_dolfinx.group.ProcessGroup`."""
+        """See :class:`~hhr_dolfinx.group.ProcessGroup`.
+
+        Args:
+            own: range of the local rows.
+            count: number of all rows.
+        """
         return RowsOfRanks(own, count, self.comm)
 
 
@@ -240,42 +290,42 @@ def _without_addresses(text: str) -> str:
     return re.sub(r" at 0x[0-9a-f]+", "", text)
 
 
-def _same(asked: list[str | np.ndarray], known: list[str | np.ndarray]) -> bool:
+def _same(asked: list[str | np.ndarray], expected: list[str | np.ndarray]) -> bool:
     """True for equal words, and values that are equal to :data:`EQUAL_ON_RANKS`."""
-    if len(asked) != len(known):
+    if len(asked) != len(expected):
         return False
-    for here, there in zip(asked, known, strict=True):
-        if isinstance(here, str) or isinstance(there, str):
-            if not (isinstance(here, str) and isinstance(there, str) and here == there):
+    for mine, theirs in zip(asked, expected, strict=True):
+        if isinstance(mine, str) or isinstance(theirs, str):
+            if not (isinstance(mine, str) and isinstance(theirs, str) and mine == theirs):
                 return False
-        elif here.shape != there.shape or not np.allclose(
-            here, there, rtol=EQUAL_ON_RANKS, atol=0.0, equal_nan=True
+        elif mine.shape != theirs.shape or not np.allclose(
+            mine, theirs, rtol=EQUAL_ON_RANKS, atol=0.0, equal_nan=True
         ):
             return False
     return True
 
 
-def _shown(asked: list[str | np.ndarray], others: list[str | np.ndarray]) -> str:
+def _shown(asked: list[str | np.ndarray], expected: list[str | np.ndarray]) -> str:
     """Words of what a rank is asked for, and the first other difference if these are equal."""
     words = str(asked[0])
-    if words != str(others[0]) or len(asked) != len(others):
+    if words != str(expected[0]) or len(asked) != len(expected):
         return words
-    for here, there in zip(asked[1:], others[1:], strict=True):
-        if _same([here], [there]):
+    for mine, theirs in zip(asked[1:], expected[1:], strict=True):
+        if _same([mine], [theirs]):
             continue
-        if isinstance(here, str) and isinstance(there, str):
+        if isinstance(mine, str) and isinstance(theirs, str):
             first = next(
-                (k for k, (a, b) in enumerate(zip(here, there, strict=False)) if a != b), 0
+                (k for k, (a, b) in enumerate(zip(mine, theirs, strict=False)) if a != b), 0
             )
-            return f"{words} with '{here[max(first - _SHOWN, 0) : first + _SHOWN]}'"
-        if isinstance(here, str) or isinstance(there, str) or here.shape != there.shape:
-            return f"{words} with {np.shape(here)} values"
+            return f"{words} with '{mine[max(first - _SHOWN, 0) : first + _SHOWN]}'"
+        if isinstance(mine, str) or isinstance(theirs, str) or mine.shape != theirs.shape:
+            return f"{words} with {np.shape(mine)} values"
         first = int(
-            np.flatnonzero(~np.isclose(here, there, rtol=EQUAL_ON_RANKS, atol=0.0, equal_nan=True))[
-                0
-            ]
+            np.flatnonzero(
+                ~np.isclose(mine, theirs, rtol=EQUAL_ON_RANKS, atol=0.0, equal_nan=True)
+            )[0]
         )
-        return f"{words} with {here.ravel()[first]:.15g} as value {first} of {here.size}"
+        return f"{words} with {mine.ravel()[first]:.15g} as value {first} of {mine.size}"
     return words
 
 

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import linalg
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, spmatrix
 
 from hhr_dolfinx.errors import RankError
-from hhr_dolfinx.linear.rows import Rows
+from hhr_dolfinx.linear.rows import Rows, T
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
@@ -40,10 +40,10 @@ class RowsOfRanks(Rows):
 
     def sum(self, part: Any) -> Any:
         """See :class:`Rows`."""
-        given = np.ascontiguousarray(part, dtype=float)
-        found = np.empty_like(given)
-        self.comm.Allreduce(given, found)
-        return found.reshape(np.shape(part)) if np.ndim(part) else float(found[0])
+        local = np.ascontiguousarray(part, dtype=float)
+        total = np.empty_like(local)
+        self.comm.Allreduce(local, total)
+        return total.reshape(np.shape(part)) if np.ndim(part) else float(total[0])
 
     def of(self, table: Any) -> Any:
         """See :class:`Rows`."""
@@ -54,37 +54,42 @@ class RowsOfRanks(Rows):
         return places[(places >= self.own.start) & (places < self.own.stop)] - self.own.start
 
     def at(self, table: np.ndarray, places: np.ndarray) -> np.ndarray:
-        """See :class:`Rows`."""
+        """See :class:`Rows`.
+
+        Args:
+            table: local rows of the table, (own, ...).
+            places: indices of the rows, (n,).
+        """
         self.check(table)
-        found = np.zeros((len(places), *table.shape[1:]))
-        here = (places >= self.own.start) & (places < self.own.stop)
-        found[here] = table[places[here] - self.own.start]
-        return self.sum(found)
+        values = np.zeros((len(places), *table.shape[1:]))
+        is_local = (places >= self.own.start) & (places < self.own.stop)
+        values[is_local] = table[places[is_local] - self.own.start]
+        return self.sum(values)
 
     def whole(self, table: np.ndarray) -> np.ndarray:
         """See :class:`Rows`; in Fortran order."""
         if table.ndim == 1:
             return self.whole(table[:, None])[:, 0]
         ends = self._ends(table)
-        found = np.empty((self.count, table.shape[1]), order="F")
+        gathered = np.empty((self.count, table.shape[1]), order="F")
         for first in range(0, table.shape[1], EXCHANGED_COLUMNS):
-            panel = found[:, first : first + EXCHANGED_COLUMNS]
-            own = np.ascontiguousarray(table[:, first : first + EXCHANGED_COLUMNS].T, dtype=float)
-            every = np.empty(panel.size)
-            self.comm.Allgatherv(own, (every, np.diff(ends) * panel.shape[1]))
-            parts = np.split(every, ends[1:-1] * panel.shape[1])
-            for start, end, part in zip(ends[:-1], ends[1:], parts, strict=True):
-                panel[start:end] = part.reshape(panel.shape[1], -1).T
-        return found
+            panel = gathered[:, first : first + EXCHANGED_COLUMNS]
+            local = np.ascontiguousarray(table[:, first : first + EXCHANGED_COLUMNS].T, dtype=float)
+            received = np.empty(panel.size)
+            self.comm.Allgatherv(local, (received, np.diff(ends) * panel.shape[1]))
+            blocks = np.split(received, ends[1:-1] * panel.shape[1])
+            for start, end, block in zip(ends[:-1], ends[1:], blocks, strict=True):
+                panel[start:end] = block.reshape(panel.shape[1], -1).T
+        return gathered
 
     def largest(self, values: np.ndarray) -> tuple[int, float]:
         """See :class:`Rows`."""
-        place = int(values.argmax()) if values.size else 0
-        best = (float(values[place]), -(place + self.own.start)) if values.size else (-np.inf, 0)
-        value, place = max(self.comm.allgather(best))
-        return -place, value
+        index = int(values.argmax()) if values.size else 0
+        best = (float(values[index]), -(index + self.own.start)) if values.size else (-np.inf, 0)
+        value, index = max(self.comm.allgather(best))
+        return -index, value
 
-    def first(self, value: object) -> Any:
+    def first(self, value: T) -> T:
         """See :class:`Rows`."""
         return self.comm.bcast(value)
 
@@ -104,12 +109,12 @@ class RowsOfRanks(Rows):
         LU factorizations, 2012).
         """
         self.check(table)
-        own, triangle = super().orthonormal(table)
+        local, triangle = super().orthonormal(table)
         triangles = self.comm.allgather(triangle)
         ends = np.cumsum([0, *map(len, triangles)])
-        turns, found = self.first(linalg.qr(np.vstack(triangles), mode="economic"))
+        turns, triangle_of_all = self.first(linalg.qr(np.vstack(triangles), mode="economic"))
         rank = self.comm.rank
-        return own @ turns[ends[rank] : ends[rank + 1]], found
+        return local @ turns[ends[rank] : ends[rank + 1]], triangle_of_all
 
     def matrix(self, own: csr_matrix) -> MatrixOfRows:
         """See :class:`Rows`."""
@@ -120,12 +125,20 @@ class RowsOfRanks(Rows):
         return csr_matrix(matrix[:, self.own])
 
     def modes(self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> ModesOfRows:
-        """See :class:`Rows`."""
+        """See :class:`Rows`.
+
+        Args:
+            problem: the contact problem.
+            basis: local rows of the modes, (own, ell).
+            sets: index sets of the reduction, whose A has the rows of tests.
+        """
         return ModesOfRows(problem, basis, sets)
 
     def check(self, table: np.ndarray) -> None:
-        """Raise RankError for a table, (n, ...), that does not have the local rows. Not
-        collective.
+        """Check that a table, (n, ...), has the local rows. Not collective.
+
+        Raises:
+            RankError: for a table of another length.
         """
         count = self.own.stop - self.own.start
         if len(table) != count:
@@ -141,10 +154,10 @@ class RowsOfRanks(Rows):
         """
         shapes = self.comm.allgather((*table.shape, self.own.stop - self.own.start))
         wrong = [
-            f"rank {rank} passes {rows} rows and {columns} columns and has {own} of {self.count} "
+            f"rank {rank} passes {rows} rows and {columns} columns and has {held} of {self.count} "
             "rows"
-            for rank, (rows, columns, own) in enumerate(shapes)
-            if rows != own or columns != shapes[0][1]
+            for rank, (rows, columns, held) in enumerate(shapes)
+            if rows != held or columns != shapes[0][1]
         ]
         if wrong:
             raise RankError(
@@ -172,38 +185,38 @@ class MatrixOfRows:
         self._before = np.searchsorted(needed, first)
         # sorted by number, so that columns remain sorted
         near = np.insert(needed, self._before, np.arange(first, rows.own.stop))
-        places = np.searchsorted(near, matrix.indices).astype(matrix.indices.dtype)
+        indices = np.searchsorted(near, matrix.indices).astype(matrix.indices.dtype)
         self._matrix = csr_matrix(
-            (matrix.data, places, matrix.indptr), shape=(matrix.shape[0], near.size)
+            (matrix.data, indices, matrix.indptr), shape=(matrix.shape[0], near.size)
         )
         starts = np.array(self._comm.allgather(first))
         owner = np.searchsorted(starts, needed, side="right") - 1
         wanted = [needed[owner == rank] for rank in range(self._comm.size)]
-        self._received = np.array([part.size for part in wanted])
+        self._received = np.array([columns_of.size for columns_of in wanted])
         requested = self._comm.alltoall(wanted)
-        self._sent = np.array([part.size for part in requested])
+        self._sent = np.array([columns_of.size for columns_of in requested])
         self._given = np.concatenate(requested).astype(np.int64) - first
 
     def alike(self, matrix: csr_matrix) -> MatrixOfRows:
         """Local rows of another matrix, with entries at the same positions in the same order."""
-        places = self._matrix.indices, self._matrix.indptr
-        return self._with(csr_matrix((matrix.data, *places), shape=self._matrix.shape))
+        pattern = self._matrix.indices, self._matrix.indptr
+        return self._with(csr_matrix((matrix.data, *pattern), shape=self._matrix.shape))
 
-    def cut(self, places: np.ndarray) -> MatrixOfRows:
-        """Select local rows by their indices: products are then (n, k).
+    def cut(self, indices: np.ndarray) -> MatrixOfRows:
+        """Select local rows by their ``indices``: products are then (n, k).
 
         Neighbours send the same rows as before.
         """
-        return self._with(csr_matrix(self._matrix[places]))
+        return self._with(csr_matrix(self._matrix[indices]))
 
     def __abs__(self) -> MatrixOfRows:
         """Matrix with the absolute values of the entries."""
         return self._with(abs(self._matrix))
 
     def _with(self, matrix: csr_matrix) -> MatrixOfRows:
-        found = object.__new__(MatrixOfRows)
-        vars(found).update(vars(self) | {"_matrix": matrix})
-        return found
+        matrix_of_rows = object.__new__(MatrixOfRows)
+        vars(matrix_of_rows).update(vars(self) | {"_matrix": matrix})
+        return matrix_of_rows
 
     def __matmul__(self, table: np.ndarray) -> np.ndarray:
         """Multiply a table, (own, k), or the local entries of a vector, (own,)."""
@@ -211,18 +224,18 @@ class MatrixOfRows:
             return self._times(table[:, None])[:, 0]
         if table.shape[1] <= EXCHANGED_COLUMNS:
             return self._times(table)
-        found = np.empty(table.shape, order="F")
+        product = np.empty(table.shape, order="F")
         for first in range(0, table.shape[1], EXCHANGED_COLUMNS):
-            part = slice(first, first + EXCHANGED_COLUMNS)
-            found[:, part] = self._times(table[:, part])
-        return found
+            panel = slice(first, first + EXCHANGED_COLUMNS)
+            product[:, panel] = self._times(table[:, panel])
+        return product
 
     def _times(self, table: np.ndarray) -> np.ndarray:
         self._rows.check(table)
         width = table.shape[1]
         beside = np.empty((self._received.sum(), width))
-        given = np.ascontiguousarray(table[self._given], dtype=float)
-        self._comm.Alltoallv((given, width * self._sent), (beside, width * self._received))
+        sent = np.ascontiguousarray(table[self._given], dtype=float)
+        self._comm.Alltoallv((sent, width * self._sent), (beside, width * self._received))
         return self._matrix @ np.concatenate(
             [beside[: self._before], table, beside[self._before :]]
         )
@@ -240,14 +253,14 @@ class ModesOfRows:
 
     def projected(self, stiffness: csr_matrix) -> np.ndarray:
         """V^T K V, tested on A, (ell, ell)."""
-        inside = self._stiffness.alike(stiffness).cut(self._inside)
-        found = np.empty((self._basis.shape[1],) * 2)
-        for first in range(0, len(found), EXCHANGED_COLUMNS):
-            part = slice(first, first + EXCHANGED_COLUMNS)
-            found[:, part] = self._test.T @ (inside @ self._basis[:, part])
-        return self._rows.sum(found)
+        matrix = self._stiffness.alike(stiffness).cut(self._inside)
+        product = np.empty((self._basis.shape[1],) * 2)
+        for first in range(0, len(product), EXCHANGED_COLUMNS):
+            panel = slice(first, first + EXCHANGED_COLUMNS)
+            product[:, panel] = self._test.T @ (matrix @ self._basis[:, panel])
+        return self._rows.sum(product)
 
-    def tested(self, columns: object) -> np.ndarray:
+    def tested(self, columns: np.ndarray | spmatrix) -> np.ndarray:
         """Columns of dofs, dense or sparse, (N, k), tested by the modes: (ell, k)."""
-        own = csr_matrix(columns)[self._rows.own][self._inside]
-        return self._rows.sum(np.ascontiguousarray((own.T @ self._test).T))
+        local = csr_matrix(columns)[self._rows.own][self._inside]
+        return self._rows.sum(np.ascontiguousarray((local.T @ self._test).T))

@@ -52,11 +52,18 @@ class SharedCholesky:
     ) -> SharedCholesky:
         """Factor K, CSR, (N, N), see :class:`FreeCholesky`.
 
-        By default ranks have equal shares of rows.
+        Args:
+            stiffness: K, with all rows on each rank.
+            free: dofs that are not imposed, (N,) bool.
+            scene: name of the scene, for messages.
+            comm: MPI communicator.
+            low_rank: precision of compressed blocks; None for exact factors.
+            last: dofs between which K^-1 is needed, increasing, (n,); None for none.
+            rows: range of the local rows; None for equal shares.
         """
         if rows is None:
-            own = share(len(free), comm.rank, comm.size)
-            rows = slice(own.start, own.stop)
+            local = share(len(free), comm.rank, comm.size)
+            rows = slice(local.start, local.stop)
         held = stiffness[rows]
         factors = FreeCholesky(held, free, rows, scene, "mumps", comm, low_rank=low_rank, last=last)
         return cls(factors, rows, held, stiffness, comm)
@@ -81,8 +88,9 @@ class SharedCholesky:
         self._factored = stiffness
 
     def between_last(self, rows: csr_matrix) -> np.ndarray | None:
-        """Product rows K^-1 rows^T, (m, m), of rows, (m, N); see
-        :meth:`FreeCholesky.between_last`.
+        """Product rows K^-1 rows^T, (m, m), of rows, (m, N).
+
+        See :meth:`FreeCholesky.between_last`.
         """
         return self._factors.between_last(rows[:, self.rows])
 
@@ -97,7 +105,15 @@ class SharedCholesky:
     def solved_blocks(
         self, columns: spmatrix, dofs: np.ndarray | None = None, *, refined: bool = False
     ) -> Iterator[tuple[slice, np.ndarray]]:
-        """Solutions in blocks of columns; see :meth:`FreeCholesky.solved_blocks`."""
-        for part, block in self._factors.solved_blocks(columns.tocsr()[self.rows], refined=refined):
-            whole = self._whole(block)
-            yield part, whole if dofs is None else whole[dofs]
+        """Solutions in blocks of columns; see :meth:`FreeCholesky.solved_blocks`.
+
+        Args:
+            columns: right-hand sides, sparse, (N, m).
+            dofs: dofs of the solutions; None for all.
+            refined: True for iterative refinement.
+        """
+        for panel, block in self._factors.solved_blocks(
+            columns.tocsr()[self.rows], refined=refined
+        ):
+            gathered = self._whole(block)
+            yield panel, gathered if dofs is None else gathered[dofs]

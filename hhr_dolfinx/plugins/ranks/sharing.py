@@ -24,23 +24,27 @@ def no_room_side_by_side(scene: Scene, group: ProcessGroup) -> str:
 
     One rank of each machine generates the mesh, from which the memory in space is estimated.
     Problems with shape parameters are never distributed, and models in the plane are small.
+
+    Args:
+        scene: the scene.
+        group: the ranks.
     """
     if scene.hypothesis != "solid" or scene.shapes:
         return ""
     machine = group.comm.Split_type(MPI.COMM_TYPE_SHARED)
-    why = ""
+    reason = ""
     with group.each(f"looking at the size of scene '{scene.name}'"):
         room = free_gigabytes()
         if machine.rank == 0 and room is not None:
             rows, _ = Discretisation(scene, MPI.COMM_SELF).contact_rows()
             needed = expected_in_space(rows.matrix).gigabytes
             if machine.size * needed > FREE_MEMORY_SHARE * room:
-                why = (
+                reason = (
                     f"{machine.size} full models of about {needed:.2g} GB have no room in "
                     f"{room:.2g} GB of memory"
                 )
     machine.Free()
-    return next((item for item in group.gathered(why) if item), "")
+    return next((text for text in group.gathered(reason) if text), "")
 
 
 def free_gigabytes(meminfo: Path = Path("/proc/meminfo")) -> float | None:

@@ -66,26 +66,26 @@ def optimised(
         importlib.import_module("gmsh")
     near = _around(raw, rows)
     labels = _labels(raw)
-    found = raw.points
-    least = bad(found)
+    best = raw.points
+    least = bad(best)
     for points in _starts(raw, near, labels, matched):
         for way in WAYS[raw.dim]:
             patch = raw.cells[near], np.asarray(raw.sides)[near], labels[near]
             new = _optimised(raw.kind, points, *patch, way)
-            if new is not None and (left := bad(new)) < least:
-                found = new
-                least = left
+            if new is not None and (count := bad(new)) < least:
+                best = new
+                least = count
             if not least:
-                return found
-    return found
+                return best
+    return best
 
 
 def _around(raw: RawMesh, rows: np.ndarray) -> np.ndarray:
     """Rows of the cells of some layers around cells."""
-    inside = np.zeros(len(raw.points), dtype=bool)
+    in_layers = np.zeros(len(raw.points), dtype=bool)
     for _ in range(MOVED_LAYERS):
-        inside[raw.cells[rows]] = True
-        rows = np.flatnonzero(inside[raw.cells].any(axis=1))
+        in_layers[raw.cells[rows]] = True
+        rows = np.flatnonzero(in_layers[raw.cells].any(axis=1))
     return rows
 
 
@@ -106,19 +106,19 @@ def _starts(
 
 def _labels(raw: RawMesh) -> np.ndarray:
     """A number for each cell, common to those that are in the same bodies, (c,)."""
-    inside = np.zeros((len(raw.cells), len(raw.bodies)), dtype=bool)
+    members = np.zeros((len(raw.cells), len(raw.bodies)), dtype=bool)
     for column, rows in enumerate(raw.bodies.values()):
-        inside[rows, column] = True
-    return np.unique(inside, axis=0, return_inverse=True)[1].ravel()
+        members[rows, column] = True
+    return np.unique(members, axis=0, return_inverse=True)[1].ravel()
 
 
 def _facets(kind: str, cells: np.ndarray, sides: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Corners of all facets of all cells, (c * facets, k), and the nodes on their sides, (c *
     facets, m).
     """
-    own = [frozenset(edge) for edge in EDGES[kind]]
+    listed = [frozenset(edge) for edge in EDGES[kind]]
     ends = [face if len(face) == 2 else (*face, face[0]) for face in FACES[kind]]
-    edges = [[own.index(frozenset(pair)) for pair in pairwise(face)] for face in ends]
+    edges = [[listed.index(frozenset(pair)) for pair in pairwise(face)] for face in ends]
     corners = cells[:, np.array(FACES[kind])]
     middles = sides[:, np.array(edges)]
     return corners.reshape(-1, corners.shape[2]), middles.reshape(-1, middles.shape[2])
@@ -127,8 +127,16 @@ def _facets(kind: str, cells: np.ndarray, sides: np.ndarray) -> tuple[np.ndarray
 def borders(
     kind: str, cells: np.ndarray, sides: np.ndarray, labels: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes of the facets that belong to one cell, or to cells with several labels, (f, k + m), and
-    their cells.
+    """Nodes of the facets that belong to one cell, or to cells with several labels.
+
+    Args:
+        kind: kind of the cells, such as ``hexahedron``.
+        cells: corners of the cells, (c, k).
+        sides: nodes on the edges of the cells, (c, edges).
+        labels: label of each cell, (c,).
+
+    Returns:
+        Nodes of the facets, (f, k + m), and the cells of these, (f,).
     """
     corners, middles = _facets(kind, cells, sides)
     owner = np.repeat(np.arange(len(cells)), len(FACES[kind]))
@@ -153,25 +161,25 @@ def _flat(
     Facets in the same plane and of the same bodies have the same label.
     """
     nodes, owner = borders(raw.kind, raw.cells, np.asarray(raw.sides), np.zeros_like(labels))
-    own = np.isin(owner, near)
-    nodes = nodes[own]
-    places = raw.points[nodes]
-    normals = np.cross(places[:, 1] - places[:, 0], places[:, 2] - places[:, 0])
+    is_near = np.isin(owner, near)
+    nodes = nodes[is_near]
+    coordinates = raw.points[nodes]
+    normals = np.cross(coordinates[:, 1] - coordinates[:, 0], coordinates[:, 2] - coordinates[:, 0])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     size = np.ptp(raw.points, axis=0).max()
-    off = np.abs(np.einsum("fkd,fd->fk", places - places[:, :1], normals)).max(axis=1)
+    off = np.abs(np.einsum("fkd,fd->fk", coordinates - coordinates[:, :1], normals)).max(axis=1)
     # opposite normals of one plane are the same
     axis = np.abs(normals).argmax(axis=1)
     normals *= np.sign(np.take_along_axis(normals, axis[:, None], axis=1))
     planes = np.column_stack(
-        [normals, np.einsum("fd,fd->f", places[:, 0], normals) / size, labels[owner[own]]]
+        [normals, np.einsum("fd,fd->f", coordinates[:, 0], normals) / size, labels[owner[is_near]]]
     )
-    kept = (off < COPLANAR_FACETS * size) & ~matched[nodes].any(axis=1)
-    same = np.unique((planes[kept] / (1e3 * COPLANAR_FACETS)).round(), axis=0, return_inverse=True)[
-        1
-    ].ravel()
+    selected = (off < COPLANAR_FACETS * size) & ~matched[nodes].any(axis=1)
+    same = np.unique(
+        (planes[selected] / (1e3 * COPLANAR_FACETS)).round(), axis=0, return_inverse=True
+    )[1].ravel()
     width = len(FACES[raw.kind][0])
-    return nodes[kept, :width], nodes[kept, width:], same
+    return nodes[selected, :width], nodes[selected, width:], same
 
 
 def _optimised(
@@ -189,17 +197,21 @@ def _optimised(
     held = borders(kind, cells, sides, labels)[0]
     listed = [frozenset(edge) for edge in EDGES[kind]]
     order = [listed.index(frozenset(edge)) for edge in EDGE_ORDERS["gmsh"].get(kind, EDGES[kind])]
-    whole = np.hstack([cells, sides[:, order]])
-    used, which = np.unique(whole, return_inverse=True)
+    nodes = np.hstack([cells, sides[:, order]])
+    used, which = np.unique(nodes, return_inverse=True)
     numbers = np.zeros(len(points), dtype=np.int64)
     numbers[used] = np.arange(len(used))
-    places = np.zeros((len(used), 3))
-    places[:, : points.shape[1]] = points[used]
+    coordinates = np.zeros((len(used), 3))
+    coordinates[:, : points.shape[1]] = points[used]
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "mesh.npz"
         kinds = [ELEMENTS[kind], ELEMENTS[FACETS[kind]]]
         np.savez(
-            file, points=places, cells=which.reshape(whole.shape), held=numbers[held], kinds=kinds
+            file,
+            points=coordinates,
+            cells=which.reshape(nodes.shape),
+            held=numbers[held],
+            kinds=kinds,
         )
         environment = {
             name: value for name, value in os.environ.items() if not name.startswith(OF_MPI)
@@ -217,6 +229,6 @@ def _optimised(
         except (subprocess.CalledProcessError, subprocess.TimeoutExpired):
             return None
         with np.load(file) as new:
-            found = points.copy()
-            found[used] = new["points"][:, : points.shape[1]]
-    return found if np.isfinite(found).all() else None
+            moved = points.copy()
+            moved[used] = new["points"][:, : points.shape[1]]
+    return moved if np.isfinite(moved).all() else None

@@ -82,49 +82,60 @@ class QuadraticFacets:
 
     @property
     def parts(self) -> int:
-        """Number of flat parts of a facet: part p of facet f is facet f parts + p of the
-        surface.
+        """Number of flat parts of a facet.
+
+        Part p of facet f is facet f parts + p of the surface.
         """
         return len(FLAT_PARTS[self.nodes.shape[1]])
 
     def functions(self, flat: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Facets, (q,), and shape functions, (q, K), of points in flat parts, by the functions of
-        these, (q, k).
+        """Facets, (q,), and shape functions, (q, K), of points in flat parts.
+
+        Args:
+            flat: flat part of each point, (q,).
+            values: shape functions of the flat parts, (q, k).
         """
         count = self.nodes.shape[1]
-        facet, part = np.divmod(flat, self.parts)
+        facet, flat_part = np.divmod(flat, self.parts)
         local = np.einsum(
-            "qk,qkd->qd", values, REFERENCE_NODES[count][np.array(FLAT_PARTS[count])][part]
+            "qk,qkd->qd", values, REFERENCE_NODES[count][np.array(FLAT_PARTS[count])][flat_part]
         )
         return facet, quadratic(local, count)
 
     def integrals(self, points: np.ndarray, weights: np.ndarray, covered: np.ndarray) -> csr_matrix:
-        """Integrals ∫ psi_i phi_j over facets whose nodes all have conditions, ``covered``, (n,)
-        bool: (n, n).
+        """Integrals ∫ psi_i phi_j over facets whose nodes all have conditions, (n, n).
 
-        Over such flat parts of other facets phi_j are linear, as psi_i. ``weights`` are those of
-        the measure, (n,).
+        Over such flat parts of other facets phi_j are linear, as psi_i.
+
+        Args:
+            points: coordinates of the nodes of the surface, (n, dim).
+            weights: weights of the measure at the nodes, (n,).
+            covered: True for nodes with conditions, (n,).
         """
-        whole = covered[self.nodes].all(axis=1)
-        found = csr_matrix((len(points), len(points)))
-        for part in FLAT_PARTS[self.nodes.shape[1]]:
-            alone = covered[self.nodes[:, list(part)]].all(axis=1) & ~whole
-            for nodes, linearly in ((self.nodes[whole], False), (self.nodes[alone], True)):
+        complete = covered[self.nodes].all(axis=1)
+        total = csr_matrix((len(points), len(points)))
+        for flat_part in FLAT_PARTS[self.nodes.shape[1]]:
+            alone = covered[self.nodes[:, list(flat_part)]].all(axis=1) & ~complete
+            for nodes, linearly in ((self.nodes[complete], False), (self.nodes[alone], True)):
                 if len(nodes):
-                    found = found + _integrated(points, weights, nodes, part, linearly=linearly)
-        found.eliminate_zeros()
-        return csr_matrix(found)
+                    total = total + _integrated(
+                        points, weights, nodes, flat_part, linearly=linearly
+                    )
+        total.eliminate_zeros()
+        return csr_matrix(total)
 
     def sag_shares(self, outward: np.ndarray) -> np.ndarray:
-        """Deviation of flat parts from the smooth surface over that of flat facets with their
-        normals, (f, dim): (f,).
+        """Deviation of flat parts from the smooth surface over that of flat facets, (f,).
 
         Flat parts of a facet of second order with straight sides deviate four times as much: each
         is half of it. Curved sides are parabolas, which deviate from an arc by the square of the
         angle between the parts.
+
+        Args:
+            outward: normals of the flat parts, (f, dim).
         """
-        parts = outward.reshape(-1, self.parts, outward.shape[1])
-        cosines = np.einsum("fpd,fqd->fpq", parts, parts).min(axis=(1, 2))
+        normals = outward.reshape(-1, self.parts, outward.shape[1])
+        cosines = np.einsum("fpd,fqd->fpq", normals, normals).min(axis=(1, 2))
         angles = np.repeat(np.arccos(np.clip(cosines, -1.0, 1.0)), self.parts)
         return np.where(angles < STRAIGHT_SIDES, 4.0, angles**2)
 
@@ -133,24 +144,31 @@ class QuadraticFacets:
 
         Nodes beyond the edge of a master have no condition. A facet that lies there in part
         contributes the flat parts with conditions at all nodes, as facets of first order.
+
+        Args:
+            surface: the slave surface.
+            rows: conditions of its nodes.
+
+        Raises:
+            SceneError: if no flat part has conditions at all of its nodes.
         """
-        place = np.full(len(surface.nodes), -1)
-        place[np.searchsorted(surface.nodes, rows.slaves)] = np.arange(rows.gap.size)
-        integrals = self.integrals(surface.points, surface.weights, place >= 0)
+        index = np.full(len(surface.nodes), -1)
+        index[np.searchsorted(surface.nodes, rows.slaves)] = np.arange(rows.gap.size)
+        integrals = self.integrals(surface.points, surface.weights, index >= 0)
         nodes = np.flatnonzero(np.diff(integrals.indptr))
         if not nodes.size:
             raise SceneError(
                 f"no part of a facet of slave surface {surface.tag} lies in front of its master "
                 "with all of its nodes: mesh it finer"
             )
-        nodes = nodes[np.argsort(place[nodes])]
+        nodes = nodes[np.argsort(index[nodes])]
         normals = np.zeros_like(surface.points)
-        own = rows.matrix.tocoo()
-        at_slave = own.col // surface.points.shape[1] == rows.slaves[own.row]
+        entries = rows.matrix.tocoo()
+        at_slave = entries.col // surface.points.shape[1] == rows.slaves[entries.row]
         slaves = np.searchsorted(surface.nodes, rows.slaves)
-        normals[slaves[own.row[at_slave]], own.col[at_slave] % surface.points.shape[1]] = own.data[
-            at_slave
-        ]
+        normals[slaves[entries.row[at_slave]], entries.col[at_slave] % surface.points.shape[1]] = (
+            entries.data[at_slave]
+        )
         shared = self.shared(surface, normals, nodes)
         tested = csr_matrix(shared @ integrals)
         nodes = nodes[np.diff(csr_matrix(shared).indptr)[nodes] > 0]
@@ -158,7 +176,7 @@ class QuadraticFacets:
         areas = np.bincount(mixed.row, mixed.data, nodes.size)
         shape = nodes.size, rows.gap.size
         means = csr_matrix(
-            (mixed.data / areas[mixed.row], (mixed.row, place[mixed.col])), shape=shape
+            (mixed.data / areas[mixed.row], (mixed.row, index[mixed.col])), shape=shape
         )
         matrix = csr_matrix(means @ rows.matrix)
         return ContactRows(
@@ -166,12 +184,16 @@ class QuadraticFacets:
         )
 
     def shared(self, surface: Surface, normals: np.ndarray, nodes: np.ndarray) -> csr_matrix:
-        """Matrix that shares the functions psi_j of nodes with imposed displacements among their
-        neighbours, (n, n).
+        """Matrix that shares functions psi_j among free neighbours, (n, n).
 
-        With one function for each node conditions would be dependent if some displacements are
-        imposed, as at the end of a mortar surface. The matrix is the identity if all ``nodes`` with
-        conditions are free, or none is.
+        Functions of nodes with imposed displacements are shared. With one function for each node
+        conditions would be dependent if some displacements are imposed, as at the end of a mortar
+        surface. The matrix is the identity if all ``nodes`` with conditions are free, or none is.
+
+        Args:
+            surface: the slave surface.
+            normals: normals of the conditions at its nodes, (n, dim).
+            nodes: nodes with conditions.
         """
         count = len(surface.nodes)
         held = np.zeros(count, dtype=bool)
@@ -182,8 +204,8 @@ class QuadraticFacets:
         moving = np.zeros(count)
         moving[nodes] = ~held[nodes]
         k = surface.facets.shape[1]
-        places = np.repeat(surface.facets, k, axis=1).ravel(), np.tile(surface.facets, k).ravel()
-        beside = csr_matrix((np.ones(surface.facets.size * k), places), shape=(count, count))
+        pattern = np.repeat(surface.facets, k, axis=1).ravel(), np.tile(surface.facets, k).ravel()
+        beside = csr_matrix((np.ones(surface.facets.size * k), pattern), shape=(count, count))
         beside.data[:] = 1.0
         towards = diags(moving) @ beside @ diags(held.astype(float))
         share = np.asarray(towards.sum(axis=0)).ravel()
@@ -196,9 +218,9 @@ class QuadraticFacets:
         Sags of surfaces curved alike cancel in the gap.
         """
         sags = [_straight_sag(surface) for surface in surfaces]
-        place = int(np.abs(sags).argmax())
-        worst = surfaces[place]
-        largest = abs(sags[place])
+        index = int(np.abs(sags).argmax())
+        worst = surfaces[index]
+        largest = abs(sags[index])
         if largest < CURVED * worst.lengths().mean() or abs(sum(sags)) < SAME_CURVATURE * largest:
             return
         warn(
@@ -253,8 +275,14 @@ def _straight_sag(surface: Surface) -> float:
 def parted(
     facet_nodes: np.ndarray, inner_points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, QuadraticFacets]:
-    """Nodes of flat parts of facets with nodes (F, K), facet by facet, (parts F, k), points inside,
-    and the facets.
+    """Flat parts of facets of second order.
+
+    Args:
+        facet_nodes: nodes of the facets, (F, K).
+        inner_points: a point inside of the body of each facet, (F, dim).
+
+    Returns:
+        Nodes of the flat parts, facet by facet, (parts F, k), points inside, and the facets.
     """
     count = facet_nodes.shape[1]
     flat = facet_nodes[:, np.array(FLAT_PARTS[count])].reshape(-1, CORNER_COUNTS[count])
@@ -263,12 +291,17 @@ def parted(
 
 
 def quadratic(local: np.ndarray, count: int) -> np.ndarray:
-    """Shape functions of second order, (q, K), at reference coordinates, (q, 1) or (q, 2)."""
+    """Shape functions of second order, (q, K).
+
+    Args:
+        local: reference coordinates, (q, 1) or (q, 2).
+        count: number K of nodes of the facet: 3, 6 or 9.
+    """
     if count == 3:
         return _on_line(local[:, 0])
     if count == 6:
         first, second, third = shape_functions(local, 3)[0].T
-        corners = [one * (2 * one - 1) for one in (first, second, third)]
+        corners = [function * (2 * function - 1) for function in (first, second, third)]
         return np.column_stack(
             [*corners, 4 * second * third, 4 * first * third, 4 * first * second]
         )
@@ -296,16 +329,19 @@ def _rule(
     local = (ends[:, None] + 1) / 2
     weights = sizes / 2
     if count != 3:
-        first, second = (item.ravel() for item in np.meshgrid(local, local, indexing="ij"))
+        first, second = (grid.ravel() for grid in np.meshgrid(local, local, indexing="ij"))
         local = np.column_stack([first, second])
         weights = np.outer(weights, weights).ravel()
     if count == 6:  # a square folded to a triangle
         local[:, 0] *= 1 - second
         weights *= 1 - second
     values = np.hstack([1 - local, local]) if count == 3 else shape_functions(local, len(part))[0]
-    there = values @ REFERENCE_NODES[count][list(part)]
-    steps = np.eye(there.shape[1]) * 0.5
+    coordinates = values @ REFERENCE_NODES[count][list(part)]
+    steps = np.eye(coordinates.shape[1]) * 0.5
     # central differences are exact for parabolas
-    slopes = [quadratic(there + step, count) - quadratic(there - step, count) for step in steps]
+    slopes = [
+        quadratic(coordinates + step, count) - quadratic(coordinates - step, count)
+        for step in steps
+    ]
     share = 1 / len(FLAT_PARTS[count])
-    return values, quadratic(there, count), np.stack(slopes, axis=2), share * weights
+    return values, quadratic(coordinates, count), np.stack(slopes, axis=2), share * weights

@@ -78,8 +78,10 @@ class Untangled(MeshFile):
             )
 
     def read(self) -> RawMesh:
-        """See :class:`MeshFile`; FileContentError for cells that are folded by their corners
-        alone.
+        """See :class:`MeshFile`.
+
+        Raises:
+            FileContentError: for cells that are folded by their corners alone.
         """
         raw = self.mesh.read() if isinstance(self.mesh, MeshFile) else super().read()
         if raw.sides is None:
@@ -93,28 +95,28 @@ class Untangled(MeshFile):
             return raw
         if raw.points.shape[1] != raw.dim:  # a surface in space, which a scene refuses
             return raw
-        found = mended(raw, f"{self.path}", self.how)
-        if found.bad.size:
-            self._report(raw, found)
-        return found.raw
+        result = mended(raw, f"{self.path}", self.how)
+        if result.bad.size:
+            self._report(raw, result)
+        return result.raw
 
-    def _report(self, raw: RawMesh, found: Mended) -> None:
-        moves = np.linalg.norm(found.raw.points - raw.points, axis=1) * self.scale
-        outside = moves[
+    def _report(self, raw: RawMesh, result: Mended) -> None:
+        moves = np.linalg.norm(result.raw.points - raw.points, axis=1) * self.scale
+        outer = moves[
             borders(raw.kind, raw.cells, np.asarray(raw.sides), np.zeros(len(raw.cells)))[0]
         ].max()
-        place = raw.points[raw.cells[found.bad[0]]].mean(axis=0) * self.scale
-        left = found.straightened.size
+        centre = raw.points[raw.cells[result.bad[0]]].mean(axis=0) * self.scale
+        straightened = result.straightened.size
         count = np.count_nonzero(moves > MIDDLE_NODES * moves.max())
-        rest = (
-            f"; sides of {left} that gmsh left folded are straightened"
-            if self.how == "gmsh" and left
+        remedy = (
+            f"; sides of {straightened} that gmsh left folded are straightened"
+            if self.how == "gmsh" and straightened
             else ""
         )
         warn(
-            f"{len(found.bad)} of {len(raw.cells)} cells of {self.path} were folded or nearly so, "
-            f"e.g. around {rounded(place)}, and are mended ({self.how}{rest}): {count} nodes "
-            f"move, by {moves.max():.3g} at most, on the outside of bodies by {outside:.3g}. "
+            f"{len(result.bad)} of {len(raw.cells)} cells of {self.path} were folded or nearly so, "
+            f"e.g. around {rounded(centre)}, and are mended ({self.how}{remedy}): {count} nodes "
+            f"move, by {moves.max():.3g} at most, on the outside of bodies by {outer:.3g}. "
             "Cells that are thicker or shorter along curved surfaces need no mending",
             MeshWarning,
         )
@@ -131,7 +133,12 @@ class Mended(NamedTuple):
 
 
 def mended(raw: RawMesh, name: str, how: str = "straight") -> Mended:
-    """The mesh of a file called ``name`` without folded cells.
+    """The mesh of a file without folded cells.
+
+    Args:
+        raw: the mesh.
+        name: name of the file, for messages.
+        how: ``straight`` or ``gmsh``, see :class:`Untangled`.
 
     Raises:
         FileContentError: for cells that are folded by their corners alone.
@@ -144,8 +151,8 @@ def mended(raw: RawMesh, name: str, how: str = "straight") -> Mended:
     if how == "gmsh" and bad.size:
         start = _by_gmsh(raw, bad)
         sides = _Sides.of(start)
-    left = sides.bad(sides.curved, start.points)
-    return Mended(replace(raw, points=_straightened(start, sides, left)), bad, left)
+    remaining = sides.bad(sides.curved, start.points)
+    return Mended(replace(raw, points=_straightened(start, sides, remaining)), bad, remaining)
 
 
 def _by_gmsh(raw: RawMesh, rows: np.ndarray) -> RawMesh:
@@ -169,27 +176,31 @@ def folded(raw: RawMesh) -> np.ndarray:
         return np.zeros(0, dtype=np.int64)
     sides = _Sides.of(raw, 2)
     # the sign of the mean is that of the order of the nodes, which differs between formats
-    found = [
+    bad = [
         rows[
             (values * np.sign(values.mean(axis=1))[:, None]).min(axis=1)
             < -FOLDED * np.abs(values).max(axis=1)
         ]
         for rows, values in sides.jacobians(sides.curved, raw.points)
     ]
-    return np.concatenate([sides.curved[:0], *found])
+    return np.concatenate([sides.curved[:0], *bad])
 
 
 def folded_in_words(raw: RawMesh, name: str) -> str:
-    """Number and place of folded cells of a mesh file, and the geometry of a scene.
+    """Number and position of folded cells of a mesh file, and the geometry of a scene.
 
     Empty if none is folded.
+
+    Args:
+        raw: the mesh.
+        name: path of the file.
     """
     rows = folded(raw)
     if not rows.size:
         return ""
-    place = rounded(raw.points[raw.cells[rows[0]]].mean(axis=0))
+    centre = rounded(raw.points[raw.cells[rows[0]]].mean(axis=0))
     return (
-        f"{rows.size} cells of second order are folded, e.g. around {place}, and a scene refuses "
+        f"{rows.size} cells of second order are folded, e.g. around {centre}, and a scene refuses "
         f"them: take hhr.Untangled({name!r}) as its geometry, which straightens them"
     )
 
@@ -225,7 +236,12 @@ class _Sides:
 
     @classmethod
     def of(cls, raw: RawMesh, lattice: int = LATTICE) -> _Sides:
-        """Sides of a mesh of second order, with Jacobians at the nodes of cells of a degree."""
+        """Sides of a mesh of second order, with Jacobians at the nodes of cells of a degree.
+
+        Args:
+            raw: the mesh, of second order.
+            lattice: degree of the cell at whose nodes Jacobians are evaluated.
+        """
         raw.whole()  # refuses nodes that lie far from their sides
         ends = raw.points[raw.cells[:, np.array(EDGES[raw.kind])]]
         nodes = np.asarray(raw.sides)
@@ -245,28 +261,41 @@ class _Sides:
     def jacobians(
         self, rows: np.ndarray, points: np.ndarray
     ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
-        """Rows of some cells, (r,), and their Jacobians, (r, q), with the nodes at ``points``."""
+        """Rows of some cells, (r,), and their Jacobians, (r, q), block by block.
+
+        Args:
+            rows: rows of the cells.
+            points: coordinates of all nodes, (nodes, dim).
+        """
         for start in range(0, len(rows), CELLS_AT_ONCE):
-            own = rows[start : start + CELLS_AT_ONCE]
-            part = RawMesh(points, self.raw.kind, self.raw.cells[own], {}, sides=self.nodes[own])
-            places, whole = part.whole()
-            yield own, np.linalg.det(np.einsum("qkd,ckx->cqdx", self.slopes, places[whole]))
+            selected = rows[start : start + CELLS_AT_ONCE]
+            block = RawMesh(
+                points, self.raw.kind, self.raw.cells[selected], {}, sides=self.nodes[selected]
+            )
+            coordinates, cell_nodes = block.whole()
+            yield (
+                selected,
+                np.linalg.det(np.einsum("qkd,ckx->cqdx", self.slopes, coordinates[cell_nodes])),
+            )
 
     def bad(self, rows: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Rows of the cells among some that are folded or nearly so with the nodes at
-        ``points``.
+        """Rows of the cells among some that are folded or nearly so.
+
+        Args:
+            rows: rows of the cells.
+            points: coordinates of all nodes, (nodes, dim).
         """
         # relative to the cell with straight sides, whose Jacobians have one sign, that of the order
         # of its nodes
-        found = [
-            part[
+        bad_rows = [
+            cells[
                 (values * np.sign(straight[:, :1])).min(axis=1) < BAD * np.abs(straight).min(axis=1)
             ]
-            for (part, values), (_, straight) in zip(
+            for (cells, values), (_, straight) in zip(
                 self.jacobians(rows, points), self.jacobians(rows, self.middles), strict=True
             )
         ]
-        return np.concatenate([rows[:0], *found])
+        return np.concatenate([rows[:0], *bad_rows])
 
 
 def _refuse_corners(raw: RawMesh, name: str, sides: _Sides) -> None:
@@ -279,10 +308,10 @@ def _refuse_corners(raw: RawMesh, name: str, sides: _Sides) -> None:
     for rows, inner in sides.jacobians(sides.curved, sides.middles):
         wrong[rows] |= inner.min(axis=1) * inner.max(axis=1) <= 0
     if wrong.any():
-        place = rounded(raw.points[raw.cells[wrong][0]].mean(axis=0))
+        centre = rounded(raw.points[raw.cells[wrong][0]].mean(axis=0))
         raise FileContentError(
             f"{int(wrong.sum())} cells of {name} are folded by their corners alone, e.g. around "
-            f"{place}: straight sides do not mend them. Move their corners, or mesh again"
+            f"{centre}: straight sides do not mend them. Move their corners, or mesh again"
         )
 
 
@@ -295,11 +324,11 @@ def _straightened(raw: RawMesh, sides: _Sides, bad: np.ndarray) -> np.ndarray:
     """
     points = raw.points
     same = _coinciding(points, np.unique(sides.nodes))
-    parts = np.zeros(len(points), dtype=np.int64)  # of the way that each node has gone
+    steps = np.zeros(len(points), dtype=np.int64)  # of the way that each node has gone
     while bad.size:
         moving = np.isin(same, same[sides.nodes[bad]])
-        parts[moving] = np.minimum(parts[moving] + 1, MOVE_PARTS)
-        points = raw.points + (parts / MOVE_PARTS)[:, None] * (sides.middles - raw.points)
+        steps[moving] = np.minimum(steps[moving] + 1, MOVE_PARTS)
+        points = raw.points + (steps / MOVE_PARTS)[:, None] * (sides.middles - raw.points)
         touched = sides.curved[moving[sides.nodes[sides.curved]].any(axis=1)]
         bad = sides.bad(touched, points)
     return points

@@ -81,15 +81,15 @@ class Answers(NamedTuple):
         """Join the answers of one or more blocks in their order."""
 
         def whole(name: str) -> Any:
-            found = [getattr(part, name) for part in parts]
-            if found[0] is None:
+            values = [getattr(answers, name) for answers in parts]
+            if values[0] is None:
                 return None
-            if isinstance(found[0], Mapping):
-                return {key: np.concatenate([item[key] for item in found]) for key in found[0]}
+            if isinstance(values[0], Mapping):
+                return {key: np.concatenate([block[key] for block in values]) for key in values[0]}
             return (
-                [text for item in found for text in item]
+                [text for block in values for text in block]
                 if name == "status"
-                else np.concatenate(found)
+                else np.concatenate(values)
             )
 
         return cls(*(whole(name) for name in cls._fields))
@@ -141,8 +141,8 @@ def answer_points(
         count = model.rows_at_once
         blocks = [mine[first : first + count] for first in range(0, max(len(mine), 1), count)]
         answers = Answers.joined([query(block) for block in progress(blocks)])
-    parts = [answers] if comm is None else comm.gather(answers, root=0)
-    return None if parts is None else Answers.joined(parts)
+    gathered = [answers] if comm is None else comm.gather(answers, root=0)
+    return None if gathered is None else Answers.joined(gathered)
 
 
 @dataclass(frozen=True)
@@ -158,9 +158,12 @@ class Query:
     def outputs(self) -> dict[str, str]:
         """Heads of the columns of the outputs of the scene, by their names."""
         functionals = self.model.fields.functionals
-        items = () if functionals is None else functionals.items
+        functionals_of = () if functionals is None else functionals.items
         return {
-            item.name: f"{item.name} [{item.unit}]" if item.unit else item.name for item in items
+            functional.name: f"{functional.name} [{functional.unit}]"
+            if functional.unit
+            else functional.name
+            for functional in functionals_of
         }
 
     @property
@@ -183,15 +186,17 @@ class Query:
         status = self._faults(points)
         table = self._blank(len(points))
         columns = {head: np.full(len(points), np.nan) for head in self.model.columns(())}
-        left = np.flatnonzero([text == OK for text in status])
+        remaining = np.flatnonzero([text == OK for text in status])
         try:
-            many = self.model.solve_many(points[left], raise_on_failure=False, outside=self.outside)
+            many = self.model.solve_many(
+                points[remaining], raise_on_failure=False, outside=self.outside
+            )
             solved = many.converged
-            self._fill(table, columns, left[solved], many.take(solved))
-            left = left[~solved]
+            self._fill(table, columns, remaining[solved], many.take(solved))
+            remaining = remaining[~solved]
         except HHRError:  # one row was refused: the loop below finds which one, and the reason
             pass
-        for k in left:
+        for k in remaining:
             try:
                 answer = self.model.solve(points[k], outside=self.outside)
                 self._fill(table, columns, np.array([k]), ListedAnswers((answer,)))
@@ -247,19 +252,19 @@ class Query:
         """
         if not rows.size:
             return
-        found: dict[str, Any] = {"forces": many.forces()}
+        filled: dict[str, Any] = {"forces": many.forces()}
         if self._other_forces:
-            found["total_force"] = [self.model.pressures(answer).sum() for answer in many]
+            filled["total_force"] = [self.model.pressures(answer).sum() for answer in many]
         if heads := self.outputs.values():
-            found |= dict(zip(heads, many.outputs().values(), strict=True))
+            filled |= dict(zip(heads, many.outputs().values(), strict=True))
         if self.estimate_heads:
-            found |= dict(zip(self.estimate_heads, self._estimates(many), strict=True))
+            filled |= dict(zip(self.estimate_heads, self._estimates(many), strict=True))
         if self.displacement:
             fields = (answer.displacement().reshape(-1, self.model.dimension) for answer in many)
-            found["largest_displacement"] = [
+            filled["largest_displacement"] = [
                 np.linalg.norm(field, axis=1).max() for field in fields
             ]
-        for target, values in ((table, found), (columns, self.model.columns(many))):
+        for target, values in ((table, filled), (columns, self.model.columns(many))):
             for name, value in values.items():
                 target[name][rows] = value
 
@@ -272,19 +277,19 @@ class Query:
         if self.bounded_outputs:
             estimates = [answer.estimate() for answer in many]
             shown = [
-                None if item is None else list(item.shown(self.bounded_outputs).values())
-                for item in estimates
+                None if estimate is None else list(estimate.shown(self.bounded_outputs).values())
+                for estimate in estimates
             ]
             return np.array(
                 [[np.nan] * count if values is None else values[:count] for values in shown]
             ).T
-        found = many.estimates()
-        if found is None:
+        estimates_of = many.estimates()
+        if estimates_of is None:
             return np.full((count, len(many)), np.nan)
         # answers of a full model are exact, whatever kind of estimate the reduced model has
         return np.array(
             [
-                getattr(found, name)
+                getattr(estimates_of, name)
                 for name in shown_of(self.model.estimating.fields.estimated).values()
             ]
         )

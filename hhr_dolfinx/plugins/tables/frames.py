@@ -4,7 +4,7 @@ call.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,10 +14,14 @@ from hhr_dolfinx.parameters import PointsLike, named_values
 from hhr_dolfinx.plugins.tables.batch import answer_points
 from hhr_dolfinx.plugins.tables.tables import columns_of
 
+if TYPE_CHECKING:
+    import pandas
+    import xarray
+
 
 def to_pandas(
     model: AnsweringModel, points: PointsLike, *, outside: str = "refuse", forces: bool = False
-) -> Any:
+) -> pandas.DataFrame:
     """Answer a table of points in a data frame with a row for each point.
 
     Args:
@@ -39,11 +43,13 @@ def to_pandas(
     with extra("tables", "a frame of pandas"):
         import pandas
 
-    given, answers = _answered(model, points, outside)
-    return pandas.DataFrame(given | {"status": answers.status} | columns_of(answers, forces))
+    parameters, answers = _answered(model, points, outside)
+    return pandas.DataFrame(parameters | {"status": answers.status} | columns_of(answers, forces))
 
 
-def to_xarray(model: AnsweringModel, points: PointsLike, *, outside: str = "refuse") -> Any:
+def to_xarray(
+    model: AnsweringModel, points: PointsLike, *, outside: str = "refuse"
+) -> xarray.Dataset:
     """Answer a table of points in a data set with the dimensions ``point`` and ``condition``.
 
     Args:
@@ -60,16 +66,17 @@ def to_xarray(model: AnsweringModel, points: PointsLike, *, outside: str = "refu
     with extra("tables", "a data set of xarray"):
         import xarray
 
-    given, answers = _answered(model, points, outside)
+    parameters, answers = _answered(model, points, outside)
     values: dict[str, Any] = {
-        name: ("point", item) for name, item in columns_of(answers, forces=False).items()
+        name: ("point", column_values)
+        for name, column_values in columns_of(answers, forces=False).items()
     }
     values |= {
         "status": ("point", answers.status),
         "forces": (("point", "condition"), answers.forces),
     }
     return xarray.Dataset(
-        values, coords={name: ("point", column) for name, column in given.items()}
+        values, coords={name: ("point", column) for name, column in parameters.items()}
     )
 
 

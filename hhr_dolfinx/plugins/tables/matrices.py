@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import linalg
@@ -26,6 +26,10 @@ from hhr_dolfinx.models.functionals.kinds import Largest, Linear
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.parameters import ParameterSpace, as_tuple, is_number
 
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+    from scipy.sparse import spmatrix
+
 STATUS_POINTS = 64
 """Points at which initial statuses are computed."""
 PIVOT = 1e-14
@@ -38,19 +42,20 @@ have them.
 
 def condense_matrices(
     parameters: ParameterSpace,
-    stiffness: object,
-    contact: object,
-    loads: object,
-    gaps: object,
+    stiffness: ArrayLike | spmatrix,
+    contact: ArrayLike | spmatrix,
+    loads: ArrayLike | spmatrix,
+    gaps: ArrayLike | spmatrix,
     amplitudes: Sequence[str | float | Amplitude],
     *,
-    areas: object = None,
-    pairs: object = None,
-    displacement_outputs: Mapping[str, Any] | None = None,
-    force_outputs: Mapping[str, Any] | None = None,
+    areas: ArrayLike | None = None,
+    pairs: ArrayLike | None = None,
+    displacement_outputs: Mapping[str, ArrayLike] | None = None,
+    force_outputs: Mapping[str, ArrayLike] | None = None,
 ) -> CondensedModel:
-    """Condense  K u + B^T λ = F(μ),  B u <= g(μ),  λ >= 0,  λ·(B u - g) = 0,  thesis (1.21), from
-    its matrices.
+    """Condense a contact problem from its matrices, thesis (1.21).
+
+        K u + B^T λ = F(μ),  B u <= g(μ),  λ >= 0,  λ·(B u - g) = 0.
 
     K is constant and without imposed dofs; loads and gaps are sums of columns times amplitudes,
 
@@ -90,8 +95,8 @@ def condense_matrices(
     schur = rows @ per_force
     schur = (schur + schur.T) / 2
     _check_definite(schur)
-    items = _outputs(size, conditions, areas, displacement_outputs, force_outputs)
-    functionals = Functionals(items, size, theta) if items else None
+    outputs = _outputs(size, conditions, areas, displacement_outputs, force_outputs)
+    functionals = Functionals(outputs, size, theta) if outputs else None
     fields = ExactFields(
         theta, csc_matrix(forces.shape), per_force, free, dimension=1, functionals=functionals
     )
@@ -101,54 +106,57 @@ def condense_matrices(
 
 
 def _started(
-    parameters: ParameterSpace, eliminated: ConstantElimination, fields: Any, pairs: Any
+    parameters: ParameterSpace,
+    eliminated: ConstantElimination,
+    fields: ExactFields,
+    pairs: np.ndarray | None,
 ) -> CondensedModel:
     """Make the model, with initial statuses from solutions without any."""
     nothing = KnownStatuses(parameters.middle[None], np.zeros((1, fields.conditions), dtype=bool))
     model = CondensedModel(parameters, eliminated, nothing, fields, pairs)
     points = parameters.random(STATUS_POINTS, 0)
-    known = KnownStatuses.of_answers(
+    statuses = KnownStatuses.of_answers(
         model.solve(point, start=None, raise_on_failure=False) for point in points
     )
-    return CondensedModel(parameters, eliminated, known or nothing, fields, pairs)
+    return CondensedModel(parameters, eliminated, statuses or nothing, fields, pairs)
 
 
-def _matrix(name: str, given: Any) -> csc_matrix:
+def _matrix(name: str, value: ArrayLike | spmatrix) -> csc_matrix:
     """A sparse matrix of real numbers, from anything that SciPy can convert."""
     try:
-        found = csc_matrix(given)
-        if np.ndim(given) not in (0, 2) or given is None or found.dtype.kind not in "fiub":
+        matrix = csc_matrix(value)
+        if np.ndim(value) not in (0, 2) or value is None or matrix.dtype.kind not in "fiub":
             raise ValueError
-        return csc_matrix(found, dtype=float)
+        return csc_matrix(matrix, dtype=float)
     except (TypeError, ValueError):
         raise SceneError(f"{name} must be a matrix of real numbers, sparse or dense") from None
 
 
-def _pairs(given: object, conditions: int) -> np.ndarray:
+def _pairs(value: ArrayLike, conditions: int) -> np.ndarray:
     """Numbers of contact pairs, checked to be integers from 0 on, (m,)."""
-    found = _array("pairs", given, (conditions,))
-    if (found != np.floor(found)).any() or found.min() < 0 or found.max() >= conditions:
+    numbers = _array("pairs", value, (conditions,))
+    if (numbers != np.floor(numbers)).any() or numbers.min() < 0 or numbers.max() >= conditions:
         raise SceneError(
             "pairs must be whole numbers from 0 on, one for each condition, and less than "
             f"{conditions}"
         )
-    return found.astype(np.int64)
+    return numbers.astype(np.int64)
 
 
-def _array(name: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:
+def _array(name: str, value: Any, shape: tuple[int, ...]) -> np.ndarray:
     """An array, checked to have a shape and finite values."""
     try:
-        plain = np.asarray(given.toarray() if issparse(given) else given)
+        plain = np.asarray(value.toarray() if issparse(value) else value)
         if plain.dtype.kind == "c":
             raise TypeError
-        found = plain.astype(float)
+        array = plain.astype(float)
     except (TypeError, ValueError):
         raise SceneError(f"{name} must be real numbers, {shape}") from None
-    if found.shape != shape:
-        raise SceneError(f"{name} are {found.shape} and must be {shape}")
-    if not np.isfinite(found).all():
+    if array.shape != shape:
+        raise SceneError(f"{name} are {array.shape} and must be {shape}")
+    if not np.isfinite(array).all():
         raise SceneError(f"{name} hold numbers that are not finite")
-    return found
+    return array
 
 
 def _check(stiffness: csc_matrix, contact: csc_matrix) -> None:
@@ -175,41 +183,45 @@ def _check(stiffness: csc_matrix, contact: csc_matrix) -> None:
 
 def _terms(
     parameters: ParameterSpace,
-    amplitudes: Sequence[Any],
-    loads: object,
-    gaps: object,
+    amplitudes: Sequence[str | float | Amplitude],
+    loads: ArrayLike | spmatrix,
+    gaps: ArrayLike | spmatrix,
     sizes: tuple[int, int],
 ) -> tuple[Amplitudes, np.ndarray, np.ndarray]:
     """Amplitudes in the order of a model, affine ones first.
 
     Columns of loads and gaps after those of amplitude 1.
     """
-    made = [_amplitude(item, parameters) for item in as_tuple("amplitudes", amplitudes)]
-    theta = Amplitudes.collect(made, parameters)
-    order = sorted(range(len(made)), key=lambda place: not isinstance(made[place], Amplitude))
+    amplitudes_of = [
+        _amplitude(amplitude, parameters) for amplitude in as_tuple("amplitudes", amplitudes)
+    ]
+    theta = Amplitudes.collect(amplitudes_of, parameters)
+    order = sorted(
+        range(len(amplitudes_of)), key=lambda index: not isinstance(amplitudes_of[index], Amplitude)
+    )
     of_loads, of_gaps = (
-        np.pad(_array(name, given, (size, len(made)))[:, order], ((0, 0), (1, 0)))
-        for name, given, size in zip(("loads", "gaps"), (loads, gaps), sizes, strict=True)
+        np.pad(_array(name, columns, (size, len(amplitudes_of)))[:, order], ((0, 0), (1, 0)))
+        for name, columns, size in zip(("loads", "gaps"), (loads, gaps), sizes, strict=True)
     )
     return theta, of_loads, of_gaps
 
 
-def _amplitude(item: Any, parameters: ParameterSpace) -> Amplitude | Scalar:
+def _amplitude(value: Any, parameters: ParameterSpace) -> Amplitude | Scalar:
     """An amplitude over the box, from a text, a number or an Amplitude."""
-    one = (
-        Amplitude(float(item))
-        if is_number(item)
-        else Formula(item)
-        if isinstance(item, str)
-        else item
+    amplitude = (
+        Amplitude(float(value))
+        if is_number(value)
+        else Formula(value)
+        if isinstance(value, str)
+        else value
     )
-    if not isinstance(one, Amplitude | Formula):
-        raise SceneError(f"an amplitude must be a text, a number or an Amplitude, not {item!r}")
-    found = bound(one, parameters)
-    if isinstance(found, Scalar):
+    if not isinstance(amplitude, Amplitude | Formula):
+        raise SceneError(f"an amplitude must be a text, a number or an Amplitude, not {value!r}")
+    scalar = bound(amplitude, parameters)
+    if isinstance(scalar, Scalar):
         remedy = "it must be finite everywhere in the box: change the formula, or narrow the box"
-        check_over_box(found, parameters, "an amplitude", -np.inf, np.inf, remedy)
-    return found
+        check_over_box(scalar, parameters, "an amplitude", -np.inf, np.inf, remedy)
+    return scalar
 
 
 def _factored(stiffness: csc_matrix) -> SuperLU:
@@ -249,31 +261,39 @@ def _check_definite(schur: np.ndarray) -> None:
 
 
 def _outputs(
-    size: int, conditions: int, areas: Any, displacements: Any, forces: Any
+    size: int,
+    conditions: int,
+    areas: ArrayLike | None,
+    displacements: Mapping[str, ArrayLike] | None,
+    forces: Mapping[str, ArrayLike] | None,
 ) -> tuple[Functional, ...]:
-    displacements, forces = ({} if given is None else given for given in (displacements, forces))
-    for given in (displacements, forces):
-        if not isinstance(given, Mapping) or not all(
-            isinstance(name, str) and name for name in given
+    displacements, forces = (
+        {} if by_name is None else by_name for by_name in (displacements, forces)
+    )
+    for by_name in (displacements, forces):
+        if not isinstance(by_name, Mapping) or not all(
+            isinstance(name, str) and name for name in by_name
         ):
             raise SceneError(
-                f"outputs must be arrays by name, {{'force': [1.0, ...]}}, and are {given!r}"
+                f"outputs must be arrays by name, {{'force': [1.0, ...]}}, and are {by_name!r}"
             )
-    found: list[Functional] = []
+    functionals: list[Functional] = []
     if areas is not None:
-        given = _array("areas", areas, (conditions,))
-        if not (given > 0).all():
+        checked = _array("areas", areas, (conditions,))
+        if not (checked > 0).all():
             raise SceneError("areas must be positive")
         nowhere = np.zeros(0, dtype=np.int64)
-        found.append(
-            Largest("peak", "", 0, nowhere, nowhere, np.zeros(0), np.arange(conditions), given)
+        functionals.append(
+            Largest("peak", "", 0, nowhere, nowhere, np.zeros(0), np.arange(conditions), checked)
         )
     for name, row in displacements.items():
-        found.append(Linear.of(name, "", row=csc_matrix(_array(name, row, (size,))[None]).tocsr()))
+        functionals.append(
+            Linear.of(name, "", row=csc_matrix(_array(name, row, (size,))[None]).tocsr())
+        )
     for name, weights in forces.items():
-        found.append(
+        functionals.append(
             Linear.of(name, "", np.arange(conditions), _array(name, weights, (conditions,)))
         )
-    if len({item.name for item in found}) < len(found):
+    if len({functional.name for functional in functionals}) < len(functionals):
         raise SceneError("two outputs have the same name")
-    return tuple(found)
+    return tuple(functionals)

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from hhr_dolfinx.plugins.tables.batch import OK, Answers, Progress, Query
 from hhr_dolfinx.timing import timed
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
     from rich.console import Console
 
 PARQUET = ".parquet"
@@ -144,13 +145,13 @@ def _columns(
     """Index of the column of each parameter; ParameterError if the header does not name each
     once.
     """
-    places = {name: _places(header, name) for name in names}
-    if wrong := sorted(name for name, columns in places.items() if len(columns) != 1):
+    columns_of = {name: _places(header, name) for name in names}
+    if wrong := sorted(name for name, columns in columns_of.items() if len(columns) != 1):
         raise ParameterError(
             f"{path} has no column {wrong} or has it twice: its header must name each of "
             f"{tuple(names)} once, and is {list(header)}"
         )
-    columns = [places[name][0] for name in names]
+    columns = [columns_of[name][0] for name in names]
     if units := [header[k] for k, name in zip(columns, names, strict=True) if header[k] != name]:
         say(f"{path}: units are not converted, numbers are those of the scene: {', '.join(units)}")
     return columns
@@ -173,8 +174,9 @@ def answer_table(
     forces: bool = True,
     resume: str | None = None,
 ) -> int:
-    """Answer a table on all ranks into a file, CSV or Parquet, and print the bad rows with their
-    reasons.
+    """Answer a table on all ranks into a file, CSV or Parquet.
+
+    Bad rows are printed with their reasons.
 
     Args:
         model: see :func:`~hhr_dolfinx.plugins.tables.batch.answer_points`.
@@ -218,10 +220,10 @@ def answer_table(
             f"{good} and {len(bad)} bad rows on {group.size} ranks in {seconds:.1f} s: {path}",
             markup=False,
         )
-        for number, why in bad[:MOST_REASONS]:
+        for number, reason in bad[:MOST_REASONS]:
             row = rows[number]
             console.print(
-                f"line {row.line} ({', '.join(row.cells)}): {why}", highlight=False, markup=False
+                f"line {row.line} ({', '.join(row.cells)}): {reason}", highlight=False, markup=False
             )
         if len(bad) > MOST_REASONS:
             console.print(
@@ -276,12 +278,12 @@ class _Blocks:
         FileError if it has other files.
         """
         mark = {FOLDER_MARK: self.digest()}
-        found = None
+        content = None
         with suppress(OSError, ValueError, RecursionError):
-            found = json.loads(self._mark.read_text(encoding="utf-8"))
-        if self.resume is not None and found == mark:
+            content = json.loads(self._mark.read_text(encoding="utf-8"))
+        if self.resume is not None and content == mark:
             return
-        if isinstance(found, dict) and found.keys() == {FOLDER_MARK}:
+        if isinstance(content, dict) and content.keys() == {FOLDER_MARK}:
             self._clear()
         elif self.folder.is_dir():
             self._refuse_others()
@@ -292,11 +294,11 @@ class _Blocks:
     def _refuse_others(self) -> None:
         """FileError for a folder with other files; an empty one is accepted."""
         clear_leftovers(self.folder)
-        if others := sorted(path.name for path in self.folder.iterdir()):
+        if foreign := sorted(path.name for path in self.folder.iterdir()):
             raise FileError(
                 f"{self.folder} is where blocks of answers are kept on their way to {self.path}, "
                 "and it holds files that are not: "
-                f"{', '.join(others[:3])}{', ...' if others[3:] else ''}. Move the folder, or "
+                f"{', '.join(foreign[:3])}{', ...' if foreign[3:] else ''}. Move the folder, or "
                 "give the answers another name"
             )
 
@@ -305,9 +307,9 @@ class _Blocks:
         is in it.
         """
         clear_leftovers(self.folder)
-        own = re.compile(rf"[0-9]{{6,}}(\.json|{re.escape(self.path.suffix)})")
+        names = re.compile(rf"[0-9]{{6,}}(\.json|{re.escape(self.path.suffix)})")
         for path in self.folder.iterdir():
-            if own.fullmatch(path.name):
+            if names.fullmatch(path.name):
                 path.unlink(missing_ok=True)
         self._mark.unlink(missing_ok=True)
         with suppress(OSError):
@@ -332,7 +334,12 @@ class _Blocks:
             return False
 
     def answer(self, numbers: Iterable[int], progress: Progress) -> None:
-        """Answer those of some blocks, by number, that are missing."""
+        """Answer the missing ones of some blocks.
+
+        Args:
+            numbers: numbers of the blocks.
+            progress: wrapper of the iteration over blocks.
+        """
         space = self.query.model.parameters
         for number in progress([number for number in numbers if not self._is_whole(number)]):
             rows = self.rows[number * self.size : (number + 1) * self.size]
@@ -341,7 +348,7 @@ class _Blocks:
             answers = self.query(points)
             # the fault of a cell that is no number replaces the status of the model
             status = [
-                fault or found for (_, fault), found in zip(parsed, answers.status, strict=True)
+                fault or text for (_, fault), text in zip(parsed, answers.status, strict=True)
             ]
             answers = answers._replace(status=status)
             write_answers(
@@ -351,29 +358,33 @@ class _Blocks:
                 [row.cells for row in rows],
                 forces=self.forces,
             )
-            bad = [(number * self.size + k, why) for k, why in enumerate(status) if why != OK]
+            bad = [
+                (number * self.size + k, reason) for k, reason in enumerate(status) if reason != OK
+            ]
             sums = {head: float(np.nansum(values)) for head, values in answers.columns.items()}
             with replacing(self._report(number), text=True) as file:
                 json.dump([bad, sums, checksum(self._answers(number))], file)
 
     def join(self) -> tuple[list[tuple[int, str]], dict[str, float]]:
-        """Make one file of all blocks; return the bad rows with their reasons, and sums of further
-        columns by head.
+        """Make one file of all blocks.
+
+        Returns:
+            The bad rows with their reasons, and sums of further columns by head.
         """
-        parts = [self._answers(number) for number in range(len(self))]
+        files = [self._answers(number) for number in range(len(self))]
         if self.path.suffix == PARQUET:
-            join_tables(self.path, parts)
+            join_tables(self.path, files)
         else:
             with replacing(self.path, text=True) as target:
-                for number, part in enumerate(parts):
-                    with open(part, newline="", encoding="utf-8") as source:
+                for number, file in enumerate(files):
+                    with open(file, newline="", encoding="utf-8") as source:
                         head = source.readline()
                         target.write(head if number == 0 else "")
                         shutil.copyfileobj(source, target)
         reports = [json.loads(self._report(number).read_text()) for number in range(len(self))]
         self._clear()
-        sums = {head: sum(own[head] for _, own, _ in reports) for head in reports[0][1]}
-        return [(row, why) for bad, *_ in reports for row, why in bad], sums
+        sums = {head: sum(sums_of[head] for _, sums_of, _ in reports) for head in reports[0][1]}
+        return [(row, reason) for bad, *_ in reports for row, reason in bad], sums
 
 
 def write_answers(
@@ -407,22 +418,31 @@ def write_answers(
 
 
 def _write_csv(
-    path: str | Path, head: list[str], answers: Answers, cells: Any, columns: dict[str, np.ndarray]
+    path: str | Path,
+    head: list[str],
+    answers: Answers,
+    cells: Sequence[Sequence[str]] | None,
+    columns: dict[str, np.ndarray],
 ) -> None:
-    given = answers.points.tolist() if cells is None else cells
+    rows = answers.points.tolist() if cells is None else cells
     numbers = np.column_stack(list(columns.values()))
     line = ",".join(["%.12g"] * len(columns))
     with replacing(path, text=True) as file:
         writer = csv.writer(file)
         writer.writerow(head)
-        for row, status, values in zip(given, answers.status, numbers, strict=True):
+        for row, status, values in zip(rows, answers.status, numbers, strict=True):
             writer.writerow(
                 [*row, status, *(_texts(line, values) if status == OK else [""] * len(values))]
             )
 
 
 def columns_of(answers: Answers, forces: bool = True) -> dict[str, np.ndarray]:
-    """Values of all rows by the heads of their columns, in the order of the columns."""
+    """Values of all rows by the heads of their columns, in the order of the columns.
+
+    Args:
+        answers: answers of :func:`~hhr_dolfinx.plugins.tables.batch.answer_points`.
+        forces: include a column of the force of each contact condition.
+    """
     columns = (
         {}
         if answers.largest_displacement is None
@@ -466,10 +486,10 @@ def _numbers(row: TableRow, space: ParameterSpace) -> tuple[list[float], str]:
         try:
             point.append(float(text))
         except ValueError:
-            why = ": write a decimal point, not a comma" if "," in text else ""
+            advice = ": write a decimal point, not a comma" if "," in text else ""
             return (
                 nothing,
-                f"{name} is empty" if not text else f"{name} = '{text}' is no number{why}",
+                f"{name} is empty" if not text else f"{name} = '{text}' is no number{advice}",
             )
     return point, ""
 
@@ -485,6 +505,11 @@ def read_columns(
 ) -> list[list[str]]:
     """Rows of some columns of a Parquet file as text with all digits; missing values are empty.
 
+    Args:
+        path: the file.
+        names: names of the columns.
+        say: function that prints what is assumed of units.
+
     Raises:
         ParameterError: if the file cannot be read, or lacks one of the columns.
     """
@@ -496,24 +521,29 @@ def read_columns(
         raise ParameterError(f"there is no table of parameters {path}") from None
     except (OSError, ArrowException) as error:
         raise ParameterError(f"{path} cannot be read as Parquet ({error})") from error
-    places = _columns(path, table.column_names, names, say)
-    columns = [table.column(place).to_pylist() for place in places]
+    indices = _columns(path, table.column_names, names, say)
+    columns = [table.column(index).to_pylist() for index in indices]
     return [
         ["" if value is None else str(value) for value in row] for row in zip(*columns, strict=True)
     ]
 
 
-def write_columns(path: Path, columns: Mapping[str, Any]) -> None:
-    """Write columns by name to a Parquet file; NaN becomes an empty value."""
+def write_columns(path: Path, columns: Mapping[str, ArrayLike]) -> None:
+    """Write columns by name to a Parquet file; NaN becomes an empty value.
+
+    Args:
+        path: the file.
+        columns: values by the head of their column.
+    """
     with extra("tables", f"the table {path}"):
         import pyarrow
         from pyarrow import parquet
     arrays = {}
     for name, values in columns.items():
-        given = np.asarray(values)
+        array = np.asarray(values)
         arrays[name] = (
-            pyarrow.array(given, from_pandas=True)
-            if given.dtype.kind in "fiub"
+            pyarrow.array(array, from_pandas=True)
+            if array.dtype.kind in "fiub"
             else pyarrow.array(values)
         )
     with replacing(path) as file:
@@ -521,15 +551,20 @@ def write_columns(path: Path, columns: Mapping[str, Any]) -> None:
 
 
 def join_tables(path: Path, parts: Sequence[Path]) -> None:
-    """Join Parquet files with the same columns in their order, with one of them in memory at a
-    time.
+    """Join Parquet files with the same columns in their order.
+
+    One of them is in memory at a time.
+
+    Args:
+        path: the joined file.
+        parts: the files, in their order.
     """
     with extra("tables", f"the table {path}"):
         from pyarrow import parquet
     with replacing(path) as file:
         writer = None
-        for part in parts:
-            table = parquet.read_table(part)
+        for block in parts:
+            table = parquet.read_table(block)
             # a column without any number in a block has no type
             writer = writer or parquet.ParquetWriter(file, table.schema)
             writer.write_table(table.cast(writer.schema))

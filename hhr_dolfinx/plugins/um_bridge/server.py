@@ -63,7 +63,7 @@ class Protocol:
         self.name = name
         self.model = model
         self.names = model.parameters.names
-        self.outputs = tuple(item.name for item in model.fields.functionals.items)
+        self.outputs = tuple(functional.name for functional in model.fields.functionals.items)
         # answers of inelastic bodies depend on a path, and have no derivatives
         slopes = model.equilibrium is None
         self.supported = {
@@ -82,7 +82,11 @@ class Protocol:
         }
 
     def get(self, path: str) -> Fields:
-        """Answer a GET request; RequestError for any path but ``/Info``."""
+        """Answer a GET request.
+
+        Raises:
+            RequestError: for any path but ``/Info``.
+        """
         if path != "/Info":
             raise self._unknown(path)
         return {"protocolVersion": PROTOCOL_VERSION, "models": [self.name]}
@@ -90,8 +94,13 @@ class Protocol:
     def post(self, path: str, body: bytes) -> Fields:
         """Answer a POST request.
 
-        RequestError for an unknown path or model, invalid fields, a refused point, or one without
-        an answer.
+        Args:
+            path: path of the request, such as ``/Evaluate``.
+            body: its body, JSON.
+
+        Raises:
+            RequestError: for an unknown path or model, invalid fields, a refused point, or one
+                without an answer.
         """
         if not self.supported.get(path.removeprefix("/"), True):
             raise RequestError(
@@ -101,11 +110,11 @@ class Protocol:
             raise self._unknown(path)
         request = _fields(body)
         if request.get("name") != self.name:
-            known = (
+            text = (
                 f"model {request.get('name')!r} is not here: the model of this server is "
                 f"{self.name!r}"
             )
-            raise RequestError(HTTPStatus.BAD_REQUEST, "ModelNotFound", known)
+            raise RequestError(HTTPStatus.BAD_REQUEST, "ModelNotFound", text)
         try:
             return self.posted[path](request)
         except ParameterError as error:
@@ -118,17 +127,17 @@ class Protocol:
             ) from error
 
     def _unknown(self, path: str) -> RequestError:
-        known = ", ".join(["/Info", *self.posted])
+        paths = ", ".join(["/Info", *self.posted])
         return RequestError(
             HTTPStatus.NOT_FOUND,
             "UnsupportedFeature",
-            f"there is no {path[:80]!r}: there are {known}",
+            f"there is no {path[:80]!r}: there are {paths}",
         )
 
     def _evaluate(self, request: Fields) -> Fields:
         """Outputs at a point."""
-        found = self.model.outputs(self._point(request), outside="refuse")
-        return {"output": [[found[name] for name in self.outputs]]}
+        outputs = self.model.outputs(self._point(request), outside="refuse")
+        return {"output": [[outputs[name] for name in self.outputs]]}
 
     def _gradient(self, request: Fields) -> Fields:
         """Weights of the outputs times the Jacobian."""
@@ -148,17 +157,19 @@ class Protocol:
                     f"{name} = {_shown(request.get(name))} must be 0: there is one input and one "
                     "output"
                 )
-        found = self.model.outputs(self._point(request), gradient=True, outside="refuse").gradient
-        assert found is not None
-        return np.array([found[name] for name in self.outputs])
+        gradient = self.model.outputs(
+            self._point(request), gradient=True, outside="refuse"
+        ).gradient
+        assert gradient is not None
+        return np.array([gradient[name] for name in self.outputs])
 
     def _point(self, request: Fields) -> np.ndarray:
-        given = request.get("input")
-        if not isinstance(given, list) or len(given) != 1:
+        value = request.get("input")
+        if not isinstance(value, list) or len(value) != 1:
             raise _invalid(
-                f"input = {_shown(given)} must be a list of one list, the parameters {self.names}"
+                f"input = {_shown(value)} must be a list of one list, the parameters {self.names}"
             )
-        return _vector({"input[0]": given[0]}, "input[0]", len(self.names))
+        return _vector({"input[0]": value[0]}, "input[0]", len(self.names))
 
 
 def _fields(body: bytes) -> Fields:
@@ -174,16 +185,18 @@ def _fields(body: bytes) -> Fields:
 
 
 def _vector(request: Fields, name: str, size: int) -> np.ndarray:
-    given = request.get(name)
-    if not isinstance(given, list) or len(given) != size:
-        count = f" and has {len(given)}" if isinstance(given, list) else f" and is {_shown(given)}"
+    values = request.get(name)
+    if not isinstance(values, list) or len(values) != size:
+        count = (
+            f" and has {len(values)}" if isinstance(values, list) else f" and is {_shown(values)}"
+        )
         raise _invalid(f"{name} must be a list of length {size}{count}")
-    if not all(isinstance(value, int | float) and not isinstance(value, bool) for value in given):
-        raise _invalid(f"{name} = {_shown(given)} must hold numbers alone")
+    if not all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
+        raise _invalid(f"{name} = {_shown(values)} must hold numbers alone")
     try:
-        return np.array(given, dtype=float)
+        return np.array(values, dtype=float)
     except OverflowError:
-        raise _invalid(f"{name} = {_shown(given)} has a number that is too large") from None
+        raise _invalid(f"{name} = {_shown(values)} has a number that is too large") from None
 
 
 def _invalid(message: str) -> RequestError:
@@ -218,9 +231,9 @@ class _Handler(BaseHTTPRequestHandler):
             )
         if len(text) > 9 or int(text) > MOST_REQUEST_BYTES:
             # a client must finish sending to read the reason
-            left = min(int(text[:9]), MOST_SKIPPED)
-            while left > 0 and (piece := self.rfile.read(min(left, MOST_REQUEST_BYTES))):
-                left -= len(piece)
+            remaining = min(int(text[:9]), MOST_SKIPPED)
+            while remaining > 0 and (piece := self.rfile.read(min(remaining, MOST_REQUEST_BYTES))):
+                remaining -= len(piece)
             size = f"a request of {text[:20]} bytes is more than the limit of {MOST_REQUEST_BYTES}"
             raise self._unread(
                 HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"{size}: send one point at a time"
@@ -232,10 +245,10 @@ class _Handler(BaseHTTPRequestHandler):
         self.close_connection = True
         return RequestError(status, "InvalidInput", message)
 
-    def _answer(self, found: Callable[[], Fields]) -> None:
+    def _answer(self, answer: Callable[[], Fields]) -> None:
         status = HTTPStatus.OK
         try:
-            body = json.dumps(found(), allow_nan=False)
+            body = json.dumps(answer(), allow_nan=False)
         except RequestError as error:
             status = error.status
             body = _described(error.kind, str(error))
@@ -260,7 +273,13 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(data)
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
-        """Send an error of HTTP itself, in the format of the protocol."""
+        """Send an error of HTTP itself, in the format of the protocol.
+
+        Args:
+            code: HTTP status.
+            message: its message; None for the usual one.
+            explain: not used.
+        """
         self.close_connection = True
         self._send(code, _described("InvalidInput", message or HTTPStatus(code).phrase))
 
@@ -306,13 +325,18 @@ class Server(ThreadingHTTPServer):
         try:
             super().__init__((host, port), _Handler)
         except (OSError, OverflowError) as error:
-            why = getattr(error, "strerror", None) or error
+            reason = getattr(error, "strerror", None) or error
             raise FileError(
-                f"{host} port {port} cannot be served ({why}): take another --host or --port"
+                f"{host} port {port} cannot be served ({reason}): take another --host or --port"
             ) from error
         shown = f"[{host}]" if ":" in host else host
         self.url = f"http://{shown}:{self.server_address[1]}"
 
     def handle_error(self, request: object, client_address: object) -> None:
-        """Log a broken connection, not on the screen."""
+        """Log a broken connection, not on the screen.
+
+        Args:
+            request: the socket, not used.
+            client_address: address of the client.
+        """
         _log.debug("the connection of %s broke", client_address, exc_info=True)
