@@ -62,7 +62,7 @@ def test_a_command_file(load, name, pressure, tmp_path):
     answer = full.solve(scene.parameters.middle)
     # friction holds what nu = 0 does not move
     assert full.pressures(answer).sum() == pytest.approx(pressure, rel=1e-6)
-    assert "run.comm:13" in (tmp_path / "run.py").read_text()
+    assert "run.comm:14" in (tmp_path / "run.py").read_text()
 
 
 RIGID_LINE = """
