@@ -51,8 +51,8 @@ def flat_deck(path: Path) -> DeckContents:
     return assembly.flat()
 
 
-def _mesh_of(deck: DeckContents, path: Path) -> RawMesh:
-    """Make the mesh of a deck: cells of the highest dimension, and sets of them."""
+def _solid_elements(deck: DeckContents, path: Path) -> dict[int, tuple[str, list[int]]]:
+    """Elements of the highest dimension by number: kind and nodes of each."""
     dimensions = {DIMENSION.get(kind, 3) for kind, _ in deck.elements.values() if kind != "line"}
     if not dimensions:
         types = sorted(set(deck.types.values()))
@@ -60,11 +60,16 @@ def _mesh_of(deck: DeckContents, path: Path) -> RawMesh:
             f"{path} has no elements of the plane or of space"
             + (f" that are understood: {', '.join(types)}" if types else "")
         )
-    solid = {
+    return {
         number: element
         for number, element in deck.elements.items()
         if element[0] != "line" and DIMENSION.get(element[0], 3) == max(dimensions)
     }
+
+
+def _mesh_of(deck: DeckContents, path: Path) -> RawMesh:
+    """Make the mesh of a deck: cells of the highest dimension, and sets of them."""
+    solid = _solid_elements(deck, path)
     rows_of: dict[tuple[str, int], list[list[int]]] = {}
     for number, (of, _) in solid.items():
         rows_of.setdefault((of, len(deck.whole[number])), []).append(deck.whole[number])
@@ -104,15 +109,8 @@ def _mesh_of(deck: DeckContents, path: Path) -> RawMesh:
         )
         for name, numbers in deck.node_sets.items()
     }
-    reasons_of_kinds = _others(
-        deck,
-        {
-            number: kind_of_cell
-            for number, (kind_of_cell, _) in solid.items()
-            if kind_of_cell != kind
-        },
-        kind,
-    )
+    other_kinds = {number: cell[0] for number, cell in solid.items() if cell[0] != kind}
+    reasons_of_kinds = _others(deck, other_kinds, kind)
     bodies = {
         name: rows for name, rows in bodies.items() if rows.size and name not in reasons_of_kinds
     }

@@ -115,9 +115,8 @@ def template(path: Path, mesh: NamedParts, plane: str = "plane_strain") -> Deck:
         if not loads:
             todo.append(Left(source, "loads", NO_LOAD))
     elif not pairs and not loads:
-        end_supports, loads = _by_ends(
-            parts, piece, [support.place for support in supports], source
-        )
+        places = [support.place for support in supports]
+        end_supports, loads = _by_ends(parts, piece, places, source)
         supports = supports or end_supports
         if not supports:
             todo.append(Left(source, "support", NO_SUPPORT))
