@@ -54,7 +54,7 @@ def hhr_command(folder: Path, *words: str) -> str:
 
     Its progress and warnings are shown as they come.
     """
-    print(f"hhr {' '.join(words)}", file=sys.stderr, flush=True)
+    say(f"hhr {' '.join(words)}")
     command = [sys.executable, "-u", "-m", "hhr_dolfinx.command.main", *words]
     lines = []
     with subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, text=True) as run:
@@ -68,8 +68,14 @@ def hhr_command(folder: Path, *words: str) -> str:
     return "".join(lines)
 
 
+def say(text: str) -> None:
+    """A line on the error stream, so that nothing is silent for long."""
+    print(text, file=sys.stderr, flush=True)
+
+
 def meshed(out: Path, sizes: tuple[float, float]) -> None:
     """STEP file and mesh."""
+    say(f"meshing with cells of {sizes[0]:g} to {sizes[1]:g} mm")
     gmsh.initialize()
     for option in ("General.Terminal", "Geometry.OCCAutoFix"):
         gmsh.option.setNumber(option, 0)
@@ -112,8 +118,13 @@ def errors(model: Any, out: Path, points: np.ndarray) -> dict[str, float]:
     """Errors against full solutions at points, over the largest value, and of the balance of
     forces.
     """
+    say("factoring the full model, to compare")
     full = hhr.FullOrderModel(scene_of(out))
-    known, found = [full.solve(point) for point in points], [model.solve(point) for point in points]
+    known = []
+    for number, point in enumerate(points, start=1):
+        say(f"full solution {number} of {len(points)}")
+        known.append(full.solve(point))
+    found = [model.solve(point) for point in points]
     exact, own = (
         np.array([answer.outputs()[BOLT] for answer in answers]) for answers in (known, found)
     )
@@ -127,7 +138,7 @@ def errors(model: Any, out: Path, points: np.ndarray) -> dict[str, float]:
 
 
 def main() -> None:
-    """Mesh, start, check, reduce, page, unit; then the diagram and its errors."""
+    """Mesh, start, check, reduce, page, unit; then the diagram, a picture and errors."""
     from parts import cli
 
     from hhr_dolfinx.plugins.studies import report
@@ -157,6 +168,7 @@ def main() -> None:
     minutes["in all"] = sum(minutes.values())
     model = hhr.load_model(out / "model.npz")
     diagram(model, out / "diagram.png")
+    model.solve((0.06, 20.0)).plot(out / "part.png")
     space = scene_of(out).parameters
     found = errors(model, out, space.random(2 if options.quick else 8, seed=options.seed + 7))
     middle = model.solve(space.middle).outputs()[BOLT]
@@ -164,6 +176,7 @@ def main() -> None:
     if not options.quick:
         meshed(out / "finer", (0.75 * fine, 0.75 * coarse))
         scene_file(out / "finer")
+        say("factoring and solving the full model of the finer mesh")
         finer = hhr.FullOrderModel(scene_of(out / "finer"))
         found["force of the bolt on a finer mesh"] = abs(
             middle / finer.solve(space.middle).outputs()[BOLT] - 1

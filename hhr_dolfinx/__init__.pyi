@@ -106,10 +106,14 @@ from .plugins.paths.path_families import PathFamily as PathFamily
 from .plugins.places.places import NodalForce as NodalForce
 from .plugins.places.places import Nodes as Nodes
 from .plugins.places.places import Springs as Springs
+from .plugins.resultants.outputs import CentreOfPressure as CentreOfPressure
+from .plugins.resultants.outputs import ContactArea as ContactArea
+from .plugins.resultants.reactions import Reaction as Reaction
 from .plugins.second_order.untangled import Untangled as Untangled
 from .plugins.shapes.shape import Shape as Shape
 from .plugins.sliding.slide import slide as slide
 from .plugins.stress.outputs import ElasticEnergy as ElasticEnergy
+from .plugins.stress.outputs import StressAt as StressAt
 from .plugins.stress.outputs import VonMises as VonMises
 from .plugins.studies.settings import StudySettings as StudySettings
 from .plugins.studies.settings import View as View

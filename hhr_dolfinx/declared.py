@@ -18,6 +18,7 @@ import inspect
 import math
 from collections.abc import Mapping, Sequence
 from functools import cache
+from html import escape
 from types import MappingProxyType
 from typing import Any, NamedTuple, Self, get_args
 
@@ -353,3 +354,13 @@ class KnownArguments:
                 f"{', '.join(names)}"
             )
         return super().__new__(cls)
+
+    def _repr_html_(self) -> str:
+        """The text of several lines if there is one, else a table of the arguments."""
+        if "\n" in str(self):
+            return f"<pre>{escape(str(self))}</pre>"
+        names = [item.name for item in dataclasses.fields(self)]  # type: ignore[arg-type]
+        values = [escape(str(getattr(self, name))) for name in names]
+        pairs = zip(names, values, strict=True)
+        rows = (f"<tr><th>{name}</th><td>{value}</td></tr>" for name, value in pairs)
+        return f"<table><caption>{type(self).__name__}</caption>{''.join(rows)}</table>"

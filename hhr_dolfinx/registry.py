@@ -400,14 +400,15 @@ def tool(word: str, what: str) -> Any:
     """Function that a plug-in offers by a word, such as ``drawing`` or ``fields``.
 
     ``drawing(value, path, full=None)`` is a figure of matplotlib, saved if a path is given, of a
-    scene, or of an answer on the mesh of a full model. ``fields(path, full, answer)`` writes the
-    fields of an answer and returns the files. ``forces_outside(problem, law, conditions, forces)``
-    completes forces outside the RID, an :class:`~hhr_dolfinx.models.answer.InterfaceCompletion`,
-    from training forces, (N_lambda, S). ``histories(paths)`` are
-    :class:`~hhr_dolfinx.snapshots.records.Queries` along paths. ``queries(scene, training,
-    held_out)`` are checked paths, or a training that chooses them, and paths held out.
-    ``reduction(full)`` is the kind of answers of a full model with laws of contacts, an
-    :class:`~hhr_dolfinx.reduction.kinds.OfPoints`. ``mesh_beside(path, model)`` is the
+    scene, or of an answer on the mesh of a full model; its keyword ``scale`` is the factor of
+    displacements. ``curves(history, path, y, x)`` is a figure of the outputs ``y`` of a history
+    over ``x``. ``fields(path, full, answer)`` writes the fields of an answer and returns the files.
+    ``forces_outside(problem, law, conditions, forces)`` completes forces outside the RID, an
+    :class:`~hhr_dolfinx.models.answer.InterfaceCompletion`, from training forces, (N_lambda, S).
+    ``histories(paths)`` are :class:`~hhr_dolfinx.snapshots.records.Queries` along paths.
+    ``queries(scene, training, held_out)`` are checked paths, or a training that chooses them, and
+    paths held out. ``reduction(full)`` is the kind of answers of a full model with laws of
+    contacts, an :class:`~hhr_dolfinx.reduction.kinds.OfPoints`. ``mesh_beside(path, model)`` is the
     :class:`~hhr_dolfinx.models.answer.Meshed` of a model file, read when it is used; ``model()`` is
     then the model.
 

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import logging
+import math
+import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sized
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import partial
 from typing import TypeVar
 
 from hhr_dolfinx.one_thread import one_thread
@@ -37,6 +40,50 @@ def unannounced(stage: str, share: float) -> None:
         stage: name of the stage.
         share: fraction that is done.
     """
+
+
+class ShareLines:
+    """Progress as lines: one for each stage of a long run, then the part of it that is done.
+
+    There is none in the first ``quiet`` seconds, nor sooner than ``every`` seconds after the last
+    one of a stage.
+    """
+
+    def __init__(self, write: Callable[[str], None], quiet: float = 2.0, every: float = 5.0):
+        self._write = write
+        self._quiet = quiet
+        self._every = every
+        self._start = now()
+        self._last: dict[str, float] = {}
+
+    def __call__(self, stage: str, share: float) -> None:
+        """Write a line if one is due, see :data:`Announce`."""
+        seconds = now() - self._start
+        if seconds < self._quiet:
+            return
+        if not share or seconds - self._last.get(stage, -math.inf) >= self._every:
+            self._last[stage] = seconds
+            self._write(f"{seconds:.0f} s: {stage}" + (f", {share:.0%} done" if share else ""))
+
+
+def terminal_lines() -> Announce:
+    """Lines on the error stream if that is a terminal, else none; the default of long runs."""
+    watched = sys.stderr is not None and sys.stderr.isatty()
+    return ShareLines(partial(print, file=sys.stderr, flush=True)) if watched else unannounced
+
+
+def lines_of(label: str) -> Callable[[Iterable], Iterator]:
+    """Wrapper of iterations that announces their share on a terminal, under a label."""
+
+    def announced(items: Iterable) -> Iterator:
+        announce = terminal_lines()
+        count = len(items) if isinstance(items, Sized) else 0
+        for number, item in enumerate(items):
+            if count:
+                announce(label, number / count)
+            yield item
+
+    return announced
 
 
 @dataclass

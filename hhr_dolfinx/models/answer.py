@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.estimates import Estimate, Estimates
     from hhr_dolfinx.models.functionals.functional import AllOutputs, Outputs
     from hhr_dolfinx.models.gradient import Gradient
-    from hhr_dolfinx.parameters import PointLike, PointsLike
+    from hhr_dolfinx.parameters import ParameterSpace, PointLike, PointsLike
 
 Path = list[tuple[float, np.ndarray]]
 """Times in seconds and parameters, (P,), the first ones at rest."""
@@ -45,6 +45,10 @@ class Meshed(Protocol):
 
     Pressures and pictures need it.
     """
+
+    @property
+    def parameters(self) -> ParameterSpace:
+        """Box of the parameters."""
 
     def areas(self, mu: PointLike) -> np.ndarray:
         """Tributary areas of the contact conditions at a parameter, (N_lambda,)."""
@@ -295,7 +299,7 @@ class Answer(NamedTuple):
 
     def facts(self) -> dict[str, str]:
         """See :class:`~hhr_dolfinx.models.shown.Shown`."""
-        facts = {"parameter": f"at {point_of(self.parameter)}"}
+        facts = {"parameter": f"at {point_of(self.parameter, names_of(self))}"}
         if not math.isnan(self.time):
             facts["time"] = f"t = {self.time:.6g} s"
         facts["status"] = (
@@ -310,6 +314,11 @@ class Answer(NamedTuple):
 
     def __repr__(self) -> str:
         return line("Answer", self.facts())
+
+    def __str__(self) -> str:
+        """The same line, and one for each output of the scene with its unit."""
+        known = self.converged and self.fields.functionals is not None
+        return f"{self!r}\n{self.outputs()}" if known else repr(self)
 
     def _repr_html_(self) -> str:
         return table("Answer", self.facts())
@@ -359,20 +368,27 @@ class Answer(NamedTuple):
             )
         return np.divide(forces, areas, out=np.full(len(areas), np.nan), where=areas > 0)
 
-    def plot(self, path: Any = None, full: Meshed | None = None) -> Any:
-        """Picture of the contact pressure and of the deformed bodies, as a figure of matplotlib.
+    def plot(self, path: Any = None, full: Meshed | None = None, scale: float | None = None) -> Any:
+        """Picture of the deformed bodies with their stress, and of pressure on contact surfaces.
+
+        Closed surfaces are drawn closed. ``answer.to_pyvista()`` has the data for a notebook.
 
         Args:
             path: file to save the figure to; None does not save it.
             full: see :meth:`pressure`.
+            scale: factor of the displacements; None chooses a power of ten.
+
+        Returns:
+            A figure of matplotlib.
 
         Raises:
             NotOfferedError: by a copy, or a model from a file without mesh, without ``full``; or
                 without a plug-in that draws.
-            MissingPackageError: without matplotlib.
+            MissingPackageError: without matplotlib, in space without PyVista.
         """
         draw = registry.tool("drawing", "a figure of an answer")
-        return draw(self, path, self._meshed(full, "a picture needs the mesh"))
+        chosen = {} if scale is None else {"scale": scale}
+        return draw(self, path, self._meshed(full, "a picture needs the mesh"), **chosen)
 
     def _meshed(self, full: Meshed | None, why: str) -> Meshed:
         meshed = self.fields.full if full is None else full
@@ -412,6 +428,12 @@ class Answer(NamedTuple):
         from hhr_dolfinx.models.functionals.functional import outputs_of
 
         return outputs_of(self)
+
+
+def names_of(answer: Answer) -> tuple[str, ...]:
+    """Names of the parameters of an answer; none of a copy of a model, which has no mesh."""
+    full = answer.fields.full
+    return () if full is None else tuple(full.parameters.names)
 
 
 @dataclass(repr=False)
@@ -482,6 +504,24 @@ class History(Shown):
             between = [point + share * (answer.parameter - point) for share in shares]
             path += [*zip(answer.ends, between, strict=True), (answer.time, answer.parameter)]
         return path
+
+    def plot(self, path: Any = None, y: str | Sequence[str] | None = None, x: str = "time") -> Any:
+        """Outputs over time, a parameter or another output, as loops of hysteresis are drawn.
+
+        Args:
+            path: file to save the figure to; None does not save it.
+            y: names of outputs; None for all outputs of the scene.
+            x: ``time``, or the name of a parameter or output.
+
+        Returns:
+            A figure of matplotlib.
+
+        Raises:
+            ParameterError: for an unknown name.
+            NotOfferedError: without a plug-in that draws.
+        """
+        draw = registry.tool("curves", "a figure of a history")
+        return draw(self, path, y, x)
 
     def thinned(self, times: Sequence[float]) -> History:
         """History with the answers at some of its times alone."""

@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from hhr_dolfinx.errors import NoBoundWarning, ParameterError
+from hhr_dolfinx.models.shown import table
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
@@ -125,6 +126,11 @@ class Estimate(NamedTuple):
             0.0,
             0.0,
         )
+
+    def _repr_html_(self) -> str:
+        errors = self.shown({name: name for name in self.outputs})
+        shown = {name: f"{value:.3g}" for name, value in errors.items()}
+        return table("Relative errors, of outputs absolute ones", shown)
 
     def shown(self, outputs: Mapping[str, str] = MappingProxyType({})) -> dict[str, float]:
         """Row of a table, by the heads of :func:`columns`; NaN for outputs without a bound."""

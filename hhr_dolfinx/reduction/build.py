@@ -31,7 +31,7 @@ from hhr_dolfinx.reduction.recipe import Recipe, basis_of, chosen_nodes
 from hhr_dolfinx.reduction.reductor import Reductor, Task, as_reductor, compared, made, outcomes
 from hhr_dolfinx.registry import Stage
 from hhr_dolfinx.snapshots.records import SnapshotSet
-from hhr_dolfinx.timing import Announce, StageLog, unannounced
+from hhr_dolfinx.timing import Announce, StageLog, terminal_lines
 from hhr_dolfinx.trained import Trained
 from hhr_dolfinx.warn import repeat
 
@@ -124,7 +124,7 @@ def build(
     snapshots: SnapshotSet,
     recipe: Any = None,
     held_out: SnapshotSet | None = None,
-    announce: Announce = unannounced,
+    announce: Announce | None = None,
 ) -> Any:
     """Build an HHR model that passes the trust check, thesis sections 1.4.2-1.4.6 and 6.2.3.
 
@@ -145,7 +145,8 @@ def build(
             of bodies.
         held_out: validation answers for the trust check; without them training answers are
             compared, and a warning is given.
-        announce: called with each stage that begins; an exception from it stops the build.
+        announce: called with each stage that begins; an exception from it stops the build. None
+            prints lines on a terminal if the build takes longer than two seconds.
 
     Raises:
         ReductionError: for snapshots or recipes from which no model can be built.
@@ -159,7 +160,7 @@ def build(
     """
     if not isinstance(full, FullModel):
         raise ReductionError(f"{full!r} is no full model: give FullOrderModel(scene)")
-    task = Task(full, snapshots, held_out, announce=announce)
+    task = Task(full, snapshots, held_out, announce=announce or terminal_lines())
     if isinstance(recipe, HyperReduction):
         recipe = recipe.recipe
     elif (reductor := as_reductor(recipe)) is not None:

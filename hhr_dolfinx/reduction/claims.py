@@ -159,11 +159,23 @@ def _errors(full: FullModel, exact: Answer, answer: Answer) -> dict[str, tuple[f
         with suppress(NotOfferedError):
             values = exact.outputs().values
             approximate = answer.outputs().values
-            errors |= {
-                key: (abs(approximate[key] - values[key]), abs(values[key]))
-                for key in approximate.keys() & values.keys()
-            }
+            terms = _terms_of(full, exact)
+            for key in approximate.keys() & values.keys():
+                if not np.isnan(values[key]):  # a centre of pressure without contact is NaN
+                    size = max(abs(values[key]), terms.get(key, 0.0))
+                    errors[key] = abs(approximate[key] - values[key]), size
     return errors
+
+
+def _terms_of(full: FullModel, exact: Answer) -> dict[str, float]:
+    """Sums of the sizes of the terms of linear outputs, the scale of their round-off."""
+    from hhr_dolfinx.models.functionals.kinds import Linear  # scenes without outputs do without it
+
+    assert full.functionals is not None
+    here = full.functionals.at(exact.parameter)
+    sizes = abs(here.rows) @ abs(exact.displacement())
+    pairs = zip(here.items, here.places, strict=True)
+    return {item.name: sizes[rows].sum() for item, rows in pairs if isinstance(item, Linear)}
 
 
 def _user_defined(full: FullModel, point: np.ndarray) -> csr_matrix:

@@ -35,7 +35,7 @@ from hhr_dolfinx.reduction.claims import check_claim
 from hhr_dolfinx.reduction.kinds import OfPoints, kind_of
 from hhr_dolfinx.registry import Way
 from hhr_dolfinx.snapshots.records import Lost, SnapshotSet, compute_snapshots
-from hhr_dolfinx.timing import Announce, StageLog, unannounced
+from hhr_dolfinx.timing import Announce, StageLog, terminal_lines
 from hhr_dolfinx.trained import Trained, TrainedRange
 from hhr_dolfinx.warn import Warned, collected, repeat
 
@@ -66,7 +66,7 @@ class Task:
     held_out: SnapshotSet | None = None  #: for validation
     log: StageLog = field(default_factory=StageLog)
     #: called with each stage and the share that is done; may raise to stop the build
-    announce: Announce = unannounced
+    announce: Announce = field(default_factory=terminal_lines)
     #: full answers solved for to compare a model that calls itself exact; 0 if the caller compares
     #: it
     sure: int = EXACTNESS_SAMPLES

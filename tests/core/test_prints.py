@@ -62,7 +62,7 @@ def test_lines_say_what_is_there(values, training):
     touching = int(answer.active.sum())
     assert touching > 0
     assert repr(answer) == (
-        f"<Answer: at (0.05), converged after {answer.iterations} "
+        f"<Answer: at push=0.05, converged after {answer.iterations} "
         f"iteration{'s' * (answer.iterations > 1)}, {touching} of {answer.active.size} contact "
         "conditions active>"
     )
@@ -142,8 +142,11 @@ def test_answers_and_scenes_draw_themselves(values, training, tmp_path):
     bodies, surface, *_ = figure.axes
     (curve,) = surface.get_lines()
     np.testing.assert_allclose(np.sort(curve.get_ydata()), np.sort(answer.pressure()), rtol=1e-12)
-    assert surface.get_ylabel() == "contact pressure" and len(bodies.collections) == 1
-    assert "push=0.05" in figure.get_suptitle()
+    assert surface.get_ylabel() == "contact pressure" and surface.get_ylim()[0] == 0
+    stress, outline = bodies.collections
+    # uniform in each body, up to the corners where blocks are held
+    assert stress.get_array().min() >= 0 and len(outline.get_segments()) > 0
+    assert "push = 0.05" in figure.get_suptitle()
     training.full_order.scene.plot(tmp_path / "scene.png")
     for name in ("answer", "scene"):
         assert (tmp_path / f"{name}.png").stat().st_size > 10_000
@@ -176,3 +179,25 @@ def test_tables_go_to_pandas_and_xarray_in_one_call(values):
 def test_a_table_of_answers_prints_as_one_line(values):
     text = repr(hhr.answer_points(values["condensed"], np.array([[0.04], [7.0]])))
     assert text == "<Answers: 2 rows, 1 ok, 1 parameter, outputs: none>"
+
+
+def test_an_answer_prints_its_outputs_with_units():
+    """A line for each output: E' (push - gap) / 2 times the width 1.5."""
+    import dataclasses
+
+    force = hhr.ContactForce("lift", 0, (0.0, 1.0), unit="N/mm")
+    scene = dataclasses.replace(pressed_block("plane_strain"), outputs=(force,))
+    answer = hhr.FullOrderModel(scene).solve(0.05)
+    first, second = str(answer).splitlines()
+    assert first == repr(answer) and "at push=0.05" in first
+    assert second == f"lift = {3.0 / 0.91 * 0.02 * 1.5:.6g} N/mm"
+    table = answer.outputs()._repr_html_()
+    assert "<th>lift</th>" in table and "N/mm" in table
+
+
+def test_scenes_spaces_and_estimates_are_tables(values):
+    scene = pressed_block("plane_strain")
+    assert scene._repr_html_().startswith("<pre>Scene &#x27;pressed_plane_strain&#x27;")
+    assert "<th>lower</th>" in scene.parameters._repr_html_()
+    estimate = values["answer of full"].estimate()
+    assert "displacement" in estimate._repr_html_() and "array" not in estimate._repr_html_()

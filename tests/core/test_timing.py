@@ -121,3 +121,19 @@ def test_warnings_name_the_line_that_called_the_package():
     with pytest.warns(UserWarning, match="deep") as heard:
         inside["outer"]()
     assert heard[0].filename == __file__
+
+
+def test_long_work_says_how_far_it_is_on_a_terminal_alone(monkeypatch, capsys):
+    """Lines after two seconds, none into files or pipes, and items as they were."""
+    import itertools
+    import sys
+
+    from hhr_dolfinx import timing
+
+    clock = itertools.count(0.0, 3.0)
+    monkeypatch.setattr(timing, "now", lambda: next(clock))
+    assert list(timing.lines_of("snapshots")(range(3))) == [0, 1, 2] and not capsys.readouterr().err
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    assert list(timing.lines_of("snapshots")(range(3))) == [0, 1, 2]
+    assert "s: snapshots" in capsys.readouterr().err
+    assert list(timing.lines_of("greedy")(iter("ab"))) == ["a", "b"]

@@ -23,6 +23,7 @@ from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.declared import Floats, Integers, Size
 from hhr_dolfinx.errors import HHRError, NotOfferedError, ParameterError, SceneError
 from hhr_dolfinx.memory import NO_MEMORY, Memory
+from hhr_dolfinx.models.shown import table
 from hhr_dolfinx.parameters import ParameterSpace
 
 _NOTHING = np.zeros(0)
@@ -64,6 +65,16 @@ class Outputs:
     def items(self) -> list[tuple[str, float]]:
         """Names with values, in the order of the scene."""
         return list(self.values.items())
+
+    def facts(self) -> dict[str, str]:
+        """Values with their units, by name."""
+        return {name: f"{value:.6g} {self.units[name]}".strip() for name, value in self.items()}
+
+    def __str__(self) -> str:
+        return "\n".join(f"{name} = {text}" for name, text in self.facts().items())
+
+    def _repr_html_(self) -> str:
+        return table("Outputs", self.facts())
 
 
 class _Gradient(dict[str, np.ndarray]):

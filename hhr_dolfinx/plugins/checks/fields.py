@@ -9,7 +9,6 @@ import os
 import secrets
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeGuard
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -22,12 +21,10 @@ from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.models.answer import Answer, History, Meshed
 from hhr_dolfinx.models.answer_mesh import AnswerMesh
 from hhr_dolfinx.models.model import AnsweringModel
+from hhr_dolfinx.plugins.checks.contact_fields import gaps, is_full, statuses
 
 with extra("pictures", "fields for ParaView"):
     import pyvista
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.full_order.full import FullOrderModel
 
 FIELD_ENDINGS = (".vtkhdf", ".vtu")
 """Endings of files of fields, as VTK reads them."""
@@ -37,9 +34,9 @@ def write_fields(path: str | Path, full: AnsweringModel, answer: Answer | Histor
     """Write displacement, contact pressure and gap at nodes, stress and body of cells, and what
     laws of contacts add.
 
-    Of a model from a file with the mesh beside it, ``scenery.npz``, gaps, what laws of contacts
-    add, and stress tensors of elastic bodies are left out; von Mises' stress of elastic bodies is
-    there in the plane.
+    Of a model from a file with the mesh beside it, ``scenery.npz``, what laws of contacts add and
+    stress tensors of elastic bodies are left out; von Mises' stress of elastic bodies is there in
+    the plane. The status of nodes is 0 open, 1 closed, 2 sliding.
 
     Args:
         path: with the ending ``.vtkhdf`` (VTK >= 9.3) or ``.vtu``. Steps of a history have numbers
@@ -67,7 +64,7 @@ def write_fields(path: str | Path, full: AnsweringModel, answer: Answer | Histor
             "FullOrderModel(scene) of its scene. The answer may be that of any model of the "
             "scene, one from a file too"
         )
-    if _is_full(meshed) and meshed.comm.size > 1:
+    if is_full(meshed) and meshed.comm.size > 1:
         raise SceneError("fields are written on one rank: give a full model on MPI.COMM_SELF")
     meshed.answer_mesh()  # refuses before a folder is made
     make_folder(path.parent)
@@ -120,11 +117,6 @@ def _written(path: Path, grid: pyvista.UnstructuredGrid) -> Path:
     return path
 
 
-def _is_full(meshed: Meshed) -> TypeGuard[FullOrderModel]:
-    """True for a full model, which has more than arrays of its mesh."""
-    return hasattr(meshed, "discretisation")
-
-
 def grid_of(meshed: Meshed, answer: Answer) -> pyvista.UnstructuredGrid:
     """The mesh with all fields of an answer that it can have."""
     mesh = meshed.answer_mesh()
@@ -147,23 +139,30 @@ def grid_of(meshed: Meshed, answer: Answer) -> pyvista.UnstructuredGrid:
     np.add.at(pressure, mesh.slaves[pressing], forces[pressing] / areas[pressing])
     grid.point_data["displacement"] = np.pad(vectors, padding)
     grid.point_data["contact_pressure"] = pressure
-    if _is_full(meshed):
-        _add_contact(grid, meshed, answer, mesh)
+    _add_contact(grid, meshed, answer, mesh)
     _add_stress(grid, meshed, answer, mesh)
     grid.cell_data["body"] = mesh.bodies
     return grid
 
 
 def _add_contact(
-    grid: pyvista.UnstructuredGrid, full: FullOrderModel, answer: Answer, mesh: AnswerMesh
+    grid: pyvista.UnstructuredGrid, meshed: Meshed, answer: Answer, mesh: AnswerMesh
 ) -> None:
-    """Gaps at nodes, and what laws of contacts add."""
-    problem = full.problem.at(answer.parameter)
-    theta = problem.amplitudes(answer.parameter)
-    slack = problem.gaps @ theta - problem.contact @ (answer.displacement() - problem.lifts @ theta)
-    gap = np.full(grid.n_points, np.nan)
-    gap[mesh.slaves[mesh.pressing]] = slack[mesh.pressing]
-    grid.point_data["gap"] = gap
+    """Gaps and statuses at nodes, and what laws of contacts add."""
+    pressing = mesh.pressing
+    try:
+        fields = {"gap": gaps(answer, meshed), "status": statuses(answer, meshed)}
+    except NotOfferedError:  # a file of an earlier release has no gaps
+        if is_full(meshed):
+            raise
+        fields = {}
+    for name, values in fields.items():
+        of_nodes = np.full(grid.n_points, np.nan)
+        of_nodes[mesh.slaves[pressing]] = values[pressing]
+        grid.point_data[name] = of_nodes
+    if not is_full(meshed):
+        return
+    problem = meshed.problem.at(answer.parameter)
     for plugin in problem.law.plugins:
         report = registry.facet(plugin, "report", f"a file of fields with {problem.law.name}")
         for name, values in report.point_fields(problem, answer, answer.forces()).items():
@@ -178,7 +177,7 @@ def _add_stress(
     Without a full model what the files beside a model have of them.
     """
     if (
-        _is_full(meshed) and meshed.equilibrium is None
+        is_full(meshed) and meshed.equilibrium is None
     ):  # a model from a file has no stress without the mesh
         stress = meshed.stress_of(answer.displacement(), answer.parameter)
     elif mesh.von_mises is not None:
@@ -188,7 +187,7 @@ def _add_stress(
         try:
             stress = answer.stress()
         except NotOfferedError:
-            if _is_full(meshed):
+            if is_full(meshed):
                 raise
             return
     stress = stress.reshape(grid.n_cells, -1, stress.shape[-1]).mean(axis=1)

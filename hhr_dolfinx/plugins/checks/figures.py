@@ -1,11 +1,9 @@
-"""Figures for ``scene.plot()`` and ``answer.plot()``; those of answers need no DOLFINx.
-
-Imported on demand.
-"""
+"""Figures of scenes and answers; those of answers need no DOLFINx. Imported on demand."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,127 +11,193 @@ import numpy as np
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.models.answer import Answer, Meshed
-from hhr_dolfinx.models.answer_mesh import AnswerMesh
-from hhr_dolfinx.models.shown import point_of
+from hhr_dolfinx.models.functionals.kinds import UNDER_LOAD
+from hhr_dolfinx.plugins.checks.facets import outer_facets
+from hhr_dolfinx.plugins.checks.picture import (
+    BAR,
+    COLOURS,
+    LETTERS,
+    Picture,
+    colour_limits,
+    in_unit,
+)
 
 with extra("pictures", "pictures of scenes and answers"):
     from matplotlib.axes import Axes
-    from matplotlib.collections import PolyCollection
+    from matplotlib.collections import LineCollection
     from matplotlib.figure import Figure
+    from matplotlib.tri import Triangulation
 
 if TYPE_CHECKING:
     from hhr_dolfinx.scene import Scene
 
-VTK_CORNERS = {5: 3, 69: 3, 9: 4, 70: 4}
-"""Corners of plane cells by VTK's numbers, of linear and Lagrange triangles and quadrilaterals."""
-SHIFT = 0.1
-"""Limit of drawn displacements, over the extent of the mesh: smaller ones are magnified by a power
-of ten up to it.
-"""
+RESOLUTION = 200
+"""Dots per inch of saved figures."""
+TRIANGLES_OF_CELLS = {
+    (3, 3): ((0, 1, 2),),
+    (3, 6): ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)),
+    (4, 4): ((0, 1, 2), (0, 2, 3)),
+    (4, 9): (
+        (0, 4, 8), (0, 8, 7), (4, 1, 5), (4, 5, 8), (8, 5, 2), (8, 2, 6), (7, 8, 6), (7, 6, 3),
+    ),
+}  # fmt: skip
+"""Triangles of plane cells by their numbers of corners and of nodes, in the order of VTK."""
+ROUND = 0.01
+"""Distance from a circle, over its radius, up to which a surface counts as round."""
+WIDE = 200.0
+"""Angle in degrees from which pressures of a round surface are drawn over the angle."""
+NARROW = 0.2
+"""Part of the surfaces below which the axis of pressures shows the pressed part alone."""
+FLAT = 2.2
+"""Width over height of bodies from which pressures are drawn below them."""
 
 
-def figure_of(value: Scene | Answer, path: str | Path | None, full: Meshed | None = None) -> Figure:
+def figure_of(
+    value: Scene | Answer,
+    path: str | Path | None,
+    full: Meshed | None = None,
+    scale: float | None = None,
+) -> Figure:
     """Figure of a scene, or of an answer on the mesh of a full model or a file.
 
-    Saved if a path is given.
+    Args:
+        value: the scene or answer.
+        path: file to save the figure to; None does not save it.
+        full: the full model, or the mesh beside a model file, for an answer.
+        scale: factor of the displacements of an answer; None chooses a power of ten.
 
     Raises:
         SceneError: for a scene whose mesh cannot be generated.
     """
     if isinstance(value, Answer):
         assert full is not None
-        figure = _figure_of_answer(value, full)
+        figure = _figure_of_answer(Picture.of(value, full, scale))
     else:
         from hhr_dolfinx.plugins.checks.check import check_scene
         from hhr_dolfinx.plugins.checks.drawing import figure_of_scene
 
-        found = check_scene(value)
-        if found.discretisation is None:
+        checked = check_scene(value)
+        if checked.discretisation is None:
             raise SceneError(f"scene '{value.name}' cannot be drawn: `hhr check` says why")
-        figure = figure_of_scene(found)
+        figure = figure_of_scene(checked)
     if path is not None:
-        figure.savefig(path, dpi=150)
+        figure.savefig(path, dpi=RESOLUTION)
     return figure
 
 
-def _in(unit: str) -> str:
-    return f" [{unit}]" if unit else ""
+def _figure_of_answer(picture: Picture) -> Figure:
+    """Deformed bodies with their stress, and the pressure on the contact surfaces."""
+    mesh = picture.mesh
+    title = picture.title
+    if mesh.points.shape[1] == 3:
+        from hhr_dolfinx.plugins.checks.figures_in_space import figure_in_space
 
-
-def _figure_of_answer(answer: Answer, full: Meshed) -> Figure:
-    """Pressure on the contact surface, and in the plane the deformed bodies next to it."""
-    mesh = full.answer_mesh()
-    pressures = answer.pressure(full)
-    flat = mesh.points.shape[1] == 2
-    figure = Figure(figsize=(11, 4.5) if flat else (7, 5.5), layout="constrained")
-    figure.suptitle(f"{mesh.name} at {point_of(answer.parameter, mesh.parameters)}")
-    if flat:
-        names = ("r", "z") if mesh.axisymmetric else ("x", "y")
-        bodies, surface = figure.subplots(1, 2, width_ratios=(1.3, 1))
-        _draw_bodies(figure, bodies, answer, mesh, names)
-        _draw_pressures(surface, pressures, mesh, names)
-    else:
-        _draw_surface(figure, figure.add_subplot(projection="3d"), pressures, mesh)
+        return figure_in_space(picture, title)
+    width, height = np.ptp(picture.deformed.points, axis=0)
+    flat = width > FLAT * height
+    size = (8, 4.6 + 7 * height / width) if flat else (11, 4.8)
+    figure = Figure(figsize=size, layout="constrained")
+    figure.suptitle(fill(title, int(LETTERS * size[0])))
+    shape = (2, 1) if flat else (1, 2)
+    bodies, surface = figure.subplots(*shape, width_ratios=None if flat else (1.25, 1))
+    _draw_bodies(figure, bodies, picture, "bottom" if flat else "right")
+    _draw_pressures(surface, picture)
     return figure
 
 
-def _with_area(mesh: AnswerMesh, pressures: np.ndarray) -> list[np.ndarray]:
-    """Numbers of the conditions of pressures of each contact that have an area."""
-    return [conditions[np.isfinite(pressures[conditions])] for conditions in mesh.contacts]
-
-
-def _draw_pressures(
-    axes: Axes, pressures: np.ndarray, mesh: AnswerMesh, names: tuple[str, str]
-) -> None:
-    """Curves of the pressure over the coordinate along which each contact extends most."""
-    labels = set()
-    for contact, conditions in enumerate(_with_area(mesh, pressures)):
-        points = mesh.contact_points[conditions]
-        along = int(np.ptp(points, axis=0).argmax())
-        order = np.argsort(points[:, along], kind="stable")
-        axes.plot(
-            points[order, along], pressures[conditions][order], ".-", label=f"contact {contact}"
-        )
-        labels.add(names[along])
-    axes.set(
-        xlabel=f"{' or '.join(sorted(labels))}{_in(mesh.length)}",
-        ylabel=f"contact pressure{_in(mesh.stress)}",
-    )
-    axes.grid(alpha=0.25)
-    axes.legend()
-
-
-def _draw_bodies(
-    figure: Figure, axes: Axes, answer: Answer, mesh: AnswerMesh, names: tuple[str, str]
-) -> None:
-    """Cells at their displaced positions, magnified if displacements are small, coloured by their
-    magnitude.
-    """
-    displacement = mesh.nodal(answer.displacement())
-    lengths = np.linalg.norm(displacement, axis=1)
-    limit = SHIFT * float(np.ptp(mesh.points, axis=0).max())
-    largest = float(lengths.max(initial=0.0))
-    factor = max(1.0, 10.0 ** np.floor(np.log10(limit / largest))) if largest > 0 else 1.0
-    cells = mesh.cells[:, : VTK_CORNERS[mesh.kind]]
-    drawn = PolyCollection(
-        (mesh.points + factor * displacement)[cells],
-        array=lengths[cells].mean(axis=1),
-        edgecolor="face",
-    )
-    axes.add_collection(drawn)
-    unit = _in(mesh.length)
-    figure.colorbar(drawn, ax=axes, label=f"displacement{unit}")
-    title = "" if factor == 1 else f"displacements {factor:g} times as large"
-    axes.set(xlabel=f"{names[0]}{unit}", ylabel=f"{names[1]}{unit}", aspect="equal", title=title)
+def _draw_bodies(figure: Figure, axes: Axes, picture: Picture, bar: str) -> None:
+    """Bodies at their displaced positions with continuous stress in each, and their outlines."""
+    mesh = picture.mesh
+    points = picture.deformed.points
+    corners = 3 if mesh.kind in (5, 69) else 4
+    shape = corners, mesh.cells.shape[1]
+    shape = shape if shape in TRIANGLES_OF_CELLS else (corners, corners)
+    places = []
+    triangles = []
+    values = []
+    outlines = []
+    first = 0
+    for body in range(picture.bodies):
+        cells = mesh.cells[mesh.bodies == body]
+        nodes, index = np.unique(cells, return_inverse=True)
+        local = index.reshape(cells.shape)
+        parts = [local[:, list(part)] for part in TRIANGLES_OF_CELLS[shape]]
+        triangles.append(first + np.concatenate(parts))
+        places.append(points[nodes])
+        values.append(picture.values[body][nodes])
+        outlines.append(points[outer_facets(mesh, body)])
+        first += len(nodes)
+    every = np.concatenate(values)
+    low, high, extend = colour_limits(every)
+    mapped = Triangulation(*np.concatenate(places).T, triangles=np.concatenate(triangles))
+    look = {"shading": "gouraud", "cmap": COLOURS, "rasterized": True}
+    drawn = axes.tripcolor(mapped, every, vmin=low, vmax=high, **look)
+    axes.add_collection(LineCollection(np.concatenate(outlines), colors="#333333", linewidths=0.7))
+    label = picture.label if extend == "neither" else f"{picture.label}, up to {every.max():.3g}"
+    figure.colorbar(drawn, ax=axes, label=label, extend=extend, location=bar, aspect=BAR)
+    names = picture.axis_names
+    unit = in_unit(mesh.length)
+    axes.set(xlabel=f"{names[0]}{unit}", ylabel=f"{names[1]}{unit}", aspect="equal")
+    axes.set_title(picture.scale_words, fontsize="medium")
     axes.autoscale_view()
 
 
-def _draw_surface(figure: Figure, axes: Axes, pressures: np.ndarray, mesh: AnswerMesh) -> None:
-    """Points of all contact surfaces, coloured by their pressure."""
-    conditions = np.concatenate(_with_area(mesh, pressures))
+def _draw_pressures(axes: Axes, picture: Picture) -> None:
+    """Curves of the pressure of each contact along its surface, from zero on."""
+    labels = []
+    lowest = 0.0
+    highest = 0.0
+    span = [np.zeros(0)]
+    pressed = [np.zeros(0)]
+    for name, conditions in zip(picture.contact_names, picture.with_area, strict=True):
+        if not conditions.size:
+            continue
+        along, label = _along(picture, conditions)
+        order = np.argsort(along, kind="stable")
+        pressures = picture.pressures[conditions][order]
+        axes.plot(along[order], pressures, ".-", markersize=4, label=name)
+        labels.append(label)
+        span.append(along)
+        pressed.append(along[order][pressures > UNDER_LOAD * pressures.max()])
+        lowest = min(lowest, float(pressures.min()))
+        highest = max(highest, float(pressures.max()))
+    axes.set(
+        xlabel=" or ".join(dict.fromkeys(labels)),
+        ylabel=f"contact pressure{in_unit(picture.mesh.stress)}",
+        ylim=(1.08 * lowest, 1.08 * highest or 1.0),
+    )
+    axes.grid(alpha=0.25)
+    if labels:
+        axes.legend(fontsize="small")
+    _zoom(axes, np.concatenate(span), np.concatenate(pressed))
+
+
+def _zoom(axes: Axes, along: np.ndarray, pressed: np.ndarray) -> None:
+    """Limit the axis to what is pressed if that is a small part of the surfaces."""
+    width = float(np.ptp(pressed)) if pressed.size else 0.0
+    if 0 < width < NARROW * float(np.ptp(along)):
+        axes.set_xlim(pressed.min() - width, pressed.max() + width)
+
+
+def _along(picture: Picture, conditions: np.ndarray) -> tuple[np.ndarray, str]:
+    """Positions of conditions along their surface, (c,), and the label of their axis.
+
+    They are angles on a surface that is much of a circle, else the coordinate along which it
+    extends most.
+    """
+    mesh = picture.mesh
     points = mesh.contact_points[conditions]
-    drawn = axes.scatter(*points.T, c=pressures[conditions], s=12)
-    figure.colorbar(drawn, ax=axes, label=f"contact pressure{_in(mesh.stress)}", shrink=0.7)
-    names = {f"{axis}label": f"{axis}{_in(mesh.length)}" for axis in "xyz"}
-    extent = np.ptp(points, axis=0)
-    axes.set(**names, box_aspect=np.maximum(extent, 0.1 * extent.max()))
+    names = picture.axis_names
+    if len(points) > 4 and not mesh.axisymmetric:
+        matrix = np.column_stack([2 * points, np.ones(len(points))])
+        solution, *_ = np.linalg.lstsq(matrix, (points**2).sum(axis=1), rcond=None)
+        centre = solution[:2]
+        radii = np.linalg.norm(points - centre, axis=1)
+        angles = np.degrees(np.arctan2(*(points - centre).T[::-1]))
+        angles = np.where(angles < -179.999, angles + 360.0, angles)
+        apart = np.diff(np.sort(angles))
+        covered = float(np.ptp(angles)) if apart.max() < 180 else 360.0 - float(apart.max())
+        if np.ptp(radii) < 2 * ROUND * radii.mean() and covered > WIDE:
+            return angles, f"angle from {names[0]} [°]"
+    axis = int(np.ptp(points, axis=0).argmax())
+    return points[:, axis], f"{names[axis]}{in_unit(mesh.length)}"

@@ -417,4 +417,5 @@ def _least_outputs(full: FullModel, training: Solutions | None) -> np.ndarray:
         answer_fields = forces, forces > 0, 0, Status.CONVERGED, False, full
         unknown = full.problem.spread.whole(training.displacements[:, k])
         answers.append(Answer(training.points[k], unknown, *answer_fields).outputs().values)
-    return FORCE_FLOOR * np.abs([list(values.values()) for values in answers]).max(axis=0)
+    sizes = np.abs([list(values.values()) for values in answers])
+    return FORCE_FLOOR * np.nan_to_num(sizes).max(axis=0)

@@ -87,8 +87,8 @@ def c_header(model: Any, name: str) -> tuple[str, dict[str, Any]]:
         warn(
             f"the C header has no output {', '.join(tree['missing'])}: only Python computes "
             "outputs that read displacements if stiffness or shape varies, areas if shapes vary, "
-            "von Mises' stress, and energies of heated bodies, of those with laws and of those "
-            "that contact alone holds",
+            "centres of pressure, principal stress, von Mises' stress, and energies of heated "
+            "bodies, of those with laws and of those that contact alone holds",
             ModelFileWarning,
         )
     text = kernel_text(kernel_parts(tree), laws_of(model.law, "a header")).replace(

@@ -16,7 +16,8 @@ from hhr_dolfinx.plugins.local.splitting import Splitting
 from hhr_dolfinx.reduction.build import usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.reduction.reductor import Reductor, Task, made
-from hhr_dolfinx.study.training.train import Progress, Training, silent
+from hhr_dolfinx.study.training.train import Progress, Training
+from hhr_dolfinx.timing import lines_of
 
 if TYPE_CHECKING:
     from hhr_dolfinx.plugins.one_call.context import SearchContext
@@ -80,7 +81,7 @@ def local(
     *,
     recipe: Recipe | None = None,
     checked: bool = True,
-    progress: Progress = silent,
+    progress: Progress = lines_of,
 ) -> LocalModels:
     """Build several small models instead of one, each for a part of the box, used like one.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
+from html import escape
 from typing import Any
 
 from hhr_dolfinx.plugins.one_call.target import Target
@@ -112,6 +113,9 @@ class Reduction:
 
     def __str__(self) -> str:
         return "\n".join([self.table, *self.numbered, self.verdict])
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(str(self))}</pre>"
 
     @property
     def verdict(self) -> str:

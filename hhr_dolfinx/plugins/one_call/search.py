@@ -62,7 +62,7 @@ from hhr_dolfinx.plugins.one_call.context import (
     FewAnswersError,
     SearchContext,
 )
-from hhr_dolfinx.plugins.one_call.progress import ShareLines, Stopwatch
+from hhr_dolfinx.plugins.one_call.progress import Stopwatch
 from hhr_dolfinx.plugins.one_call.proposals import Proposal, proposals_of
 from hhr_dolfinx.plugins.one_call.record import MET, Reduction, Tried, share_beyond
 from hhr_dolfinx.plugins.one_call.target import DISPLACEMENT, Budget, Exact, Target
@@ -72,7 +72,7 @@ from hhr_dolfinx.reduction.reductor import Outcome, outcomes, ways
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.study.training.train import checked_folder
-from hhr_dolfinx.timing import Announce, now, timed
+from hhr_dolfinx.timing import Announce, ShareLines, now, timed
 from hhr_dolfinx.warn import ignored, repeat, warn
 
 _log = logging.getLogger(__name__)

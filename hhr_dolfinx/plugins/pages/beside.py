@@ -8,9 +8,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.answer_mesh import AnswerMesh
@@ -18,7 +19,7 @@ from hhr_dolfinx.models.condensed import CondensedModel
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.model import KeptModel
-    from hhr_dolfinx.parameters import PointLike
+    from hhr_dolfinx.parameters import ParameterSpace, PointLike
     from hhr_dolfinx.plugins.pages.scenery import Scenery, Strains
 
 
@@ -60,6 +61,11 @@ class MeshBeside:
 
             check_alike(model, scenery)
         return scenery
+
+    @property
+    def parameters(self) -> ParameterSpace:
+        """Box of the parameters of the model."""
+        return self.loaded().parameters
 
     @property
     def _remedy(self) -> str:
@@ -104,6 +110,61 @@ class MeshBeside:
             if strains is not None and whole
             else None,
         )
+
+    def contact_names(self) -> list[str]:
+        """Name of each contact, from the tags of its surfaces."""
+        return list(self._scenery.words["contacts"])
+
+    def parameter_units(self) -> dict[str, str]:
+        """Units of the parameters by name, of those that have one."""
+        return dict(self._scenery.words.get("units", {}))
+
+    def contact_gaps(self, point: np.ndarray) -> tuple[csr_matrix, np.ndarray]:
+        """Contact rows, (N_lambda, N), and gaps of undeformed bodies at a point, (N_lambda,).
+
+        Args:
+            point: point of the box, (P,).
+
+        Raises:
+            NotOfferedError: with a scenery of an earlier release, which has none.
+        """
+        mesh = self._scenery.mesh
+        if mesh is None or mesh.contact_rows is None or mesh.gap_terms is None:
+            why = f"the scenery beside {self.model} is of an earlier release"
+            raise NotOfferedError(f"{why}: {self._remedy}")
+        theta = self.loaded().fields.amplitudes.dense(point)
+        if theta.size != mesh.gap_terms.shape[1]:
+            why = f"the scenery beside {self.model} and the model are of two scenes"
+            raise NotOfferedError(f"{why}: {self._remedy}")
+        return mesh.contact_rows, mesh.gap_terms @ theta
+
+    def deviators(self, displacement: np.ndarray, point: np.ndarray) -> Any:
+        """Deviators of the stress on the triangles that pages draw; None without them.
+
+        Args:
+            displacement: on the whole mesh, (N,).
+            point: point of the box, (P,).
+
+        Returns:
+            Nodes, (t, 3), areas, (t,), bodies, (t,), and tensors in Kelvin's notation,
+            (t, components), of the triangles; of all cells in the plane, with None for areas.
+        """
+        from hhr_dolfinx.plugins.pages.stress import Stress
+
+        scenery = self._scenery
+        strains = scenery.strains
+        mesh = scenery.mesh
+        if strains is None or mesh is None:
+            return None
+        stress = Stress(strains, mesh.parameters, point)
+        tensors = stress.deviators(stress.rows @ displacement, point)
+        if len(tensors) == len(mesh.all_cells):
+            return mesh.all_cells, None, mesh.cell_bodies, tensors
+        edges = scenery.points[scenery.triangles[:, 1:]] - scenery.points[scenery.triangles[:, :1]]
+        gram = edges @ edges.transpose(0, 2, 1)
+        areas = np.sqrt(np.maximum(np.linalg.det(gram), 0.0)) / 2
+        nodes = scenery.nodes[scenery.triangles]
+        return nodes, areas, strains.bodies[strains.cells], tensors[strains.cells]
 
 
 FULL = (

@@ -102,6 +102,8 @@ class WholeMesh:
     pressing: np.ndarray  #: conditions of pressures, (m,) bool
     kind: int  #: VTK's number of the kind of cell
     parameters: tuple[str, ...]
+    contact_rows: csr_matrix | None = None  #: B with imposed dofs, (m, N); None in earlier files
+    gap_terms: np.ndarray | None = None  #: gaps of undeformed bodies along θ, (m, 1 + T)
 
     def fault(self, conditions: int, dim: int) -> str:
         """Description of an inconsistency, or an empty text."""
@@ -120,7 +122,15 @@ class WholeMesh:
         )
         numbers = np.concatenate([self.all_cells.ravel(), self.slaves])
         fits = fits and 0 <= numbers.min(initial=0) <= numbers.max(initial=0) < len(self.all_points)
-        return "" if fits else "cells or conditions of the whole mesh name nodes that are not there"
+        if not fits:
+            return "cells or conditions of the whole mesh name nodes that are not there"
+        if self.contact_rows is None or self.gap_terms is None:
+            return ""
+        fits = self.contact_rows.shape == (conditions, self.all_points.size)
+        fits = fits and self.gap_terms.ndim == 2 and len(self.gap_terms) == conditions
+        fits = fits and bool(np.isfinite(self.contact_rows.data).all())
+        fits = fits and bool(np.isfinite(self.gap_terms).all())
+        return "" if fits else "gaps do not fit the contact conditions"
 
 
 @dataclass(frozen=True)
@@ -183,6 +193,10 @@ class Scenery:
         if self.mesh is not None:
             header["mesh"] = {name: getattr(self.mesh, name) for name in _NAMES_OF_MESH}
             arrays |= {name: getattr(self.mesh, name) for name in _MESH}
+            if self.mesh.contact_rows is not None and self.mesh.gap_terms is not None:
+                rows = self.mesh.contact_rows
+                arrays |= {f"contact_{name}": getattr(rows, name) for name in _ROWS}
+                arrays |= {"gap_terms": self.mesh.gap_terms}
         write_arrays(path, header, arrays)
 
     @classmethod
@@ -261,7 +275,14 @@ def _mesh(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> WholeMesh:
     """Whole mesh of a file; :meth:`WholeMesh.fault` reports an invalid one."""
     names = tuple(str(name) for name in header["parameters"])
     own = {name: arrays[name] for name in _MESH}
-    return WholeMesh(**own, kind=int(header["kind"]), parameters=names)
+    gaps = arrays.get("gap_terms")
+    rows = None
+    if gaps is not None:
+        entries = tuple(arrays[f"contact_{name}"] for name in _ROWS)
+        rows = csr_matrix(entries, shape=(len(own["slaves"]), own["all_points"].size))
+        rows.check_format()
+    kind = int(header["kind"])
+    return WholeMesh(**own, kind=kind, parameters=names, contact_rows=rows, gap_terms=gaps)
 
 
 def _strains(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Strains:

@@ -87,6 +87,9 @@ def scenery_of(full: FullOrderModel) -> Scenery:
 
 def _whole_mesh(full: FullOrderModel) -> WholeMesh:
     mesh = full.answer_mesh()
+    problem = full.problem
+    whole = problem.contact if problem.whole_contact is None else problem.whole_contact
+    rows = csr_matrix(whole)
     return WholeMesh(
         all_points=np.ascontiguousarray(mesh.points),
         all_cells=np.ascontiguousarray(mesh.cells, dtype=np.int64),
@@ -95,6 +98,8 @@ def _whole_mesh(full: FullOrderModel) -> WholeMesh:
         pressing=full.problem.pressing.copy(),
         kind=mesh.kind,
         parameters=mesh.parameters,
+        contact_rows=rows,
+        gap_terms=problem.gaps + (rows @ problem.lifts).toarray(),
     )
 
 

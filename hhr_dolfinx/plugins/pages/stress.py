@@ -48,6 +48,18 @@ class Stress:
 
     def mises(self, values: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Von Mises' stress of values of the rows, (n c,), at a point, (P,): (c,)."""
+        return von_mises(self.deviators(values, point))
+
+    def deviators(self, values: np.ndarray, point: np.ndarray) -> np.ndarray:
+        """Deviators of the stress of cells, in plane stress the stress itself; Kelvin's notation.
+
+        Args:
+            values: products of the rows with a displacement, (n c,).
+            point: point of the box, (P,).
+
+        Returns:
+            Tensors, (c, components).
+        """
         bodies = self._strains.bodies
         moduli = np.array([[modulus.value(point) for modulus in pair] for pair in self._moduli])
         volume, shape = (moduli / self._middle[:, None])[bodies].T
@@ -55,7 +67,7 @@ class Stress:
         stress = 2 * shape[:, None] * strain
         if self._strains.plane_stress:
             stress[:, :2] += (volume * strain[:, :2].sum(axis=1))[:, None]
-        return mises_of(stress, plane_stress=self._strains.plane_stress)
+        return with_third(stress, plane_stress=self._strains.plane_stress)
 
     def tree(self, arrays: Packed) -> dict[str, Any]:
         """Data of the stress for a page."""
@@ -79,12 +91,17 @@ class Stress:
 
 
 def mises_of(stress: np.ndarray, *, plane_stress: bool = False) -> np.ndarray:
-    """Von Mises' stress of cells from components without the third, (c, k): (c,).
+    """Von Mises' stress of cells from components without the third, (c, k): (c,)."""
+    return von_mises(with_third(stress, plane_stress=plane_stress))
+
+
+def with_third(stress: np.ndarray, *, plane_stress: bool = False) -> np.ndarray:
+    """Stress of cells with the third component, which is left out, (c, k): (c, k + 1).
 
     The third is zero in plane stress; else the components are of deviators, which have no trace.
     """
     third = 0.0 if plane_stress else -stress[:, 0] - stress[:, 1]
-    return von_mises(np.insert(stress, 2, third, axis=1))
+    return np.insert(stress, 2, third, axis=1)
 
 
 def far_off(

@@ -12,7 +12,7 @@ from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.models.functionals.functional import Functional, Slopes, State
-from hhr_dolfinx.models.functionals.kinds import tied
+from hhr_dolfinx.models.functionals.kinds import TIE, tied
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,17 +73,7 @@ class Mises(Functional):
     def slopes(self, state: State) -> Slopes:
         """Slopes by the chain rule through the stress."""
         stress, of_volume, of_shape, unit = self._stress(state)
-        values = von_mises(stress)
-        shares = self.shares
-        kink = False
-        if not shares.size:
-            shares = np.zeros(values.size)
-            shares[values.argmax()] = 1.0
-            kink = tied(values, int(values.argmax()))
-        deviator = stress.copy()
-        deviator[:, :3] -= stress[:, :3].mean(axis=1, keepdims=True)
-        scale = np.divide(1.5 * shares, values, out=np.zeros(values.size), where=values > 0)
-        along = scale[:, None] * deviator
+        along, kink = self._along_stress(stress)
         volume, shape = self._moduli
         measured = (
             volume.value(state.point) * np.outer(along @ unit, unit)
@@ -94,11 +84,21 @@ class Mises(Functional):
             measured *= np.array([1.0, 1.0, 0.0, 1.0])
         point = np.sum(along * of_volume) * volume.derivative(state.point)
         point = point + np.sum(along * of_shape) * shape.derivative(state.point)
-        return Slopes(
-            measured=measured.ravel(),
-            point=point,
-            kink=kink or bool((values[shares > 0] == 0).any()),
-        )
+        return Slopes(measured=measured.ravel(), point=point, kink=kink)
+
+    def _along_stress(self, stress: np.ndarray) -> tuple[np.ndarray, bool]:
+        """Derivatives along the stress of each cell, (cells, components); True at a kink."""
+        values = von_mises(stress)
+        shares = self.shares
+        kink = False
+        if not shares.size:
+            shares = np.zeros(values.size)
+            shares[values.argmax()] = 1.0
+            kink = tied(values, int(values.argmax()))
+        deviator = stress.copy()
+        deviator[:, :3] -= stress[:, :3].mean(axis=1, keepdims=True)
+        scale = np.divide(1.5 * shares, values, out=np.zeros(values.size), where=values > 0)
+        return scale[:, None] * deviator, kink or bool((values[shares > 0] == 0).any())
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,6 +130,99 @@ class StrainedMises(Mises):
         along = of_strains.measured @ self.rest
         changes = [amplitude.derivative(state.point) for amplitude in self._amplitudes]
         return of_strains._replace(point=of_strains.point - along @ np.array(changes))
+
+
+COMPONENTS = {
+    "plane": ("xx", "yy", "zz", "xy"),
+    "axisymmetric": ("rr", "zz", "tt", "rz"),
+    "solid": ("xx", "yy", "zz", "xy", "xz", "yz"),
+}
+"""Components of a stress by hypothesis, in Kelvin's order; ``tt`` is the hoop stress."""
+PRINCIPAL_VALUES = ("principal_1", "principal_2", "principal_3")
+"""Principal values, from the largest to the smallest."""
+SHEAR = 3
+"""First shear in Kelvin's notation: xy, in space xz and yz too, each times the root of 2."""
+PRINCIPAL = 10
+"""Components from this number on are principal values, from the largest to the smallest."""
+
+
+def component_of(stress: np.ndarray, component: int) -> tuple[float, np.ndarray, bool]:
+    """Component or principal value of a stress in Kelvin's notation, (components,).
+
+    Args:
+        stress: the tensor, (4,) or (6,).
+        component: index of a component, or from :data:`PRINCIPAL` on of a principal value.
+
+    Returns:
+        The value; its derivatives along the stress, (components,); True at a kink, where two
+        principal values are equal.
+    """
+    slopes = np.zeros(stress.size)
+    if component < PRINCIPAL:
+        slopes[component] = 1.0 if component < SHEAR else np.sqrt(0.5)
+        return float(slopes @ stress), slopes, False
+    tensor = np.diag(stress[:3])
+    pairs = [(0, 1), (0, 2), (1, 2)][: stress.size - 3]
+    for index, (i, j) in enumerate(pairs, start=SHEAR):
+        tensor[i, j] = tensor[j, i] = stress[index] * np.sqrt(0.5)
+    values, vectors = np.linalg.eigh(tensor)
+    place = 2 - (component - PRINCIPAL)
+    normal = vectors[:, place]
+    slopes[:3] = normal**2
+    for index, (i, j) in enumerate(pairs, start=SHEAR):
+        slopes[index] = np.sqrt(2) * normal[i] * normal[j]
+    others = np.delete(values, place)
+    size = float(np.abs(values).max())
+    kink = bool((np.abs(others - values[place]) <= TIE * size).any())
+    return float(values[place]), slopes, kink
+
+
+@dataclass(frozen=True, eq=False)
+class StressValue(StrainedMises):
+    """Component or principal value of the mean stress of elastic cells, weighted by ``shares``."""
+
+    #: see :func:`component_of`
+    component: int
+
+    def value(self, state: State) -> float:
+        """The component of the mean."""
+        return component_of(self.shares @ self._stress(state)[0], self.component)[0]
+
+    def followed(self, state: State, there: Functional, shifted: State) -> float:
+        """The same component on the other shape."""
+        return there.value(shifted)
+
+    def _along_stress(self, stress: np.ndarray) -> tuple[np.ndarray, bool]:
+        _, slopes, kink = component_of(self.shares @ stress, self.component)
+        return np.outer(self.shares, slopes), kink
+
+
+@dataclass(frozen=True, eq=False)
+class FlowStressValue(Functional):
+    """Component or principal value of the mean stress of Gauss points of bodies with laws.
+
+    Derivatives of histories do not include the stress.
+    """
+
+    differentiable: ClassVar[bool] = False
+
+    #: numbers of the Gauss points, (g,)
+    points: Annotated[Integers, "points"]
+    #: their weights in the mean, (g,)
+    shares: Annotated[Floats, "points"]
+    #: see :func:`component_of`
+    component: int
+
+    def value(self, state: State) -> float:
+        """The component of the mean."""
+        stress = self.shares @ state.stress()[self.points]
+        if PRINCIPAL > self.component >= stress.size:  # sizes of files are tried in the plane
+            return 0.0
+        return component_of(stress, self.component)[0]
+
+    def indices(self) -> dict[str, np.ndarray]:
+        """Gauss points."""
+        return {"points": self.points}
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 import ufl
 from dolfinx import fem
+from scipy.sparse import csr_matrix
 from ufl.domain import extract_domains
 
 from hhr_dolfinx import compat
@@ -15,15 +16,25 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.full_order.outputs import cells_of_body
-from hhr_dolfinx.models.functionals.functional import Functional
+from hhr_dolfinx.models.functionals.functional import Functional, State
+from hhr_dolfinx.models.functionals.kinds import Linear
 from hhr_dolfinx.models.histories.equilibrium import StressOutput
+from hhr_dolfinx.outputs import no_rows
 from hhr_dolfinx.plugins.stress.energy import text_of
-from hhr_dolfinx.plugins.stress.kinds import Mises, StrainedMises
+from hhr_dolfinx.plugins.stress.kinds import (
+    COMPONENTS,
+    PRINCIPAL,
+    PRINCIPAL_VALUES,
+    FlowStressValue,
+    Mises,
+    StrainedMises,
+    StressValue,
+)
 
 if TYPE_CHECKING:
     from hhr_dolfinx.body import Body
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
-    from hhr_dolfinx.outputs import ModelProbe
+    from hhr_dolfinx.outputs import ModelProbe, NamedOutput
     from hhr_dolfinx.parameters import Tag
     from hhr_dolfinx.scene import Scene
 
@@ -113,6 +124,91 @@ def mises_of(probe: ModelProbe, output: StressInCells) -> Functional:
     return probe.on_cells(functional, cells)
 
 
+def stress_at(probe: ModelProbe, output: NamedOutput, name: str, tag: Tag) -> Functional:
+    """Stress of a body at the place of an output, a ``StressAt``.
+
+    Args:
+        probe: interface of the model.
+        output: the output.
+        name: of the component or principal value.
+        tag: cell tag of the body.
+
+    Raises:
+        SceneError: for a component that the hypothesis does not have, or a point off the body.
+    """
+    scene = probe.scene
+    component = _component(output, name, scene.hypothesis)
+    cells = _cells_at(probe, output, tag)
+    if probe.laws is not None:
+        operator = getattr(probe.laws, "operator", None)
+        if operator is None:
+            raise SceneError(
+                f"output '{output.name}': the plug-in that reads the laws of scene '{scene.name}' "
+                "does not tell where it evaluates them: leave it out"
+            )
+        points = operator.points_of(cells).astype(np.int64)
+        weights = operator.weights.ravel()[points]
+        arrays = points, weights / weights.sum(), component
+        return FlowStressValue(output.name, output.unit, *no_rows(), *arrays)
+    discretisation = probe.discretisation
+    place = next(k for k, body in enumerate(scene.bodies) if body.tag == tag)
+    strain, dofs, factors, volumes = strains_of_cells(discretisation, cells, place)
+    count, components, _ = strain.shape
+    numbers = np.arange(count * components).reshape(count, components, 1)
+    rows = np.broadcast_to(numbers, strain.shape)
+    columns = np.broadcast_to(dofs[:, None], strain.shape)
+    used = strain != 0
+    matrix = rows[used].astype(np.int64), columns[used].astype(np.int64), strain[used]
+    amplitudes, rest = _at_rest(discretisation, cells, place, output)
+    moduli = moduli_of(scene.bodies[place], scene)
+    flat = scene.hypothesis == "plane_stress"
+    value = StressValue(
+        output.name,
+        output.unit,
+        count * components,
+        *matrix,
+        scene.parameters.names,
+        *moduli,
+        flat,
+        factors,
+        volumes / volumes.sum(),
+        amplitudes,
+        rest.reshape(count * components, -1),
+        component,
+    )
+    varies = amplitudes or any(formula.formula.variables for formula in value._moduli)
+    if varies or component >= PRINCIPAL or scene.shapes:
+        return probe.on_cells(value, cells)
+    nothing = np.zeros(0)
+    still = np.zeros(count * components)
+    state = State(nothing, still, probe.problem.middle, nothing, nothing.copy)
+    row = value.slopes(state).measured @ value.matrix(probe.problem.free.size)
+    return Linear.of(output.name, output.unit, row=csr_matrix(row[None]))
+
+
+def _component(output: NamedOutput, name: str, hypothesis: str) -> int:
+    """Number of the component, see :func:`~.kinds.component_of`."""
+    if name in PRINCIPAL_VALUES:
+        return PRINCIPAL + PRINCIPAL_VALUES.index(name)
+    names = COMPONENTS.get(hypothesis, COMPONENTS["plane"])
+    if name not in names:
+        raise SceneError(
+            f"output '{output.name}': a stress in {hypothesis.replace('_', ' ')} has no component "
+            f"{name!r}: name one of {', '.join((*names, *PRINCIPAL_VALUES))}"
+        )
+    return names.index(name)
+
+
+def _cells_at(probe: ModelProbe, output: NamedOutput, tag: Tag) -> np.ndarray:
+    """Numbers of the cells of the body whose middles are nearest to the point, increasing."""
+    try:
+        inside = np.flatnonzero(cells_of_body(probe.discretisation, tag))
+    except SceneError as error:
+        raise SceneError(f"output '{output.name}': {error}") from None
+    middles = probe.base.points[probe.base.cell_nodes[inside]].mean(axis=1)
+    return inside[probe.at_place(output, middles)]
+
+
 def moduli_of(body: Body, scene: Scene) -> tuple[str, str]:
     """λ' and μ' of a body as expressions of the parameters, see :func:`elasticity.isotropic_parts`.
 
@@ -160,7 +256,7 @@ def strains_of_cells(
 
 
 def _at_rest(
-    discretisation: DiscreteSpace, cells: np.ndarray, place: int, output: StressOutput
+    discretisation: DiscreteSpace, cells: np.ndarray, place: int, output: NamedOutput | StressOutput
 ) -> tuple[tuple[str, ...], np.ndarray]:
     """Strains that cause no stress: amplitudes as formulas, (e,), and what the rows measure, (c,
     components, e).

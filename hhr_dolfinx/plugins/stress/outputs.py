@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import ClassVar
 
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.models.functionals.functional import Functional
 from hhr_dolfinx.outputs import ModelProbe, NamedOutput
 from hhr_dolfinx.parameters import Tag, as_tuple, check_tag, is_number
+from hhr_dolfinx.plugins.stress.kinds import COMPONENTS, PRINCIPAL_VALUES
 
 
 @dataclass(frozen=True)
@@ -72,3 +74,57 @@ class ElasticEnergy(NamedOutput):
         from hhr_dolfinx.plugins.stress.energy import energy_of
 
         return energy_of(probe, self)
+
+
+@dataclass(frozen=True)
+class StressAt(NamedOutput):
+    """Component or principal value of the stress of a body at a point, in the unit of stress.
+
+    It is that of the cell whose middle is nearest to the point, or the mean of several that are
+    equally near, weighted by their volumes, as around a node. For bodies with laws it is the mean
+    over the points of these cells where the laws are evaluated.
+
+    Attributes:
+        place: coordinates of the point, in the unit of length.
+        component: ``xx``, ``yy``, ``zz``, ``xy``, ``xz``, ``yz``; in axisymmetry ``rr``, ``zz``,
+            ``tt`` for the hoop stress, ``rz``; or ``principal_1``, the largest principal value, to
+            ``principal_3``, the smallest. Tension is positive.
+        tag: cell tag of the body.
+
+    Raises:
+        SceneError: for an unknown component.
+
+    Example:
+        >>> StressAt("notch", (0.0, 1.0), "principal_1", tag=1, unit="MPa").component
+        'principal_1'
+    """
+
+    vectors: ClassVar[tuple[str, ...]] = ("place",)
+
+    place: tuple[float, ...]
+    component: str
+    tag: Tag
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_tag(f"body of output '{self.name}'", self.tag)
+        known = {*PRINCIPAL_VALUES, *(name for names in COMPONENTS.values() for name in names)}
+        if self.component not in known:
+            raise SceneError(
+                f"output '{self.name}': the component {self.component!r} must be one of "
+                f"{', '.join(sorted(known))}"
+            )
+
+    def prepared(self, probe: ModelProbe) -> Functional:
+        """Functional of this output, see :class:`hhr_dolfinx.outputs.Output`.
+
+        Args:
+            probe: interface of the model.
+
+        Raises:
+            SceneError: for a component that the hypothesis does not have, a point off the body, or
+                a plug-in of laws that does not tell where it evaluates them.
+        """
+        from hhr_dolfinx.plugins.stress.mesh import stress_at
+
+        return stress_at(probe, self, self.component, self.tag)

@@ -28,7 +28,8 @@ from hhr_dolfinx.plugins.studies.report import (
 )
 from hhr_dolfinx.plugins.studies.settings import StudySettings, View
 from hhr_dolfinx.scene import Scene
-from hhr_dolfinx.study.training.train import Progress, Training, checked_folder, silent, train
+from hhr_dolfinx.study.training.train import Progress, Training, checked_folder, train
+from hhr_dolfinx.timing import lines_of
 from hhr_dolfinx.warn import collected
 
 
@@ -96,7 +97,7 @@ def study_scene(
     *,
     points: object = None,
     rivals: Callable[[Training], Iterable[Rival]] = lambda training: (),
-    progress: Progress = silent,
+    progress: Progress = lines_of,
 ) -> Study | None:
     """Train on all ranks, then build, measure and report on the first; None on the others.
 
@@ -134,7 +135,7 @@ def run_study(
     points: object = None,
     *,
     rivals: Sequence[Rival] = (),
-    progress: Progress = silent,
+    progress: Progress = lines_of,
 ) -> Study:
     """Build the reduced model, measure its errors and time it against all other models.
 

@@ -18,6 +18,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -41,7 +42,9 @@ FOLDER_MARK = "blocks of answers by hhr_dolfinx"
 
 a folder without it has another owner and is not touched.
 """
-WORKBOOKS = (".xlsx", ".xls", ".xlsm", ".ods")
+EXCEL = (".xlsx", ".xlsm")
+"""Endings of workbooks whose first sheet is read by openpyxl."""
+WORKBOOKS = (".xls", ".ods")
 """Endings of tables that only spreadsheets read."""
 MOST_REASONS = 20
 """Largest count of bad rows whose reasons are printed; the table has all of them."""
@@ -65,7 +68,7 @@ class TableRow(NamedTuple):
 def read_points(
     path: str | Path, space: ParameterSpace, say: Callable[[str], object] = _log.warning
 ) -> list[TableRow]:
-    """Read the rows of a CSV file, without empty lines, or of Parquet.
+    """Read rows of a CSV file, without empty lines, of Parquet, or of the sheet of a workbook.
 
     The header names the parameters, in any order.
 
@@ -87,6 +90,11 @@ def read_points(
             f"{path} is a workbook of a spreadsheet: save its table as CSV, in UTF-8 and with "
             "commas"
         )
+    if Path(path).suffix.lower() in EXCEL:
+        lines = read_sheet(Path(path))
+        header = lines[0][1] if lines else []
+        columns = _columns(path, header, space.names, say)
+        return [_row(line, cells, columns, len(header)) for line, cells in lines[1:]]
     if Path(path).suffix == PARQUET:
         return [
             TableRow(k, row)
@@ -119,6 +127,42 @@ def read_points(
         say(f"{path}: its numbers have decimal commas")
         return [row._replace(cells=[_with_point(cell) for cell in row.cells]) for row in table]
     return table
+
+
+def read_sheet(path: Path) -> list[tuple[int, list[str]]]:
+    """Lines of the first sheet of a workbook that are not empty, with their numbers from 1.
+
+    Args:
+        path: file with the ending ``.xlsx`` or ``.xlsm``; formulas count by their last values.
+
+    Returns:
+        Number and cells of each line; numbers have all of their digits.
+
+    Raises:
+        ParameterError: if there is no file, or it is no workbook.
+        MissingPackageError: without openpyxl.
+    """
+    with extra("tables", f"reading {path}, a workbook (or save it as CSV in UTF-8),"):
+        import openpyxl
+    try:
+        book = openpyxl.load_workbook(path, read_only=True, data_only=True)
+        sheet = book.worksheets[0]
+        rows = list(enumerate(sheet.iter_rows(values_only=True), start=1))
+        book.close()
+    except FileNotFoundError:
+        raise ParameterError(f"there is no table of parameters {path}") from None
+    except (OSError, ValueError, KeyError, IndexError, BadZipFile) as error:
+        raise ParameterError(f"{path} cannot be read as a workbook ({error})") from error
+    filled = []
+    for line, row in rows:
+        cells = ["" if cell is None else str(cell).strip() for cell in row]
+        if any(cells):
+            filled.append((line, cells))
+    if not filled:
+        return []
+    heads = filled[0][1]
+    width = max(k for k, head in enumerate(heads, start=1) if head)
+    return [(line, cells[:width]) for line, cells in filled]
 
 
 def _delimiter(header: str, names: Sequence[str]) -> str:

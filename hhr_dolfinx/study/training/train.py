@@ -40,15 +40,10 @@ from hhr_dolfinx.snapshots.records import (
     uniform_points,
 )
 from hhr_dolfinx.snapshots.store import SnapshotStore
-from hhr_dolfinx.timing import Announce, StageLog, unannounced
+from hhr_dolfinx.timing import Announce, StageLog, lines_of, terminal_lines
 
 Progress = Callable[[str], Callable[[Iterable], Iterable]]
 """Maps a label to a wrapper of iterations, for progress bars."""
-
-
-def silent(label: str) -> Callable[[Iterable], Iterable]:
-    """No progress bars."""
-    return iter
 
 
 @dataclass(frozen=True, repr=False)
@@ -94,7 +89,7 @@ class Training(Shown):
         return replace(self, full_order=full, snapshots=snapshots, held_out=held_out)
 
     def build(
-        self, recipe: object = None, *, checked: bool = True, announce: Announce = unannounced
+        self, recipe: object = None, *, checked: bool = True, announce: Announce | None = None
     ) -> Any:
         """Build a reduced model.
 
@@ -134,7 +129,7 @@ class Training(Shown):
         return partial(registry.load(import_paths[name]), self)
 
     def condense(
-        self, settings: object = None, announce: Announce = unannounced
+        self, settings: object = None, announce: Announce | None = None
     ) -> CondensedModel | KeptModel:
         """Build a model that keeps all contact conditions, with its check.
 
@@ -154,7 +149,7 @@ class Training(Shown):
         full = self.full_order
         reductor = condensing(full)
         snapshots, held_out, fields = kind_of(full).condensed_from(self.snapshots, self.held_out)
-        task = Task(full, snapshots, held_out, announce=announce)
+        task = Task(full, snapshots, held_out, announce=announce or terminal_lines())
         return made(reductor.usual(settings, fields=fields), task)
 
 
@@ -167,7 +162,7 @@ def train(
     folder: str | Path | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
     march: MarchSettings = DEFAULT_MARCH,
-    progress: Progress = silent,
+    progress: Progress = lines_of,
     together: bool | None = None,
 ) -> Training:
     """Build the full model of a scene on each rank and share the training between the ranks.
@@ -187,7 +182,7 @@ def train(
         seed: of random parameters.
         folder: keeps answers for later runs; None keeps nothing.
         comm: communicator over which the training is distributed.
-        march, progress: settings of histories, and progress bars.
+        march, progress: settings of histories, and progress bars; by default lines on a terminal.
         together: whether one full model is distributed over the ranks, with its factors, answers
             and bases (unless :func:`~hhr_dolfinx.reduction.build.not_by_rows`), which then build
             models together; None: by memory.
@@ -365,7 +360,7 @@ def train_part(
     seed: int = 1,
     comm: MPI.Comm = MPI.COMM_WORLD,
     march: MarchSettings = DEFAULT_MARCH,
-    progress: Progress = silent,
+    progress: Progress = lines_of,
 ) -> PartSolved:
     """Solve one of several parts of a training, the work of a job of an array.
 

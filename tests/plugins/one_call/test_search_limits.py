@@ -30,9 +30,8 @@ from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.plugins.moduli import bounding, condense
 from hhr_dolfinx.plugins.moduli.components import ComponentSolver
 from hhr_dolfinx.plugins.one_call import context, progress, search
-from hhr_dolfinx.plugins.one_call.progress import ShareLines
 from hhr_dolfinx.plugins.one_call.proposals import Proposal
-from hhr_dolfinx.timing import unannounced
+from hhr_dolfinx.timing import ShareLines, unannounced
 
 VARIES = contract.blocks((3.0, "nu"), box={"nu": (0.1, 0.4)})
 """Its compliance is interpolated along nu: the fewest solutions are three of the lower block, and
@@ -362,8 +361,8 @@ def test_long_runs_show_progress_without_being_asked(clocked, capfd):
 
 def test_lines_of_progress_are_few(monkeypatch):
     lines = []
-    times = itertools.count(0.0, 0.5)
-    monkeypatch.setattr(progress.Stopwatch, "seconds", property(lambda self: next(times)))
+    times = itertools.chain([0.0], itertools.count(0.0, 0.5))  # the first one is the start
+    monkeypatch.setattr("hhr_dolfinx.timing.now", lambda: next(times))
     shown = ShareLines(lines.append, quiet=2.0, every=5.0)
     shown("compliances", 0.0)  # after 0 s: still quiet
     for number in range(1, 30):

@@ -98,8 +98,8 @@ def test_fields_are_those_of_the_mesh(name, kept, tmp_path):
     np.testing.assert_array_equal(other.points, right.points)
     np.testing.assert_array_equal(other.cells, right.cells)
     np.testing.assert_array_equal(other.celltypes, right.celltypes)
-    assert {"displacement", "contact_pressure"} == set(other.point_data.keys())
-    for key in ("displacement", "contact_pressure"):
+    assert set(other.point_data.keys()) == set(right.point_data.keys())
+    for key in ("displacement", "contact_pressure", "gap", "status"):
         np.testing.assert_array_equal(other[key], right[key])
     np.testing.assert_array_equal(other["body"], right["body"])
     flat = right.points[:, 2].max() == right.points[:, 2].min()
@@ -114,7 +114,9 @@ def drawn(figure):
     for axes in figure.axes:
         numbers += [line.get_xydata() for line in axes.lines]
         for item in axes.collections:
-            numbers += [np.asarray(item.get_array()), *(path.vertices for path in item.get_paths())]
+            colours = item.get_array()  # none of outlines
+            numbers += [] if colours is None else [np.asarray(colours)]
+            numbers += [path.vertices for path in item.get_paths()]
     return numbers, [
         figure.get_suptitle(),
         *(axes.get_xlabel() + axes.get_ylabel() for axes in figure.axes),
@@ -135,8 +137,8 @@ def test_figures_are_those_of_the_mesh(name, kept, tmp_path):
         and len(right) == len(other)
         and (tmp_path / "answer.png").stat().st_size > 1000
     )
-    for one, two in zip(right, other, strict=True):
-        np.testing.assert_array_equal(one, two)
+    for one, two in zip(right, other, strict=True):  # stress of strains has the round-off of these
+        np.testing.assert_allclose(one, two, rtol=1e-9, atol=1e-9 * np.abs(two).max(initial=0.0))
 
 
 @needs("checks")
@@ -149,7 +151,7 @@ def test_a_hyper_reduced_model_in_a_file_has_them_too(tmp_path):
     np.testing.assert_array_equal(answer.pressure(), answer.pressure(training.full_order))
     np.testing.assert_allclose(answer.pressure(), model.solve(0.05).pressure(), rtol=1e-12)
     right, other = drawn(answer.plot(full=training.full_order)), drawn(answer.plot())
-    assert right[1] == other[1] and all(map(np.array_equal, right[0], other[0]))
+    assert right[1] == other[1] and all(map(np.allclose, right[0], other[0]))
 
 
 @needs("checks", "friction")
