@@ -29,7 +29,7 @@ _NOTHING: Mapping[str, Expr] = MappingProxyType({})
 class At(NamedTuple):
     """Symbols of a step at a point, and numbers that are no symbols."""
 
-    strain: Expr  #: at the end of the step: Kelvin's notation, or F, (3, 3), at large strains
+    strain: Expr  #: at the end of the step: Kelvin's notation
     unknown: SimpleNamespace  #: unknowns of the law by name
     #: before the step: inelastic = ε - C^-1 σ, cumulated, and the memory of the law by name
     old: SimpleNamespace
@@ -40,9 +40,7 @@ class At(NamedTuple):
 class Stated(NamedTuple):
     """A law at a point; ``residual`` has as many components as there are unknowns."""
 
-    stress: (
-        Expr  # at the end of the step; the first Piola-Kirchhoff stress, (3, 3), at large strains
-    )
+    stress: Expr  #: at the end of the step, in Kelvin's notation
     #: after the step: cumulated, which stays without one, and the memory of the law; ε - C^-1 σ
     #: follows from the stress
     memory: Mapping[str, Expr] = _NOTHING
@@ -577,46 +575,6 @@ def thin(at: At, law: Callable[[At], Stated]) -> Stated:
         rest={},
         limit=limit,
     )
-
-
-def hyperelastic(at: At, energy: Callable[[Expr], Expr]) -> Stated:
-    """First Piola-Kirchhoff stress of an energy of F, per volume before deformation."""
-    gradient = ufl.variable(at.strain)
-    return Stated(ufl.diff(energy(gradient), gradient))
-
-
-def neo_hooke(at: At) -> Stated:
-    """μ/2 (J^(-2/3) tr(F^T F) - 3) + K/2 (J - 1)^2."""
-    lam, mu = lame(at.constants)
-
-    def energy(gradient: Expr) -> Expr:
-        volume = ufl.det(gradient)
-        return (
-            mu / 2 * (volume ** (-2 / 3) * ufl.inner(gradient, gradient) - 3)
-            + (lam + 2 * mu / 3) / 2 * (volume - 1) ** 2
-        )
-
-    return hyperelastic(at, energy)
-
-
-def mooney_rivlin(at: At) -> Stated:
-    """C1 (I1 - 3) + C2 (I2 - 3) of the strain without change of volume, and K/2 (J - 1)^2.
-
-    2 (C1 + C2) = μ at rest.
-    """
-    c = at.constants
-    lam, mu = lame(c)
-
-    def energy(gradient: Expr) -> Expr:
-        volume = ufl.det(gradient)
-        right = volume ** (-2 / 3) * ufl.transpose(gradient) * gradient
-        first = ufl.tr(right)
-        second = (first**2 - ufl.inner(right, right)) / 2
-        share = c.share
-        pair = (1 - share) * (first - 3) + share * (second - 3)
-        return mu / 2 * pair + (lam + 2 * mu / 3) / 2 * (volume - 1) ** 2
-
-    return hyperelastic(at, energy)
 
 
 def standard(

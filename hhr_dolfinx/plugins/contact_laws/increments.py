@@ -16,6 +16,7 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, NotSolvableError, TimeStepWarning
 from hhr_dolfinx.models.answer import Answer, History, Path, outcome
+from hhr_dolfinx.models.eliminations.elimination import CondensedContact
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.path import check_settings, walked
 from hhr_dolfinx.one_thread import one_thread
@@ -33,6 +34,11 @@ MOST_INCREMENTS = 2048
 """Increments to a single parameter above which no more are taken."""
 CUTS = 12
 """Largest number of times that a step is halved to meet a tolerance."""
+PATH_GRADIENT_NOTE = (
+    "derivative of the path in its increments, at their statuses: check that more increments do "
+    "not change it"
+)
+"""Note of derivatives of a path in its increments."""
 
 
 class HistoryState(Protocol):
@@ -101,6 +107,31 @@ class Increments(Protocol[P, S]):
 
     def advice(self, solved: S) -> Mapping[Status, str]:
         """Remedy for its status, for messages."""
+
+
+class SolvedForces(Protocol):
+    """Solution of the contact problem of an increment (M rows, r rigid motions)."""
+
+    @property
+    def forces(self) -> np.ndarray:
+        """Forces of all rows, (M,)."""
+
+    @property
+    def motions(self) -> np.ndarray:
+        """Amplitudes of rigid motions, (r,)."""
+
+
+def unknown_of(contact: CondensedContact, solution: SolvedForces) -> np.ndarray:
+    """Primal unknown under the forces of an increment, (n,).
+
+    Args:
+        contact: condensed contact problem of the increment.
+        solution: its forces, and the motions of bodies that contact alone holds.
+    """
+    unknown = contact.unknown(solution.forces)
+    if contact.kernel is None:
+        return unknown
+    return unknown + contact.kernel.modes @ solution.motions
 
 
 class _CutStep:

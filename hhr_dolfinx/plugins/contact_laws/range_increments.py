@@ -14,7 +14,7 @@ from hhr_dolfinx.memory import NO_MEMORY, Memory
 from hhr_dolfinx.models.answer import Answer, InterfaceCompletion
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact
 from hhr_dolfinx.models.gradient import CHANGING_STATUS, Gradient
-from hhr_dolfinx.plugins.contact_laws.increments import IncrementEnd
+from hhr_dolfinx.plugins.contact_laws.increments import PATH_GRADIENT_NOTE, IncrementEnd, unknown_of
 from hhr_dolfinx.plugins.contact_laws.interface import Interface
 from hhr_dolfinx.plugins.contact_laws.ranges import Ranges, RangeStep, Together
 
@@ -22,11 +22,6 @@ WEAK_RANGE = 1e-8
 """Part of the largest force of all ranges below which differences of one range are not measured by
 its own forces.
 """
-RANGE_GRADIENT_NOTE = (
-    "derivative of the path in its increments, at their statuses: check that more increments do "
-    "not change it"
-)
-"""Note of derivatives."""
 
 
 class RangeState(NamedTuple):
@@ -160,7 +155,7 @@ class RangesIncrements:
         slack = contact.free_slack + loaded - ranges.motions @ found.motions
         memory = whole = self.laws.after(steps, found)
         if self.everywhere is not self.laws and found.status is Status.CONVERGED:
-            whole = self._completed(before, target, found, self._unknown(contact, found))
+            whole = self._completed(before, target, found, unknown_of(contact, found))
         energy = max(before.energy, 0.5 * float(found.forces @ loaded))
         state = found.forces, memory, np.where(found.active, 0.0, slack), energy, changes, whole
         reached = RangeState(target.time, target.point, target.weights, *state)
@@ -198,7 +193,7 @@ class RangesIncrements:
         """Derivatives at the statuses of the solution, by the implicit function: P x' + Q (s' + S
         x' - G a') = -r'.
         """
-        unknown = self._unknown(contact, found)
+        unknown = unknown_of(contact, found)
         of_slack, of_unknown = (
             part * target.weights for part in contact.at_fixed_forces(found.forces, unknown)
         )
@@ -228,12 +223,7 @@ class RangesIncrements:
         of_unknown = of_unknown - contact.pushed(forces)
         if contact.kernel is not None:
             of_unknown = of_unknown + contact.kernel.modes @ motions
-        return Gradient(of_unknown, forces, kinks, slack, note=RANGE_GRADIENT_NOTE), changes
-
-    @staticmethod
-    def _unknown(contact: CondensedContact, found: Together) -> np.ndarray:
-        unknown = contact.unknown(found.forces)
-        return unknown if contact.kernel is None else unknown + contact.kernel.modes @ found.motions
+        return Gradient(of_unknown, forces, kinks, slack, note=PATH_GRADIENT_NOTE), changes
 
     def _grow(self, forces: np.ndarray) -> None:
         self.largest = np.maximum(
@@ -267,7 +257,7 @@ class RangesIncrements:
         reached = solved.reached
         return Answer(
             reached.point,
-            self._unknown(solved.contact, found),
+            unknown_of(solved.contact, found),
             found.forces,
             found.active,
             found.iterations,

@@ -17,22 +17,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.contact.active_set import OTHER_PAIRS_ROUND_OFF, Status
 from hhr_dolfinx.errors import NotSolvableError
 from hhr_dolfinx.memory import NO_MEMORY, Memory
 
-RANGE_TOLERANCE = 1e-11
-"""Deviation of forces from their projection, relative to the largest of the range, up to which they
-have converged.
+PROJECTION_TOLERANCE = 1e-11
+"""Relative deviation of forces from their projection up to which they have converged (measured
+round-off: 1e-14).
 """
-OTHER_RANGES_ROUND_OFF = 1e-15
-"""Part of the largest force of all ranges that reaches the others as round-off."""
 EPSILON = 4e-16
 """Round-off of one sum, relative to its terms; loops that ask for less do not end."""
 ATTEMPTS = 3
 """Number of ways in which a law may choose its statuses."""
-RANGE_ITERATIONS = 40
-"""Iterations of each."""
+NEWTON_ITERATIONS = 40
+"""Iterations of Newton's method before another attempt.
+
+Two to five are usual from the previous increment.
+"""
 PROJECTIONS = (30, 100, 300, 1000, 3000, 10000)
 """Projections between one round of Newton's method and the next."""
 RANGE_COMPLIANCES = (1e3, 1e5, 1e7, 1e9)
@@ -429,7 +430,7 @@ class Ranges:
         seen: set[bytes] = set()
         least = np.inf
         status = Status.UNSETTLED
-        for iteration in range(RANGE_ITERATIONS + 1):
+        for iteration in range(NEWTON_ITERATIONS + 1):
             slack = free + self.schur @ forces - self.motions @ motions
             parts = self.linearised(slack, steps, forces, self.stiffness, attempt)
             off, noise = self._off(parts, free, forces, motions)
@@ -444,7 +445,7 @@ class Ranges:
             worst = float((off / noise).max())
             key = b"".join(part.key for part in parts)
             if (
-                iteration == RANGE_ITERATIONS
+                iteration == NEWTON_ITERATIONS
                 or not np.isfinite(worst)
                 or (key in seen and not worst < 0.5 * least)
             ):
@@ -476,11 +477,11 @@ class Ranges:
             * self.stiffness
             * (np.abs(free) + self._sizes @ size + np.abs(self.motions) @ np.abs(motions))
         )
-        noise += OTHER_RANGES_ROUND_OFF * size.max(initial=0.0) + 1e-300
+        noise += OTHER_PAIRS_ROUND_OFF * size.max(initial=0.0) + 1e-300
         off = np.zeros(len(forces))
         for rows, part in zip(self.rows, parts, strict=True):
             off[rows] = np.abs(part.off)
-            noise[rows] += RANGE_TOLERANCE * size[rows].max(initial=0.0)
+            noise[rows] += PROJECTION_TOLERANCE * size[rows].max(initial=0.0)
         return off, noise
 
     def _balanced(self, forces: np.ndarray, driving: np.ndarray) -> bool:

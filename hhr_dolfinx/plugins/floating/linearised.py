@@ -17,14 +17,13 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, Statuses
 from hhr_dolfinx.contact.law import UNILATERAL_STEP, StepContact
 from hhr_dolfinx.plugins.floating.statuses import (
+    BALANCED_FORCES,
     PROXIMAL_STEPS,
     FloatingEqualities,
     floating_set,
     open_motions,
 )
 
-BALANCED_MOTIONS = 1e-12
-"""Imbalance of the forces, relative to the largest, at which the search for motions ends."""
 BALANCE_ROUND_OFF = 1e-10
 """The same at which it may end where one more step does not halve the imbalance: round-off of the
 law.
@@ -109,7 +108,7 @@ class LinearisedMotions:
                 active = found.active
                 sizes = np.abs(driving) + np.abs(found.forces) @ np.abs(self.contact_of_motions)
                 off = float((np.abs(left) / (sizes.max() or 1.0)).max())
-                if off <= BALANCED_MOTIONS or (off <= BALANCE_ROUND_OFF and not off < 0.5 * before):
+                if off <= BALANCED_FORCES or (off <= BALANCE_ROUND_OFF and not off < 0.5 * before):
                     return found._replace(iterations=spent), ends
                 before = off
         return found._replace(iterations=spent, status=Status.ADRIFT), ends

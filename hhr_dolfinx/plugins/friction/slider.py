@@ -19,7 +19,7 @@ from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact
 from hhr_dolfinx.models.gradient import Gradient
-from hhr_dolfinx.plugins.contact_laws.increments import IncrementEnd
+from hhr_dolfinx.plugins.contact_laws.increments import PATH_GRADIENT_NOTE, IncrementEnd, unknown_of
 from hhr_dolfinx.plugins.friction.laws import SLIP, Friction, SlipState
 from hhr_dolfinx.plugins.friction.sliding_set import Sliding, SlidingContact, SlidingIncrement
 from hhr_dolfinx.plugins.friction.surfaces import FarSliding, SolvedContacts
@@ -28,11 +28,6 @@ WORK = 1e-3
 """Part of the elastic energy of contact below which dissipated work counts as zero."""
 OPEN_GAP = 1e-9
 """Part of the largest gap above which a contact is open."""
-SLIDING_GRADIENT_NOTE = (
-    "derivative of the path in its increments, at their statuses: check that more increments do "
-    "not change it"
-)
-"""Note of derivatives."""
 
 
 class SlidingState(NamedTuple):
@@ -259,7 +254,7 @@ class Slider:
             forces,
             self._sliding.grazing(given, found),
             slack,
-            note=SLIDING_GRADIENT_NOTE,
+            note=PATH_GRADIENT_NOTE,
         )
 
     def held(self, before: SlidingState, after: SlidingState) -> float:
@@ -350,9 +345,3 @@ class Slider:
         holding[rows] = holding[self.friction.normal[self.friction.owner]] & found.active[rows]
         ways = floating.equalities.left_open(holding)
         return floating.modes @ ways if ways.shape[1] else None
-
-
-def unknown_of(contact: CondensedContact, found: Sliding) -> np.ndarray:
-    """The primal unknown under the forces of an increment, (n,)."""
-    unknown = contact.unknown(found.forces)
-    return unknown if contact.kernel is None else unknown + contact.kernel.modes @ found.motions

@@ -29,6 +29,8 @@ import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import SingularError
+from hhr_dolfinx.models.gradient import CHANGING_STATUS
+from hhr_dolfinx.plugins.contact_laws.ranges import NEWTON_ITERATIONS, PROJECTION_TOLERANCE
 from hhr_dolfinx.plugins.friction.laws import Friction, bounds, places_of
 from hhr_dolfinx.plugins.friction.sliding_system import (
     SlidingRows,
@@ -38,21 +40,12 @@ from hhr_dolfinx.plugins.friction.sliding_system import (
 )
 from hhr_dolfinx.plugins.friction.sweeps import swept
 
-SLIDING_TOLERANCE = 1e-11
-"""Relative deviation of forces from their projection up to which they have converged (measured
-round-off: 1e-14).
-"""
 STIFFNESS_FACTORS = (0.2, 1.0, 0.01)
 """Factors of the stiffness by which the slip of a contact enters its status, tried in this order.
 
 Neighbours slip at the same time, so that the stiffness of a single contact overestimates the
 change: with the full factor, slip may alternate between directions and never stick. On 256 contacts
 in space 0.1 to 0.3 took the fewest iterations.
-"""
-SLIDING_ITERATIONS = 40
-"""Iterations of Newton's method before another attempt.
-
-Two to five are usual from the previous increment.
 """
 SWEEPS = (10, 30, 100, 300, 1000, 3000)
 """Sweeps over all contacts between one attempt of Newton's method and the next."""
@@ -66,8 +59,6 @@ STALLED_REDUCTION = 0.2
 """Reduction of the deviation above which a step with old factors counts as failed, and the factors
 are updated.
 """
-CHANGING_SLIP = 1e-7
-"""Part of the largest force within which a contact is about to change its status."""
 
 
 class Sliding(NamedTuple):
@@ -255,12 +246,12 @@ class SlidingContact:
         least = np.inf
         before = np.inf
         status = Status.UNSETTLED
-        for iteration in range(SLIDING_ITERATIONS + 1):
+        for iteration in range(NEWTON_ITERATIONS + 1):
             slack = given.slack + self.schur @ forces - self.contact_of_motions @ motions
             at = self._projected(given, forces, slack, probe)
             worst = np.abs(at.off).max(initial=0.0)
             balanced = self._balanced(given, forces)
-            noise = SLIDING_TOLERANCE * np.abs(forces).max(initial=0.0) + given.round_off
+            noise = PROJECTION_TOLERANCE * np.abs(forces).max(initial=0.0) + given.round_off
             if worst <= noise and balanced:
                 # a solution may be round-off of corrected factors
                 if old and not self._systems.holds(
@@ -269,7 +260,7 @@ class SlidingContact:
                     break
                 return self._settled(at.statuses, forces, slack, motions, iteration)
             key = at.key()
-            if iteration == SLIDING_ITERATIONS or (key in seen and not worst < 0.5 * least):
+            if iteration == NEWTON_ITERATIONS or (key in seen and not worst < 0.5 * least):
                 break
             seen.add(key)
             least = min(least, worst)
@@ -339,7 +330,7 @@ class SlidingContact:
 
     def grazing(self, given: SlidingIncrement, found: Sliding) -> np.ndarray:
         """Rows about to change their status, for which derivatives are one-sided, (M,) bool."""
-        near = CHANGING_SLIP * np.abs(found.forces).max(initial=0.0)
+        near = CHANGING_STATUS * np.abs(found.forces).max(initial=0.0)
         at = self._at(given, found)
         scaled = self.stiffness * np.abs(found.slack)
         close = np.where(found.active, np.abs(found.forces) <= near, scaled <= near)

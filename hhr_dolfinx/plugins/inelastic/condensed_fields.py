@@ -359,7 +359,9 @@ class CondensedFlowFields(Rebuilt, ModelFields):
 
 
 MODULI_ROUND_OFF = 1e-9
-"""Relative difference of moduli in the middle of the box that counts as round-off."""
+"""Relative difference of moduli, or of a stiffness, in the middle of the box that counts as
+round-off.
+"""
 
 
 @dataclass(frozen=True)

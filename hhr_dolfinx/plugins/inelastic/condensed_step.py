@@ -38,6 +38,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhr_dolfinx.compat import compiled
+from hhr_dolfinx.contact.active_set import STATUS_TOLERANCE
 from hhr_dolfinx.plugins.inelastic.local_solver import MEMORY, Code, solve_points, subtract
 
 EVALUATE, CONVERGED, STALLED, LIMIT, NOT_FINITE, CONTACT = range(6)
@@ -145,10 +146,6 @@ UPDATES = 64
 """Updates of the inverse of S_AA after which it is computed again: round-off of as many stays below
 1e-12.
 """
-CONDENSED_STATUS_TOLERANCE = 1e-11
-"""Negative forces and slacks below this part of the largest are round-off, as in
-:mod:`contact.active_set`.
-"""
 
 COMPILED_STEPS = "steps of condensed flow"
 """Name of the compiled functions, for messages."""
@@ -253,9 +250,9 @@ def _mark(slack, forces, found, active, largest, wrong):
     count = 0
     for i in range(wrong.size):
         if active[i]:
-            wrong[i] = forces[i] < -CONDENSED_STATUS_TOLERANCE * largest
+            wrong[i] = forces[i] < -STATUS_TOLERANCE * largest
         else:
-            wrong[i] = found[i] < -CONDENSED_STATUS_TOLERANCE * through
+            wrong[i] = found[i] < -STATUS_TOLERANCE * through
         count += wrong[i]
     return count
 

@@ -12,6 +12,7 @@ import numpy as np
 from hhr_dolfinx.amplitudes import RANGES
 from hhr_dolfinx.body import Body
 from hhr_dolfinx.errors import ParameterError, SceneError
+from hhr_dolfinx.parameters import described
 
 if TYPE_CHECKING:
     from ufl.core.expr import Expr
@@ -96,12 +97,12 @@ class LawOfParameters:
                 found[field] = self._value(scalar, point)
             except ParameterError as error:
                 raise SceneError(
-                    f"{what}: {error}, at {_place(self._names, point)}. Give the table further "
+                    f"{what}: {error}, at {described(self._names, point)}. Give the table further "
                     "points, or narrow the box of the parameters"
                 ) from None
             if not np.isfinite(found[field]).all():
                 raise SceneError(
-                    f"{what} is {found[field]} at {_place(self._names, point)}: change the "
+                    f"{what} is {found[field]} at {described(self._names, point)}: change the "
                     "formula, or narrow the box of the parameters"
                 )
         return found
@@ -137,7 +138,7 @@ class LawOfParameters:
         if not numbers:
             return self._law
         shown = ", ".join(f"{field} = {self._scalars[field].text}" for field in numbers)
-        return self._law.with_numbers(numbers, f" at {_place(self._names, point)}, by {shown},")
+        return self._law.with_numbers(numbers, f" at {described(self._names, point)}, by {shown},")
 
 
 class ModuliOfParameters:
@@ -174,14 +175,10 @@ class ModuliOfParameters:
             low, high = RANGES[name]
             if not low < found[key] < high:
                 raise SceneError(
-                    f"{name} = {scalar.text} is {found[key]:g} at {_place(self._names, point)}: "
+                    f"{name} = {scalar.text} is {found[key]:g} at {described(self._names, point)}: "
                     f"{MUST[name]}. Change the formula, or narrow the box of the parameters"
                 )
         return found
-
-
-def _place(names: Sequence[str], point: np.ndarray) -> str:
-    return ", ".join(f"{name} = {value:g}" for name, value in zip(names, point, strict=True))
 
 
 def check_law_over_box(

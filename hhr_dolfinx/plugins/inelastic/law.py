@@ -91,7 +91,6 @@ class Law(KnownArguments):
             has the tensor ``inelastic``, ε - C^-1 σ, and the number ``cumulated`` too.
         unknowns: sizes of the unknowns of a step by name.
         limits: open interval of each constant that is not free.
-        finite: whether it is a law of F instead of the strain.
         elastic: whether its constants, which are numbers, state the elasticity instead of E and ν
             of the body.
     """
@@ -99,7 +98,6 @@ class Law(KnownArguments):
     memory: ClassVar[Mapping[str, int]] = {}
     unknowns: ClassVar[Mapping[str, int]] = {}
     limits: ClassVar[Mapping[str, tuple[float, float]]] = {}
-    finite: ClassVar[bool] = False
     elastic: ClassVar[bool] = False
 
     def statement(self, at: At) -> Stated:
@@ -546,10 +544,10 @@ class _Thin(Law):
     """Another law in plane stress."""
 
     def __init__(self, law: Law):
-        if law.finite or (law.elastic and (law.memory or law.unknowns)):
+        if law.elastic and (law.memory or law.unknowns):
             raise SceneError(
-                f"{law.name} has large strains, or flows with elasticity of its own, which is not "
-                "built in for plane stress: take plane strain or a solid"
+                f"{law.name} flows with elasticity of its own, which is not built in for plane "
+                "stress: take plane strain or a solid"
             )
         self.law = law
         across = {"across": NUMBER}
@@ -595,15 +593,10 @@ class Graded(Law):
 
 
 def program_of(law: Law, strains: int, *, plane_stress: bool = False) -> LawProgram:
-    """A law as data for strains of 4 or 6 components, or F of 9.
+    """A law as data for strains of 4 or 6 components.
 
     SceneError for what programs cannot state.
     """
-    if law.finite != (strains == 9):
-        raise SceneError(
-            f"{law.name} is {'' if law.finite else 'not '}a law of large strains, which no scene "
-            "takes yet"
-        )
     law = law.in_plane_stress() if plane_stress else law
     made = _Made(law, strains)
     parts = made.parts()
@@ -662,7 +655,7 @@ class _Made:
         shapes = {
             f"{kind}_{name}": (size,) if size > 1 else () for (kind, name), size in every.items()
         }
-        found = symbols(**shapes | ({"strain_strain": (3, 3)} if law.finite else {}))
+        found = symbols(**shapes)
         for kind, sizes in self.sizes.items():
             nodes: list[int] = []
             for name, size in sizes.items():

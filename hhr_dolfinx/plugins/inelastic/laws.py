@@ -623,24 +623,3 @@ def _unused(name: str, known: Mapping[str, object]) -> str:
     while name in known:
         name += "_of_outer"
     return name
-
-
-@dataclass(frozen=True)
-class NeoHooke(_Stated):
-    """Neo-Hookean elasticity at large strains, of E and ν of the body."""
-
-    finite: ClassVar[bool] = True
-    stated: ClassVar = "neo_hooke"
-
-
-@dataclass(frozen=True)
-class MooneyRivlin(_Stated):
-    """Mooney and Rivlin's elasticity at large strains.
-
-    ``share`` of μ/2 belongs to the second invariant.
-    """
-
-    share: float | str
-    finite: ClassVar[bool] = True
-    limits: ClassVar = {"share": (-1e-12, 1.000001)}
-    stated: ClassVar = "mooney_rivlin"

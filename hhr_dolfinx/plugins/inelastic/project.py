@@ -1,22 +1,17 @@
-"""Stages that inelastic bodies add to the reduction: Gauss points of the RID, tangents.
-
-The correction of forces.
-"""
+"""Stages that inelastic bodies add to the reduction: Gauss points of the RID, tangents."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy import linalg
 from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.contact.problem import IndexSets
-from hhr_dolfinx.errors import ReductionError, UnstableModelError
+from hhr_dolfinx.errors import UnstableModelError
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.plugins.inelastic.elastic_response import elastic_response
-from hhr_dolfinx.plugins.inelastic.force_correction import ForceCorrection
 from hhr_dolfinx.plugins.inelastic.full_order import FullOrderEquilibrium, equilibrium_of
 from hhr_dolfinx.plugins.inelastic.recipe import tangents_of
 from hhr_dolfinx.plugins.inelastic.reduced_flow import ReducedFlow
@@ -25,9 +20,6 @@ from hhr_dolfinx.plugins.inelastic.state import rows_of
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.reduction.build import Draft
 from hhr_dolfinx.snapshots.records import SnapshotSet
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.study.training.train import Training
 
 
 def project_points(draft: Draft) -> None:
@@ -150,38 +142,3 @@ def tangent_margin(model: ReducedModel, tangents: np.ndarray, stiffness: csr_mat
             f"the tangent at a training state is singular or not finite on the basis ({error}): "
             "keep fewer modes"
         ) from error
-
-
-def force_correction(training: Training) -> ForceCorrection:
-    """Correction of forces for any model of a training: ``training.force_correction()``.
-
-    ``correction.of(history)`` has better forces of each step, and their distance from those of the
-    model, see :mod:`plugins.inelastic.force_correction`.
-
-    Raises:
-        ReductionError: for an elastic scene, and if moduli are no factors of connected components.
-    """
-    full = training.full_order
-    if full.equilibrium is None:
-        raise ReductionError(
-            f"nothing flows in scene '{full.scene.name}': estimates of its answers bound forces"
-        )
-    problem = full.problem
-    equilibrium = equilibrium_of(full)
-    problem.require_whole()
-    problem.require_no_memory("a correction of forces")
-    elastic = elastic_response(full)
-    schur, pressed, gaps = elastic.condensed(problem)
-    return ForceCorrection(
-        equilibrium.operator,
-        equilibrium.material,
-        equilibrium.eigenstrains,
-        problem.amplitudes,
-        elastic.factors,
-        elastic.parts,
-        elastic.per_force,
-        schur,
-        pressed,
-        gaps,
-        problem.contact_pairs,
-    )

@@ -21,6 +21,7 @@ from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.plugins.inelastic.condensed_fields import MODULI_ROUND_OFF
 from hhr_dolfinx.plugins.inelastic.equilibrium import Linearisation, texts_of
 from hhr_dolfinx.plugins.inelastic.law import Update
 from hhr_dolfinx.plugins.inelastic.linearised_step import MeshEquilibrium
@@ -34,9 +35,6 @@ from hhr_dolfinx.trained import Trained
 if TYPE_CHECKING:
     from hhr_dolfinx.models.reduced import ReducedModel
     from hhr_dolfinx.plugins.inelastic.completion import FlowFields
-
-STIFFNESS_ROUND_OFF = 1e-9
-"""Relative difference of a stiffness in the middle of the box that counts as round-off."""
 
 
 @dataclass(frozen=True)
@@ -124,7 +122,7 @@ class ReducedFlow:
             there = np.tensordot(terms.weights(middle), terms.stiffness, 1)
             if (
                 not np.abs(there - problem.stiffness).max()
-                <= STIFFNESS_ROUND_OFF * np.abs(problem.stiffness).max()
+                <= MODULI_ROUND_OFF * np.abs(problem.stiffness).max()
             ):
                 yield "the parts of the stiffness do not make that of the middle of the box"
 
@@ -132,7 +130,7 @@ class ReducedFlow:
 def _alike(found: list[float], wanted: list[float]) -> bool:
     """True for the same numbers in another order."""
     return len(found) == len(wanted) and np.allclose(
-        sorted(found), sorted(wanted), rtol=STIFFNESS_ROUND_OFF, atol=0.0
+        sorted(found), sorted(wanted), rtol=MODULI_ROUND_OFF, atol=0.0
     )
 
 
