@@ -56,8 +56,8 @@ def kelvin(e: Expr, hypothesis: str) -> Expr:
 
 def of_kelvin(vector: Expr) -> Expr:
     """The symmetric 3x3 tensor of 4 or 6 components in Kelvin's notation."""
-    xx, yy, zz, *rest = vector
-    xy, xz, yz = [shear / 2**0.5 for shear in rest] + [0.0] * (6 - len(vector))
+    xx, yy, zz, *shears = vector
+    xy, xz, yz = [shear / 2**0.5 for shear in shears] + [0.0] * (6 - len(vector))
     return ufl.as_tensor([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 

@@ -91,14 +91,14 @@ def ramps(x: Expr, points: Sequence[tuple[float, float]]) -> Expr:
     """Table, linear between its points and beyond the last one, constant before the first: a sum of
     ramps.
     """
-    (first, found), *rest = points
+    (first, level), *further = points
     before = 0.0
-    value: Expr | float = found
-    for place, height in rest:
-        slope = (height - found) / (place - first)
+    value: Expr | float = level
+    for position, height in further:
+        slope = (height - level) / (position - first)
         value = value + (slope - before) * ufl.max_value(x - first, 0)
-        first = place
-        found = height
+        first = position
+        level = height
         before = slope
     return value
 
@@ -154,11 +154,11 @@ def hardening(at: At, strength: Callable[[Expr], Expr]) -> Stated:
     grown = held + ufl.conditional(
         ufl.gt(amount, 0), amount, 0
     )  # iterates below 0 find their way back
-    left = trial.size - trial.stiff * amount - strength(grown)
+    residual = trial.size - trial.stiff * amount - strength(grown)
     return Stated(
         stress,
         {"cumulated": grown},
-        [left],
+        [residual],
         over,
         {"amount": _first_amount(at, trial, over, strength)},
     )
@@ -217,10 +217,10 @@ def chaboche(at: At, backs: int) -> Stated:
         return c.yield_stress + c.saturation * (1 - ufl.exp(-c.rate * p))
 
     def relative(shares: Sequence[Expr | float]) -> Expr:
-        found = trial.deviator
+        effective = trial.deviator
         for share, modulus, back in zip(shares, stiff, old, strict=True):
-            found = found - 2 / 3 * share * modulus * back
-        return found
+            effective = effective - 2 / 3 * share * modulus * back
+        return effective
 
     size = equivalent(relative(fade))
     along = 1.5 / size * relative(fade)
@@ -230,9 +230,9 @@ def chaboche(at: At, backs: int) -> Stated:
     backs_after = [share * (back + amount * along) for share, back in zip(fade, old, strict=True)]
     memory = _flowed(at, amount) | dict(zip(names, backs_after, strict=True))
     over = equivalent(relative([1.0] * backs)) - strength(at.old.cumulated)
-    left = size - resistance * amount - strength(at.old.cumulated + amount)
+    residual = size - resistance * amount - strength(at.old.cumulated + amount)
     return Stated(
-        trial.mean + trial.deviator - 2 / 3 * trial.stiff * amount * along, memory, [left], over
+        trial.mean + trial.deviator - 2 / 3 * trial.stiff * amount * along, memory, [residual], over
     )
 
 
@@ -243,13 +243,13 @@ def creep(at: At, flow: Callable[[Expr], Expr], highest: Callable[[Expr], Expr])
     They start at the smaller of q_tr and ``highest``(q_tr / 3 μ), the q whose flow is that amount.
     """
     trial = _radial(at)
-    left = at.unknown.stress
-    stress = trial.mean + left / trial.size * trial.deviator
+    remaining = at.unknown.stress
+    stress = trial.mean + remaining / trial.size * trial.deviator
     start = ufl.min_value(trial.size, highest(trial.size / trial.stiff))
     return Stated(
         stress,
-        _flowed(at, flow(left)),
-        [left + trial.stiff * flow(left) - trial.size],
+        _flowed(at, flow(remaining)),
+        [remaining + trial.stiff * flow(remaining) - trial.size],
         trial.size,
         {"stress": start},
         {"stress": trial.size},
@@ -316,16 +316,16 @@ def plasticity_with_creep(at: At) -> Stated:
     """
     c = at.constants
     trial = _radial(at)
-    left = at.unknown.stress
-    crept = at.dt * (left / c.resistance) ** c.exponent
-    total = (trial.size - left) / trial.stiff
+    remaining = at.unknown.stress
+    crept = at.dt * (remaining / c.resistance) ** c.exponent
+    total = (trial.size - remaining) / trial.stiff
     plastic = ufl.max_value(total - crept, 0)
-    alone = left + trial.stiff * crept - trial.size
-    yielding = left - c.yield_stress - c.hardening * (at.old.yielded + total - crept)
+    alone = remaining + trial.stiff * crept - trial.size
+    yielding = remaining - c.yield_stress - c.hardening * (at.old.yielded + total - crept)
     memory = _flowed(at, crept + plastic) | {"yielded": at.old.yielded + plastic}
     highest = c.resistance * (trial.size / (trial.stiff * at.dt)) ** (1 / c.exponent)
     return Stated(
-        trial.mean + left / trial.size * trial.deviator,
+        trial.mean + remaining / trial.size * trial.deviator,
         memory,
         [ufl.max_value(alone, yielding)],
         trial.size,
@@ -393,11 +393,11 @@ def hill(at: At, frame: Sequence[Sequence[float]]) -> Stated:
         [first[i] for i in range(3)]
     )
     turned = [first[3 + k] / (1 + 2 * mu * ratio * shear) for k, shear in enumerate(shears)]
-    own = ufl.as_vector([*normal, *turned])
-    size = ufl.sqrt(ufl.dot(own, pulled(own)))
+    in_frame = ufl.as_vector([*normal, *turned])
+    size = ufl.sqrt(ufl.dot(in_frame, pulled(in_frame)))
     strength = c.yield_stress + c.hardening * at.old.cumulated
     over = ufl.sqrt(ufl.dot(first, pulled(first))) - strength
-    stress = ufl.transpose(turn) * own
+    stress = ufl.transpose(turn) * in_frame
     return Stated(
         trial.mean + stress,
         _flowed(at, ratio * size),
@@ -416,13 +416,13 @@ def rotation(frame: Sequence[Sequence[float]], size: int) -> Expr:
             f"the frame {frame} turns the axis across the plane: its third vector must be (0, 0, 1)"
         )
 
-    def entry(one: tuple[int, int], other: tuple[int, int]) -> float:
-        i, j = one
-        k, l = other
-        found = frame[i][k] * frame[j][l] + frame[i][l] * frame[j][k]
-        return found * (1 if i != j else 2**-0.5) * (1 if k != l else 2**-0.5)
+    def entry(row: tuple[int, int], column: tuple[int, int]) -> float:
+        i, j = row
+        k, l = column
+        product = frame[i][k] * frame[j][l] + frame[i][l] * frame[j][k]
+        return product * (1 if i != j else 2**-0.5) * (1 if k != l else 2**-0.5)
 
-    return ufl.as_matrix([[entry(one, other) for other in pairs] for one in pairs])
+    return ufl.as_matrix([[entry(row, column) for column in pairs] for row in pairs])
 
 
 def orthotropic(at: At, frame: Sequence[Sequence[float]]) -> Stated:
@@ -468,20 +468,20 @@ def lemaitre(at: At) -> Stated:
     size = trial.size - trial.stiff * amount
     damage = at.old.damage + pace(size) * amount
     hardened = at.old.hardened + (1 - damage) * amount
-    left = size - c.yield_stress - c.hardening * hardened
+    residual = size - c.yield_stress - c.hardening * hardened
     over = trial.size - c.yield_stress - c.hardening * at.old.hardened
     plastic = at.old.plastic + 1.5 * amount / trial.size * trial.deviator
     memory = _flowed(at, amount) | {"plastic": plastic, "damage": damage, "hardened": hardened}
-    whole = trial.mean + (1 - trial.stiff * amount / trial.size) * trial.deviator
+    effective = trial.mean + (1 - trial.stiff * amount / trial.size) * trial.deviator
     # besides, roots of the equation that are none of the law: flow backwards or beyond the trial
     # stress, D over 1
     rising = (1 - damage) ** 2 * c.hardening - size * pace(size)
     for least in (size, amount * c.young, (1 - damage) * c.young):
         rising = ufl.min_value(rising, least)
     return Stated(
-        (1 - damage) * whole,
+        (1 - damage) * effective,
         memory,
-        [left],
+        [residual],
         over,
         limit=rising,
         reason="its stress falls as strain grows",
@@ -498,8 +498,8 @@ def heated(at: At, law: Callable[[At], Stated], names: Sequence[str], kept: str)
     grown = expansion * (temperature - reference)
     old = SimpleNamespace(**vars(at.old))
     old.inelastic = at.old.inelastic - getattr(at.old, kept) * unit(at.strain)
-    found = law(at._replace(strain=at.strain - grown * unit(at.strain), old=old))
-    return found._replace(memory={**found.memory, kept: grown})
+    stated = law(at._replace(strain=at.strain - grown * unit(at.strain), old=old))
+    return stated._replace(memory={**stated.memory, kept: grown})
 
 
 def changing_stiffness(
@@ -512,12 +512,12 @@ def changing_stiffness(
     """
     constants = SimpleNamespace(**{**vars(at.constants), "young": getattr(at.constants, names[0])})
     old = SimpleNamespace(**{**vars(at.old), "inelastic": getattr(at.old, kept)})
-    found = law(at._replace(constants=constants, old=old))
+    stated = law(at._replace(constants=constants, old=old))
     poisson = constants.poisson
     strained = (
-        (1 + poisson) * found.stress - poisson * trace(found.stress) * unit(at.strain)
+        (1 + poisson) * stated.stress - poisson * trace(stated.stress) * unit(at.strain)
     ) / constants.young
-    return found._replace(memory={**found.memory, kept: at.strain - strained})
+    return stated._replace(memory={**stated.memory, kept: at.strain - strained})
 
 
 def _either(holds: Expr, one: Expr, other: Expr) -> Expr:
@@ -535,40 +535,42 @@ def thin(at: At, law: Callable[[At], Stated]) -> Stated:
     """
     across = at.unknown.across
     old = SimpleNamespace(**vars(at.old))
-    inside = at.old.inelastic
-    old.inelastic = ufl.as_vector([inside[0], inside[1], at.old.across, inside[3]])
+    inelastic = at.old.inelastic
+    old.inelastic = ufl.as_vector([inelastic[0], inelastic[1], at.old.across, inelastic[3]])
     poisson = at.constants.poisson
     elastic = at.old.across - poisson / (1 - poisson) * (
-        at.strain[0] + at.strain[1] - inside[0] - inside[1]
+        at.strain[0] + at.strain[1] - inelastic[0] - inelastic[1]
     )
     strains = [
         ufl.as_vector([at.strain[0], at.strain[1], third, at.strain[3]])
         for third in (across, elastic)
     ]
-    found, first = (law(at._replace(strain=strain, old=old)) for strain in strains)
+    flowing, first = (law(at._replace(strain=strain, old=old)) for strain in strains)
     stress, memory, residual, limit = (
-        found.stress,
-        dict(found.memory),
-        list(found.residual),
-        found.limit,
+        flowing.stress,
+        dict(flowing.memory),
+        list(flowing.residual),
+        flowing.limit,
     )
-    if found.trial is not None:
-        flows = ufl.gt(found.trial, 0)
+    if flowing.trial is not None:
+        flows = ufl.gt(flowing.trial, 0)
         unknown = {name: value for name, value in vars(at.unknown).items() if name != "across"}
-        idle = {name: ufl.as_ufl(found.rest.get(name, 0)) for name in unknown}
-        rest = law(at._replace(strain=strains[0], old=old, unknown=SimpleNamespace(**idle)))
-        stress = _either(flows, stress, rest.stress)
-        memory = {name: _either(flows, value, rest.memory[name]) for name, value in memory.items()}
+        idle = {name: ufl.as_ufl(flowing.rest.get(name, 0)) for name in unknown}
+        resting = law(at._replace(strain=strains[0], old=old, unknown=SimpleNamespace(**idle)))
+        stress = _either(flows, stress, resting.stress)
+        memory = {
+            name: _either(flows, value, resting.memory[name]) for name, value in memory.items()
+        }
         # no other equation: the value at rest may be a root, whose slope at 0 is no number
         residual = [
-            _either(flows, left, value)
-            for left, value in zip(residual, unknown.values(), strict=True)
+            _either(flows, equation, value)
+            for equation, value in zip(residual, unknown.values(), strict=True)
         ]
         limit = None if limit is None else ufl.conditional(flows, limit, 1)
-    kept = across + poisson / at.constants.young * (stress[0] + stress[1])
-    return found._replace(
+    remembered = across + poisson / at.constants.young * (stress[0] + stress[1])
+    return flowing._replace(
         stress=ufl.as_vector([stress[0], stress[1], 0, stress[3]]),
-        memory=memory | {"across": kept},
+        memory=memory | {"across": remembered},
         residual=[*residual, stress[2] / at.constants.young],
         trial=None,
         start={**first.start, "across": elastic},
@@ -601,17 +603,17 @@ def standard(
     surface = yields(forces, alpha)
     ways = {} if flow is None else flow(forces, alpha)
     amount = alpha["cumulated"] - at.old.cumulated
-    left = []
+    residuals = []
     for name in names:
         way = ways[name] if name in ways else ufl.diff(surface, forces[name])
         gradient = alpha[name] - getattr(at.old, name) - amount * way
-        left.append(surface if name == "cumulated" else gradient)
+        residuals.append(surface if name == "cumulated" else gradient)
     before = {name: getattr(at.old, name) for name in names}
     memory = {name: value for name, value in alpha.items() if name != "inelastic"}
     return Stated(
         ufl.diff(energy(strain, alpha), strain),
         memory,
-        left,
+        residuals,
         yields(acting(old), old),
         before,
         before,

@@ -389,7 +389,9 @@ class _Proportional:
             if last is not None:
                 change = _changed(answer.multipliers, last.multipliers)
                 slopes = [
-                    one.gradient.multipliers * self._sides for one in (answer, last) if one.gradient
+                    refined.gradient.multipliers * self._sides
+                    for refined in (answer, last)
+                    if refined.gradient
                 ]
                 slope = _changed(*slopes) if slopes else 0.0
                 settled = (
@@ -420,7 +422,7 @@ class _Proportional:
         gradient = answer.gradient
         if gradient is not None:
             gradient = gradient._replace(note=f"{note}; derivatives are those of {kind}")
-        cycled = any(one.cycled for one in history.answers)
+        cycled = any(step.cycled for step in history.answers)
         return answer._replace(
             iterations=sum(history.iterations),
             cycled=cycled,

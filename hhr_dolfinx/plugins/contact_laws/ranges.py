@@ -250,13 +250,15 @@ def resolvent(
                 f"{closure[np.argmin(slope)]:.6g}: only laws whose pressure never falls while the "
                 "gap closes are built in, as others may have several answers"
             )
-        left = force + stiffness * closure - y
-        change = left / (slope + stiffness)
-        settled = ~closes | (np.abs(change) <= EPSILON * closure) | (np.abs(left) <= EPSILON * y)
+        residual = force + stiffness * closure - y
+        change = residual / (slope + stiffness)
+        settled = (
+            ~closes | (np.abs(change) <= EPSILON * closure) | (np.abs(residual) <= EPSILON * y)
+        )
         if settled.all():
             break
-        low = np.where(left < 0, closure, low)
-        high = np.where(left < 0, high, closure)
+        low = np.where(residual < 0, closure, low)
+        high = np.where(residual < 0, high, closure)
         # Newton's method comes down slowly from far above on a steep curve
         new = np.where(force > 4.0 * y, 0.25 * closure, closure - change)
         new = np.where((new > low) & (new < high), new, 0.5 * (low + high))
@@ -318,12 +320,12 @@ class Ranges:
         self.schur = schur + np.diag(compliance) if compliance.any() else schur
         self.rows = tuple(rows)
         self.motions = np.zeros((len(schur), 0)) if motions is None else motions
-        own = np.abs(np.diag(self.schur))
-        self.typical = float(own[own > 0].mean()) if (own > 0).any() else 1.0
-        self.stiffness = 1.0 / np.where(own > 0, own, self.typical)
+        diagonal = np.abs(np.diag(self.schur))
+        self.typical = float(diagonal[diagonal > 0].mean()) if (diagonal > 0).any() else 1.0
+        self.stiffness = 1.0 / np.where(diagonal > 0, diagonal, self.typical)
         self._sizes = np.abs(self.schur)
-        whole = np.hstack([self.schur, -self.motions])
-        self._whole = [whole[part] for part in self.rows]
+        bordered = np.hstack([self.schur, -self.motions])
+        self._whole = [bordered[indices] for indices in self.rows]
 
     def solve(
         self,
@@ -351,18 +353,18 @@ class Ranges:
         """Solve by Newton's method, and if it does not converge, with projections or springs before
         it.
         """
-        found = self._newton(free, steps, start, 0 * driving, driving)
-        if found.status is Status.CONVERGED:
-            return found
+        outcome = self._newton(free, steps, start, 0 * driving, driving)
+        if outcome.status is Status.CONVERGED:
+            return outcome
         if driving.size:
-            return self._by_springs(free, steps, start, driving, found)
+            return self._by_springs(free, steps, start, driving, outcome)
         forces = start
         for count in PROJECTIONS:
             forces = self._projected(free, steps, np.where(np.isfinite(forces), forces, 0.0), count)
-            found = found.followed(self._newton(free, steps, forces, driving, driving), count)
-            if found.status is Status.CONVERGED:
+            outcome = outcome.followed(self._newton(free, steps, forces, driving, driving), count)
+            if outcome.status is Status.CONVERGED:
                 break
-        return found
+        return outcome
 
     def linearised(
         self,
@@ -373,10 +375,10 @@ class Ranges:
         attempt: int,
     ) -> list[Linearised]:
         """Linearise all laws at forces and slacks, (M,)."""
-        parts = zip(self.rows, steps, strict=True)
+        pairs = zip(self.rows, steps, strict=True)
         return [
             step.linearised(forces[rows], slack[rows], stiffness[rows], attempt)
-            for rows, step in parts
+            for rows, step in pairs
         ]
 
     def solved(self, parts: Sequence[Linearised], right: np.ndarray) -> np.ndarray:
@@ -387,25 +389,27 @@ class Ranges:
         """
         m, r = self.motions.shape
         matrix = np.zeros((m + r, m + r))
-        for rows, part, whole in zip(self.rows, parts, self._whole, strict=True):
-            block = part.of_slack(whole)
-            block[np.arange(rows.size), rows] += part.on_forces
-            if part.coupling is not None:
-                block[part.coupling.rows, rows[part.coupling.columns]] += part.coupling.on_forces
+        for rows, linearised, bordered in zip(self.rows, parts, self._whole, strict=True):
+            block = linearised.of_slack(bordered)
+            block[np.arange(rows.size), rows] += linearised.on_forces
+            if linearised.coupling is not None:
+                block[linearised.coupling.rows, rows[linearised.coupling.columns]] += (
+                    linearised.coupling.on_forces
+                )
             matrix[rows] = block
         matrix[m:, :m] = self.motions.T
         # rows that read no force but their own are known at once, as those of open contacts are
-        own = np.diag(matrix)
-        alone = (np.count_nonzero(matrix, axis=1) == 1) & (own != 0)
-        found = np.zeros_like(right)
-        found[alone] = (right[alone].T / own[alone]).T
-        left = np.flatnonzero(~alone)
-        known = np.flatnonzero(found.any(axis=1) if found.ndim > 1 else found)
-        system = matrix[left]
-        found[left] = np.linalg.solve(
-            system[:, left], right[left] - system[:, known] @ found[known]
+        diagonal = np.diag(matrix)
+        alone = (np.count_nonzero(matrix, axis=1) == 1) & (diagonal != 0)
+        solution = np.zeros_like(right)
+        solution[alone] = (right[alone].T / diagonal[alone]).T
+        coupled = np.flatnonzero(~alone)
+        nonzero = np.flatnonzero(solution.any(axis=1) if solution.ndim > 1 else solution)
+        system = matrix[coupled]
+        solution[coupled] = np.linalg.solve(
+            system[:, coupled], right[coupled] - system[:, nonzero] @ solution[nonzero]
         )
-        return found
+        return solution
 
     def _newton(
         self,
@@ -416,12 +420,14 @@ class Ranges:
         driving: np.ndarray,
     ) -> Together:
         """Newton's method with one way to choose statuses after another."""
-        found = self._attempt(free, steps, start, motions, driving, 0)
+        outcome = self._attempt(free, steps, start, motions, driving, 0)
         for attempt in range(1, ATTEMPTS):
-            if found.status is Status.CONVERGED:
+            if outcome.status is Status.CONVERGED:
                 break
-            found = found.followed(self._attempt(free, steps, start, motions, driving, attempt), 0)
-        return found._replace(iterations=max(found.iterations, 1))
+            outcome = outcome.followed(
+                self._attempt(free, steps, start, motions, driving, attempt), 0
+            )
+        return outcome._replace(iterations=max(outcome.iterations, 1))
 
     def _attempt(
         self, free: np.ndarray, steps: Sequence[RangeStep], forces: np.ndarray, motions: np.ndarray,
@@ -432,18 +438,18 @@ class Ranges:
         status = Status.UNSETTLED
         for iteration in range(NEWTON_ITERATIONS + 1):
             slack = free + self.schur @ forces - self.motions @ motions
-            parts = self.linearised(slack, steps, forces, self.stiffness, attempt)
-            off, noise = self._off(parts, free, forces, motions)
+            linearisations = self.linearised(slack, steps, forces, self.stiffness, attempt)
+            off, noise = self._off(linearisations, free, forces, motions)
             if (off <= noise).all() and self._balanced(forces, driving):
                 active = np.zeros(len(forces), dtype=bool)
-                for rows, part in zip(self.rows, parts, strict=True):
-                    active[rows] = part.active
+                for rows, linearised in zip(self.rows, linearisations, strict=True):
+                    active[rows] = linearised.active
                 none = np.zeros(0, dtype=np.int64)
                 return Together(
                     forces, slack, active, motions, iteration, 0, Status.CONVERGED, none
                 )
             worst = float((off / noise).max())
-            key = b"".join(part.key for part in parts)
+            key = b"".join(linearised.key for linearised in linearisations)
             if (
                 iteration == NEWTON_ITERATIONS
                 or not np.isfinite(worst)
@@ -453,10 +459,10 @@ class Ranges:
             seen.add(key)
             least = min(least, worst)
             right = np.concatenate([np.zeros(len(free)), driving])
-            for rows, part in zip(self.rows, parts, strict=True):
-                right[rows] = part.right - part.of_slack(free[rows])
+            for rows, linearised in zip(self.rows, linearisations, strict=True):
+                right[rows] = linearised.right - linearised.of_slack(free[rows])
             try:
-                forces, motions = np.split(self.solved(parts, right), [len(forces)])
+                forces, motions = np.split(self.solved(linearisations, right), [len(forces)])
             except np.linalg.LinAlgError:
                 status = Status.SINGULAR
                 break
@@ -479,8 +485,8 @@ class Ranges:
         )
         noise += OTHER_PAIRS_ROUND_OFF * size.max(initial=0.0) + 1e-300
         off = np.zeros(len(forces))
-        for rows, part in zip(self.rows, parts, strict=True):
-            off[rows] = np.abs(part.off)
+        for rows, linearised in zip(self.rows, parts, strict=True):
+            off[rows] = np.abs(linearised.off)
             noise[rows] += PROJECTION_TOLERANCE * size[rows].max(initial=0.0)
         return off, noise
 
@@ -498,10 +504,12 @@ class Ranges:
         """Forces after some projections."""
         stiffness = np.full(len(forces), 1.9 / np.linalg.norm(self.schur, 2))
         for _ in range(count):
-            parts = self.linearised(free + self.schur @ forces, steps, forces, stiffness, 1)
+            linearisations = self.linearised(
+                free + self.schur @ forces, steps, forces, stiffness, 1
+            )
             forces = forces.copy()
-            for rows, part in zip(self.rows, parts, strict=True):
-                forces[rows] -= part.off
+            for rows, linearised in zip(self.rows, linearisations, strict=True):
+                forces[rows] -= linearised.off
         return forces
 
     def _by_springs(
@@ -510,7 +518,7 @@ class Ranges:
         steps: Sequence[RangeStep],
         start: np.ndarray,
         driving: np.ndarray,
-        found: Together,
+        outcome: Together,
     ) -> Together:
         """Hold bodies by weak springs whose ends move until they bear nothing (proximal points).
 
@@ -526,17 +534,17 @@ class Ranges:
             held = self.schur + (self.motions * springs) @ self.motions.T
             ranges = Ranges(held, self.rows, np.zeros(len(free)))
             for _ in range(RANGE_STEPS):
-                one = ranges._found(
+                sprung = ranges._found(
                     free - self.motions @ (ends + springs * driving), steps, forces, driving[:0]
                 )
-                found = found.followed(one, 0)
-                if one.status is not Status.CONVERGED:
-                    return found._replace(motions=ends)
-                forces = one.forces
+                outcome = outcome.followed(sprung, 0)
+                if sprung.status is not Status.CONVERGED:
+                    return outcome._replace(motions=ends)
+                forces = sprung.forces
                 ends = ends + springs * (driving - forces @ self.motions)
                 if self._balanced(forces, driving):
-                    return found._replace(motions=ends)
-                found = found.followed(self._newton(free, steps, forces, ends, driving), 0)
-                if found.status is Status.CONVERGED:
-                    return found
-        return found._replace(status=Status.ADRIFT)
+                    return outcome._replace(motions=ends)
+                outcome = outcome.followed(self._newton(free, steps, forces, ends, driving), 0)
+                if outcome.status is Status.CONVERGED:
+                    return outcome
+        return outcome._replace(status=Status.ADRIFT)

@@ -53,19 +53,19 @@ def completed(full: FullModel) -> tuple[ContactLaw, Callable[..., InterfaceCompl
             ranges, or without a plug-in that completes forces.
     """
     law = full.law
-    what = f"hyper-reduction of contacts with {law.name}"
-    complete = registry.tool("forces_outside", what)
+    capability = f"hyper-reduction of contacts with {law.name}"
+    complete = registry.tool("forces_outside", capability)
     if not isinstance(law, Interface) and steps_of(law).completes:
         return law, complete
     if full.equilibrium is not None:
         raise NotOfferedError(
-            f"{what}, and of inelastic bodies, is not built in: a step starts from the memory of "
-            "the RID, and an answer has that of the whole contact surface alone"
+            f"{capability}, and of inelastic bodies, is not built in: a step starts from the "
+            "memory of the RID, and an answer has that of the whole contact surface alone"
         )
-    found = ranged(law, full.conditions)
-    for part in found.ranges:
-        part.solver()
-    return found, complete
+    interface = ranged(law, full.conditions)
+    for law_range in interface.ranges:
+        law_range.solver()
+    return interface, complete
 
 
 def complete_contacts(draft: Draft) -> None:
@@ -123,7 +123,11 @@ class OfPaths(OfHistories, OfContactLaws):
         Outputs of displacements take fields.
         """
         outputs = self.full.functionals
-        return None, None, outputs is not None and any(item.count for item in outputs.items)
+        return (
+            None,
+            None,
+            outputs is not None and any(functional.count for functional in outputs.items),
+        )
 
     def statuses(
         self, snapshots: SnapshotSet | None, found: Callable[[], KnownStatuses]

@@ -55,13 +55,13 @@ class LawSteps(Steps):
     def at_rest(self, model: Any) -> Memory:
         """Of all laws."""
         memory = NO_MEMORY
-        for part in ranged(model.law, model.conditions).ranges:
-            memory = memory | part.solver().at_rest()
+        for law_range in ranged(model.law, model.conditions).ranges:
+            memory = memory | law_range.solver().at_rest()
         return memory
 
     def watch(self, model: Any) -> Callable[[Answer], None]:
         """Of all laws."""
-        solvers = [part.solver() for part in ranged(model.law, model.conditions).ranges]
+        solvers = [law_range.solver() for law_range in ranged(model.law, model.conditions).ranges]
 
         def check(answer: Answer) -> None:
             for solver in solvers:
@@ -94,7 +94,8 @@ class InterfaceSteps(LawSteps):
         if model.equilibrium is not None or (contact := model.contacts()(point)).kernel is not None:
             return math.nan
         return sum(
-            part.solver().coupling(contact.schur, part.rows, point) for part in model.law.ranges
+            law_range.solver().coupling(contact.schur, law_range.rows, point)
+            for law_range in model.law.ranges
         )
 
     def known_error(self, known: str) -> str:

@@ -61,18 +61,20 @@ class LinearisedMotions:
         """
         driving = self.modes.T @ residual
         if contact is not UNILATERAL_STEP:
-            found, motions = self._by_springs(contact, free_slack, driving, active, pairs)
-            return found, self.modes @ motions
+            statuses, motions = self._by_springs(contact, free_slack, driving, active, pairs)
+            return statuses, self.modes @ motions
         equalities = self.equalities
-        found, motions = floating_set(equalities, free_slack, driving, active, pairs)
-        if found.status is Status.CONVERGED and self._open(found.forces, free_slack).shape[1]:
-            slack = free_slack + equalities.schur @ found.forces - self.contact_of_motions @ motions
-            own = self.modes.T @ unknown(found.forces) + motions
-            left = open_motions(equalities, found.forces, free_slack, slack, own)
-            if left is not None:
-                motions = motions + left.shift
-                found = found._replace(active=found.active & ~left.opened)
-        return found, self.modes @ motions
+        statuses, motions = floating_set(equalities, free_slack, driving, active, pairs)
+        if statuses.status is Status.CONVERGED and self._open(statuses.forces, free_slack).shape[1]:
+            slack = (
+                free_slack + equalities.schur @ statuses.forces - self.contact_of_motions @ motions
+            )
+            amplitudes = self.modes.T @ unknown(statuses.forces) + motions
+            open_ = open_motions(equalities, statuses.forces, free_slack, slack, amplitudes)
+            if open_ is not None:
+                motions = motions + open_.shift
+                statuses = statuses._replace(active=statuses.active & ~open_.opened)
+        return statuses, self.modes @ motions
 
     def _open(self, forces: np.ndarray, slack: np.ndarray) -> np.ndarray:
         """Amplitudes of the motions that unilateral forces leave undetermined, (r, d)."""
@@ -94,24 +96,24 @@ class LinearisedMotions:
         for compliance, held in self.equalities.springs:
             before = np.inf
             for _ in range(PROXIMAL_STEPS):
-                found = contact.solved(
+                statuses = contact.solved(
                     held,
                     free_slack - self.contact_of_motions @ (ends + compliance * driving),
                     active,
                     pairs,
                 )
-                spent += found.iterations
-                if found.status is not Status.CONVERGED:
-                    return found._replace(iterations=spent), ends
-                left = driving - found.forces @ self.contact_of_motions
-                ends = ends + compliance * left
-                active = found.active
-                sizes = np.abs(driving) + np.abs(found.forces) @ np.abs(self.contact_of_motions)
-                off = float((np.abs(left) / (sizes.max() or 1.0)).max())
+                spent += statuses.iterations
+                if statuses.status is not Status.CONVERGED:
+                    return statuses._replace(iterations=spent), ends
+                imbalance = driving - statuses.forces @ self.contact_of_motions
+                ends = ends + compliance * imbalance
+                active = statuses.active
+                sizes = np.abs(driving) + np.abs(statuses.forces) @ np.abs(self.contact_of_motions)
+                off = float((np.abs(imbalance) / (sizes.max() or 1.0)).max())
                 if off <= BALANCED_FORCES or (off <= BALANCE_ROUND_OFF and not off < 0.5 * before):
-                    return found._replace(iterations=spent), ends
+                    return statuses._replace(iterations=spent), ends
                 before = off
-        return found._replace(iterations=spent, status=Status.ADRIFT), ends
+        return statuses._replace(iterations=spent, status=Status.ADRIFT), ends
 
     def changed(
         self, residual: np.ndarray, free_slack: np.ndarray, active: np.ndarray

@@ -200,10 +200,10 @@ class Friction(ContactLaw, Rebuilt):
         """See :class:`ContactLaw`: tangential forces that act on no unknown are kept with their
         pressures.
         """
-        found = inside.copy()
+        mask = inside.copy()
         idle = np.diff(contact.indptr)[self.tangential] == 0
-        found[self.tangential[idle]] = inside[self.normal[self.owner[idle]]]
-        return found
+        mask[self.tangential[idle]] = inside[self.normal[self.owner[idle]]]
+        return mask
 
     def parts(self) -> list[Any]:
         """See :class:`ContactLaw`."""
@@ -229,10 +229,10 @@ class Friction(ContactLaw, Rebuilt):
         """Refuse a path along which bodies change their shape, with ParameterError: slip is
         measured on one.
         """
-        for place in self.shaped.tolist():
-            if np.ptp(points[:, place]) > 0:
+        for index in self.shaped.tolist():
+            if np.ptp(points[:, index]) > 0:
                 raise ParameterError(
-                    f"{space.names[place]} changes along the path, and the shape of bodies "
+                    f"{space.names[index]} changes along the path, and the shape of bodies "
                     "depends on it: what slips is measured on one shape. Keep it as it is along "
                     "the path"
                 )
@@ -274,10 +274,10 @@ class Friction(ContactLaw, Rebuilt):
         Zero for infinite bounds.
         """
         nothing = np.zeros(point.size)
-        found = [
+        derivatives = [
             nothing if scalar is None else scalar.derivative(point) for scalar in self._scalars
         ]
-        slopes = np.array(found).reshape(len(self.laws), 2, point.size)
+        slopes = np.array(derivatives).reshape(len(self.laws), 2, point.size)
         return slopes[self.law, 0], slopes[self.law, 1] * self.area[:, None]
 
     def lengths(self, tangential: np.ndarray) -> np.ndarray:
@@ -293,13 +293,13 @@ class Friction(ContactLaw, Rebuilt):
         """
         rows = self.tangential
         coefficient, limit = self.bounds(point)
-        found = forces.copy()
+        bounded = forces.copy()
         slopes = changes
         pressure = forces[self.normal]
         size = self.lengths(forces[rows])
         admitted = bounds(coefficient, limit, pressure)
         beyond = fitted[self.normal] & (size > admitted)
-        found[rows] *= np.divide(admitted, size, out=np.ones(size.size), where=beyond)[self.owner]
+        bounded[rows] *= np.divide(admitted, size, out=np.ones(size.size), where=beyond)[self.owner]
         if changes.shape[1]:
             of_coefficient, of_limit = self.bound_slopes(point)
             with np.errstate(invalid="ignore"):  # of Tresca's law, which has no coefficient
@@ -310,10 +310,10 @@ class Friction(ContactLaw, Rebuilt):
             slopes = self._scaled(
                 forces, changes, beyond, admitted / np.where(size > 0, size, 1.0), of_bound
             )
-        active = found > 0
-        sticks = active[self.normal] & (self.lengths(found[rows]) < (1.0 - SLIPPING) * admitted)
+        active = bounded > 0
+        sticks = active[self.normal] & (self.lengths(bounded[rows]) < (1.0 - SLIPPING) * admitted)
         active[rows] = sticks[self.owner]
-        return found, slopes, active
+        return bounded, slopes, active
 
     def _scaled(
         self,

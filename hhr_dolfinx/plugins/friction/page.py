@@ -27,7 +27,9 @@ class _Page:
         }
         tree["area"] = arrays.put("friction_area", law.area)
         tree["tangents"] = arrays.put("friction_tangents", law.tangents)
-        tree["laws"] = [[steps_of(item.coefficient), steps_of(item.limit)] for item in law.laws]
+        tree["laws"] = [
+            [steps_of(pair_law.coefficient), steps_of(pair_law.limit)] for pair_law in law.laws
+        ]
         return tree
 
 

@@ -34,9 +34,9 @@ class _Tangential(KnownArguments, PairLaw):
 
     @property
     def words(self) -> str:
-        parts = [] if self.coefficient is None else [f"friction {self.coefficient}"]
-        parts += [] if self.limit is None else [f"shear stress up to {self.limit}"]
-        return ", ".join(parts)
+        texts = [] if self.coefficient is None else [f"friction {self.coefficient}"]
+        texts += [] if self.limit is None else [f"shear stress up to {self.limit}"]
+        return ", ".join(texts)
 
     def check(self, scene: Any, what: str) -> None:
         coefficient = FrictionLaw.of(self, scene.parameters, what).coefficient
@@ -68,9 +68,9 @@ class _Tangential(KnownArguments, PairLaw):
     ) -> tuple[ContactRows, np.ndarray, Friction]:
         from hhr_dolfinx.plugins.friction.tangents import Mesh, with_tangents
 
-        own = {
-            place: FrictionLaw.of(law, scene.parameters, f"contact {place}")
-            for place, law in laws.items()
+        friction_laws = {
+            pair: FrictionLaw.of(law, scene.parameters, f"contact {pair}")
+            for pair, law in laws.items()
         }
         shaped: set[str] = set().union(*(shape.variables for shape in scene.shapes))
 
@@ -80,7 +80,14 @@ class _Tangential(KnownArguments, PairLaw):
             )
 
         return with_tangents(
-            rows, pairs, own, free, lifts, places(scene.named), places(shaped), Mesh(*mesh)
+            rows,
+            pairs,
+            friction_laws,
+            free,
+            lifts,
+            places(scene.named),
+            places(shaped),
+            Mesh(*mesh),
         )
 
 

@@ -157,25 +157,25 @@ class Slider:
         slack = contact.free_slack.copy()
         slack[self.friction.tangential] -= self.surface.position(before.slip)
         driving = np.zeros(0) if contact.kernel is None else contact.kernel.driving
-        given = SlidingIncrement(slack, *self.friction.bounds(point), driving)
-        found = self._sliding.increment(given, before.forces, before.active)
+        loads = SlidingIncrement(slack, *self.friction.bounds(point), driving)
+        solution = self._sliding.increment(loads, before.forces, before.active)
         slip = self.surface.after(
-            before.slip, given, found, partial(unknown_of, contact, found), point
+            before.slip, loads, solution, partial(unknown_of, contact, solution), point
         )
         gradient = None
         changes = before.changes
         closing = self._no_changes
-        if self.gradient and found.status is Status.CONVERGED:
-            closes = self._closes(before, found)
+        if self.gradient and solution.status is Status.CONVERGED:
+            closes = self._closes(before, solution)
             references = before.changes + np.where(closes, before.closing, 0.0)
-            gradient = self._gradient(references, target, given, found, contact)
+            gradient = self._gradient(references, target, loads, solution, contact)
             # one that closes within an increment may slip in it alone, as it is drawn from the
             # start of the increment
-            follows = ~found.active[self.friction.tangential, None] & ~closes
+            follows = ~solution.active[self.friction.tangential, None] & ~closes
             changes = references + np.where(follows, gradient.slack[self.friction.tangential], 0.0)
-            closing = self._closing(before, found, gradient)
+            closing = self._closing(before, solution, gradient)
         return SolvedSliding(
-            found, self._reached(target, found, slip, (changes, closing)), contact, gradient
+            solution, self._reached(target, solution, slip, (changes, closing)), contact, gradient
         )
 
     def _closes(self, before: SlidingState, found: Sliding) -> np.ndarray:
@@ -233,11 +233,11 @@ class Slider:
         floating = contact.kernel
         unknown = unknown_of(contact, found)
         slack, of_unknown = (
-            part * target.weights for part in contact.at_fixed_forces(found.forces, unknown)
+            slope * target.weights for slope in contact.at_fixed_forces(found.forces, unknown)
         )
         slack = slack.copy()
         slack[self.friction.tangential] -= references
-        bounds = [part * target.weights for part in self.friction.bound_slopes(target.point)]
+        bounds = [slope * target.weights for slope in self.friction.bound_slopes(target.point)]
         driving = np.zeros((0, slack.shape[1]))
         if floating is not None:
             driving = floating.drift(found.forces, unknown) * target.weights
@@ -296,14 +296,15 @@ class Slider:
 
     def advice(self, solved: SolvedSliding) -> Mapping[Status, str]:
         """See :class:`~hhr_dolfinx.plugins.contact_laws.increments.Increments`."""
-        found = solved.found
-        if found.status is Status.ADRIFT:
-            return {found.status: "friction does not bear its loads, or nothing presses on it"}
-        if not found.unsettled.size:
+        solution = solved.found
+        if solution.status is Status.ADRIFT:
+            return {solution.status: "friction does not bear its loads, or nothing presses on it"}
+        if not solution.unsettled.size:
             return {}
         return {
-            found.status: (
-                f"between stick and slip, conditions {found.unsettled[:8].tolist()} keep changing"
+            solution.status: (
+                f"between stick and slip, conditions {solution.unsettled[:8].tolist()} keep "
+                "changing"
             )
         }
 
@@ -314,20 +315,20 @@ class Slider:
 
     def answer(self, solved: SolvedSliding) -> Answer:
         """Answer of an increment."""
-        found, reached, contact, gradient = solved
+        solution, reached, contact, gradient = solved
         return Answer(
             reached.point,
-            unknown_of(contact, found),
-            found.forces,
-            found.active,
-            found.iterations,
-            found.status,
-            found.sweeps > 0,
+            unknown_of(contact, solution),
+            solution.forces,
+            solution.active,
+            solution.iterations,
+            solution.status,
+            solution.sweeps > 0,
             self.model.fields,
             time=reached.time,
             gradient=gradient,
             memory=Memory(slip=reached.slip),
-            undetermined=self._undetermined(contact, found),
+            undetermined=self._undetermined(contact, solution),
         )
 
     def _undetermined(self, contact: CondensedContact, found: Sliding) -> np.ndarray | None:

@@ -179,17 +179,17 @@ class SlidingContact:
         if not (np.isfinite(given.slack).all() and np.isfinite(given.driving).all()):
             nothing = np.zeros(len(start))
             return Sliding(nothing, nothing != 0, given.slack, motions, 0, 0, Status.NOT_FINITE)
-        own = self._prepared(given)
+        prepared = self._prepared(given)
         if active is not None and not motions.size:
             with suppress(SingularError):
-                start = self._solved(own, self._as_before(own, start, active), start)
-        found = self._tried(own, start, motions)
-        if found.status is Status.CONVERGED:
-            return found
+                start = self._solved(prepared, self._as_before(prepared, start, active), start)
+        solution = self._tried(prepared, start, motions)
+        if solution.status is Status.CONVERGED:
+            return solution
         return (
-            self._by_sweeps(given, own, found)
+            self._by_sweeps(given, prepared, solution)
             if not motions.size
-            else self._by_springs(given, own, found)
+            else self._by_springs(given, prepared, solution)
         )
 
     def _prepared(self, given: SlidingIncrement) -> _Given:
@@ -209,13 +209,21 @@ class SlidingContact:
     def _as_before(self, given: _Given, forces: np.ndarray, active: np.ndarray) -> _Iterate:
         """Statuses and directions of a solved increment."""
         acting = active.copy()
-        own = forces[self._rows]
-        size = self._length(own)
+        tangential = forces[self._rows]
+        size = self._length(tangential)
         bound, limited = self._bound(given, np.maximum(forces, 0.0))
         acting[self._rows] = (bound > 0) | active[self._normal]
         slips = ~active[self._rows] & (size > 0) & acting[self._rows]
         return self._iterate(
-            given, acting, slips, limited, bound, own, size, STIFFNESS_FACTORS[0], np.zeros(0)
+            given,
+            acting,
+            slips,
+            limited,
+            bound,
+            tangential,
+            size,
+            STIFFNESS_FACTORS[0],
+            np.zeros(0),
         )
 
     def _tried(self, given: _Given, start: np.ndarray, motions: np.ndarray) -> Sliding:
@@ -226,12 +234,12 @@ class SlidingContact:
             (STIFFNESS_FACTORS[0], True),
             *((probe, False) for probe in STIFFNESS_FACTORS),
         ):
-            found = self._newton(given, start, motions, probe, old)
-            iterations += found.iterations
-            if found.status is Status.CONVERGED:
+            solution = self._newton(given, start, motions, probe, old)
+            iterations += solution.iterations
+            if solution.status is Status.CONVERGED:
                 break
             self._systems.forget()
-        return found._replace(iterations=iterations)
+        return solution._replace(iterations=iterations)
 
     def _newton(
         self, given: _Given, start: np.ndarray, motions: np.ndarray, probe: float, old: bool
@@ -352,8 +360,8 @@ class SlidingContact:
             projected[self._rows] = trial * _share(bound, self._length(trial))
         else:
             projected[self._rows] = np.minimum(np.maximum(trial, -bound), bound)
-        own = forces[self._rows]
-        tangential = own + probe * (trial - own)
+        borne = forces[self._rows]
+        tangential = borne + probe * (trial - borne)
         size = self._length(tangential)
         bears = acting[self._normal] if given.plain else (bound > 0) | acting[self._normal]
         acting[self._rows] = bears
@@ -395,10 +403,10 @@ class SlidingContact:
         """Largest force of each tangential row, (T,), and True for rows bounded by the limit, (T,)
         bool.
         """
-        own = pressures[self._normal]
+        pressure = pressures[self._normal]
         if given.plain:
-            return given.coefficient * own, self._nowhere
-        bound = bounds(given.coefficient, given.limit, own)
+            return given.coefficient * pressure, self._nowhere
+        bound = bounds(given.coefficient, given.limit, pressure)
         return bound, bound >= given.limit
 
     def _length(self, tangential: np.ndarray) -> np.ndarray:
@@ -411,9 +419,9 @@ class SlidingContact:
         """True if forces balance the loads along rigid motions."""
         if not given.driving.size:
             return True
-        left = np.abs(given.driving - forces @ self.contact_of_motions)
+        imbalance = np.abs(given.driving - forces @ self.contact_of_motions)
         size = np.abs(given.driving) + np.abs(forces) @ np.abs(self.contact_of_motions)
-        return bool((left <= 1e-10 * size.max()).all())
+        return bool((imbalance <= 1e-10 * size.max()).all())
 
     def _solved(self, given: _Given, at: _Iterate, near: np.ndarray | None = None) -> np.ndarray:
         """Forces and motions on some statuses and directions, (M + r,).
@@ -440,8 +448,10 @@ class SlidingContact:
             right = np.where(statuses.acting, given.unforced, 0.0)
             right[self._rows[statuses.slips]] = 0.0
             return np.concatenate([right, given.driving]) if given.driving.size else right
-        known = np.where(at.limited, at.bound * statuses.direction, 0.0)[:, None]
-        return self._right(statuses, given.unforced[:, None], known, given.driving[:, None])[:, 0]
+        prescribed = np.where(at.limited, at.bound * statuses.direction, 0.0)[:, None]
+        return self._right(statuses, given.unforced[:, None], prescribed, given.driving[:, None])[
+            :, 0
+        ]
 
     def _right(
         self, at: SlidingStatuses, unforced: np.ndarray, known: np.ndarray, driving: np.ndarray
@@ -479,10 +489,10 @@ class SlidingContact:
         forces[~at.acting] = 0.0
         return Sliding(forces, active, slack, motions, max(count, 1), 0, Status.CONVERGED)
 
-    def _by_sweeps(self, given: SlidingIncrement, own: _Given, found: Sliding) -> Sliding:
+    def _by_sweeps(self, given: SlidingIncrement, own: _Given, solution: Sliding) -> Sliding:
         """Sweeps over single contacts, and Newton's method from their result."""
-        forces = np.where(np.isfinite(found.forces), found.forces, 0.0)
-        iterations = found.iterations
+        forces = np.where(np.isfinite(solution.forces), solution.forces, 0.0)
+        iterations = solution.iterations
         total = 0
         for count in SWEEPS:
             forces = swept(
@@ -491,11 +501,11 @@ class SlidingContact:
             total += count
             if not np.isfinite(forces).all():
                 break
-            found = self._tried(own, forces, found.motions)
-            iterations += found.iterations
-            if found.status is Status.CONVERGED:
+            solution = self._tried(own, forces, solution.motions)
+            iterations += solution.iterations
+            if solution.status is Status.CONVERGED:
                 break
-        return found._replace(iterations=iterations, sweeps=total)
+        return solution._replace(iterations=iterations, sweeps=total)
 
     @cached_property
     def _sprung(self) -> tuple[tuple[np.ndarray, SlidingContact], ...]:
@@ -509,8 +519,11 @@ class SlidingContact:
 
         springs = (unit * weak for weak in SPRING_COMPLIANCES)
         return tuple(
-            (one, SlidingContact(self.schur + (motions * one) @ motions.T, self.friction))
-            for one in springs
+            (
+                compliance,
+                SlidingContact(self.schur + (motions * compliance) @ motions.T, self.friction),
+            )
+            for compliance in springs
         )
 
     def _by_springs(self, given: SlidingIncrement, own: _Given, failed: Sliding) -> Sliding:
@@ -533,14 +546,14 @@ class SlidingContact:
             held = given._replace(
                 slack=given.slack - self.contact_of_motions @ offset, driving=given.driving[:0]
             )
-            found = sprung.increment(held, forces)
-            iterations += found.iterations
-            sweeps += found.sweeps
-            if found.status is not Status.CONVERGED:
-                return found._replace(motions=ends, iterations=iterations, sweeps=sweeps)
-            forces = found.forces
-            left = given.driving - forces @ self.contact_of_motions
-            ends = ends + compliance * left
+            solution = sprung.increment(held, forces)
+            iterations += solution.iterations
+            sweeps += solution.sweeps
+            if solution.status is not Status.CONVERGED:
+                return solution._replace(motions=ends, iterations=iterations, sweeps=sweeps)
+            forces = solution.forces
+            imbalance = given.driving - forces @ self.contact_of_motions
+            ends = ends + compliance * imbalance
             direct = self._tried(own, forces, ends)
             iterations += direct.iterations
             largest = (
@@ -548,8 +561,8 @@ class SlidingContact:
             ).max()
             if direct.status is Status.CONVERGED:
                 return direct._replace(iterations=iterations, sweeps=sweeps)
-            if (np.abs(left) <= BALANCED_FORCES * largest + nothing).all():
-                return found._replace(motions=ends, iterations=iterations, sweeps=sweeps)
+            if (np.abs(imbalance) <= BALANCED_FORCES * largest + nothing).all():
+                return solution._replace(motions=ends, iterations=iterations, sweeps=sweeps)
         return failed._replace(status=Status.ADRIFT, iterations=iterations, sweeps=sweeps)
 
 
@@ -563,9 +576,9 @@ def _softened(schur: np.ndarray, friction: Friction) -> np.ndarray:
     twice = friction.twice
     if not twice.size:
         return schur
-    found = schur.copy()
-    found[twice, twice] += elastic_slip(np.diag(schur), friction)
-    return found
+    softened = schur.copy()
+    softened[twice, twice] += elastic_slip(np.diag(schur), friction)
+    return softened
 
 
 def elastic_slip(diagonal: np.ndarray, friction: Friction) -> np.ndarray:

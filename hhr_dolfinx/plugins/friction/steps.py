@@ -60,13 +60,17 @@ class _RubbingStep:
             self._on = equalities
         slack = free_slack.copy()
         slack[self._friction.tangential] -= self._position
-        given = SlidingIncrement(slack, self._coefficient, self._limit, np.zeros(0))
-        found = self._contact.increment(given, self._forces, active)
-        if found.status is Status.CONVERGED:  # else no start for the next one
-            self._forces = found.forces
-        self._last = given, found
+        loads = SlidingIncrement(slack, self._coefficient, self._limit, np.zeros(0))
+        solution = self._contact.increment(loads, self._forces, active)
+        if solution.status is Status.CONVERGED:  # else no start for the next one
+            self._forces = solution.forces
+        self._last = loads, solution
         return Statuses(
-            found.forces, found.active, found.iterations, found.status, found.sweeps > 0
+            solution.forces,
+            solution.active,
+            solution.iterations,
+            solution.status,
+            solution.sweeps > 0,
         )
 
     def changes(

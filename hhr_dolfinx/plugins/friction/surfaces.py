@@ -85,11 +85,11 @@ class _PartSurface(SolvedContacts):
         friction = self.whole
         slack = np.zeros(self._fields.conditions)
         slack[friction.tangential[self._own]] = found.slack[self._inside.tangential]
-        outside = self._outside
-        if outside.size:
+        following = self._outside
+        if following.size:
             gaps, on_modes = self._rows_outside
             position = gaps @ self._fields.amplitudes(point) - on_modes @ unknown()
-            slack[friction.tangential[outside]] = position - before.position[outside]
+            slack[friction.tangential[following]] = position - before.position[following]
         forces, active = self._parts.completed(found.forces, found.active, point)
         bound = bounds(*friction.bounds(point), forces[friction.normal])
         return before.after(friction, forces, slack, active, bound)

@@ -89,11 +89,13 @@ def correction_strain(
     scale = elastic.factors.compliances(answer.parameter)[elastic.parts]
     free = scale * (elastic.forced @ theta) + elastic.given @ theta - problem.lifts @ theta
     if problem.held_by_contact:
-        found = equilibrium.elastic_statuses(theta)
+        statuses = equilibrium.elastic_statuses(theta)
     else:
         slack = problem.gaps @ theta - problem.contact @ free
-        found = active_set(equilibrium.elastic.equalities, slack, slack < 0, pairs=full.pairs)
-    return strain.of(correction - scale * (elastic.per_force @ (answer.multipliers - found.forces)))
+        statuses = active_set(equilibrium.elastic.equalities, slack, slack < 0, pairs=full.pairs)
+    return strain.of(
+        correction - scale * (elastic.per_force @ (answer.multipliers - statuses.forces))
+    )
 
 
 @dataclass(frozen=True)
@@ -139,13 +141,13 @@ class FlowingDomain:
         """ε_p - dev ε_c at training states, over the energy norms of their corrections, (S, p
         c).
         """
-        there = StrainAt(equilibrium_of(full).operator, self.points)
-        found = np.empty((len(answers), self.deviators[:, :, 0].size))
+        strain_at = StrainAt(equilibrium_of(full).operator, self.points)
+        states = np.empty((len(answers), self.deviators[:, :, 0].size))
         for k, (answer, correction) in enumerate(zip(answers, corrections.T, strict=True)):
             plastic = gauss_of(answer).state.inelastic[self.points]
-            strain = correction_strain(full, elastic, answer, correction, there)
-            found[k] = (plastic - deviator(strain)).ravel() / sizes[k]
-        return found
+            strain = correction_strain(full, elastic, answer, correction, strain_at)
+            states[k] = (plastic - deviator(strain)).ravel() / sizes[k]
+        return states
 
     def cubature(
         self, stressed: np.ndarray, settings: CorrectionSettings, start: Cubature | None = None
@@ -166,16 +168,16 @@ class FlowingDomain:
         pairs = np.triu_indices(self.deviators.shape[2])
 
         def needed() -> Iterator[np.ndarray]:
-            for part in _chunks(self.points.size):
-                tested = self.weights[part, None, None] * self.stresses[part]
-                yield np.einsum("pcj,rpc->jrp", tested, few[:, part], optimize=True).reshape(
+            for span in _chunks(self.points.size):
+                tested = self.weights[span, None, None] * self.stresses[span]
+                yield np.einsum("pcj,rpc->jrp", tested, few[:, span], optimize=True).reshape(
                     -1, tested.shape[0]
                 )
 
         def energies() -> Iterator[np.ndarray]:
-            for part in _chunks(self.points.size):
-                tested = self.weights[part, None, None] * self.deviators[part]
-                yield np.einsum("pcj,pci->jip", tested, self.deviators[part], optimize=True)[pairs]
+            for span in _chunks(self.points.size):
+                tested = self.weights[span, None, None] * self.deviators[span]
+                yield np.einsum("pcj,pci->jip", tested, self.deviators[span], optimize=True)[pairs]
 
         rows = compressed(needed, 0.1 * settings.cubature)
         loose = compressed(energies, 0.1 * settings.stability)
@@ -410,11 +412,11 @@ class CorrectionSettings(Reductor["_Shared"]):
                 problem, prepared.corrections, elastic, settings.modes, most
             )
         with log.stage("cubature", prepared.announce):
-            kept = np.flatnonzero(sizes > CORRECTION_ROUND_OFF * sizes.max(initial=0.0))
-            answers = [prepared.answers[k] for k in kept]
-            domain = FlowingDomain.of(full, basis, answers, sizes[kept])
+            corrected = np.flatnonzero(sizes > CORRECTION_ROUND_OFF * sizes.max(initial=0.0))
+            answers = [prepared.answers[k] for k in corrected]
+            domain = FlowingDomain.of(full, basis, answers, sizes[corrected])
             stressed = domain.stressed(
-                full, elastic, answers, prepared.corrections[:, kept], sizes[kept]
+                full, elastic, answers, prepared.corrections[:, corrected], sizes[corrected]
             )
             cubature = domain.cubature(
                 stressed, settings, prepared.known[-1] if prepared.known else None
@@ -436,14 +438,14 @@ class CorrectionSettings(Reductor["_Shared"]):
         from hhr_dolfinx.plugins.one_call.proposals import of_more_answers
 
         tolerance = search.target.error / 2  # a margin for errors that the check does not see
-        own = replace(
+        settings = replace(
             self, primal=min(self.primal, tolerance), dual=min(self.dual, tolerance), attempts=6
         )
         if (
             search.target.elastic
         ):  # else an output may need the stress, which must be refined further
-            own = replace(own, stress=math.inf, plastic=math.inf)
-        return of_more_answers(own, search)
+            settings = replace(settings, stress=math.inf, plastic=math.inf)
+        return of_more_answers(settings, search)
 
 
 @dataclass(frozen=True, eq=False)
@@ -606,11 +608,11 @@ def _watched(
     most = (flowed >= (1 - SYMMETRIC_POINTS) * largest).argmax(axis=1)[order]
     # start with the smallest states, the onset of plastic flow: more points would cost what a
     # cubature saves
-    known = set(cubature.points.tolist())
-    others = [point for point in dict.fromkeys(most.tolist()) if point not in known]
-    kept = np.array(others[: max(cubature.points.size // 10, WATCHED)], dtype=np.int64)
-    weights = np.append(cubature.weights * domain.weights[cubature.points], np.zeros(kept.size))
-    return np.append(domain.points[cubature.points], domain.points[kept]), weights
+    integrated = set(cubature.points.tolist())
+    candidates = [point for point in dict.fromkeys(most.tolist()) if point not in integrated]
+    watched = np.array(candidates[: max(cubature.points.size // 10, WATCHED)], dtype=np.int64)
+    weights = np.append(cubature.weights * domain.weights[cubature.points], np.zeros(watched.size))
+    return np.append(domain.points[cubature.points], domain.points[watched]), weights
 
 
 def _deviators(strains: np.ndarray, components: int) -> np.ndarray:
@@ -620,16 +622,18 @@ def _deviators(strains: np.ndarray, components: int) -> np.ndarray:
 
 def _by_body(groups: tuple[Group, ...], points: np.ndarray) -> tuple[tuple[Group, ...], np.ndarray]:
     """Groups of some points with consecutive indices, and the order of the points in them."""
-    found = []
+    groups_of_points = []
     order = []
     start = 0
     for group in groups:
-        own = np.flatnonzero(np.isin(points, group.indices))
-        if own.size:
-            found.append(group.some(points[own], np.arange(start, start + own.size)))
-            order.append(own)
-            start += own.size
-    return tuple(found), np.concatenate(order)
+        members = np.flatnonzero(np.isin(points, group.indices))
+        if members.size:
+            groups_of_points.append(
+                group.some(points[members], np.arange(start, start + members.size))
+            )
+            order.append(members)
+            start += members.size
+    return tuple(groups_of_points), np.concatenate(order)
 
 
 @dataclass(frozen=True)
@@ -649,7 +653,7 @@ class _FieldModes:
     @classmethod
     def of(cls, full: FullModel, snapshots: SnapshotSet) -> _FieldModes:
         """Modes of training histories."""
-        states = [item.state for item in states_of(snapshots)]
+        states = [gauss.state for gauss in states_of(snapshots)]
         flowed = np.flatnonzero(np.any([state.inelastic.any(axis=1) for state in states], axis=0))
         plastic = state_modes(
             [state.inelastic[flowed].ravel() for state in states], FIELDS_LEFT_OUT["plastic"]

@@ -132,8 +132,8 @@ class WorkArrays(NamedTuple):
         shapes |= {"strain": components * points, "rows": (conditions, components * points)}
         shapes |= {"inverse": (conditions, conditions), "numbers": NUMBERS}
         arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
-        whole = {"order": conditions, "result": points}
-        arrays |= {name: np.zeros(count, dtype=np.int64) for name, count in whole.items()}
+        counts = {"order": conditions, "result": points}
+        arrays |= {name: np.zeros(count, dtype=np.int64) for name, count in counts.items()}
         arrays |= {"slopes": np.zeros((components, components, points), dtype=np.float32)}
         return cls(**arrays, active=np.zeros(conditions, dtype=bool))
 
@@ -187,12 +187,12 @@ def _search(slack, forces, schur, per_force, inverse, order, active, rows, numbe
     fewest = m + 1
     patience = SWITCH_ALL_ITERATIONS
     local = np.empty(m)
-    found = np.empty(m)
+    trial = np.empty(m)
     wrong = np.empty(m, dtype=np.bool_)
     anew = False
     for _ in range(100 * m + 100):
-        largest = _forces(slack, forces, found, local, schur, inverse, order, int(numbers[COUNT]))
-        count = _mark(slack, forces, found, active, largest, wrong)
+        largest = _forces(slack, forces, trial, local, schur, inverse, order, int(numbers[COUNT]))
+        count = _mark(slack, forces, trial, active, largest, wrong)
         if count == 0:
             return bool(np.isfinite(largest))
         if count < fewest:
@@ -310,18 +310,18 @@ def _join(schur, per_force, inverse, order, rows, condition, count):
 @compiled(inner=True)
 def _leave(inverse, order, rows, condition, count):
     """Remove one condition from the inverse of S_AA."""
-    place = 0
-    while order[place] != condition:
-        place += 1
+    position = 0
+    while order[position] != condition:
+        position += 1
     last = count - 1
-    if place != last:
-        order[place] = order[last]
+    if position != last:
+        order[position] = order[last]
         for k in range(rows.shape[1]):
-            rows[place, k] = rows[last, k]
+            rows[position, k] = rows[last, k]
         for a in range(count):
-            inverse[place, a], inverse[last, a] = inverse[last, a], inverse[place, a]
+            inverse[position, a], inverse[last, a] = inverse[last, a], inverse[position, a]
         for a in range(count):
-            inverse[a, place], inverse[a, last] = inverse[a, last], inverse[a, place]
+            inverse[a, position], inverse[a, last] = inverse[a, last], inverse[a, position]
     for a in range(last):
         factor = inverse[a, last] / inverse[last, last]
         for b in range(last):
@@ -337,10 +337,10 @@ def _refresh(schur, inverse, order, count):
     for a in range(count):
         for b in range(count):
             block[a, b] = schur[order[a], order[b]]
-    found = _inverse_of(block)
+    inverted = _inverse_of(block)
     for a in range(count):
         for b in range(count):
-            inverse[a, b] = found[a, b]
+            inverse[a, b] = inverted[a, b]
 
 
 @compiled(inner=True)
@@ -385,13 +385,15 @@ def _evaluate(ends, load, laws, work, tangent):
         end = ends[group]
         law = laws.numbers[group]
         if law >= 0:  # else memory and slopes stay 0
-            given = laws.constants, laws.compliance[group], laws.grading
-            found = work.stress, work.memory, tangents, work.result
-            solve_points(laws.code, law, start, end, strain, load.memory, load.dt, *given, *found)
+            numbers = laws.constants, laws.compliance[group], laws.grading
+            results = work.stress, work.memory, tangents, work.result
+            solve_points(
+                laws.code, law, start, end, strain, load.memory, load.dt, *numbers, *results
+            )
             for i in range(laws.code.sizes[law, MEMORY], len(work.memory)):
                 work.memory[i, start:end] = load.memory[i, start:end]
             if tangent:
-                _store_slopes(work.slopes, tangents, given[1], laws.grading, start, end)
+                _store_slopes(work.slopes, tangents, numbers[1], laws.grading, start, end)
         start = end
 
 
@@ -449,18 +451,18 @@ def _set_residual(tested, memory, components, modal, there, coupled, forces, ela
 def _flowing_of(tested, slopes):
     """w (G V)^T C dε_p/dε, (ell, c n)."""
     # indices that are no sums, as loops over others do not vectorise
-    parts = tested.reshape((len(tested), len(slopes), slopes.shape[2]))
-    found = np.empty(parts.shape, dtype=np.float32)
+    weights = tested.reshape((len(tested), len(slopes), slopes.shape[2]))
+    products = np.empty(weights.shape, dtype=np.float32)
     total = np.empty(slopes.shape[2], dtype=np.float32)
-    for j in range(len(found)):
+    for j in range(len(products)):
         for i in range(len(slopes)):
             total[:] = 0.0
             for m in range(len(slopes)):
                 for k in range(total.size):
-                    total[k] += parts[j, m, k] * slopes[m, i, k]
+                    total[k] += weights[j, m, k] * slopes[m, i, k]
             for k in range(total.size):
-                found[j, i, k] = total[k]
-    return found.reshape(tested.shape)
+                products[j, i, k] = total[k]
+    return products.reshape(tested.shape)
 
 
 LEAST_NEWTON_SHARE = 1 / 256
@@ -515,8 +517,8 @@ def _judge(model, load, work, laws, tolerance, most):
     if fine:
         coupling = model.coupled, work.forces, load.forces
         tested = model.tested, work.memory, work.stress.shape[0]
-        left = _set_residual(*tested, model.modal, work.there, *coupling, work.residual)
-        fine = bool(np.isfinite(left))
+        total = _set_residual(*tested, model.modal, work.there, *coupling, work.residual)
+        fine = bool(np.isfinite(total))
     if not fine:
         # the correction is too large: a law has no answer there
         return NOT_FINITE if first else _nearer(work, most)
@@ -638,12 +640,12 @@ def _linearise(model, load, work, laws):
     if _flows(work.memory, load.memory, work.stress.shape[0]):
         _evaluate(model.ends, load, laws, work, True)
         _add_flowing(model, work, responses, jacobian)
-    found = _inverse_of(jacobian)
+    inverted = _inverse_of(jacobian)
     total = 0.0
     for i in range(ell):
         for j in range(ell):
-            work.newton[i, j] = found[i, j]
-            total += found[i, j]
+            work.newton[i, j] = inverted[i, j]
+            total += inverted[i, j]
     # a singular J marked as outdated would stop all steps to come
     regular = bool(np.isfinite(total))
     work.numbers[LINEAR] = NEW_TANGENT if regular else NO_TANGENT

@@ -98,10 +98,12 @@ class UnilateralSlopes:
     ) -> ContactChange:
         """See :class:`ContactSlopes`."""
         columns = []
-        for residual, gaps in zip(*(part.T for part in right), strict=True):
+        for residual, gaps in zip(*(derivatives.T for derivatives in right), strict=True):
             dx, forces = linear.changed(residual, gaps, answer.active)
             columns.append((dx, forces, linear.slack_of(gaps, dx)))
-        unknown, pushed, opened = (np.stack(parts, axis=1) for parts in zip(*columns, strict=True))
+        unknown, pushed, opened = (
+            np.stack(vectors, axis=1) for vectors in zip(*columns, strict=True)
+        )
         return ContactChange(
             unknown, pushed, opened, grazing(answer.active, answer.multipliers, slack)
         )
@@ -114,9 +116,13 @@ def slopes_of_contacts(model: Any, count: int) -> ContactSlopes:
     """
     if not model.law.remembers:
         return UnilateralSlopes()
-    what = f"a derivative of histories in which bodies flow and contacts have {model.law.name}"
-    found: ContactSlopes = registry.facet(model.law.plugin, "flow_slopes", what)(model, count)
-    return found
+    capability = (
+        f"a derivative of histories in which bodies flow and contacts have {model.law.name}"
+    )
+    slopes: ContactSlopes = registry.facet(model.law.plugin, "flow_slopes", capability)(
+        model, count
+    )
+    return slopes
 
 
 def columnwise(function: Callable[[np.ndarray], np.ndarray], values: np.ndarray) -> np.ndarray:

@@ -116,12 +116,12 @@ class NewtonStepper(CorrectionStepper):
         for start in starts:
             load = self.load(here, goal)
             try:
-                found, count = self._solved(load, start, here)
+                trial, count = self._solved(load, start, here)
             except Diverged as error:
                 failure = error
                 spent += self.settings.iterations
                 continue
-            return self._answer(found, load, goal, spent + count)
+            return self._answer(trial, load, goal, spent + count)
         raise failure
 
     def load(self, here: Answer, goal: Goal) -> StepInput:
@@ -140,14 +140,14 @@ class NewtonStepper(CorrectionStepper):
                 forces = model.elastic_forces(theta)
             except NotSolvableError as error:
                 raise Diverged(str(error)) from error
-        rest = (
+        further = (
             model.driving(theta),
             contact,
             model.material.at(goal.parameter),
             gauss_of(here).state,
             goal.time - here.time,
         )
-        return StepInput(model.gaps(theta), model.free_strain @ theta, forces, *rest)
+        return StepInput(model.gaps(theta), model.free_strain @ theta, forces, *further)
 
     def _solved(self, load: StepInput, start: np.ndarray, here: Answer) -> tuple[Trial, int]:
         """Try once from a correction; returns the result and its number of iterations."""
@@ -187,10 +187,10 @@ class NewtonStepper(CorrectionStepper):
         """Contact from some statuses, laws and R at a correction; Diverged without one of them."""
         model = self.model
         slack = load.slack - model.flow.moved @ correction
-        found, motions = model.touched(load.contact, slack, load.driving, active)
-        if found.status is not Status.CONVERGED:
-            raise Diverged(f"of the contact problem, {found.status.value}")
-        strain = model.strain_under(load.strain, correction, found.forces)
+        statuses, motions = model.touched(load.contact, slack, load.driving, active)
+        if statuses.status is not Status.CONVERGED:
+            raise Diverged(f"of the contact problem, {statuses.status.value}")
+        strain = model.strain_under(load.strain, correction, statuses.forces)
         try:
             update = load.material.update(strain, load.before, load.dt, tangent=True)
         except ConvergenceError as error:
@@ -198,10 +198,10 @@ class NewtonStepper(CorrectionStepper):
         residual = (
             model.flow.tested @ update.state.inelastic.T.ravel() - model.flow.modal @ correction
         )
-        residual -= model.coupled @ (found.forces - load.forces)
+        residual -= model.coupled @ (statuses.forces - load.forces)
         if not np.isfinite(residual).all():
             raise Diverged("a law found no flow, or one that is impossible")
-        return Trial(correction, found, motions, update, strain, residual)
+        return Trial(correction, statuses, motions, update, strain, residual)
 
     def slope(self, load: StepInput, at: Trial) -> np.ndarray:
         """-dR/dg, (ell, ell), at the trial that was solved last."""
@@ -209,19 +209,27 @@ class NewtonStepper(CorrectionStepper):
         forces = model.pushed(load.contact, at.found, -model.flow.moved)
         flowing = model.flowing(at.update.tangents)
         pressed = ((flowing * model.scale) @ model.flow.per_force.T + model.coupled) @ forces
-        found: np.ndarray = model.flow.modal - flowing @ model.flow.per_mode.T + pressed
-        return found
+        slope: np.ndarray = model.flow.modal - flowing @ model.flow.per_mode.T + pressed
+        return slope
 
     def _answer(self, at: Trial, load: StepInput, goal: Goal, iterations: int) -> Answer:
         self._strains.check(at.strain)
-        found = at.found
-        unknown = np.concatenate([at.correction, found.forces, at.motions])
+        statuses = at.found
+        unknown = np.concatenate([at.correction, statuses.forces, at.motions])
         memory = Memory(gauss=GaussState(at.update.stress, at.update.state)) | load.contact.memory(
             unknown
         )
-        how = found.active, iterations, Status.CONVERGED, found.cycled, self.model.fields
-        answer = Answer(goal.parameter, unknown, found.forces, *how, goal.time, memory=memory)
-        open_ = self.model.undetermined(found, unknown, self.model.amplitudes(goal.parameter))
+        status_of_step = (
+            statuses.active,
+            iterations,
+            Status.CONVERGED,
+            statuses.cycled,
+            self.model.fields,
+        )
+        answer = Answer(
+            goal.parameter, unknown, statuses.forces, *status_of_step, goal.time, memory=memory
+        )
+        open_ = self.model.undetermined(statuses, unknown, self.model.amplitudes(goal.parameter))
         answer = answer._replace(undetermined=open_)
         self.learn(answer)
         return answer

@@ -182,9 +182,9 @@ def _large_part(gram: np.ndarray, outside: float) -> tuple[np.ndarray | None, np
         return None, gram
     basis = np.zeros((count, 0))
     images = np.zeros((count, 0))
-    left = float(np.trace(gram))
+    trace = float(np.trace(gram))
     floor = np.finfo(float).eps * count * float(np.trace(gram))
-    while left > max(outside, floor):
+    while trace > max(outside, floor):
         if basis.shape[1] + SUBSPACE_GROWTH > count // 2:  # a subspace saves nothing then
             return None, gram
         block = generator.normal(size=(count, SUBSPACE_GROWTH))
@@ -196,7 +196,7 @@ def _large_part(gram: np.ndarray, outside: float) -> tuple[np.ndarray | None, np
         image = gram @ block
         basis = np.hstack([basis, block])
         images = np.hstack([images, image])
-        left -= float(np.vdot(block, image))
+        trace -= float(np.vdot(block, image))
     return basis, basis.T @ images
 
 
@@ -222,22 +222,22 @@ class _Factor:
         """Add a column, with weight zero; returns False, and does nothing, if it depends on those
         chosen.
         """
-        rest = column
+        residual = column
         shares = np.zeros(len(self.points))
         q = self._q.all
         for _ in range(2):  # twice is enough for orthogonality to round-off
-            part = q.T @ rest
-            rest = rest - q @ part
-            shares = shares + part
-        outside = np.linalg.norm(rest)
-        if outside <= DEPENDENT_COLUMN:
+            projection = q.T @ residual
+            residual = residual - q @ projection
+            shares = shares + projection
+        length = np.linalg.norm(residual)
+        if length <= DEPENDENT_COLUMN:
             return False
         count = len(self.points)
         r = np.zeros((count + 1, count + 1), order="F")
         r[:count, :count] = self._r
         r[:count, count] = shares
-        r[count, count] = outside
-        self._q.append(rest / outside)
+        r[count, count] = length
+        self._q.append(residual / length)
         self._r = r
         self._columns.append(column)
         self.points.append(point)
@@ -251,8 +251,8 @@ class _Factor:
         Those that depend on others are left out.
         """
         q, r, order = linalg.qr(columns, mode="economic", pivoting=True, check_finite=False)
-        kept = np.abs(np.diag(r)) > DEPENDENT_COLUMN
-        order = order[: int(kept.sum())]
+        independent = np.abs(np.diag(r)) > DEPENDENT_COLUMN
+        order = order[: int(independent.sum())]
         self._q = GrowingColumns(q[:, : order.size])
         self._r = np.asfortranarray(r[: order.size, : order.size])
         self._columns = GrowingColumns(columns[:, order])
@@ -324,10 +324,10 @@ class _Search:
         it.
         """
         floor = LEAST_MISFIT * self.size
-        left = MOST_POINTS_PER_ROW * len(self.rows)
+        remaining = MOST_POINTS_PER_ROW * len(self.rows)
 
         def open_() -> bool:
-            return left > 0 and self.least > tolerance and len(self.factor.points) < most
+            return remaining > 0 and self.least > tolerance and len(self.factor.points) < most
 
         while open_():
             listed = _ShortList(self.rows, self.lengths, self.factor.misfit())
@@ -336,7 +336,7 @@ class _Search:
             while open_() and self._take_best(listed, worth):
                 worth = max(floor, WORTH * listed.best)
                 helped = True
-                left -= 1
+                remaining -= 1
             if not helped:
                 break
         return self.factor
@@ -409,5 +409,5 @@ class _Search:
         )
         step = ways.min()
         factor.weights = factor.weights + step * (free - factor.weights)
-        for place in np.flatnonzero(ways <= step * (1 + 1e-12))[::-1]:
-            factor.remove(int(place))
+        for index in np.flatnonzero(ways <= step * (1 + 1e-12))[::-1]:
+            factor.remove(int(index))

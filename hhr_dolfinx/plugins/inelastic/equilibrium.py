@@ -71,12 +71,12 @@ class Linearisation:
                 def still(forces: np.ndarray) -> np.ndarray:
                     return x + free - self.push(forces)
 
-                found, moved = self.motions.solved(
+                statuses, moved = self.motions.solved(
                     contact, slack, residual, still, active, self.pairs
                 )
-                return free - self.push(found.forces) + moved, found
-            found = contact.solved(self.equalities, slack, active, self.pairs)
-        return free - self.push(found.forces), found
+                return free - self.push(statuses.forces) + moved, statuses
+            statuses = contact.solved(self.equalities, slack, active, self.pairs)
+        return free - self.push(statuses.forces), statuses
 
     def schur(self) -> np.ndarray:
         """S, (m, m)."""
@@ -103,8 +103,8 @@ class Linearisation:
             if self.motions is not None:
                 slack = gaps - self.rows @ free
                 forces, moved = (
-                    part[:, 0]
-                    for part in self.motions.changed(residual[:, None], slack[:, None], active)
+                    column[:, 0]
+                    for column in self.motions.changed(residual[:, None], slack[:, None], active)
                 )
                 return free - self.push(forces) + moved, forces
             forces, _ = self.equalities(active, gaps - self.rows @ free)
@@ -180,24 +180,24 @@ class Stepper(ABC):
         Returns the answers at the ends of the parts; the iterations of the first one include those
         of failed attempts.
         """
-        here = trail[-1]
+        present = trail[-1]
         spent = 0
-        for parts in (2**halvings for halvings in range(self.settings.cuts + 1)):
+        for count in (2**halvings for halvings in range(self.settings.cuts + 1)):
             last = trail
-            found = list[Answer]()
+            answers = list[Answer]()
             try:
-                for share in (part / parts for part in range(1, parts + 1)):
-                    time = here.time + share * (goal.time - here.time)
+                for share in (number / count for number in range(1, count + 1)):
+                    time = present.time + share * (goal.time - present.time)
                     after = self.step(
-                        last, Goal(time, (1 - share) * here.parameter + share * goal.parameter)
+                        last, Goal(time, (1 - share) * present.parameter + share * goal.parameter)
                     )
-                    found.append(after)
+                    answers.append(after)
                     last = (*last[-2:], after)
-                found[0] = found[0]._replace(iterations=found[0].iterations + spent)
-                return found
+                answers[0] = answers[0]._replace(iterations=answers[0].iterations + spent)
+                return answers
             except Diverged as error:
                 failure = error
-                spent += self.settings.iterations + sum(after.iterations for after in found)
+                spent += self.settings.iterations + sum(after.iterations for after in answers)
         raise failure
 
 
@@ -243,10 +243,10 @@ class MaterialEquilibrium(ABC):
         return self._elasticities.of(weights.tobytes(), lambda: self._middle._with(weights, point))
 
     def _with(self, weights: np.ndarray, point: np.ndarray) -> Self:
-        found = copy(self)
-        found.material = self.material.moduli_at(point)
-        found._set_elasticity(weights, point)
-        return found
+        equilibrium = copy(self)
+        equilibrium.material = self.material.moduli_at(point)
+        equilibrium._set_elasticity(weights, point)
+        return equilibrium
 
     @abstractmethod
     def _weights(self, point: np.ndarray) -> np.ndarray:
@@ -328,9 +328,6 @@ def extrapolated(trail: Sequence[Answer], time: float, count: int | None = None)
     x = np.zeros_like(trail[0].unknown[:count])
     for answer in trail:
         # Lagrange's polynomials
-        others = [other.time for other in trail if other is not answer]
-        x += (
-            prod((time - other) / (answer.time - other) for other in others)
-            * answer.unknown[:count]
-        )
+        nodes = [node.time for node in trail if node is not answer]
+        x += prod((time - node) / (answer.time - node) for node in nodes) * answer.unknown[:count]
     return x

@@ -138,7 +138,7 @@ class Law(KnownArguments):
             raise SceneError(
                 f"{self.name} is no dataclass: write @dataclass(frozen=True) above its class"
             )
-        named = [item.name for item in fields(self) if _is_constant(item.type)]
+        named = [constant.name for constant in fields(self) if _is_constant(constant.type)]
         return {name: getattr(self, name) for name in named}
 
     def __init_subclass__(cls) -> None:
@@ -246,13 +246,13 @@ class LawNumbers(NamedTuple):
 
     def stress(self, strain: np.ndarray) -> np.ndarray:
         """C times strains, (n, c)."""
-        found: np.ndarray = strain @ self.elastic
-        return found * self.grading[:, None] if self.grading.size else found
+        product: np.ndarray = strain @ self.elastic
+        return product * self.grading[:, None] if self.grading.size else product
 
     def strain(self, stress: np.ndarray) -> np.ndarray:
         """C^-1 times stresses, (n, c)."""
-        found: np.ndarray = stress @ self.compliance
-        return found / self.grading[:, None] if self.grading.size else found
+        product: np.ndarray = stress @ self.compliance
+        return product / self.grading[:, None] if self.grading.size else product
 
     def some(self, chosen: slice) -> LawNumbers:
         """Numbers at some of the points."""
@@ -275,9 +275,9 @@ def hooke(
     lam = 2 * lam * mu / (lam + 2 * mu) if plane_stress else lam
     unit = np.zeros(components)
     unit[:count] = 1.0
-    whole = np.eye(components)
-    elastic = lam * np.outer(unit, unit) + 2 * mu * whole
-    return elastic, (whole - lam / (count * lam + 2 * mu) * np.outer(unit, unit)) / (2 * mu)
+    identity = np.eye(components)
+    elastic = lam * np.outer(unit, unit) + 2 * mu * identity
+    return elastic, (identity - lam / (count * lam + 2 * mu) * np.outer(unit, unit)) / (2 * mu)
 
 
 def compliance_slope(components: int, *, plane_stress: bool = False) -> np.ndarray:
@@ -316,10 +316,10 @@ class LawProgram(Rebuilt):
         ) == len(self.sizes)
         if not sizes or self.program.inputs != inputs or len(self.program.ends) != REST + 2:
             raise SceneError(f"the law {self.name!r} does not fit its program")
-        found = np.diff(self.program.output_ends, prepend=0).tolist()
-        if found != self._outputs():
+        outputs = np.diff(self.program.output_ends, prepend=0).tolist()
+        if outputs != self._outputs():
             raise SceneError(
-                f"the program of the law {self.name!r} has {found} outputs, and needs "
+                f"the program of the law {self.name!r} has {outputs} outputs, and needs "
                 f"{self._outputs()}"
             )
         if self.memory[:2] != (*STANDARD,) or self.sizes[:2].tolist() != [self.strains, 1]:
@@ -487,18 +487,18 @@ class LawProgram(Rebuilt):
         count = constants.shape[1]
         inputs = np.vstack([np.zeros((self.program.inputs - len(constants), count)), constants])
         if not self.plane_stress:
-            found = evaluated(self.program, inputs, TRIAL, REST, REST_SLOPES)
-            return found.T.reshape(count, strains, strains)
+            tangents = evaluated(self.program, inputs, TRIAL, REST, REST_SLOPES)
+            return tangents.T.reshape(count, strains, strains)
         # where nothing flows the strain across alone is to be solved for; it is the last unknown
         unknowns = len(self.kinds)
         slopes = evaluated(self.program, inputs, TRIAL, START, AFTER, SLOPES).T
-        whole, by_unknown, left = np.split(
+        direct, by_unknown, of_residual = np.split(
             slopes, np.cumsum([strains * strains, strains * unknowns]), axis=1
         )
         across = by_unknown.reshape(count, strains, unknowns)[:, :, -1]
-        row = left.reshape(count, unknowns, strains)[:, -1]
+        row = of_residual.reshape(count, unknowns, strains)[:, -1]
         slope = evaluated(self.program, inputs, TRIAL, START, LOCAL)[-1]
-        return whole.reshape(count, strains, strains) - np.einsum(
+        return direct.reshape(count, strains, strains) - np.einsum(
             "ni,nj,n->nij", across, row, 1 / slope
         )
 
@@ -511,28 +511,28 @@ class LawProgram(Rebuilt):
             return
         worst = strain[:, bad[int(np.abs(strain[:, bad]).max(axis=0).argmax())]]
         shown = ", ".join(f"{value:.3g}" for value in worst)
-        why = (
+        reason = (
             "its equations have no solution there, or a step is too large: make smaller steps, "
             "and check the units"
         )
         if self.plane_stress:
-            why = (
+            reason = (
                 "its equations in plane stress have no slope there, as without hardening, or no "
                 "solution: give it a "
             )
-            why += (
+            reason += (
                 "little hardening, such as 1e-5 of its strength, or make smaller steps, and check "
                 "the units"
             )
         if (result[bad] == BEYOND).any():
-            why = f"{self.reason}: give smaller loads, or other constants"
+            reason = f"{self.reason}: give smaller loads, or other constants"
         elif (result[bad] == NO_SLOPE).any():
-            why = "the slope of its residual is infinite or no number at an iterate: "
-            why += "return a `start` where it is finite"
+            reason = "the slope of its residual is infinite or no number at an iterate: "
+            reason += "return a `start` where it is finite"
         elif self.reason:
-            why = f"{why}; or {self.reason}"
-        place = f"at {bad.size} points, such as for the strain ({shown})"
-        raise ConvergenceError(f"{self.name} has no answer {place}: {why}")
+            reason = f"{reason}; or {self.reason}"
+        points = f"at {bad.size} points, such as for the strain ({shown})"
+        raise ConvergenceError(f"{self.name} has no answer {points}: {reason}")
 
 
 def law_sizes(declared: Mapping[str, int], strains: int) -> dict[str, int]:
@@ -588,8 +588,8 @@ class Graded(Law):
 
     def statement(self, at: At) -> Stated:
         """See :class:`Law`."""
-        found = self.law.statement(at)
-        return found._replace(stress=at.constants.young / self.young * found.stress)
+        stated = self.law.statement(at)
+        return stated._replace(stress=at.constants.young / self.young * stated.stress)
 
 
 def program_of(law: Law, strains: int, *, plane_stress: bool = False) -> LawProgram:
@@ -598,25 +598,28 @@ def program_of(law: Law, strains: int, *, plane_stress: bool = False) -> LawProg
     SceneError for what programs cannot state.
     """
     law = law.in_plane_stress() if plane_stress else law
-    made = _Made(law, strains)
-    parts = made.parts()
+    statement = _Made(law, strains)
+    outputs = statement.parts()
     named = law.constants()
     limits = [law.limits.get(name, ANY) for name in named]
-    unknowns = [*made.sizes["y"].values()]
+    unknowns = [*statement.sizes["y"].values()]
     return LawProgram(
         law.name,
-        Program.of(made.graph, {kind: len(made.inputs[kind]) for kind in INPUTS}, parts, ORDER),
+        Program.of(
+            statement.graph, {kind: len(statement.inputs[kind]) for kind in INPUTS}, outputs, ORDER
+        ),
         strains,
         (*STANDARD, *law.memory),
-        np.array([*made.sizes["old"].values()], dtype=np.int64),
+        np.array([*statement.sizes["old"].values()], dtype=np.int64),
         np.repeat(np.arange(len(unknowns)), unknowns).astype(np.int64),
         tuple(named),
         tuple(value if isinstance(value, str) else float(value) for value in named.values()),
         np.nan_to_num([low for low, _ in limits]).astype(float),  # files hold no infinite numbers
         np.nan_to_num([high for _, high in limits]).astype(float),
-        made.inputs["dt"][0] in made.graph.needed([node for part in parts for node in part]),
+        statement.inputs["dt"][0]
+        in statement.graph.needed([node for nodes in outputs for node in nodes]),
         law.elastic,
-        made.stated.reason,
+        statement.stated.reason,
         plane_stress,
     )
 
@@ -649,21 +652,24 @@ class _Made:
         self.inputs: dict[str, list[int]] = {}  # nodes of all symbols of a kind
         table: dict[object, list[int]] = {}
         spaces = {}
-        every = {
+        sizes_by_name = {
             (kind, name): size for kind, sizes in self.sizes.items() for name, size in sizes.items()
         }
         shapes = {
-            f"{kind}_{name}": (size,) if size > 1 else () for (kind, name), size in every.items()
+            f"{kind}_{name}": (size,) if size > 1 else ()
+            for (kind, name), size in sizes_by_name.items()
         }
-        found = symbols(**shapes)
+        named = symbols(**shapes)
         for kind, sizes in self.sizes.items():
             nodes: list[int] = []
             for name, size in sizes.items():
-                own = [self.graph.input(kind, len(nodes) + place) for place in range(size)]
-                table[found[f"{kind}_{name}"]] = own
-                nodes += own
+                components = [
+                    self.graph.input(kind, len(nodes) + component) for component in range(size)
+                ]
+                table[named[f"{kind}_{name}"]] = components
+                nodes += components
             self.inputs[kind] = nodes
-            spaces[kind] = SimpleNamespace(**{name: found[f"{kind}_{name}"] for name in sizes})
+            spaces[kind] = SimpleNamespace(**{name: named[f"{kind}_{name}"] for name in sizes})
         at = At(
             spaces["strain"].strain, spaces["y"], spaces["old"], spaces["dt"].dt, spaces["constant"]
         )
@@ -676,7 +682,7 @@ class _Made:
 
         law = self.law
         try:
-            found: Any = law.statement(at)
+            stated: Any = law.statement(at)
         except SceneError:
             raise
         except (AttributeError, KeyError) as error:  # a name that it does not have
@@ -691,35 +697,35 @@ class _Made:
                 "it by functions of UFL, ufl.sqrt for math.sqrt, ufl.conditional for if, and of "
                 "forms.laws, trace for ufl.tr"
             ) from error
-        if not isinstance(found, Stated):
+        if not isinstance(stated, Stated):
             raise SceneError(
-                f"the statement of {law.name} returns {found!r:.60}: return a Stated of forms.laws"
+                f"the statement of {law.name} returns {stated!r:.60}: return a Stated of forms.laws"
             )
-        if not isinstance(found.residual, list | tuple):
+        if not isinstance(stated.residual, list | tuple):
             raise SceneError(
                 f"the residual of {law.name} must be a list, of an equation for each unknown"
             )
-        wrong = sorted((set(found.start) | set(found.rest)) - set(law.unknowns))
+        wrong = sorted((set(stated.start) | set(stated.rest)) - set(law.unknowns))
         if wrong:
             raise SceneError(
                 f"{law.name} starts or rests with {wrong[0]!r}, and has the unknowns "
                 f"{list(law.unknowns)}"
             )
-        if (found.limit is None) != (not found.reason):
+        if (stated.limit is None) != (not stated.reason):
             raise SceneError(
                 f"{law.name} states a limit without a reason, or a reason without a limit: give "
                 "both"
             )
-        return found
+        return stated
 
     def _initial(self, given: Mapping[str, Any]) -> list[int]:
         """Nodes of values of the unknowns, 0 for those not given."""
         zero = self.graph.const(0)
-        found = (
+        values = (
             self._of(given[name]) if name in given else [zero] * size
             for name, size in self.sizes["y"].items()
         )
-        return [node for nodes in found for node in nodes]
+        return [node for nodes in values for node in nodes]
 
     def parts(self) -> list[list[int]]:
         """Nodes of the outputs of each part.
@@ -756,23 +762,27 @@ class _Made:
                 )
             after += nodes
         after += [] if stated.limit is None else self._of(stated.limit)
-        left = [node for part in stated.residual for node in self._of(part)]
-        if len(left) != len(unknown):
-            raise SceneError(f"{law.name} has {len(unknown)} unknowns and {len(left)} residuals")
+        residual = [node for equation in stated.residual for node in self._of(equation)]
+        if len(residual) != len(unknown):
+            raise SceneError(
+                f"{law.name} has {len(unknown)} unknowns and {len(residual)} residuals"
+            )
         start = self._initial(stated.start)
         trial = [] if stated.trial is None else self._of(stated.trial)
         if set(unknown) & set(graph.needed([*start, *trial])):
             raise SceneError(
                 f"{law.name} states its trial or its start by its unknowns, which it starts for"
             )
-        rest = graph.substituted(after, dict(zip(unknown, self._initial(stated.rest), strict=True)))
+        resting = graph.substituted(
+            after, dict(zip(unknown, self._initial(stated.rest), strict=True))
+        )
         solved: list[list[int]] = [[], [], [], [], []]
         if unknown:
             slopes = (
                 graph.jacobian(stress, strain)
                 + graph.jacobian(stress, unknown)
-                + graph.jacobian(left, strain)
+                + graph.jacobian(residual, strain)
             )
-            solved = [trial, start, left + graph.jacobian(left, unknown), after, slopes]
+            solved = [trial, start, residual + graph.jacobian(residual, unknown), after, slopes]
         # differentiated after the unknowns are replaced, so that quotients of zeros fold away
-        return [*solved, rest, graph.jacobian(rest[: len(stress)], strain)]
+        return [*solved, resting, graph.jacobian(resting[: len(stress)], strain)]

@@ -52,8 +52,8 @@ class _Stated(Law):
         """See :class:`Law`."""
         from hhr_dolfinx.forms import laws
 
-        found: Stated = getattr(laws, self.stated)(at, **self.settings())
-        return found
+        stated: Stated = getattr(laws, self.stated)(at, **self.settings())
+        return stated
 
     def settings(self) -> dict[str, object]:
         """Further arguments of the function."""
@@ -134,16 +134,16 @@ class TabulatedHardening(_Stated):
 
     def __post_init__(self) -> None:
         try:
-            places, heights = np.array(self.points, dtype=float).reshape(len(self.points), 2).T
+            strains, heights = np.array(self.points, dtype=float).reshape(len(self.points), 2).T
         except (TypeError, ValueError):
             raise SceneError(f"the table {self.points} needs pairs of p and a stress") from None
         begins = (
-            len(places) > 1
-            and places[0] == 0
+            len(strains) > 1
+            and strains[0] == 0
             and heights[0] > 0
-            and np.isfinite([places, heights]).all()
+            and np.isfinite([strains, heights]).all()
         )
-        if not begins or (np.diff(places) <= 0).any() or (np.diff(heights) < 0).any():
+        if not begins or (np.diff(strains) <= 0).any() or (np.diff(heights) < 0).any():
             raise SceneError(
                 f"the table {self.points} needs finite (p, stress), p growing from 0, and a "
                 "stress that is positive and does not fall: softening has no answer that does not "
@@ -556,8 +556,12 @@ class _Around(Law):
         """Names of its constants by field: others than those of the law, which may have one of the
         same name.
         """
-        known = self._inner.constants()
-        return {item.name: _unused(item.name, known) for item in fields(self) if item.name != "law"}
+        taken = self._inner.constants()
+        return {
+            constant.name: _unused(constant.name, taken)
+            for constant in fields(self)
+            if constant.name != "law"
+        }
 
     @property
     def _kept(self) -> str:

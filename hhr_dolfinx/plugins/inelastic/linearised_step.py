@@ -125,11 +125,11 @@ class MeshEquilibrium(MarchingEquilibrium):
 
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
         """See :class:`Equilibrium`."""
-        found = self.operator.strain(self._displacement(x, theta))
+        strain = self.operator.strain(self._displacement(x, theta))
         return (
-            found - (self.eigenstrains @ theta).reshape(found.shape)
+            strain - (self.eigenstrains @ theta).reshape(strain.shape)
             if self.eigenstrains.nnz
-            else found
+            else strain
         )
 
     def strain_of(self, change: np.ndarray) -> np.ndarray:
@@ -228,7 +228,7 @@ class LinearisedStepper(Stepper):
         an elastic start.
         """
         model = self.model
-        here = trail[-1]
+        present = trail[-1]
         dt = goal.time - trail[-1].time
         theta = model.amplitudes(goal.parameter)
         material = model.material.at(goal.parameter)
@@ -238,19 +238,19 @@ class LinearisedStepper(Stepper):
             x = (
                 extrapolated(trail, goal.time)
                 if len(trail) > 1
-                else self._elastic_start(here, theta, goal)
+                else self._elastic_start(present, theta, goal)
             )
         flows = material.flows and settings.search != "elastic"
         mixing = Anderson() if material.flows and settings.search != "tangent" else None
-        active = (here if start is None else start).active
-        contact = steps_of(model.law).step_contact(model, here, goal.parameter, goal.time)
+        active = (present if start is None else start).active
+        contact = steps_of(model.law).step_contact(model, present, goal.parameter, goal.time)
         together = model.together
         linear: Any = self._linearisation if flows else model.elastic
         for iteration in range(1, settings.iterations + 1):
             renew = flows and (linear is None or settings.search == "tangent")
             strain = model.strain(x, theta)
             update = together.agreed(
-                partial(material.update, strain, gauss_of(here).state, dt, tangent=renew)
+                partial(material.update, strain, gauss_of(present).state, dt, tangent=renew)
             )
             if not together.every(bool(np.isfinite(update.stress).all())):
                 raise Diverged(
@@ -258,22 +258,22 @@ class LinearisedStepper(Stepper):
                     together.place(~np.isfinite(update.stress).all(axis=1)),
                 )
             residual, scale = model.residual(x, update, theta)
-            flowed = update.state.cumulated - gauss_of(here).state.cumulated
+            flowed = update.state.cumulated - gauss_of(present).state.cumulated
             try:
                 linear = model.linearised(update.tangents) if renew else linear
-                change, found = linear.correct(residual, x, theta, active, contact)
+                change, statuses = linear.correct(residual, x, theta, active, contact)
             except (NotSolvableError, np.linalg.LinAlgError) as error:
                 raise Diverged(f"{error}, a singular tangent", together.place(flowed)) from None
-            if found.status is not Status.CONVERGED:
-                why = (
-                    f"of the linearised contact problem, {found.status.value}, or the load is "
+            if statuses.status is not Status.CONVERGED:
+                reason = (
+                    f"of the linearised contact problem, {statuses.status.value}, or the load is "
                     "more than is borne"
                 )
-                raise Diverged(why, together.place(flowed))
-            left = model.norms(residual - model.contact_load(found.forces))
+                raise Diverged(reason, together.place(flowed))
+            imbalance = model.norms(residual - model.contact_load(statuses.forces))
             # each body by its own forces, or if it is unloaded by its largest forces before
             small = settings.relative_force * np.maximum(scale, self._forces)
-            if (left <= small).all() or (left <= small + model.round_off(x, theta)).all():
+            if (imbalance <= small).all() or (imbalance <= small + model.round_off(x, theta)).all():
                 # the more expensive of the two criteria comes last
                 remaining = _stress_change(linear, model.strain_of(change))
                 largest = max(self._stress, self._mean(update.stress))
@@ -292,19 +292,21 @@ class LinearisedStepper(Stepper):
                     self._linearisation = linear if again else None
                     self._grow(scale, largest)
                     answer = found_as(
-                        found._replace(iterations=iteration), goal.parameter, x, model.fields
+                        statuses._replace(iterations=iteration), goal.parameter, x, model.fields
                     )
                     answer = answer._replace(
-                        undetermined=linear.undetermined(found, x, theta, model.law)
+                        undetermined=linear.undetermined(statuses, x, theta, model.law)
                     )
-                    kept = Memory(gauss=GaussState(update.stress, update.state)) | contact.memory(x)
-                    return answer._replace(time=goal.time, memory=kept)
-            active = found.active
+                    memory = Memory(gauss=GaussState(update.stress, update.state)) | contact.memory(
+                        x
+                    )
+                    return answer._replace(time=goal.time, memory=memory)
+            active = statuses.active
             x = x + change if mixing is None else mixing(x, change)
         remaining = _stress_change(linear, model.strain_of(change)).max(axis=1)
         largest = together.largest(remaining.max())
-        why = f"after {settings.iterations} iterations the stress still moves by {largest:.3g}"
-        raise Diverged(why, together.place(remaining))
+        reason = f"after {settings.iterations} iterations the stress still moves by {largest:.3g}"
+        raise Diverged(reason, together.place(remaining))
 
     def _elastic_start(self, here: Answer, theta: Theta, goal: Goal) -> np.ndarray:
         """The unknown if the step were elastic.
@@ -321,10 +323,10 @@ class LinearisedStepper(Stepper):
         residual, _ = model.residual(x, GaussState(stress, gauss_of(here).state), theta)
         try:
             contact = steps_of(model.law).step_contact(model, here, goal.parameter, goal.time)
-            change, found = model.elastic.correct(residual, x, theta, here.active, contact)
+            change, statuses = model.elastic.correct(residual, x, theta, here.active, contact)
         except NotSolvableError:
             return x
-        return x + change if found.status is Status.CONVERGED else x
+        return x + change if statuses.status is Status.CONVERGED else x
 
 
 def _stress_change(linear: Linearisation, strain: np.ndarray) -> np.ndarray:

@@ -123,8 +123,8 @@ def _solve(factors, pivots, which, vectors):
         if not which[k]:
             continue
         for i in range(size):
-            other = pivots[i, k]
-            vectors[i, k], vectors[other, k] = vectors[other, k], vectors[i, k]
+            pivot = pivots[i, k]
+            vectors[i, k], vectors[pivot, k] = vectors[pivot, k], vectors[i, k]
         for i in range(1, size):
             for j in range(i):
                 vectors[i, k] -= factors[i, j, k] * vectors[j, k]
@@ -145,8 +145,8 @@ def _measure(steps, weights, kinds, lengths):
     for i in range(kinds.size):
         kind = kinds[i]
         for k in range(lengths.size):
-            part = abs(steps[i, k]) / weights[kind, k] if steps[i, k] != 0.0 else 0.0
-            lengths[k] = max(lengths[k], part if part < np.inf else np.inf)  # NaN too
+            length = abs(steps[i, k]) / weights[kind, k] if steps[i, k] != 0.0 else 0.0
+            lengths[k] = max(lengths[k], length if length < np.inf else np.inf)  # NaN too
 
 
 @compiled(inner=True, error_model="numpy")
@@ -419,9 +419,9 @@ def _solve_block(code, law, work, first, count, states, found, factors):
     if active > 0:
         run(code.rows, code.starts[law, START], code.ends[law, START], work)
         for i in range(size):
-            place = code.outputs[code.output_starts[law, START] + i]
+            register = code.outputs[code.output_starts[law, START] + i]
             for k in range(solved_for.size):
-                work[code.sizes[law, STRAINS] + i, k] = work[place, k]
+                work[code.sizes[law, STRAINS] + i, k] = work[register, k]
         _newton(code, law, work, open_, factors[0], factors[1])
         _finish(code, law, work, AFTER, (first, first + count), solved_for, True, found, factors)
     for k in range(count):
@@ -473,12 +473,12 @@ def solve_points(
         np.empty((strains, size, block)),
     )
     states = np.zeros(block, dtype=np.bool_), np.zeros(block, dtype=np.int64)
-    found = stress, new, tangent, result
+    results = stress, new, tangent, result
     result[start:end] = SOLVED
     for first in range(start, end, block):
         count = min(block, end - first)
         _load(code, law, work, first, count, strain, old, dt, constants)
-        _solve_block(code, law, work, first, count, states, found, factors)
+        _solve_block(code, law, work, first, count, states, results, factors)
     _set_inelastic(start, end, strain, old, (compliance, grading), stress, new)
     for i in range(
         code.sizes[law, MEMORY]
@@ -538,9 +538,11 @@ def code_of(programs: Sequence[tuple[Program, Sequence[int], np.ndarray]]) -> Co
     output_ends = (
         np.array([program.output_ends for program, _, _ in programs]) + first_output[:-1, None]
     )
-    kinds = np.zeros((len(programs), max(len(item) for _, _, item in programs)), dtype=np.int64)
-    for row, (_, _, item) in zip(kinds, programs, strict=True):
-        row[: len(item)] = item
+    kinds = np.zeros(
+        (len(programs), max(len(unknown_kinds) for _, _, unknown_kinds in programs)), dtype=np.int64
+    )
+    for row, (_, _, unknown_kinds) in zip(kinds, programs, strict=True):
+        row[: len(unknown_kinds)] = unknown_kinds
     arrays = (
         np.vstack(rows),
         np.concatenate([program.numbers for program, _, _ in programs]),

@@ -96,16 +96,16 @@ class FlowEnergy(Functional):
     def value(self, state: State) -> float:
         """Sum over all Gauss points."""
         stress = state.stress()
-        found = 0.0
+        total = 0.0
         for factor, owner, compliance in zip(
             self._factors, self.owners, self.compliances, strict=True
         ):
-            own = self.bodies == owner
+            points = self.bodies == owner
             # sizes of files are tried with stresses of four components
             few = compliance[: stress.shape[1], : stress.shape[1]]
-            energies = np.einsum("pi,ij,pj->p", stress[own], few, stress[own])
-            found += float(self.weights[own] @ energies) * factor.value(state.point) / 2
-        return found
+            energies = np.einsum("pi,ij,pj->p", stress[points], few, stress[points])
+            total += float(self.weights[points] @ energies) * factor.value(state.point) / 2
+        return total
 
 
 def energy(operator: StrainOperator, material: Material, output: NamedOutput) -> FlowEnergy:
@@ -149,13 +149,13 @@ def check_elasticity(material: Material, space: ParameterSpace, output: NamedOut
     somewhere in a box.
     """
     for point in (space.lower, space.middle, space.upper):
-        there = material.at(np.array(point, dtype=float))
-        for group, given in zip(there.groups, there.given, strict=True):
+        local = material.at(np.array(point, dtype=float))
+        for group, numbers in zip(local.groups, local.given, strict=True):
             if group.law is None or isinstance(group.law, LawCode):  # code states none at rest
                 continue
-            elastic = there.elastic[group.indices]
+            elastic = local.elastic[group.indices]
             if (
-                np.abs(group.law.tangents_at_rest(given.constants) - elastic).max()
+                np.abs(group.law.tangents_at_rest(numbers.constants) - elastic).max()
                 > REST_ROUND_OFF * np.abs(elastic).max()
             ):
                 raise SceneError(

@@ -129,8 +129,8 @@ class LawCode(LawProgram):
     def with_numbers(self, numbers: Mapping[str, float], place: str = "") -> LawCode:
         """See :class:`LawProgram`."""
         self.law.with_numbers(numbers, place)
-        known = dict(zip(self.constants, self.values, strict=True))
-        return LawCode(self.law, self.strains, (*(known | {**numbers}).values(),))
+        values = dict(zip(self.constants, self.values, strict=True))
+        return LawCode(self.law, self.strains, (*(values | {**numbers}).values(),))
 
     def update(
         self,
@@ -145,10 +145,10 @@ class LawCode(LawProgram):
         points, strains = strain.shape
         if not points:
             return Update(strain, old, np.zeros((0, strains, strains)) if tangent else None)
-        parts = np.split(np.column_stack(old), np.cumsum(self.sizes), axis=1)[:-1]
+        columns = np.split(np.column_stack(old), np.cumsum(self.sizes), axis=1)[:-1]
         before = {
-            name: part[:, 0] if part.shape[1] == 1 else part
-            for name, part in zip(self.own, parts, strict=True)
+            name: column[:, 0] if column.shape[1] == 1 else column
+            for name, column in zip(self.own, columns, strict=True)
         }
         before["stress"] = given.stress(before["strain"] - before["inelastic"])
         rows = (row if row.size > 1 else float(row[0]) for row in given.constants)

@@ -72,16 +72,16 @@ def project_flow(full: FullOrderEquilibrium, basis: np.ndarray, sets: IndexSets)
     """Gauss points, laws and modes, (N, ell), of the cells that act on A, (6.17)."""
     problem = full.problem
     operator = full.operator
-    inside = np.zeros(problem.free.size, dtype=bool)
-    inside[sets.A] = True
+    mask = np.zeros(problem.free.size, dtype=bool)
+    mask[sets.A] = True
     follow = problem.prolongation.map
-    inside = problem.prolongation.touched(
-        inside
+    mask = problem.prolongation.touched(
+        mask
     )  # test functions are non-zero on dofs that follow those of A, too
     # cells of the RID without such a dof act on no test function
-    cells = np.flatnonzero(inside[operator.dofs].any(axis=1))
+    cells = np.flatnonzero(mask[operator.dofs].any(axis=1))
     restricted, columns = operator.restricted(cells)
-    inner = np.flatnonzero(inside[columns])
+    inner = np.flatnonzero(mask[columns])
     acting = columns[inner]
     return ReducedFlow(
         operator=restricted,
@@ -108,18 +108,20 @@ def training_tangents(
     """
     states: list[tuple[Any, csr_matrix]] = []
     for history in snapshots.histories if full.material.flows else ():
-        places = np.unique(np.linspace(0, len(history.answers), count + 1).astype(int)[1:])
-        for step in places[places > 0] - 1:
-            here = history.answers[step]
+        steps = np.unique(np.linspace(0, len(history.answers), count + 1).astype(int)[1:])
+        for step in steps[steps > 0] - 1:
+            answer = history.answers[step]
             time = history.start
             state = full.material.at_rest()
             if step > 0:
                 time = history.answers[step - 1].time
                 state = gauss_of(history.answers[step - 1]).state
-            strain = full.strain(here.unknown, full.amplitudes(here.parameter))
-            material = full.material.at(here.parameter)
-            tangents: Any = material.update(strain, state, here.time - time, tangent=True).tangents
-            states.append((tangents, full.at(here.parameter).stiffness(tangents)))
+            strain = full.strain(answer.unknown, full.amplitudes(answer.parameter))
+            material = full.material.at(answer.parameter)
+            tangents: Any = material.update(
+                strain, state, answer.time - time, tangent=True
+            ).tangents
+            states.append((tangents, full.at(answer.parameter).stiffness(tangents)))
     return states
 
 
@@ -133,10 +135,10 @@ def tangent_margin(model: ReducedModel, tangents: np.ndarray, stiffness: csr_mat
     reduced: Any = model.equilibrium
     r = reduced.problem.motions  # of bodies that contact alone holds: they have no stiffness
     basis = model.fields.basis[:, r:]
-    whole = basis.T @ (stiffness @ basis)
+    full_tangent = basis.T @ (stiffness @ basis)
     projected = reduced.tangent(tangents[reduced.points])[r:, r:]
     try:
-        return float(linalg.eigvals(np.linalg.solve(whole, projected)).real.min())
+        return float(linalg.eigvals(np.linalg.solve(full_tangent, projected)).real.min())
     except (np.linalg.LinAlgError, ValueError) as error:
         raise UnstableModelError(
             f"the tangent at a training state is singular or not finite on the basis ({error}): "

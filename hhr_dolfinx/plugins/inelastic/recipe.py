@@ -52,7 +52,7 @@ class StressDeim(Truncated):
     ) -> np.ndarray:
         """See :class:`Nodes`; empty for elastic bodies."""
         return nodes_of_values(
-            problem, [item.stress.ravel() for item in states_of(snapshots)], self.tolerance
+            problem, [gauss.stress.ravel() for gauss in states_of(snapshots)], self.tolerance
         )
 
 
@@ -67,7 +67,7 @@ class FlowDeim(Truncated):
     ) -> np.ndarray:
         """See :class:`Nodes`; empty without plastic strain in training."""
         return nodes_of_values(
-            problem, [item.state.cumulated for item in states_of(snapshots)], self.tolerance
+            problem, [gauss.state.cumulated for gauss in states_of(snapshots)], self.tolerance
         )
 
 
@@ -126,7 +126,7 @@ class FlowLimits(TrustLimits):
         """Limits of elastic bodies with the usual ones of the stress."""
         if isinstance(limits, FlowLimits):
             return limits
-        return cls(**{item.name: getattr(limits, item.name) for item in fields(limits)})
+        return cls(**{limit.name: getattr(limits, limit.name) for limit in fields(limits)})
 
     def judged(
         self, comparison: Comparison

@@ -67,17 +67,17 @@ class ReducedFlow:
         """Faults: repeated dofs of A, and cells, points or dofs that do not fit its strain."""
         operator = self.operator
         points = self.operator.weights.size
-        found = (
+        sizes_of_arrays = (
             len(self.modes),
             self.cells.size,
             self.material.gauss_points,
             self.eigenstrains.shape[0],
         )
         wanted = operator.size, len(operator.weights), points, points * operator.components
-        if found != wanted:
+        if sizes_of_arrays != wanted:
             yield (
-                f"dofs, cells, Gauss points and strains {found} are not those of its strain, "
-                f"{wanted}"
+                f"dofs, cells, Gauss points and strains {sizes_of_arrays} are not those of its "
+                f"strain, {wanted}"
             )
         if np.unique(self.inner).size < self.inner.size:
             yield "a dof of A is there twice"
@@ -95,9 +95,9 @@ class ReducedFlow:
         trained: Trained | None,
     ) -> ReducedEquilibrium:
         """Equilibrium of gamma on all Gauss points of the RID."""
-        found = ReducedEquilibrium(problem, self, parameters, fields)
-        found.trained = trained if isinstance(trained, TrainedPaths) else None
-        return found
+        equilibrium = ReducedEquilibrium(problem, self, parameters, fields)
+        equilibrium.trained = trained if isinstance(trained, TrainedPaths) else None
+        return equilibrium
 
     def faults_of(self, model: ReducedModel) -> Iterator[str]:
         """Faults: parts of the stiffness that do not add up to that of the middle of the box or do
@@ -109,9 +109,9 @@ class ReducedFlow:
         names = model.parameters.names
         moduli = () if terms is None else terms.moduli
         points = (model.parameters.middle, *model.parameters.random(2, seed=1))
-        if any(item.names != names for item in moduli) or any(
+        if any(modulus.names != names for modulus in moduli) or any(
             not _alike(
-                [item.value(point) for item in moduli if item.factor != "1"],
+                [modulus.value(point) for modulus in moduli if modulus.factor != "1"],
                 self.material.weights(point),
             )
             for point in points
@@ -119,9 +119,9 @@ class ReducedFlow:
             yield "the parts of the stiffness are not those of the moduli of its bodies"
         elif terms is not None:
             middle = model.parameters.middle
-            there = np.tensordot(terms.weights(middle), terms.stiffness, 1)
+            summed = np.tensordot(terms.weights(middle), terms.stiffness, 1)
             if (
-                not np.abs(there - problem.stiffness).max()
+                not np.abs(summed - problem.stiffness).max()
                 <= MODULI_ROUND_OFF * np.abs(problem.stiffness).max()
             ):
                 yield "the parts of the stiffness do not make that of the middle of the box"
@@ -228,7 +228,7 @@ class ReducedEquilibrium(MeshEquilibrium):
         The size of their terms.
         """
         flow = self.flow
-        internal, size = (part[flow.inner] for part in self.operator.internal(stress))
+        internal, size = (array[flow.inner] for array in self.operator.internal(stress))
         if flow.springs is not None:
             grounded = flow.springs * (self.field(x) + flow.lifts @ theta)[flow.inner]
             internal = internal + grounded
@@ -249,10 +249,10 @@ class ReducedEquilibrium(MeshEquilibrium):
         contact = self.flow.contact @ answer.multipliers
         size = np.linalg.norm(loads) + np.linalg.norm(sizes) + np.linalg.norm(contact)
         depth = self.depth(answer, theta)
-        left = float(np.linalg.norm(loads - internal - contact))
+        imbalance = float(np.linalg.norm(loads - internal - contact))
         flow: FlowFields | None = self.fields.flow
         misfit, stress = (0.0, 0.0) if flow is None else flow.unexplained(gauss_of(answer).stress)
-        return Signs(left, float(size), depth, misfit=misfit, stress=stress)
+        return Signs(imbalance, float(size), depth, misfit=misfit, stress=stress)
 
     def tangent(self, tangents: np.ndarray) -> np.ndarray:
         """Projected consistent tangent V[A]^T K_T V, (ell, ell)."""
@@ -270,13 +270,13 @@ def _dense_linearisation(
     problem: ReducedProblem, stiffness: np.ndarray, moduli: np.ndarray
 ) -> Linearisation:
     """Linearisation with the dense blocks K~, B~1 and B~2."""
-    given = problem.contact_trial, problem.gaps, Pairs.of(problem.pairs), moduli
+    arrays = problem.contact_trial, problem.gaps, Pairs.of(problem.pairs), moduli
     if problem.motions:
         return _with_motions(problem, stiffness, moduli)
     factor = LapackLU(stiffness)
     per_force = factor.solve(problem.contact_test.T)
     equalities = SchurEqualities.of(problem.contact_trial @ per_force, LapackLU)
-    return Linearisation(*given, factor.solve, partial(np.matmul, per_force), equalities)
+    return Linearisation(*arrays, factor.solve, partial(np.matmul, per_force), equalities)
 
 
 def _with_motions(
@@ -296,8 +296,8 @@ def _with_motions(
     equalities = SchurEqualities.of(problem.contact_trial @ per_force, LapackLU)
     effect = np.ascontiguousarray(problem.contact_trial[:, :r])
     motions = kernels().linearised(equalities, effect, np.eye(len(stiffness), r))
-    given = problem.contact_trial, problem.gaps, Pairs.of(problem.pairs), moduli
-    return Linearisation(*given, solve, partial(np.matmul, per_force), equalities, motions=motions)
+    arrays = problem.contact_trial, problem.gaps, Pairs.of(problem.pairs), moduli
+    return Linearisation(*arrays, solve, partial(np.matmul, per_force), equalities, motions=motions)
 
 
 @compiled()

@@ -59,14 +59,14 @@ class StrainOperator:
         dofs.
         """
         columns, dofs = np.unique(self.dofs[cells], return_inverse=True)
-        part = replace(
+        operator = replace(
             self,
             gradients=np.ascontiguousarray(self.gradients[cells]),
             weights=self.weights[cells],
             dofs=dofs.reshape(len(cells), -1),
             size=columns.size,
         )
-        return part, columns
+        return operator, columns
 
     def strain(self, field: np.ndarray) -> np.ndarray:
         """Strain of a field (size,) at all Gauss points, (gauss_points, components)."""

@@ -139,11 +139,11 @@ class SecondSolution:
 
     def advanced(self, trail: Trail, goals: Sequence[Goal]) -> list[Answer]:
         """Answers from the end of a trail up to some goals; Diverged without them."""
-        found = list[Answer]()
+        answers = list[Answer]()
         with ignored(SmallStrainWarning):  # the history itself warns
             for goal in goals:
-                found += self._stepper.advance((*trail, *found)[-3:], goal)
-        return found
+                answers += self._stepper.advance((*trail, *answers)[-3:], goal)
+        return answers
 
     def attempt(
         self, stepper: Stepper, trail: Trail, goal: Goal
@@ -151,16 +151,16 @@ class SecondSolution:
         """A part of a step of the history, from the end of its trail: as a whole, and in halves by
         its stepper.
         """
-        whole = self.advanced(trail, [goal])
+        undivided = self.advanced(trail, [goal])
         halves = list[Answer]()
-        for end in halved(trail[-1], [Goal(answer.time, answer.parameter) for answer in whole]):
+        for end in halved(trail[-1], [Goal(answer.time, answer.parameter) for answer in undivided]):
             halves += stepper.advance((*trail, *halves)[-3:], end)
-        return whole, halves
+        return undivided, halves
 
     def _goals(self, before: Answer, after: Answer) -> list[Goal]:
         """Ends of the steps of this solution within a step of the history."""
-        whole = after.time - before.time
-        shares = [(end - before.time) / whole for end in after.ends]
+        duration = after.time - before.time
+        shares = [(end - before.time) / duration for end in after.ends]
         points = [(1 - share) * before.parameter + share * after.parameter for share in shares]
         ends = [*map(Goal, after.ends, points), Goal(after.time, after.parameter)]
         return halved(before, ends) if self._in_halves else [*ends[1:-1:2], ends[-1]]
@@ -170,8 +170,8 @@ class SecondSolution:
         another one, (3,).
         """
         stress, displacement, forces = (
-            one if other is None else one - two
-            for one, two in zip(
+            first if other is None else first - second
+            for first, second in zip(
                 _fields(answer), _fields(answer if other is None else other), strict=True
             )
         )
@@ -194,8 +194,8 @@ def halved(before: Any, ends: Sequence[Goal]) -> list[Goal]:
     """
     starts = [Goal(before.time, before.parameter), *ends]
     middles = [
-        Goal((one.time + two.time) / 2, (one.parameter + two.parameter) / 2)
-        for one, two in pairwise(starts)
+        Goal((first.time + second.time) / 2, (first.parameter + second.parameter) / 2)
+        for first, second in pairwise(starts)
     ]
     return [goal for pair in zip(middles, ends, strict=True) for goal in pair]
 
@@ -243,13 +243,13 @@ def in_parts(
     for _ in range(MOST_PARTS):
         end = _end_of_part(done, length)
         time = goal.time if end == 1 else start.time + end * (goal.time - start.time)
-        whole, halves = second.attempt(
+        undivided, halves = second.attempt(
             stepper, trail, Goal(time, (1 - end) * start.parameter + end * goal.parameter)
         )
-        spent += sum(answer.iterations for answer in (*whole, *halves))
+        spent += sum(answer.iterations for answer in (*undivided, *halves))
         largest = np.maximum(largest, second.norms(halves[-1]))
         added = relative(
-            RICHARDSON_FACTOR * second.norms(halves[-1], whole[-1]),
+            RICHARDSON_FACTOR * second.norms(halves[-1], undivided[-1]),
             np.maximum(largest, second.largest),
         )
         duration = end - done

@@ -151,21 +151,21 @@ class TrainedPaths:
         """
         times = [np.array([time for time, _ in path]) for path in paths]
         points = [np.array([point for _, point in path]) for path in paths]
-        steps = np.concatenate([np.diff(item) for item in times])
-        changes = np.concatenate([np.diff(item, axis=0) for item in points])
+        steps = np.concatenate([np.diff(values) for values in times])
+        changes = np.concatenate([np.diff(values, axis=0) for values in points])
         range_ = TrainedRange.of(np.concatenate(points), space)
         rates = (
             changes / steps[:, None]
             if rated
-            else np.array([_direction(item, range_) for item in changes])
+            else np.array([_direction(values, range_) for values in changes])
         )
-        every = [sign for signs in known.signs for sign in signs]
-        largest = max(sign.stress for sign in every)
+        all_signs = [sign for signs in known.signs for sign in signs]
+        largest = max(sign.stress for sign in all_signs)
         # steps of little stress are left out, as in the check: their relative misfit has no meaning
         estimate = max(
             [
                 EXPLAINED_STRESS,
-                *(sign.estimate for sign in every if sign.stress > SMALL_STEP * largest),
+                *(sign.estimate for sign in all_signs if sign.stress > SMALL_STEP * largest),
             ]
         )
         begun = [
@@ -179,10 +179,10 @@ class TrainedPaths:
             (float(steps.min()), float(steps.max())),
             rated,
             max(
-                SMALL_IN_TRAINING * max(sign.size for sign in every),
-                max(sign.imbalance for sign in every),
+                SMALL_IN_TRAINING * max(sign.size for sign in all_signs),
+                max(sign.imbalance for sign in all_signs),
             ),
-            max(SMALL_IN_TRAINING * known.length, max(sign.depth for sign in every)),
+            max(SMALL_IN_TRAINING * known.length, max(sign.depth for sign in all_signs)),
             largest,
             estimate,
             min(begun),
@@ -211,9 +211,9 @@ class TrainedPaths:
 
         Empty if it is inside.
         """
-        place = self.parameters.complaint(before) or self.parameters.complaint(after)
-        if place:
-            return place
+        outside_box = self.parameters.complaint(before) or self.parameters.complaint(after)
+        if outside_box:
+            return outside_box
         change = after - before
         low, high, noise = self._paces
         if self.rated:
@@ -284,19 +284,19 @@ class Watch:
         trained = self._trained
         if trained is None:
             return
-        place = f"step {number}, to t = {time:g} s: "
+        prefix = f"step {number}, to t = {time:g} s: "
         if not signs.imbalance <= FACTOR * trained.imbalance:
             self._say(
                 "imbalance",
                 (
-                    f"{place}{signs.what} by {signs.imbalance:.2g}, in training by "
+                    f"{prefix}{signs.what} by {signs.imbalance:.2g}, in training by "
                     f"{trained.imbalance:.2g} at most"
                 ),
             )
         if not signs.depth <= FACTOR * trained.depth:
             self._say(
                 "depth",
-                f"{place}the bodies overlap by {signs.depth:.2g} where the reduced domain does "
+                f"{prefix}the bodies overlap by {signs.depth:.2g} where the reduced domain does "
                 f"not look, in training by {trained.depth:.2g} at most",
             )
         self._largest = max(self._largest, signs.stress)
@@ -308,7 +308,7 @@ class Watch:
         ):
             self._say(
                 "misfit",
-                f"{place}the stress differs from combinations of trained ones by "
+                f"{prefix}the stress differs from combinations of trained ones by "
                 f"{signs.estimate:.2g} of its size, in training by "
                 f"{trained.shown(self._largest):.2g} at most",
             )
