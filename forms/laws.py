@@ -82,14 +82,24 @@ def lame(constants: SimpleNamespace) -> tuple[Expr, Expr]:
 
 
 def hooke(strain: Expr, constants: SimpleNamespace) -> Expr:
-    """Isotropic elasticity: λ tr(ε) 1 + 2 μ ε."""
+    """Isotropic elasticity: λ tr(ε) 1 + 2 μ ε.
+
+    Args:
+        strain: strain in Kelvin's notation.
+        constants: ``young`` and ``poisson``.
+    """
     lam, mu = lame(constants)
     return lam * trace(strain) * unit(strain) + 2 * mu * strain
 
 
 def ramps(x: Expr, points: Sequence[tuple[float, float]]) -> Expr:
-    """Table, linear between its points and beyond the last one, constant before the first: a sum of
-    ramps.
+    """Table as a sum of ramps: linear between its points and beyond the last one.
+
+    It is constant before the first point.
+
+    Args:
+        x: argument of the table.
+        points: pairs of an argument and a value.
     """
     (first, level), *further = points
     before = 0.0
@@ -126,7 +136,12 @@ def _flowed(at: At, amount: Expr) -> dict[str, Expr]:
 
 
 def closed(at: At, flow: Callable[[Expr, Expr], Expr]) -> Stated:
-    """Flow in closed form: Δp = ``flow``(q_tr, 3 μ), which is 0 where nothing flows."""
+    """Flow in closed form: Δp of the trial stress.
+
+    Args:
+        at: symbols of the step.
+        flow: Δp as a function of q_tr and 3 μ, 0 where nothing flows.
+    """
     trial = _radial(at)
     amount = flow(trial.size, trial.stiff)
     share = ufl.conditional(ufl.gt(amount, 0), amount / trial.size, 0)
@@ -192,7 +207,12 @@ def voce(at: At) -> Stated:
 
 
 def tabulated(at: At, points: Sequence[tuple[float, float]]) -> Stated:
-    """Hardening by a table of R over p, linear beyond its last point."""
+    """Hardening by a table of R over p, linear beyond its last point.
+
+    Args:
+        at: symbols of the step.
+        points: pairs of p and R.
+    """
     return hardening(at, lambda p: ramps(p, points))
 
 
@@ -204,6 +224,10 @@ def chaboche(at: At, backs: int) -> Stated:
     With n = 1 Armstrong and Frederick's law. Implicit Euler's α = (α_old + Δp n) / (1 + γ Δp)
     leaves one unknown, Δp: the direction n is that of s_tr - 2/3 Σ C_k α_k,old / (1 + γ_k Δp),
     Chaboche 1986, doi 10.1016/0749-6419(86)90010-0.
+
+    Args:
+        at: symbols of the step.
+        backs: number of back stresses, n.
     """
     c = at.constants
     trial = _radial(at)
@@ -368,10 +392,12 @@ def hill(at: At, frame: Sequence[Sequence[float]]) -> Stated:
     """Hill's orthotropic yield in a frame, q_H = σ0 + H p, associated.
 
     q_H^2 = F (σ22 - σ33)^2 + G (σ33 - σ11)^2 + H12 (σ11 - σ22)^2 + 2 L σ23^2 + 2 M σ13^2 + 2 N
-    σ12^2 = σ:P:σ, Hill
-    1948. The one unknown is ζ = Δp / q_H: s = (1 + 2 μ ζ P)^-1 s_tr, and (σ0 + H p) / q_H + H ζ =
-          1, which is linear in
-    ζ for von Mises' constants.
+    σ12^2 = σ:P:σ, Hill 1948. The one unknown is ζ = Δp / q_H: s = (1 + 2 μ ζ P)^-1 s_tr, and
+    (σ0 + H p) / q_H + H ζ = 1, which is linear in ζ for von Mises' constants.
+
+    Args:
+        at: symbols of the step.
+        frame: unit vectors of the material as rows.
     """
     c = at.constants
     ratio = at.unknown.ratio
@@ -407,8 +433,16 @@ def hill(at: At, frame: Sequence[Sequence[float]]) -> Stated:
 
 
 def rotation(frame: Sequence[Sequence[float]], size: int) -> Expr:
-    """Matrix that turns tensors in Kelvin's notation into a frame, whose rows are its unit vectors
-    in the mesh.
+    """Matrix that turns tensors in Kelvin's notation into a frame.
+
+    The rows of the frame are its unit vectors in the mesh.
+
+    Args:
+        frame: unit vectors of the material as rows.
+        size: components of a tensor, 4 or 6.
+
+    Raises:
+        SceneError: for a frame that turns the axis across the plane.
     """
     pairs = [(0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)][:size]
     if size == 4 and max(abs(frame[2][0]), abs(frame[2][1])) > 1e-9:
@@ -426,8 +460,13 @@ def rotation(frame: Sequence[Sequence[float]], size: int) -> Expr:
 
 
 def orthotropic(at: At, frame: Sequence[Sequence[float]]) -> Stated:
-    """Orthotropic elasticity in a frame, by moduli E_i, G_ij and ratios ν_ij, contractions along j
-    by a pull in i.
+    """Orthotropic elasticity in a frame, by moduli E_i, G_ij and ratios ν_ij.
+
+    ν_ij is the contraction along j by a pull in i.
+
+    Args:
+        at: symbols of the step.
+        frame: unit vectors of the material as rows.
     """
     c = at.constants
     down = [
@@ -489,10 +528,15 @@ def lemaitre(at: At) -> Stated:
 
 
 def heated(at: At, law: Callable[[At], Stated], names: Sequence[str], kept: str) -> Stated:
-    """Another law of the strain without α (T - T0) 1, whose last value is kept, as ε - C^-1 σ
-    contains it.
+    """Another law of the strain without α (T - T0) 1, whose last value is kept.
 
-    ``names`` are those of the constants α, T and T0, ``kept`` that of the memory.
+    ε - C^-1 σ contains it.
+
+    Args:
+        at: symbols of the step.
+        law: the other law, as a function of its symbols.
+        names: names of the constants α, T and T0.
+        kept: name of its memory.
     """
     expansion, temperature, reference = (getattr(at.constants, name) for name in names)
     grown = expansion * (temperature - reference)
@@ -505,10 +549,15 @@ def heated(at: At, law: Callable[[At], Stated], names: Sequence[str], kept: str)
 def changing_stiffness(
     at: At, law: Callable[[At], Stated], names: Sequence[str], kept: str
 ) -> Stated:
-    """Another law with a Young's modulus of its own, whose strain without stress, ε - C^-1 σ by its
-    C, is kept.
+    """Another law with a Young's modulus of its own, whose strain without stress is kept.
 
-    ``names`` is that of the modulus, ``kept`` that of the memory.
+    That is ε - C^-1 σ by its C.
+
+    Args:
+        at: symbols of the step.
+        law: the other law, as a function of its symbols.
+        names: name of the modulus, alone.
+        kept: name of its memory.
     """
     constants = SimpleNamespace(**{**vars(at.constants), "young": getattr(at.constants, names[0])})
     old = SimpleNamespace(**{**vars(at.old), "inelastic": getattr(at.old, kept)})
@@ -585,10 +634,16 @@ def standard(
     yields: Callable[[Mapping[str, Expr], Mapping[str, Expr]], Expr],
     flow: Callable[[Mapping[str, Expr], Mapping[str, Expr]], Mapping[str, Expr]] | None = None,
 ) -> Stated:
-    """A generalised standard material: free energy ψ(ε, α), and f(A) <= 0 of A = -∂ψ/∂α.
+    """Generalised standard material: free energy ψ(ε, α), and f(A) <= 0 of A = -∂ψ/∂α.
 
-    The unknowns are α after the step, with ``cumulated`` as the multiplier: Δα = Δp ∂f/∂A, or Δp
-    times what ``flow``(A, α) gives for some names. Halphen and Nguyen 1975.
+    The unknowns are α after the step, with ``cumulated`` as the multiplier: Δα = Δp ∂f/∂A, or as
+    ``flow`` states for some names. Halphen and Nguyen 1975.
+
+    Args:
+        at: symbols of the step.
+        energy: free energy ψ(ε, α).
+        yields: yield function f(A, α).
+        flow: Δα / Δp by name as a function of A and α; None for ∂f/∂A.
     """
     names = list(vars(at.unknown))
     alpha = {name: ufl.variable(getattr(at.unknown, name)) for name in names}

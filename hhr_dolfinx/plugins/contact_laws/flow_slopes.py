@@ -45,7 +45,16 @@ class RangeSlopes:
         way: np.ndarray,
         seconds: float,
     ) -> ContactChange:
-        """See :class:`~hhr_dolfinx.plugins.inelastic.contact_slopes.ContactSlopes`."""
+        """See :class:`~hhr_dolfinx.plugins.inelastic.contact_slopes.ContactSlopes`.
+
+        Args:
+            linear: linearisation of the step.
+            answer: answer at the end of the step.
+            slack: slack of all rows at its end, (m,).
+            right: derivatives of residual and gaps at a given unknown, (n, K) and (m, K).
+            way: directions of the parameter, (P, K).
+            seconds: duration of the step.
+        """
         with linear.held():
             laws, forces = self._laws, answer.multipliers
             loose = linear.motions

@@ -85,19 +85,42 @@ class Increments(Protocol[P, S]):
     """
 
     def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> P:
-        """Place of undeformed bodies."""
+        """Place of undeformed bodies.
+
+        Args:
+            time: time in seconds.
+            point: parameter, (P,).
+            weights: derivative of each parameter along that of the whole history, (P,).
+        """
 
     def going_on(self, answer: Answer, weights: np.ndarray) -> P:
-        """Place after a step that the full model solved before."""
+        """Place after a step that the full model solved before.
+
+        Args:
+            answer: answer at the end of the last step.
+            weights: derivative of each parameter along that of the whole history, (P,).
+        """
 
     def increment(self, before: P, target: IncrementEnd) -> S:
-        """Solve one increment; it may not converge."""
+        """Solve one increment; it may not converge.
+
+        Args:
+            before: state at the start of the increment.
+            target: end of the increment.
+        """
 
     def compare(self, solved: S) -> None:
         """Take in the size of an increment, by which differences are measured."""
 
     def difference(self, before: P, half: S, second: S, whole: S) -> float:
-        """Relative difference of a step in two halves to the whole one."""
+        """Relative difference of a step in two halves to the whole one.
+
+        Args:
+            before: state at the start of the step.
+            half: first half of the step.
+            second: second half of the step.
+            whole: the step as one increment.
+        """
 
     def check(self, place: P) -> None:
         """Check the place at the end of a step, and warn."""
@@ -162,7 +185,11 @@ class _CutStep:
     ) -> SolvedIncrement:
         """Solve the step and return its last increment.
 
-        ``whole`` is the step as one increment if it is known.
+        Args:
+            before: state at the start of the step.
+            target: end of the step.
+            depth: number of halvings so far.
+            whole: the step as one increment; None if it is not solved yet.
         """
         if whole is None:
             whole = self._solved(before, target)
@@ -224,6 +251,9 @@ def follow(
         weights: derivatives of the parameters at each time of the path along those of the whole
             history, (times, P). 1 by default: each parameter is shifted by the same at all times.
         watch: called with the answer of each increment, also of the parts of a step.
+
+    Raises:
+        NotOfferedError: for time errors without a tolerance.
     """
     check_settings(settings)
     if settings.time_error and settings.time_tolerance is None:
@@ -265,14 +295,25 @@ class _ByIncrements:
         self.warned = False
 
     def known(self, number: int, answer: Answer) -> Answer:
-        """Go on from its end."""
+        """Continue from the end of a step that the full model solved before.
+
+        Args:
+            number: number of the step in the path, from 1 on.
+            answer: answer at the end of the last step.
+        """
         self.reached = self.increments.going_on(answer, self.weights[number])
         self.increments.check(self.reached)
         self.error = answer.time_error
         return answer
 
     def solved(self, number: int, time: float, point: np.ndarray) -> Answer:
-        """Answer at the end of a step, of which ``watch`` has seen the parts."""
+        """Answer at the end of a step, of which ``watch`` has seen the parts.
+
+        Args:
+            number: number of the step in the path, from 1 on.
+            time: time in seconds.
+            point: parameter, (P,).
+        """
         self.model.check_range(point, self.settings.outside)
         step = _CutStep(
             self.increments, self.settings.cuts, self.settings.time_tolerance, self.watch
@@ -310,13 +351,20 @@ def proportional(
     *,
     converged: bool = False,
 ) -> Answer:
-    """Answer to a checked point, (P,), loaded in proportion from rest, where the box is nearest to
-    zero.
+    """Answer to a checked point, loaded in proportion from rest, where the box is nearest to zero.
 
-    What the law fixes is that of the point throughout. Increments are cut until forces have
-    converged to :data:`INCREMENT_TOLERANCE`; ``time_error`` has the remaining error. With
-    ``converged`` they are doubled until forces and the derivatives of their limit change
-    little. The notes of answer and gradient have what was reached.
+    The parameters that the law fixes are those of the point throughout. Increments are cut until
+    forces have converged to :data:`INCREMENT_TOLERANCE`; ``time_error`` has the remaining error.
+    The notes of answer and gradient have what was reached.
+
+    Args:
+        model: model of elastic bodies with a law of contacts.
+        point: parameter, (P,).
+        raise_on_failure: raise instead of returning NaN and a status.
+        outside: policy outside the training range.
+        gradient: compute the derivatives along the parameters.
+        converged: double the increments until forces and the derivatives of their limit change
+            little.
 
     Warns:
         TimeStepWarning: if the most increments are too few for ``converged``.
@@ -442,7 +490,15 @@ def _changed(values: np.ndarray, last: np.ndarray) -> float:
 def single(
     model: Any, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool
 ) -> Answer:
-    """Answer to a checked point, (P,), of laws without memory: one increment."""
+    """Answer to a checked point of laws without memory: one increment.
+
+    Args:
+        model: model of elastic bodies with a law of contacts.
+        point: parameter, (P,).
+        raise_on_failure: raise instead of returning NaN and a status.
+        outside: policy outside the training range.
+        gradient: compute the derivatives along the parameters.
+    """
     model.check_range(point, outside)
     increments: Increments = model.increments(MarchSettings(outside="ignore", gradient=gradient))
     weights = np.ones(point.size)

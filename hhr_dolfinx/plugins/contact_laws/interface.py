@@ -42,6 +42,13 @@ class Range(Rebuilt):
 
 class _UnilateralSolver(RangeSolver):
     def step(self, before: Mapping[str, Any], point: np.ndarray, seconds: float) -> RangeStep:
+        """Unilateral increment, see :class:`RangeSolver`.
+
+        Args:
+            before: memory at the start, which is not read.
+            point: parameter, (P,).
+            seconds: duration of the increment.
+        """
         return UnilateralStep(self.law)
 
 
@@ -136,7 +143,12 @@ class Interface(ContactLaw, Rebuilt):
         return Interface(tuple(ranges))
 
     def kept_with(self, inside: np.ndarray, contact: Any) -> np.ndarray:
-        """See :class:`ContactLaw`."""
+        """See :class:`ContactLaw`.
+
+        Args:
+            inside: conditions in the RID, (m,) bool.
+            contact: rows of B, (m, N).
+        """
         masks = [
             law_range.law.kept_with(inside[law_range.rows], contact[law_range.rows])
             for law_range in self.ranges
@@ -157,7 +169,12 @@ class Interface(ContactLaw, Rebuilt):
             yield from law_range.law.faults_for(dimension)
 
     def check_path(self, space: Any, points: np.ndarray) -> None:
-        """See :class:`ContactLaw`."""
+        """See :class:`ContactLaw`.
+
+        Args:
+            space: box of the parameters.
+            points: parameters of the path, (steps, P).
+        """
         for law_range in self.ranges:
             law_range.law.check_path(space, points)
 
@@ -197,7 +214,12 @@ class Interface(ContactLaw, Rebuilt):
 
 
 def ranged(law: ContactLaw, count: int) -> Interface:
-    """A law of so many conditions as ranges."""
+    """A law of some conditions as laws on ranges.
+
+    Args:
+        law: law of the conditions.
+        count: number of conditions.
+    """
     return law if isinstance(law, Interface) else Interface((Range(law, np.arange(count)),))
 
 
@@ -212,10 +234,16 @@ def joint(
     rows: ContactRows,
     pairs: np.ndarray,
 ) -> Attached:
-    """Join what laws by pair, one mapping for each plug-in, have attached to the conditions
-    ``rows`` of ``pairs``.
+    """Join the laws that plug-ins have attached to the conditions.
 
     A law with the facet ``steps`` that no other plug-in stands beside keeps its own solver.
+
+    Args:
+        scene: scene of the contacts.
+        laws: laws by pair, one mapping for each plug-in.
+        found: rows, pair of each and law on them, of each plug-in.
+        rows: conditions of the pressures.
+        pairs: contact pair of each of them, (n,).
 
     Raises:
         NotOfferedError: for a law without the facet ``range``.

@@ -64,7 +64,12 @@ class SolversOfRanges:
         return _joined([solver.at_rest() for solver in self.solvers])
 
     def on(self, schur: np.ndarray, motions: np.ndarray | None = None) -> Ranges:
-        """The laws on one S, (M, M)."""
+        """Solver of the laws on one S.
+
+        Args:
+            schur: S, (M, M).
+            motions: effect of rigid motions on the rows, (M, r); None without any.
+        """
         if self.ranges is None or self.ranges.given is not schur:
             compliance = np.zeros(len(schur))
             for rows, solver in zip(self.rows, self.solvers, strict=True):
@@ -73,7 +78,13 @@ class SolversOfRanges:
         return self.ranges
 
     def steps(self, before: Memory, point: np.ndarray, seconds: float) -> list[RangeStep]:
-        """Increments of all laws; a law without memory gets none."""
+        """Increments of all laws; a law without memory gets none.
+
+        Args:
+            before: memory at their start.
+            point: parameter at their end, (P,).
+            seconds: their duration.
+        """
         both = zip(self.solvers, self.law.ranges, strict=True)
         starts = [
             (solver, (before, seconds) if law_range.law.remembers else (NO_MEMORY, np.nan))
@@ -82,7 +93,12 @@ class SolversOfRanges:
         return [solver.step(memory, point, duration) for solver, (memory, duration) in starts]
 
     def after(self, steps: Sequence[RangeStep], found: Together) -> Memory:
-        """Memory at the end of an increment."""
+        """Memory at the end of an increment.
+
+        Args:
+            steps: increment of each law.
+            found: solution of the increment.
+        """
         both = zip(self.rows, steps, strict=True)
         return _joined(
             [
@@ -112,7 +128,13 @@ class RangesIncrements:
         self.everywhere = self.laws if completion is None else SolversOfRanges(completion.whole)
 
     def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> RangeState:
-        """Undeformed bodies."""
+        """Undeformed bodies.
+
+        Args:
+            time: time in seconds.
+            point: parameter, (P,).
+            weights: derivative of each parameter along that of the whole history, (P,).
+        """
         slack = self.contact_at(point).free_slack
         nothing = (
             np.zeros(slack.size),
@@ -124,7 +146,12 @@ class RangesIncrements:
         return RangeState(time, point, weights, *nothing, self.everywhere.at_rest())
 
     def going_on(self, answer: Answer, weights: np.ndarray) -> RangeState:
-        """State after a step that the full model solved before."""
+        """State after a step that the full model solved before.
+
+        Args:
+            answer: answer at the end of the last step.
+            weights: derivative of each parameter along that of the whole history, (P,).
+        """
         forces = answer.multipliers
         point = answer.parameter
         self._grow(forces)
@@ -136,7 +163,12 @@ class RangesIncrements:
         return RangeState(answer.time, point, weights, *state, nothing, answer.memory)
 
     def increment(self, before: RangeState, target: IncrementEnd) -> SolvedRange:
-        """Solve one increment; it may not converge."""
+        """Solve one increment; it may not converge.
+
+        Args:
+            before: state at its start.
+            target: end of the increment.
+        """
         contact = self.contact_at(target.point)
         kernel = contact.kernel
         motions, driving = (
@@ -250,7 +282,14 @@ class RangesIncrements:
     def difference(
         self, before: RangeState, half: SolvedRange, second: SolvedRange, whole: SolvedRange
     ) -> float:
-        """Largest error of a range: of forces over its largest so far, or what its law measures."""
+        """Largest error of a range: of forces over its largest so far, or what its law measures.
+
+        Args:
+            before: state at the start of the step.
+            half: first half of the step.
+            second: second half of the step.
+            whole: the step as one increment.
+        """
         ends = before, half.reached, second.reached, whole.reached
         worst = 0.0
         for rows, solver, norm in zip(self.laws.rows, self.laws.solvers, self.largest, strict=True):
@@ -343,7 +382,14 @@ class RangesStep:
         active: np.ndarray,
         pairs: Pairs | None,
     ) -> Statuses:
-        """See :class:`~hhr_dolfinx.contact.law.StepContact`."""
+        """See :class:`~hhr_dolfinx.contact.law.StepContact`.
+
+        Args:
+            equalities: equality problems on S of the linearisation.
+            free_slack: slack without contact forces, (m,).
+            active: statuses to start from, which are not needed.
+            pairs: not read: ranges have their own scales.
+        """
         if equalities is not self._equalities:
             self._equalities = equalities
             self._schur = equalities.whole()
@@ -363,7 +409,13 @@ class RangesStep:
     def changes(
         self, equalities: SchurEqualities, found: Statuses, slack: np.ndarray
     ) -> np.ndarray:
-        """See :class:`~hhr_dolfinx.contact.law.StepContact`."""
+        """See :class:`~hhr_dolfinx.contact.law.StepContact`.
+
+        Args:
+            equalities: not read: those of the solution.
+            found: solution, which the step has stored.
+            slack: derivatives of the slack, (m, K).
+        """
         last = self._last
         assert last is not None
         ranges = self._laws.on(self._schur)

@@ -86,17 +86,29 @@ class RangeStep:
     def linearised(
         self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int
     ) -> Linearised:
-        """Linearise at forces and slacks of the rows, (k,) each.
+        """Linearise at forces and slacks of the rows.
 
-        ``stiffness`` is c, the force per slack, (k,).
+        Other attempts than 1 may choose their statuses as helps the search.
 
-        The statuses of the attempt 1 are those of the residual; others may be chosen as helps the
-        search.
+        Args:
+            forces: forces of the rows, (k,).
+            slack: slacks of the rows, (k,).
+            stiffness: c, force per slack of each row, (k,).
+            attempt: number of the way to choose statuses; 1 gives those of the residual.
+
+        Raises:
+            NotImplementedError: a law must state it.
         """
         raise NotImplementedError
 
     def after(self, forces: np.ndarray, slack: np.ndarray, active: np.ndarray) -> Memory:
-        """Memory at the end of the increment."""
+        """Memory at the end of the increment.
+
+        Args:
+            forces: forces of the rows, (k,).
+            slack: slacks of the rows, (k,).
+            active: rows that touch or stick, (k,) bool.
+        """
         return NO_MEMORY
 
     def slopes(
@@ -104,21 +116,38 @@ class RangeStep:
     ) -> np.ndarray | float:
         """Derivatives of the residual along the parameters at constant forces, slacks and memory,
         (k, P).
+
+        Args:
+            forces: forces of the rows, (k,).
+            slack: slacks of the rows, (k,).
+            stiffness: c, force per slack of each row, (k,).
         """
         return 0.0
 
     def carried(
         self, before: np.ndarray, forces: np.ndarray, slack: np.ndarray, active: np.ndarray
     ) -> np.ndarray:
-        """Derivatives of the next shift from those of this one, of forces and of slacks, (k, P)
-        each.
+        """Derivatives of the next shift, (k, P).
+
+        Args:
+            before: derivatives of the shift, (k, P).
+            forces: derivatives of the forces, (k, P).
+            slack: derivatives of the slacks, (k, P).
+            active: rows that touch or stick, (k,) bool.
         """
         return before
 
     def grazing(
         self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, near: float
     ) -> np.ndarray:
-        """Rows at a kink, by forces below ``near``, where derivatives are one-sided, (k,) bool."""
+        """Mask of the rows at a kink, where derivatives are one-sided, (k,) bool.
+
+        Args:
+            forces: forces of the rows, (k,).
+            slack: slacks of the rows, (k,).
+            stiffness: c, force per slack of each row, (k,).
+            near: force below which a row counts as at a kink.
+        """
         return np.abs(forces - stiffness * slack) <= near
 
 
@@ -144,20 +173,31 @@ class RangeSolver:
         return NO_MEMORY
 
     def step(self, before: Mapping[str, Any], point: np.ndarray, seconds: float) -> RangeStep:
-        """Increment from a memory to a point, (P,).
+        """Increment from a memory to a point.
 
         A law without memory gets an empty one, and NaN seconds.
+
+        Args:
+            before: memory at its start.
+            point: parameter at its end, (P,).
+            seconds: its duration.
+
+        Raises:
+            NotImplementedError: a law must state it.
         """
         raise NotImplementedError
 
     def difference(
         self, off: float, ends: Sequence[Any], rows: np.ndarray, largest: float
     ) -> float:
-        """Error of a step in two halves from that of its forces, ``off``, which are relative to the
-        ``largest``.
+        """Error of a step in two halves.
 
-        ``ends`` are the states at the start, after the first half, after the second, and after the
-        whole step.
+        Args:
+            off: error of its forces, relative to ``largest``.
+            ends: states at the start, after the first half, after the second, and after the whole
+                step.
+            rows: numbers of the rows among all conditions, (k,).
+            largest: largest norm of the forces so far.
         """
         return off
 
@@ -165,7 +205,13 @@ class RangeSolver:
         """Check the memory at the end of a step, and warn; ``place`` is the parameter, in words."""
 
     def coupling(self, schur: np.ndarray, rows: np.ndarray, point: np.ndarray) -> float:
-        """Part of the law in :meth:`AnsweringModel.coupling`; a monotone law has none."""
+        """Part of the law in :meth:`AnsweringModel.coupling`; a monotone law has none.
+
+        Args:
+            schur: S, (M, M).
+            rows: numbers of the rows among all conditions, (k,).
+            point: parameter, (P,).
+        """
         return 0.0
 
 
@@ -179,7 +225,11 @@ class CurveStep(RangeStep):
         self.shift = np.zeros(size)
 
     def curve(self, closure: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Forces at closures >= 0, (k,), and their derivatives."""
+        """Forces at closures >= 0, (k,), and their derivatives.
+
+        Raises:
+            NotImplementedError: a law must state it.
+        """
         raise NotImplementedError
 
     def curve_slopes(self, closure: np.ndarray) -> np.ndarray | float:
@@ -189,7 +239,14 @@ class CurveStep(RangeStep):
     def linearised(
         self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int
     ) -> Linearised:
-        """By the resolvent of the curve."""
+        """By the resolvent of the curve.
+
+        Args:
+            forces: forces of the rows, (k,).
+            slack: slacks of the rows, (k,).
+            stiffness: c, force per slack of each row, (k,).
+            attempt: number of the way to choose statuses; 1 gives those of the residual.
+        """
         force, slope, _ = resolvent(self.curve, forces - stiffness * slack, stiffness)
         return closing(forces, slack, stiffness, force, slope)
 
@@ -198,6 +255,11 @@ class CurveStep(RangeStep):
     ) -> np.ndarray | float:
         """Derivatives of x - f(d) at constant x - c s: 1 - J = c / (f' + c) times those of the
         curve.
+
+        Args:
+            forces: forces of the rows, (k,).
+            slack: slacks of the rows, (k,).
+            stiffness: c, force per slack of each row, (k,).
         """
         _, slope, closure = resolvent(self.curve, forces - stiffness * slack, stiffness)
         return -(np.transpose(self.curve_slopes(closure)) * (1.0 - slope)).T
@@ -210,8 +272,14 @@ def closing(
     projection: np.ndarray,
     slope: np.ndarray,
 ) -> Linearised:
-    """Linearised law of independent rows, by the projection of x - c s and its slope J, 0 <= J <=
-    1, (k,) each.
+    """Linearised law of independent rows, by the projection of x - c s and its slope, 0 <= J <= 1.
+
+    Args:
+        forces: forces of the rows, (k,).
+        slack: slacks of the rows, (k,).
+        stiffness: c, force per slack of each row, (k,).
+        projection: projection of x - c s, (k,).
+        slope: its slope J, (k,).
     """
     right = projection - slope * (forces - stiffness * slack)
     touching = slope > 0
@@ -234,6 +302,11 @@ def resolvent(
 
     Newton's method, bracketed by d in [0, y / c]. A force is y - c d where the curve is stiffer
     than c and f(d) where it is softer, which are accurate there.
+
+    Args:
+        curve: function that gives f and its derivative at closures >= 0, (k,).
+        y: x - c s, (k,).
+        stiffness: c, force per slack of each row, (k,).
 
     Raises:
         NotSolvableError: for a curve that falls: forces may then be several, and projections need
@@ -279,7 +352,14 @@ class UnilateralStep(RangeStep):
     def linearised(
         self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int
     ) -> Linearised:
-        """Force or slack is zero."""
+        """Force or slack is zero.
+
+        Args:
+            forces: forces of the rows, (k,).
+            slack: slacks of the rows, (k,).
+            stiffness: c, force per slack of each row, (k,).
+            attempt: number of the way to choose statuses; 1 gives those of the residual.
+        """
         y = forces - stiffness * slack
         return closing(forces, slack, stiffness, np.maximum(y, 0.0), (y > 0).astype(float))
 
@@ -297,7 +377,12 @@ class Together(NamedTuple):
     unsettled: np.ndarray  #: rows that still change
 
     def followed(self, last: Together, projections: int) -> Together:
-        """The outcome of a further attempt, and the systems and projections of both."""
+        """The outcome of a further attempt, and the systems and projections of both.
+
+        Args:
+            last: outcome of the further attempt.
+            projections: projections before it.
+        """
         spent = self.projections + projections + last.projections
         return last._replace(iterations=self.iterations + last.iterations, projections=spent)
 
@@ -334,8 +419,13 @@ class Ranges:
         start: np.ndarray,
         driving: np.ndarray | None = None,
     ) -> Together:
-        """Solve an increment from some forces, (M,); ``driving`` are loads along the motions,
-        (r,).
+        """Solve an increment.
+
+        Args:
+            free_slack: slack without contact forces, (M,).
+            steps: increment of each law.
+            start: forces to start from, (M,).
+            driving: loads along the motions, (r,); None without any.
         """
         free = free_slack.copy()
         for rows, step in zip(self.rows, steps, strict=True):
@@ -374,7 +464,15 @@ class Ranges:
         stiffness: np.ndarray,
         attempt: int,
     ) -> list[Linearised]:
-        """Linearise all laws at forces and slacks, (M,)."""
+        """Linearise all laws at forces and slacks.
+
+        Args:
+            slack: slacks of all rows, (M,).
+            steps: increment of each law.
+            forces: forces of all rows, (M,).
+            stiffness: c of all rows, (M,).
+            attempt: number of the way to choose statuses; 1 gives those of the residual.
+        """
         pairs = zip(self.rows, steps, strict=True)
         return [
             step.linearised(forces[rows], slack[rows], stiffness[rows], attempt)
@@ -383,6 +481,10 @@ class Ranges:
 
     def solved(self, parts: Sequence[Linearised], right: np.ndarray) -> np.ndarray:
         """Forces and motions that solve P x + Q (S x - G a) = right, G^T x = driving, (M + r, ...).
+
+        Args:
+            parts: linearised law of each range.
+            right: right-hand sides, (M + r, ...).
 
         Raises:
             LinAlgError: if they are undetermined.

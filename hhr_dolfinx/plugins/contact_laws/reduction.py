@@ -98,7 +98,12 @@ class OfContactLaws(OfPoints):
         completed(self.full)
 
     def check(self, name: str, solutions: object) -> SnapshotSet:
-        """Refuse laws that hyper-reduced models cannot complete, too."""
+        """Refuse laws that hyper-reduced models cannot complete, too.
+
+        Args:
+            name: name of the answers, for messages.
+            solutions: answers as a user gives them.
+        """
         self.require_completion()
         return super().check(name, solutions)
 
@@ -118,9 +123,13 @@ class OfPaths(OfHistories, OfContactLaws):
     def condensed_from(
         self, snapshots: SnapshotSet, held_out: SnapshotSet | None
     ) -> tuple[None, None, bool]:
-        """No answers: an increment starts from the one before.
+        """Answers for a condensed model: none, as an increment starts from the one before.
 
         Outputs of displacements take fields.
+
+        Args:
+            snapshots: training answers.
+            held_out: validation answers, if any.
         """
         outputs = self.full.functionals
         return (
@@ -132,7 +141,12 @@ class OfPaths(OfHistories, OfContactLaws):
     def statuses(
         self, snapshots: SnapshotSet | None, found: Callable[[], KnownStatuses]
     ) -> KnownStatuses:
-        """None."""
+        """Statuses of training: none.
+
+        Args:
+            snapshots: training answers.
+            found: function of the training statuses, which is not called.
+        """
         problem = self.full.problem
         return KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
 

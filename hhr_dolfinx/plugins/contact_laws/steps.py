@@ -27,7 +27,14 @@ class LawSteps(Steps):
     """
 
     def march(self, model: Any, path: Path, settings: MarchSettings, **how: Any) -> History:
-        """See :func:`follow`."""
+        """History along a path, see :func:`follow`.
+
+        Args:
+            model: model with the law.
+            path: checked path.
+            settings: settings of the history.
+            **how: further arguments of :func:`follow`.
+        """
         return follow(model, path, settings, **how)
 
     def one_step(
@@ -39,7 +46,19 @@ class LawSteps(Steps):
         gradient: bool,
         **step: Any,
     ) -> Answer:
-        """One proportional load from rest; one increment without memory."""
+        """Answer to a point: one proportional load from rest, or one increment without memory.
+
+        Args:
+            model: model with the law.
+            point: parameter, (P,).
+            raise_on_failure: raise instead of returning NaN and a status.
+            outside: policy outside the training range.
+            gradient: compute the derivatives along the parameters.
+            **step: ``converged``, see :func:`proportional`.
+
+        Raises:
+            NotOfferedError: for other keywords.
+        """
         if step.keys() - {"converged"}:
             raise NotOfferedError(f"solve knows no {', '.join(step)} here: all bodies are elastic")
         if not model.law.path_dependent:
@@ -49,7 +68,15 @@ class LawSteps(Steps):
     def step_contact(
         self, model: Any, before: Answer, point: np.ndarray, time: float, last: Any = None
     ) -> StepContact:
-        """All laws on the S of each linearisation, by their facet ``range``."""
+        """All laws on the S of each linearisation, by their facet ``range``.
+
+        Args:
+            model: model with the law.
+            before: answer at the start of the step.
+            point: parameter, (P,).
+            time: time at the end of the step in seconds.
+            last: contact problems of another step, whose factors can serve; None for none.
+        """
         return RangesStep(ranged(model.law, model.conditions), before, point, time, last)
 
     def at_rest(self, model: Any) -> Memory:
@@ -79,7 +106,15 @@ class InterfaceSteps(LawSteps):
     completes = True
 
     def increments(self, model: Any, settings: MarchSettings) -> Increments:
-        """All laws together."""
+        """Increments of all laws together.
+
+        Args:
+            model: model with the law.
+            settings: settings of the history.
+
+        Raises:
+            NotOfferedError: for derivatives of the limit of small increments.
+        """
         if settings.limit:
             raise NotOfferedError(
                 "derivatives of the limit of small increments are not built in with "
@@ -88,8 +123,13 @@ class InterfaceSteps(LawSteps):
         return RangesIncrements(model, settings.gradient)
 
     def coupling(self, model: Any, point: np.ndarray) -> float:
-        """Sum over the laws: |e|_S^2 of the difference e of two solutions is at most the sum of
-        their parts in it.
+        """Sum over the laws of their part in the difference of two solutions.
+
+        |e|_S^2 of the difference e is at most this sum.
+
+        Args:
+            model: model with the law.
+            point: parameter, (P,).
         """
         if model.equilibrium is not None or (contact := model.contacts()(point)).kernel is not None:
             return math.nan

@@ -50,7 +50,16 @@ class Floating:
         fields: ModelFields,
         gradient: bool,
     ) -> Answer:
-        """See :class:`~hhr_dolfinx.contact.kernel.CondensedKernel`."""
+        """See :class:`~hhr_dolfinx.contact.kernel.CondensedKernel`.
+
+        Args:
+            contact: condensed contact problem.
+            point: parameter, (P,).
+            start: statuses to start from, (m,) bool.
+            pairs: contact pair of each condition; None for one pair.
+            fields: fields that complete the answer.
+            gradient: compute the derivatives along the parameters.
+        """
         equalities = self.equalities
         free_slack = contact.free_slack
         statuses, motions = floating_set(equalities, free_slack, self.driving, start, pairs)

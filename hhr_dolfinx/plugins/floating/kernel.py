@@ -142,6 +142,16 @@ class RigidKernel:
     def of(cls, scene: Scene, problem: ContactProblem, bodies: Sequence[FreeBody]) -> RigidKernel:
         """See :class:`~hhr_dolfinx.contact.kernel.Kernels`.
 
+        Args:
+            scene: scene of the bodies.
+            problem: contact problem of the full model.
+            bodies: bodies that contact alone holds.
+
+        Raises:
+            NotSolvableError: for a body without contact, and for a motion that loads drive and
+                nothing resists.
+            SceneError: for a law of contacts that does not solve for the motions.
+
         Warns:
             SceneWarning: of motions without resistance and without loads.
         """
@@ -190,7 +200,11 @@ class RigidKernel:
         return cls(rigid, idle, np.sort(pins), loose, law, *on_rows)
 
     def at(self, problem: ContactProblem) -> RigidKernel:
-        """See :class:`~hhr_dolfinx.contact.kernel.Kernel`."""
+        """See :class:`~hhr_dolfinx.contact.kernel.Kernel`.
+
+        Raises:
+            NotOfferedError: if contact resists a motion at this shape and not at another.
+        """
         effect = problem.contact @ self.motions
         idle = np.abs(problem.contact @ self.idle).max(initial=0.0)
         if idle > ALMOST_NONE * np.sqrt(len(effect)) * problem.contact_norm:
@@ -239,7 +253,12 @@ class RigidKernel:
         return cached[1]
 
     def exact(self, problem: ContactProblem, responses: Responses) -> FloatingElimination:
-        """See :class:`~hhr_dolfinx.contact.kernel.Kernel`."""
+        """See :class:`~hhr_dolfinx.contact.kernel.Kernel`.
+
+        Args:
+            problem: contact problem of the full model.
+            responses: responses of the pinned bodies.
+        """
         taken = problem.contact @ self.motions
         driving = self.motions.T @ problem.loads
         return FloatingElimination(responses, taken, driving, self.motions, problem.amplitudes)
@@ -256,12 +275,22 @@ class RigidKernel:
         return np.flatnonzero(work.max(axis=1) > NO_WORK * work.max())
 
     def without(self, rows: Rows, fields: np.ndarray) -> np.ndarray:
-        """See :class:`~hhr_dolfinx.contact.kernel.Kernel`."""
+        """See :class:`~hhr_dolfinx.contact.kernel.Kernel`.
+
+        Args:
+            rows: rows of vectors that this rank has.
+            fields: fields, (N, k), of these rows.
+        """
         motions = rows.of(self.motions)
         return fields - motions @ rows.sum(motions.T @ fields)
 
     def first(self, rows: Rows, basis: np.ndarray) -> np.ndarray:
-        """See :class:`~hhr_dolfinx.contact.kernel.Kernel`."""
+        """See :class:`~hhr_dolfinx.contact.kernel.Kernel`.
+
+        Args:
+            rows: rows of vectors that this rank has.
+            basis: modes, of these rows.
+        """
         motions = rows.of(self.motions)
         if not motions.shape[1]:
             return basis
@@ -278,6 +307,15 @@ class RigidKernel:
         All conditions that hold the bodies are in the RID, so all of their forces are included; K
         does no work along rigid motions. Cut off outside A, a motion would strain cells there, and
         forces would balance the projection error.
+
+        Args:
+            problem: contact problem of the full model.
+            basis: modes, of these rows.
+            sets: index sets of the RID.
+            reduced: projected problem.
+
+        Raises:
+            ReductionError: if a condition that holds a body is outside the RID.
         """
         r = reduced.motions
         motions = basis[:, :r]

@@ -53,11 +53,21 @@ class LinearisedMotions:
         self, contact: StepContact, free_slack: np.ndarray, residual: np.ndarray,
         unknown: Callable[[np.ndarray], np.ndarray], active: np.ndarray, pairs: Pairs | None,
     ) -> tuple[Statuses, np.ndarray]:  # fmt: skip
-        """Forces with their statuses, and the motion, (n,), under the slack of an unknown without
-        contact forces.
+        """Forces with their statuses, and the motion, under a slack without contact forces.
 
         Unilateral contact that leaves motions undetermined gets the least ones of the unknown under
         its forces.
+
+        Args:
+            contact: law of the contacts in this step.
+            free_slack: slack without contact forces, (m,).
+            residual: residual without contact forces, (n,).
+            unknown: function of the unknown under contact forces, without the motions.
+            active: statuses, (m,) bool.
+            pairs: contact pair of each condition; None for one pair.
+
+        Returns:
+            The statuses, and the motion, (n,).
         """
         driving = self.modes.T @ residual
         if contact is not UNILATERAL_STEP:
@@ -118,8 +128,15 @@ class LinearisedMotions:
     def changed(
         self, residual: np.ndarray, free_slack: np.ndarray, active: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Forces, (m, K), and motions, (n, K), of changes by their residual and slack, at constant
-        statuses.
+        """Forces and motions of a small change at constant statuses.
+
+        Args:
+            residual: changes of the residual, (n, K).
+            free_slack: changes of the slack, (m, K).
+            active: statuses, (m,) bool.
+
+        Returns:
+            Forces, (m, K), and motions, (n, K).
         """
         forces, _, motions = self.equalities.several(active, free_slack, self.modes.T @ residual)
         return forces, self.modes @ motions
@@ -129,8 +146,11 @@ class LinearisedMotions:
     ) -> np.ndarray | None:
         """Motions, (n, d), that forces leave undetermined; None without any.
 
-        ``holding`` are the conditions that hold beside those with a pressure, such as tangential
-        rows; None for none.
+        Args:
+            forces: contact forces, (m,).
+            slack: slack under them, (m,).
+            holding: conditions that hold in addition to those with a pressure, such as tangential
+                rows, (m,) bool; None for none.
         """
         bearing = self.equalities.bearing(forces, slack)
         ways = self.equalities.left_open(bearing if holding is None else bearing | holding)

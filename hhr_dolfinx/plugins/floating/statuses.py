@@ -107,7 +107,12 @@ class FloatingEqualities:
         return solution[:m], slack[:m], self._units * solution[m:]
 
     def bearing(self, forces: np.ndarray, free_slack: np.ndarray) -> np.ndarray:
-        """Conditions that bear a force above round-off, (m,) bool."""
+        """Conditions that bear a force above round-off, (m,) bool.
+
+        Args:
+            forces: contact forces, (m,).
+            free_slack: slack without contact forces, (m,).
+        """
         closing = np.abs(free_slack).max(initial=0.0) / self._size
         return forces > BEARING * forces.max(initial=0.0) + BEARING_OF_GAPS * closing
 
@@ -126,11 +131,15 @@ class FloatingEqualities:
         return np.linalg.qr(self._units[:, None] * ways)[0]
 
     def balanced(self, forces: np.ndarray, driving: np.ndarray, nothing: float = 0.0) -> np.ndarray:
-        """True for each motion along which forces, (m,), balance the loads, (r,), up to round-off:
-        (r,) bool.
+        """Mask of the motions along which forces balance the loads up to round-off, (r,) bool.
 
         Round-off is measured by all loads too: those along a motion may be far below those of a
         heavier body.
+
+        Args:
+            forces: contact forces, (m,).
+            driving: loads along the motions, (r,).
+            nothing: force that counts as none.
         """
         units = self._units
         imbalance = units * np.abs(driving - forces @ self.contact_of_motions)
@@ -158,8 +167,15 @@ class FloatingEqualities:
     def several(
         self, active: np.ndarray, free_slacks: np.ndarray, drivings: np.ndarray
     ) -> tuple[np.ndarray, ...]:
-        """Forces, slacks, (m, k), and motions, (r, k), the smallest ones, for many right-hand
-        sides, (m, k), (r, k).
+        """Solutions of least motions for many right-hand sides.
+
+        Args:
+            active: statuses, (m,) bool.
+            free_slacks: slacks without contact forces, (m, k).
+            drivings: loads along the motions, (r, k).
+
+        Returns:
+            Forces and slacks, (m, k) each, and motions, (r, k).
         """
         both = np.concatenate([active, np.ones(len(drivings), dtype=bool)])
         right = np.concatenate([free_slacks, -self._units[:, None] * drivings])
@@ -196,7 +212,12 @@ def open_motions(
 ) -> OpenMotions | None:
     """Motions that no bearing condition resists; None if the forces determine all of them.
 
-    Forces, slack, (m,), and amplitudes of the orthonormal motions, (r,), are those of a solution.
+    Args:
+        equalities: equality problems on S with the motions.
+        forces: contact forces, (m,).
+        free_slack: slack without contact forces, (m,).
+        slack: slack of the solution, (m,).
+        motions: amplitudes of the orthonormal motions of the solution, (r,).
     """
     bearing = equalities.bearing(forces, free_slack)
     ways = equalities.left_open(bearing)
@@ -249,9 +270,17 @@ def floating_set(
     start: np.ndarray,
     pairs: Pairs | None = None,
 ) -> tuple[Statuses, np.ndarray]:
-    """Statuses, see :func:`active_set`, and motions, (r,).
+    """Active set with rigid motions, see :func:`active_set`.
 
-    ADRIFT if ``driving``, loads along them, meet no contact.
+    Args:
+        equalities: equality problems on S with the motions.
+        free_slack: slack without contact forces, (m,).
+        driving: loads along the motions, (r,).
+        start: statuses to start from, (m,) bool.
+        pairs: contact pair of each condition; None for one pair.
+
+    Returns:
+        The statuses, ADRIFT if loads along the motions meet no contact, and the motions, (r,).
     """
     direct = _direct(equalities, free_slack, driving, start, pairs)
     if direct is not None:

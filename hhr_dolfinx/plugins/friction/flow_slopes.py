@@ -52,7 +52,16 @@ class SlidingSlopes:
         way: np.ndarray,
         seconds: float,
     ) -> ContactChange:
-        """See :class:`~hhr_dolfinx.plugins.inelastic.contact_slopes.ContactSlopes`."""
+        """See :class:`~hhr_dolfinx.plugins.inelastic.contact_slopes.ContactSlopes`.
+
+        Args:
+            linear: linearisation of the step.
+            answer: answer at the end of the step.
+            slack: slack of all rows at its end, (m,).
+            right: derivatives of residual and gaps at a given unknown, (n, K) and (m, K).
+            way: directions of the parameter, (P, K).
+            seconds: duration of the step, which Coulomb's law does not read.
+        """
         with linear.held():
             friction = self._friction
             rows = friction.tangential

@@ -49,8 +49,12 @@ class FrictionLaw(Rebuilt):
 
     @classmethod
     def of(cls, law: Any, space: ParameterSpace, what: str) -> FrictionLaw:
-        """Law over the parameter range of a scene, of a user's ``Coulomb`` or ``Tresca`` for a
-        pair, ``what``.
+        """Law of a pair over the parameter range of a scene.
+
+        Args:
+            law: user's ``Coulomb`` or ``Tresca``.
+            space: box of the parameters.
+            what: pair, for messages.
 
         Raises:
             SceneError: if a constant is negative or not finite somewhere in the range, or names an
@@ -83,9 +87,16 @@ Answers had the same digits for coefficients from 1e3 to 1e12.
 
 
 def check_finite(value: object, name: str, called: str, names: tuple[str, ...] = ()) -> None:
-    """Raise SceneError for an infinite number or a text for it, with its remedy.
+    """Refuse an infinite number, or a text for it, with its remedy.
 
-    ``names`` are those of parameters.
+    Args:
+        value: number or text.
+        name: constant of the law.
+        called: description of the value, for messages.
+        names: names of the parameters, which are no infinite numbers.
+
+    Raises:
+        SceneError: for an infinite value.
     """
     if isinstance(value, str):
         infinite = value.strip().lower() in ENDLESS and value.strip() not in names
@@ -199,6 +210,10 @@ class Friction(ContactLaw, Rebuilt):
     def kept_with(self, inside: np.ndarray, contact: Any) -> np.ndarray:
         """See :class:`ContactLaw`: tangential forces that act on no unknown are kept with their
         pressures.
+
+        Args:
+            inside: conditions in the RID, (m,) bool.
+            contact: rows of B, (m, N).
         """
         mask = inside.copy()
         idle = np.diff(contact.indptr)[self.tangential] == 0
@@ -226,8 +241,14 @@ class Friction(ContactLaw, Rebuilt):
             yield f"tangents of friction have {self.tangents.shape[1]} components, not {dimension}"
 
     def check_path(self, space: ParameterSpace, points: np.ndarray) -> None:
-        """Refuse a path along which bodies change their shape, with ParameterError: slip is
-        measured on one.
+        """Refuse a path along which bodies change their shape: slip is measured on one.
+
+        Args:
+            space: box of the parameters.
+            points: parameters of the path, (steps, P).
+
+        Raises:
+            ParameterError: for such a path.
         """
         for index in self.shaped.tolist():
             if np.ptp(points[:, index]) > 0:
@@ -287,9 +308,15 @@ class Friction(ContactLaw, Rebuilt):
     def limited(
         self, forces: np.ndarray, changes: np.ndarray, fitted: np.ndarray, point: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """See :class:`ContactLaw`: tangential forces up to their bound.
+        """Tangential forces up to their bound, see :class:`ContactLaw`.
 
         Contacts well below it stick.
+
+        Args:
+            forces: forces of all rows, (M,).
+            changes: derivatives of the forces, (M, P), or none.
+            fitted: rows whose forces are fitted, (M,) bool.
+            point: parameter, (P,).
         """
         rows = self.tangential
         coefficient, limit = self.bounds(point)
@@ -347,7 +374,8 @@ class Friction(ContactLaw, Rebuilt):
     def within(self, conditions: np.ndarray) -> Friction:
         """Friction of some conditions, (m,), in their order there.
 
-        ValueError if a contact lacks some of its rows.
+        Raises:
+            ValueError: if a contact lacks some of its rows.
         """
         contacts = np.isin(self.normal, conditions)
         rows = np.isin(self.tangential, conditions)
@@ -379,6 +407,11 @@ def bounds(coefficient: np.ndarray, limit: np.ndarray, forces: np.ndarray) -> np
     """min(coefficient max(0, pressure), limit).
 
     An infinite coefficient gives the limit at any pressure.
+
+    Args:
+        coefficient: coefficient of each contact, (C,).
+        limit: upper bound of each, (C,).
+        forces: pressure of each, (C,).
     """
     with np.errstate(invalid="ignore"):
         carried = coefficient * np.maximum(forces, 0.0)
@@ -432,12 +465,18 @@ class SlipState(NamedTuple):
         active: np.ndarray,
         bound: np.ndarray,
     ) -> SlipState:
-        """State after an increment, with forces, slack and statuses of all rows, (M,) each, and the
-        bounds then, (C,).
+        """State after an increment.
 
         Tangential slack is the slip of the increment. Bounds and pressures are averaged over it,
         which is exact for proportional growth; a contact that opens has slipped half of the
         increment while closed.
+
+        Args:
+            friction: friction of the rows.
+            forces: forces of all rows, (M,).
+            slack: slacks of all rows, (M,).
+            active: statuses of all rows, (M,) bool.
+            bound: bounds at its end, (C,).
         """
         slip = slack[friction.tangential]
         count = friction.normal.size

@@ -45,7 +45,11 @@ class Torque(OfContact):
             )
 
     def prepared(self, probe: ModelProbe) -> Functional:
-        """Functional of this output, see :class:`Output`."""
+        """Functional of this output, see :class:`Output`.
+
+        Raises:
+            SceneError: for an axis that does not fit the scene.
+        """
         conditions = probe.conditions(self)
         dim = probe.dimension
         points = probe.problem.contact_points[conditions]

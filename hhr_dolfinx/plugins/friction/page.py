@@ -21,6 +21,12 @@ class _Page:
     range_header = _FOLDER / "friction_range.h"
 
     def tree(self, law: Friction, arrays: Packed) -> dict[str, Any]:
+        """Arrays of friction for a page, see :class:`~hhr_dolfinx.plugins.pages.laws.LawOnPage`.
+
+        Args:
+            law: friction of the conditions.
+            arrays: arrays of the page, to which those of the law are added.
+        """
         tree: dict[str, Any] = {
             name: arrays.put(f"friction_{name}", getattr(law, name), "<i4")
             for name in ("normal", "tangential", "owner", "law", "twice")

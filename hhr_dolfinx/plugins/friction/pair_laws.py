@@ -39,6 +39,12 @@ class _Tangential(KnownArguments, PairLaw):
         return ", ".join(texts)
 
     def check(self, scene: Any, what: str) -> None:
+        """Warn of a coefficient that looks like an angle or a percentage, see :class:`PairLaw`.
+
+        Args:
+            scene: scene of the pair.
+            what: pair of the law, for messages.
+        """
         coefficient = FrictionLaw.of(self, scene.parameters, what).coefficient
         if (
             coefficient is not None
@@ -66,6 +72,17 @@ class _Tangential(KnownArguments, PairLaw):
         lifts: csc_matrix,
         mesh: MeshArrays,
     ) -> tuple[ContactRows, np.ndarray, Friction]:
+        """Append the tangential rows of the pairs, see :class:`PairLaw`.
+
+        Args:
+            laws: laws by pair.
+            scene: scene of the contacts.
+            rows: conditions of the pressures.
+            pairs: contact pair of each of them, (n,).
+            free: dofs that are not imposed, (N,) bool.
+            lifts: imposed displacements, (N, 1 + T).
+            mesh: nodes and cells.
+        """
         from hhr_dolfinx.plugins.friction.tangents import Mesh, with_tangents
 
         friction_laws = {
@@ -154,6 +171,10 @@ def law_of(friction: Any, what: str) -> Law | None:
     """Law for the friction that a user gave for a pair: None, a law, or the coefficient of
     Coulomb's law.
 
+    Args:
+        friction: None, a law, or the coefficient of Coulomb's law.
+        what: pair of the law, for messages.
+
     Raises:
         SceneError: for anything else.
     """
@@ -179,6 +200,13 @@ class _Deck:
     def lines(
         self, law: Law, number: Callable[[float | str], float], penalty: float
     ) -> Iterator[str]:
+        """Lines of the law in a deck of CalculiX.
+
+        Args:
+            law: law of the pair.
+            number: function that evaluates a number or a formula.
+            penalty: stiffness of the pressure.
+        """
         coefficient = 0.0 if law.coefficient is None else number(law.coefficient)
         if coefficient > 0.0:  # CalculiX refuses zero
             yield from ("*FRICTION", f"{coefficient:.6g}, {STICK * penalty:.6e}")

@@ -43,7 +43,13 @@ class FrictionRange(RangeSolver):
         return Memory(slip=SlipState.at_rest(self.law))
 
     def step(self, before: Mapping[str, Any], point: np.ndarray, seconds: float) -> FrictionStep:
-        """One increment."""
+        """One increment.
+
+        Args:
+            before: memory at its start.
+            point: parameter at its end, (P,).
+            seconds: its duration, which friction does not read.
+        """
         return FrictionStep(self.law, before[SLIP], point)
 
     def difference(
@@ -51,6 +57,13 @@ class FrictionRange(RangeSolver):
     ) -> float:
         """As that of :class:`~hhr_dolfinx.plugins.friction.slider.Slider`, of the contacts of the
         range.
+
+        Args:
+            off: error of the forces of the rows, relative to ``largest``.
+            ends: states at the start, after the first half, after the second, and after the whole
+                step.
+            rows: numbers of the rows among all conditions, (k,).
+            largest: largest norm of the forces so far.
         """
         friction = self.law
         held = []
@@ -70,12 +83,22 @@ class FrictionRange(RangeSolver):
         )
 
     def check(self, memory: Mapping[str, Any], place: str) -> None:
-        """Check the sliding distance."""
+        """Check the sliding distance.
+
+        Args:
+            memory: memory at the end of a step.
+            place: description of the point, for messages.
+        """
         self._far.check(self.law, memory[SLIP], place)
 
     def coupling(self, schur: np.ndarray, rows: np.ndarray, point: np.ndarray) -> float:
         """See :mod:`.uniqueness`, on the whole S: monotone laws of other rows only add to the
         left-hand side.
+
+        Args:
+            schur: S, (M, M).
+            rows: numbers of the rows among all conditions, (k,).
+            point: parameter, (P,).
         """
         coefficient, _ = self.law.bounds(point)
         return coupling(schur, self.law.among(rows), coefficient)
@@ -143,7 +166,14 @@ class FrictionStep(RangeStep):
     def linearised(
         self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, attempt: int
     ) -> Linearised:
-        """Newton's rows for the projection on the disc, see :mod:`.sliding_system`."""
+        """Newton's rows for the projection on the disc, see :mod:`.sliding_system`.
+
+        Args:
+            forces: forces of the rows, (k,).
+            slack: slacks of the rows, (k,).
+            stiffness: c, force per slack of each row, (k,).
+            attempt: number of the way to choose statuses; 1 gives those of the residual.
+        """
         friction = self.friction
         rows = friction.tangential
         pressures = friction.normal
@@ -204,7 +234,13 @@ class FrictionStep(RangeStep):
         )
 
     def after(self, forces: np.ndarray, slack: np.ndarray, active: np.ndarray) -> Memory:
-        """Slip at the end."""
+        """Slip at the end.
+
+        Args:
+            forces: forces of the rows, (k,).
+            slack: slacks of the rows, (k,).
+            active: rows that touch or stick, (k,) bool.
+        """
         friction = self.friction
         bound = bounds(self.coefficient, self.limit, forces[friction.normal])
         slip = self.before.after(friction, forces, np.where(active, 0.0, slack), active, bound)
@@ -214,7 +250,13 @@ class FrictionStep(RangeStep):
         return Memory(slip=slip) | normal
 
     def slopes(self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray) -> np.ndarray:
-        """By coefficient and limit, (k, P)."""
+        """Derivatives of the residual by coefficient and limit, (k, P).
+
+        Args:
+            forces: forces of the rows, (k,).
+            slack: slacks of the rows, (k,).
+            stiffness: c, force per slack of each row, (k,).
+        """
         friction = self.friction
         at = self._at(forces, slack, stiffness, 1)
         coefficient, limit = friction.bound_slopes(self.point)
@@ -234,6 +276,12 @@ class FrictionStep(RangeStep):
     ) -> np.ndarray:
         """The shift is minus the position, which grows by the slip, a slack that has the shift in
         it.
+
+        Args:
+            before: derivatives of the shift, (k, P).
+            forces: derivatives of the forces, (k, P).
+            slack: derivatives of the slacks, (k, P).
+            active: rows that touch or stick, (k,) bool.
         """
         friction = self.friction
         changes = before.copy()
@@ -247,7 +295,14 @@ class FrictionStep(RangeStep):
     def grazing(
         self, forces: np.ndarray, slack: np.ndarray, stiffness: np.ndarray, near: float
     ) -> np.ndarray:
-        """Pressures about to open or to close, and contacts about to stick or to slip."""
+        """Mask of pressures about to open or to close, and of contacts about to stick or to slip.
+
+        Args:
+            forces: forces of the rows, (k,).
+            slack: slacks of the rows, (k,).
+            stiffness: c, force per slack of each row, (k,).
+            near: force below which a row counts as at a kink.
+        """
         friction = self.friction
         at = self._at(forces, slack, stiffness, 1)
         mask = np.zeros(forces.size, dtype=bool)

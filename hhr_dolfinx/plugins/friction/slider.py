@@ -108,7 +108,13 @@ class Slider:
         self.energy = 0.0
 
     def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> SlidingState:
-        """Undeformed bodies without slip."""
+        """Undeformed bodies without slip.
+
+        Args:
+            time: time in seconds.
+            point: parameter, (P,).
+            weights: derivative of each parameter along that of the whole history, (P,).
+        """
         forces = np.zeros(self.model.own_conditions)
         gap = self._contact_at(point).free_slack[self.friction.normal]
         slip = SlipState.at_rest(self.surface.whole)
@@ -121,7 +127,12 @@ class Slider:
         return np.zeros((self.friction.tangential.size, len(self.model.parameters.names)))
 
     def going_on(self, answer: Answer, weights: np.ndarray) -> SlidingState:
-        """State after a step that the full model solved before."""
+        """State after a step that the full model solved before.
+
+        Args:
+            answer: answer at the end of the last step.
+            weights: derivative of each parameter along that of the whole history, (P,).
+        """
         schur = self._contact_at(answer.parameter).schur
         forces = answer.multipliers
         self.largest = max(self.largest, float(np.linalg.norm(forces)))
@@ -146,7 +157,12 @@ class Slider:
         )
 
     def increment(self, before: SlidingState, target: IncrementEnd) -> SolvedSliding:
-        """Solve one increment; it may not converge."""
+        """Solve one increment; it may not converge.
+
+        Args:
+            before: state at the start of the increment.
+            target: end of the increment.
+        """
         point = target.point
         contact = self._contact_at(point)
         of_motions = (
@@ -261,6 +277,10 @@ class Slider:
         """Sticking force of contacts that closed in this increment.
 
         Its reference is the start of the increment.
+
+        Args:
+            before: state at its start.
+            after: state at its end.
         """
         assert after.active is not None
         friction = self.friction
@@ -273,8 +293,15 @@ class Slider:
     def difference(
         self, before: SlidingState, half: SolvedSliding, second: SolvedSliding, whole: SolvedSliding
     ) -> float:
-        """Error of a step in two halves: of forces over the largest so far, of work over the
-        dissipated work.
+        """Error of a step in two halves.
+
+        Of forces it is over the largest so far, of work over the dissipated work.
+
+        Args:
+            before: state at the start of the step.
+            half: first half of the step.
+            second: second half of the step.
+            whole: the step as one increment.
         """
         closing = np.linalg.norm(
             [self.held(before, half.reached), self.held(half.reached, second.reached)]

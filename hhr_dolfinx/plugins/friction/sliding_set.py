@@ -91,7 +91,12 @@ class SlidingIncrement(NamedTuple):
     driving: np.ndarray  #: loads along rigid motions that only contact holds, (r,)
 
     def bounds(self, friction: Friction, forces: np.ndarray) -> np.ndarray:
-        """Largest tangential force that each contact may bear under some forces, (M,): (C,)."""
+        """Largest tangential force that each contact may bear, (C,).
+
+        Args:
+            friction: friction of the rows.
+            forces: forces of all rows, (M,).
+        """
         return bounds(self.coefficient, self.limit, forces[friction.normal])
 
 
@@ -170,10 +175,15 @@ class SlidingContact:
     def increment(
         self, given: SlidingIncrement, start: np.ndarray, active: np.ndarray | None = None
     ) -> Sliding:
-        """Solve an increment from forces, (M,), and statuses, (M,) bool, of the previous one.
+        """Solve an increment from the forces and statuses of the previous one.
 
-        The first system is solved with these statuses; None derives them from the forces and the
-        loads.
+        The first system is solved with these statuses.
+
+        Args:
+            given: loads and friction bounds of the increment.
+            start: forces of the previous increment, (M,).
+            active: statuses of the previous increment, (M,) bool; None derives them from forces and
+                loads.
         """
         motions = np.zeros(self.contact_of_motions.shape[1])
         if not (np.isfinite(given.slack).all() and np.isfinite(given.driving).all()):
@@ -337,7 +347,12 @@ class SlidingContact:
         )
 
     def grazing(self, given: SlidingIncrement, found: Sliding) -> np.ndarray:
-        """Rows about to change their status, for which derivatives are one-sided, (M,) bool."""
+        """Rows about to change their status, for which derivatives are one-sided, (M,) bool.
+
+        Args:
+            given: loads and friction bounds of the increment.
+            found: solution of the increment.
+        """
         near = CHANGING_STATUS * np.abs(found.forces).max(initial=0.0)
         at = self._at(given, found)
         scaled = self.stiffness * np.abs(found.slack)
@@ -582,8 +597,11 @@ def _softened(schur: np.ndarray, friction: Friction) -> np.ndarray:
 
 
 def elastic_slip(diagonal: np.ndarray, friction: Friction) -> np.ndarray:
-    """Compliance of the rows that leave their forces undetermined, ``twice``, by the diagonal of
-    S.
+    """Compliance of the rows that leave their forces undetermined, ``friction.twice``.
+
+    Args:
+        diagonal: diagonal of S, (M,).
+        friction: friction of the rows.
     """
     twice = friction.twice
     pressure = friction.normal[friction.owner[places_of(twice, friction.tangential)]]

@@ -159,8 +159,12 @@ class SlidingSystem:
     def solve(self, right: np.ndarray, check: bool = True) -> np.ndarray:
         """Forces and amplitudes of rigid motions for right-hand sides of all rows, (M + r, P) each.
 
-        SingularError if they are undetermined; only ``check`` looks for round-off of a singular
-        system.
+        Args:
+            right: right-hand sides, (M + r, P).
+            check: look for round-off of a singular system.
+
+        Raises:
+            SingularError: if they are undetermined.
         """
         m = len(self._rows.scaled)
         solution = right.copy()
@@ -188,8 +192,12 @@ class SlidingSystem:
         return solution
 
     def holds(self, unknowns: np.ndarray, right: np.ndarray, changed: np.ndarray) -> bool:
-        """True if all rows without slack, except some rows, (k,), hold for unknowns and right-hand
-        sides, (M + r,).
+        """True if all rows without slack hold, except some rows.
+
+        Args:
+            unknowns: unknowns, (M + r,).
+            right: right-hand sides, (M + r,).
+            changed: rows to leave out, (k,).
         """
         unchanged = np.ones(len(self._rows.scaled), dtype=bool)
         unchanged[changed] = False
@@ -224,9 +232,12 @@ class SlidingSystems:
         )  # of the inverse, as rows
 
     def solve(self, at: SlidingStatuses, right: np.ndarray, label: bytes) -> np.ndarray:
-        """Forces and amplitudes of rigid motions for right-hand sides of all rows, (M + r,) each.
+        """Forces and amplitudes of rigid motions, (M + r,).
 
-        ``label`` is the key of the coefficients.
+        Args:
+            at: statuses and directions of the rows.
+            right: right-hand sides, (M + r,).
+            label: key of the coefficients.
 
         Raises:
             SingularError: if they are undetermined.
@@ -257,10 +268,14 @@ class SlidingSystems:
         return self._corrected(changed, codes, at, right)
 
     def holds(self, at: SlidingStatuses, right: np.ndarray, unknowns: np.ndarray) -> bool:
-        """True if unknowns, (M + r,), solve the system of some statuses, which corrections do not
-        guarantee.
+        """True if unknowns solve the system of some statuses, which corrections do not guarantee.
 
         In a nearly singular system they may be round-off.
+
+        Args:
+            at: statuses and directions of the rows.
+            right: right-hand sides, (M + r,).
+            unknowns: unknowns, (M + r,).
         """
         changed = self._changed(at.codes(self._rows))
         return self._factored is not None and self._factored.holds(unknowns, right, changed)
@@ -268,10 +283,15 @@ class SlidingSystems:
     def nearer(
         self, at: SlidingStatuses, right: np.ndarray, label: bytes, unknowns: np.ndarray
     ) -> np.ndarray | None:
-        """Improve approximate unknowns, (M + r,), by factors of a system with other slip
-        directions.
+        """Improve approximate unknowns by factors of a system with other slip directions.
 
         None if the statuses differ.
+
+        Args:
+            at: statuses and directions of the rows.
+            right: right-hand sides, (M + r,).
+            label: key of the coefficients.
+            unknowns: unknowns, (M + r,).
         """
         codes = at.codes(self._rows)
         if self._factored is None or label != self._label or not np.array_equal(codes, self._codes):

@@ -28,11 +28,16 @@ def swept(
     forces: np.ndarray,
     count: int,
 ) -> np.ndarray:
-    """Forces, (M,), after some sweeps from others over S, (M, M).
+    """Forces after some sweeps over single contacts, (M,).
 
-    ``pressures`` are rows of pressures, (n,), ``stiffness`` is the force that changes the slack of
-    a row by one, (M,), and ``given`` the
-    :class:`~hhr_dolfinx.plugins.friction.sliding_set.SlidingIncrement`.
+    Args:
+        schur: S, (M, M).
+        friction: friction of the rows.
+        pressures: rows of pressures, (n,).
+        stiffness: force that changes the slack of a row by one, (M,).
+        given: loads and friction bounds of the increment.
+        forces: forces to start from, (M,).
+        count: number of sweeps.
     """
     contact = np.full(len(schur), -1)
     contact[friction.normal] = np.arange(friction.normal.size)

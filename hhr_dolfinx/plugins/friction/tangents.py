@@ -256,8 +256,12 @@ def tangents_of(normals: np.ndarray) -> np.ndarray:
 
 
 def tangential_rows(matrix: csr_matrix, normals: np.ndarray, tangents: np.ndarray) -> csr_matrix:
-    """Rows of B, (m, N), with k tangents each, (m, k, dim), instead of their normals, (m, dim): (m
-    k, N).
+    """Rows of B along k tangents instead of their normals, (m k, N).
+
+    Args:
+        matrix: rows of B along the normals, (m, N).
+        normals: normal of each row, (m, dim).
+        tangents: tangents of each row, (m, k, dim).
 
     Raises:
         SceneError: for rows that are not along a single normal, as sum_j w_j n·u_j is.

@@ -49,6 +49,10 @@ class GappyField:
         """Field from modes and the numbers of the values in the RID.
 
         Modes that these do not show have no amplitude.
+
+        Args:
+            modes: POD modes, (values, modes).
+            inside: numbers of the values in the RID.
         """
         return cls(modes, np.linalg.pinv(modes[inside], rcond=KNOWN_PART_ROUND_OFF))
 

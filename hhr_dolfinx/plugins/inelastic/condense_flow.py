@@ -76,10 +76,17 @@ def correction_strain(
     correction: np.ndarray,
     strain: StrainAt,
 ) -> np.ndarray:
-    """Strain ε_c of the correction of a full answer, (p, c), with that of the change of contact
-    forces.
+    """Strain ε_c of the correction of a full answer, (p, c).
 
-    With a law of interfaces it has no such part: forces depend on the path.
+    It includes that of the change of contact forces. With a law of interfaces it has no such part:
+    forces depend on the path.
+
+    Args:
+        full: full model of inelastic bodies.
+        elastic: elastic response of the full model.
+        answer: answer of the full model.
+        correction: its correction u_p, (N,).
+        strain: strain at p Gauss points.
     """
     problem = full.problem
     if problem.law.remembers:
@@ -111,7 +118,14 @@ class FlowingDomain:
     def of(
         cls, full: FullModel, basis: np.ndarray, answers: Sequence[Answer], sizes: np.ndarray
     ) -> FlowingDomain:
-        """Domain of training answers with corrections of given energy norms."""
+        """Domain of training answers with corrections.
+
+        Args:
+            full: full model of inelastic bodies.
+            basis: modes of the corrections, (N, ell).
+            answers: training answers.
+            sizes: energy norm of the correction of each, (S,).
+        """
         equilibrium = equilibrium_of(full)
         largest = np.zeros(equilibrium.material.gauss_points)
         for answer, size in zip(answers, sizes, strict=True):
@@ -138,8 +152,14 @@ class FlowingDomain:
         corrections: np.ndarray,
         sizes: np.ndarray,
     ) -> np.ndarray:
-        """ε_p - dev ε_c at training states, over the energy norms of their corrections, (S, p
-        c).
+        """ε_p - dev ε_c at training states over the energy norms of their corrections, (S, p c).
+
+        Args:
+            full: full model of inelastic bodies.
+            elastic: elastic response of the full model.
+            answers: training answers.
+            corrections: corrections of these answers, (N, S).
+            sizes: energy norms of the corrections, (S,).
         """
         strain_at = StrainAt(equilibrium_of(full).operator, self.points)
         states = np.empty((len(answers), self.deviators[:, :, 0].size))
@@ -152,10 +172,12 @@ class FlowingDomain:
     def cubature(
         self, stressed: np.ndarray, settings: CorrectionSettings, start: Cubature | None = None
     ) -> Cubature:
-        """Points and weights for :meth:`stressed` states, (S, p c), and loosely for energies of the
-        modes.
+        """Points and weights for training states, and loosely for energies of the modes.
 
-        ``start`` is a cubature for fewer modes, or for a larger tolerance.
+        Args:
+            stressed: training states, (S, p c), see :meth:`stressed`.
+            settings: settings, whose tolerances count.
+            start: cubature for fewer modes or a larger tolerance; None for none.
         """
         # few rows with nearly the same products as all, by the method of snapshots
         squares, ways = linalg.eigh(stressed @ stressed.T)
@@ -321,7 +343,12 @@ class CorrectionSettings(Reductor["_Shared"]):
 
     @classmethod
     def usual(cls, settings: Any, *, fields: bool | None) -> Reductor:
-        """See :meth:`~hhr_dolfinx.reduction.reductor.Reductor.usual`; fields are always there."""
+        """See :meth:`~hhr_dolfinx.reduction.reductor.Reductor.usual`; fields are always there.
+
+        Args:
+            settings: None for the usual ones.
+            fields: not read: fields are always there.
+        """
         return cls() if settings is None else settings
 
     @property
@@ -330,7 +357,11 @@ class CorrectionSettings(Reductor["_Shared"]):
         return self.trust
 
     def check(self, task: Task) -> None:
-        """Refuse elastic scenes, and other trainings than of histories with plastic strain."""
+        """Refuse elastic scenes, and other trainings than of histories with plastic strain.
+
+        Raises:
+            ReductionError: for these.
+        """
         full = task.full
         snapshots = task.snapshots
         if full.equilibrium is None:
@@ -353,7 +384,12 @@ class CorrectionSettings(Reductor["_Shared"]):
             )
 
     def prepare(self, task: Task, before: _Shared | None = None) -> _Shared:
-        """Elastic response, corrections of training states, and modes of fields."""
+        """Elastic response, corrections of training states, and modes of fields.
+
+        Args:
+            task: full model, training answers and announcements.
+            before: data of an earlier attempt; None for none.
+        """
         full = task.full
         snapshots = task.snapshots
         assert snapshots is not None  # checked
@@ -381,7 +417,15 @@ class CorrectionSettings(Reductor["_Shared"]):
         return range(self.attempts)
 
     def attempt(self, prepared: _Shared, level: int) -> tuple[CondensedFlowModel, CorrectionFacts]:
-        """One model; without inelastic strain in training laws are linear, and corrections zero."""
+        """One model; without inelastic strain in training laws are linear, and corrections zero.
+
+        Args:
+            prepared: data that all attempts share.
+            level: number of the attempt, from 0 on.
+
+        Raises:
+            UnstableModelError: if the cubature gives a mode too large an energy.
+        """
         settings = replace(self, modes=self.modes / 3**level, cubature=self.cubature / 3**level)
         flows = any_flowed(prepared.snapshots)
         chosen = self._chosen(settings, prepared) if flows else _at_rest(prepared)
@@ -652,7 +696,12 @@ class _FieldModes:
 
     @classmethod
     def of(cls, full: FullModel, snapshots: SnapshotSet) -> _FieldModes:
-        """Modes of training histories."""
+        """Modes of training histories.
+
+        Args:
+            full: full model of inelastic bodies.
+            snapshots: training answers.
+        """
         states = [gauss.state for gauss in states_of(snapshots)]
         flowed = np.flatnonzero(np.any([state.inelastic.any(axis=1) for state in states], axis=0))
         plastic = state_modes(
@@ -696,7 +745,12 @@ class _FieldModes:
         return cls(flowed, plastic, cumulated, displacements, bodies, kinds, grading)
 
     def on(self, points: np.ndarray, equilibrium: FullOrderEquilibrium) -> PlasticFields:
-        """Completion of fields from some points."""
+        """Completion of fields from some points.
+
+        Args:
+            points: numbers of the points, (n,).
+            equilibrium: equilibrium of the full model.
+        """
         rows = np.searchsorted(self.flowed, points)
         values = rows_of(rows, equilibrium.operator.components)
         count = max(values.size // SPARE, 1)

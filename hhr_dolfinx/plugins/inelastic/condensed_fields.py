@@ -154,8 +154,10 @@ class PlasticFields:
     def stress(self, elastic: np.ndarray, theta: np.ndarray, plastic: np.ndarray) -> np.ndarray:
         """Stress at all Gauss points for the moduli of the middle, (Gauss points, components).
 
-        ``elastic``: displacement of loads and forces with the lift; ``plastic``: strain where laws
-        are evaluated.
+        Args:
+            elastic: displacement of loads and forces with the lift, (N,).
+            theta: amplitudes θ at its parameter.
+            plastic: plastic strain where laws are evaluated, (n, c).
         """
         shares = self.plastic.fit @ plastic.ravel()
         field = self.strain.strain(elastic + self.moved @ shares)
@@ -338,7 +340,12 @@ class CondensedFlowFields(Rebuilt, ModelFields):
         return rows @ self.basis, rows @ self.given, per_force, forced, rows @ motions
 
     def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:
-        """Rows of the outputs times the displacement, (K,)."""
+        """Rows of the outputs times the displacement, (K,).
+
+        Args:
+            answer: answer of the model.
+            theta: amplitudes θ at its parameter.
+        """
         per_mode, imposed, per_force, forced, motions = self._measures
         elastic = forced @ theta - per_force @ answer.multipliers
         products = imposed @ theta + per_mode @ answer.unknown[: per_mode.shape[1]]
@@ -349,8 +356,13 @@ class CondensedFlowFields(Rebuilt, ModelFields):
     def measured_changes(
         self, answer: Answer, changes: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of all forces and of these products:
-        :class:`~models.displacement.LinearDisplacement`.
+        """Derivatives of all forces and of the products of :meth:`measured`.
+
+        See :class:`~models.displacement.LinearDisplacement`.
+
+        Args:
+            answer: answer with a gradient.
+            changes: derivatives of θ, (1 + T, P).
         """
         assert answer.gradient is not None
         per_mode, imposed, per_force, forced, motions = self._measures

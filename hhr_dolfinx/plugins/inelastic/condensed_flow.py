@@ -196,7 +196,12 @@ class CondensedEquilibrium(MarchingEquilibrium):
         self.free_strain = np.asfortranarray(self.scale[:, None] * flow.forced + flow.given)
 
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """See :class:`Equilibrium`; (n, c) on Z."""
+        """See :class:`Equilibrium`; (n, c) on Z.
+
+        Args:
+            x: unknown: correction, forces and motions, (n,).
+            theta: amplitudes θ at the parameter.
+        """
         return self._by_point(self.free_strain @ theta + self._strain_of(x))
 
     def strain_of(self, change: np.ndarray) -> np.ndarray:
@@ -223,8 +228,13 @@ class CondensedEquilibrium(MarchingEquilibrium):
     def touched(
         self, contact: StepContact, slack: np.ndarray, driving: np.ndarray, active: np.ndarray
     ) -> tuple[Statuses, np.ndarray]:
-        """Forces with their statuses by a law of contacts, under a slack without any, and motions,
-        (r,).
+        """Forces with their statuses by a law of contacts, and motions, (r,).
+
+        Args:
+            contact: law of the contacts in this step.
+            slack: slack without contact forces, (m,).
+            driving: loads along the motions, (r,).
+            active: statuses to start from, (m,) bool.
         """
         if self.motions is None:
             return contact.solved(self.equalities, slack, active, None), np.zeros(0)
@@ -236,20 +246,37 @@ class CondensedEquilibrium(MarchingEquilibrium):
         return statuses, self.parts_of(moved)[2]
 
     def pushed(self, contact: StepContact, found: Statuses, slack: np.ndarray) -> np.ndarray:
-        """Derivatives of the last forces by those of the slack, (m, K), at constant loads."""
+        """Derivatives of the last forces by those of the slack, (m, K), at constant loads.
+
+        Args:
+            contact: law of the contacts in this step.
+            found: solution of the contact problem.
+            slack: derivatives of the slack, (m, K).
+        """
         if self.motions is None or contact is not UNILATERAL_STEP:
             # a law holds loose bodies on springs, whose S it has
             return contact.changes(self.equalities, found, slack)
         return self.motions.changed(np.zeros((self.size, slack.shape[1])), slack, found.active)[0]
 
     def undetermined(self, found: Statuses, x: np.ndarray, theta: Theta) -> np.ndarray | None:
-        """Motions of an unknown that forces leave undetermined, (n, d); None without any."""
+        """Motions of an unknown that forces leave undetermined, (n, d); None without any.
+
+        Args:
+            found: forces with their statuses.
+            x: the unknown, (n,).
+            theta: amplitudes θ at the parameter.
+        """
         return undetermined(
             self.motions, found, lambda: self.slack_of(self.gaps(theta), x), self.law
         )
 
     def slack_of(self, gaps: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Slack of an unknown, gaps + S λ - B V g - B R q, or the change of it by changes."""
+        """Slack of an unknown, gaps + S λ - B V g - B R q, or its change.
+
+        Args:
+            gaps: gaps, (m,), or their change.
+            x: unknown: correction, forces and motions, (n,).
+        """
         correction, forces, motions = self.parts_of(x)
         slack = gaps + self.schur @ forces - self.flow.moved @ correction
         return slack if self.loose is None else slack - self.loose.taken @ motions
@@ -284,6 +311,14 @@ class CondensedEquilibrium(MarchingEquilibrium):
         """R for the inelastic strain of ``gauss.state``, :mod:`plugins.inelastic.condensed_step`.
 
         Size of g, (1,).
+
+        Args:
+            x: unknown: correction, forces and motions, (n,).
+            gauss: ``state`` with the inelastic strain on Z.
+            theta: amplitudes θ at the parameter.
+
+        Returns:
+            of :mod:`plugins.inelastic.condensed_step`, and the size of g, (1,).
         """
         correction, forces, _ = self.parts_of(x)
         flow = self.flow
@@ -305,7 +340,8 @@ class CondensedEquilibrium(MarchingEquilibrium):
     def elastic_forces(self, theta: Theta) -> np.ndarray:
         """Contact forces λ_e of the elastic bodies, without plastic strain, (m,).
 
-        NotSolvableError without any.
+        Raises:
+            NotSolvableError: if there are none.
         """
         slack = self.gaps(theta)
         statuses, _ = self.touched(UNILATERAL_STEP, slack, self.driving(theta), slack < 0)
@@ -316,7 +352,12 @@ class CondensedEquilibrium(MarchingEquilibrium):
         return statuses.forces
 
     def strain_along(self, x: np.ndarray, way: ParameterDirection) -> np.ndarray:
-        """See :class:`Equilibrium`; compliances change too."""
+        """See :class:`Equilibrium`; compliances change too.
+
+        Args:
+            x: unknown: correction, forces and motions, (n,).
+            way: point and direction of the parameters.
+        """
         change = self.free_strain @ way.change
         if self.moduli:
             elastic = self.flow.forced @ way.theta - self.parts_of(x)[1] @ self.flow.per_force
@@ -326,7 +367,12 @@ class CondensedEquilibrium(MarchingEquilibrium):
         return self._by_point(change)
 
     def gaps_along(self, x: np.ndarray, way: ParameterDirection) -> np.ndarray:
-        """See :class:`Equilibrium`."""
+        """See :class:`Equilibrium`.
+
+        Args:
+            x: unknown: correction, forces and motions, (n,).
+            way: point and direction of the parameters.
+        """
         if not self.moduli:
             return self.gaps(way.change)
         softer = self._softer(way)
@@ -338,7 +384,13 @@ class CondensedEquilibrium(MarchingEquilibrium):
         )
 
     def residual_along(self, x: np.ndarray, change: Update, way: ParameterDirection) -> np.ndarray:
-        """See :class:`Equilibrium`; elastic forces change on their active conditions."""
+        """See :class:`Equilibrium`; elastic forces change on their active conditions.
+
+        Args:
+            x: unknown: correction, forces and motions, (n,).
+            change: derivatives of stress and state.
+            way: point and direction of the parameters.
+        """
         flow = self.flow
         residual: np.ndarray = flow.tested @ change.state.inelastic.T.ravel()
         driving = self.driving(way.change)
@@ -468,16 +520,27 @@ class _CondensedLinearisation:
         return np.concatenate([self._per_force @ forces, -forces, nothing])
 
     def slack_of(self, gaps: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """See :meth:`CondensedEquilibrium.slack_of`."""
+        """See :meth:`CondensedEquilibrium.slack_of`.
+
+        Args:
+            gaps: gaps, (m,), or their change.
+            x: unknown: correction, forces and motions, (n,).
+        """
         return self._model.slack_of(gaps, x)
 
     def changed(
         self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Solve Q dg + P dλ = tested dε_p/dε (E_p dg - E_X^T dλ) + residual, B V dg - S dλ = gaps
-        where active.
+        """Solve the linearised step for small changes.
 
-        Elsewhere dλ = 0. Returns (dg, dλ) and dλ.
+        Q dg + P dλ = tested dε_p/dε (E_p dg - E_X^T dλ) + residual, B V dg - S dλ = gaps where
+        active. Elsewhere dλ = 0.
+
+        Returns:
+            (dg, dλ) and dλ.
+
+        Raises:
+            NotSolvableError: if the system is singular.
         """
         model = self._model
         if self.motions is not None:

@@ -122,7 +122,15 @@ class WorkArrays(NamedTuple):
     def of(
         cls, modes: int, conditions: int, points: int, components: int, memory: int
     ) -> WorkArrays:
-        """Arrays of these sizes, without active conditions."""
+        """Arrays of some sizes, without active conditions.
+
+        Args:
+            modes: number of modes.
+            conditions: number of contact conditions.
+            points: number of points.
+            components: components of a strain, 4 or 6.
+            memory: rows of the memory.
+        """
         # not by shape: two sizes may be the same
         shapes: dict[str, Any] = dict.fromkeys(
             ("here", "there", "direction", "residual", "left"), modes
@@ -155,15 +163,25 @@ COMPILED_STEPS = "steps of condensed flow"
 def touch(model: StepModel, load: StepLoad, work: WorkArrays) -> bool:
     """Solve for contact forces at ``work.there`` from the present statuses.
 
-    Returns False if none were found.
+    Args:
+        model: arrays of the model.
+        load: input of the step.
+        work: work arrays of the step.
+
+    Returns:
+        False if none were found.
     """
     return touched(model, load.slack, work)
 
 
 @compiled(inner=True)
 def touched(model: StepModel, free: np.ndarray, work: WorkArrays) -> bool:
-    """Solve as :func:`touch` does, from the slack without a correction, for other compiled
-    functions.
+    """Solve as :func:`touch` does, for other compiled functions.
+
+    Args:
+        model: arrays of the model.
+        free: slack without a correction, (m,).
+        work: work arrays of the step.
     """
     slack = work.slack
     for i in range(slack.size):
@@ -483,8 +501,13 @@ def solve(
 ) -> int:
     """Solve a step from the correction in ``work.there`` and the statuses in ``work``.
 
-    A step is solved at ``tolerance``, |R| over the size of the correction; ``most`` limits the
-    evaluations of the laws.
+    Args:
+        model: arrays of the model.
+        load: input of the step.
+        work: work arrays of the step.
+        laws: laws of the groups of points.
+        tolerance: tolerance of |R| over the size of the correction.
+        most: limit of the evaluations of the laws.
     """
     numbers = work.numbers
     numbers[ITERATION] = 0.0

@@ -88,7 +88,8 @@ class LawOfParameters:
     def constants(self, point: np.ndarray) -> dict[str, float | np.ndarray]:
         """Values of the formulas at a point, (P,), by name.
 
-        SceneError for one that is not finite or in no table.
+        Raises:
+            SceneError: for one that is not finite or in no table.
         """
         values: dict[str, float | np.ndarray] = {}
         for field, scalar in self._scalars.items():
@@ -161,7 +162,11 @@ class ModuliOfParameters:
         return {key: scalar.derivative(point) @ directions for key, scalar in self._scalars.items()}
 
     def values(self, point: np.ndarray) -> dict[tuple[int, str], float]:
-        """The constants at a point, (P,); SceneError for an impossible one."""
+        """Elastic constants at a point, (P,).
+
+        Raises:
+            SceneError: for an impossible one.
+        """
         values = {}
         for key, scalar in self._scalars.items():
             name = key[1]
@@ -189,12 +194,20 @@ def check_law_over_box(
     coordinates: Sequence[str] = (),
     places: np.ndarray | None = None,
 ) -> None:
-    """Raise SceneError unless the constants of a law are valid in the whole box.
+    """Refuse a law whose constants are not valid in the whole box.
 
-    ``what`` names its owner.
+    The check takes corners and some hundred points between, and a hundred of the places. A step
+    with invalid constants that it missed is refused.
 
-    The check takes corners and some hundred points between, and a hundred of the places, (n, d). A
-    step with invalid constants that it missed is refused.
+    Args:
+        law: law of a body.
+        space: box of the parameters.
+        what: owner of the law, for messages.
+        coordinates: names of coordinates that formulas may have.
+        places: coordinates of the points, (n, d); None without any.
+
+    Raises:
+        SceneError: for such a law.
     """
     if not formulas_of(law):
         return
@@ -244,7 +257,15 @@ class _LawsOfScenes:
         return stress
 
     def check_hypothesis(self, law: Any, hypothesis: str) -> None:
-        """Raise SceneError for a law in a frame that turns the axis across the plane."""
+        """Refuse a law in a frame that turns the axis across the plane.
+
+        Args:
+            law: law of a body.
+            hypothesis: hypothesis of the scene.
+
+        Raises:
+            SceneError: for such a frame.
+        """
         if hypothesis != "solid" and hasattr(law, "frame"):
             from hhr_dolfinx.forms.laws import rotation
 

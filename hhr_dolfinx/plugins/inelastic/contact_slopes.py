@@ -48,7 +48,12 @@ class LinearisedStep(Protocol):
         """The unknown less that under contact forces, (m,): (n,)."""
 
     def slack_of(self, gaps: np.ndarray, x: np.ndarray) -> np.ndarray:
-        """Slack of an unknown, (m, K), by gaps and unknowns, (n, K)."""
+        """Slack of an unknown, (m, K), by gaps and unknowns, (n, K).
+
+        Args:
+            gaps: gaps, (m, K).
+            x: unknowns, (n, K).
+        """
 
 
 class ContactSlopes(Protocol):
@@ -96,7 +101,16 @@ class UnilateralSlopes:
         way: np.ndarray,
         seconds: float,
     ) -> ContactChange:
-        """See :class:`ContactSlopes`."""
+        """See :class:`ContactSlopes`.
+
+        Args:
+            linear: linearisation of the step.
+            answer: answer at the end of the step.
+            slack: slack of all rows at its end, (m,).
+            right: derivatives of residual and gaps at a given unknown, (n, K) and (m, K).
+            way: directions of the parameter, (P, K).
+            seconds: duration of the step.
+        """
         columns = []
         for residual, gaps in zip(*(derivatives.T for derivatives in right), strict=True):
             dx, forces = linear.changed(residual, gaps, answer.active)
@@ -110,9 +124,14 @@ class UnilateralSlopes:
 
 
 def slopes_of_contacts(model: Any, count: int) -> ContactSlopes:
-    """Derivatives of the contacts of a history of an equilibrium along some directions.
+    """Derivatives of the contacts of a history along some directions.
 
-    NotOfferedError if the law of its contacts has none.
+    Args:
+        model: equilibrium of the history.
+        count: number of directions, K.
+
+    Raises:
+        NotOfferedError: if the law of its contacts has none.
     """
     if not model.law.remembers:
         return UnilateralSlopes()
@@ -126,5 +145,10 @@ def slopes_of_contacts(model: Any, count: int) -> ContactSlopes:
 
 
 def columnwise(function: Callable[[np.ndarray], np.ndarray], values: np.ndarray) -> np.ndarray:
-    """A function of vectors for columns, (m, K): (n, K)."""
+    """A function of vectors for columns, (n, K).
+
+    Args:
+        function: maps a vector, (m,), to a vector, (n,).
+        values: columns, (m, K).
+    """
     return np.stack([function(np.ascontiguousarray(column)) for column in values.T], axis=1)

@@ -58,8 +58,11 @@ class CorrectionStepper(Stepper):
         """Take in the size of a correction."""
 
     def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
-        """Solve from the extrapolation of the corrections before; if that fails, from the last
-        one.
+        """Solve from the extrapolation of the corrections before, then from the last one.
+
+        Args:
+            trail: last answers, at most three, the present one last.
+            goal: time and parameter at the end of the step.
         """
         modes = self.model.modes
         starts = [extrapolated(trail, goal.time, modes)] if len(trail) > 1 else []
@@ -127,7 +130,12 @@ class NewtonStepper(CorrectionStepper):
     def load(self, here: Answer, goal: Goal) -> StepInput:
         """Input of the step from an answer to a goal.
 
-        Diverged if elastic bodies have no contact forces there.
+        Args:
+            here: answer at the start of the step.
+            goal: time and parameter at the end of the step.
+
+        Raises:
+            Diverged: if elastic bodies have no contact forces there.
         """
         model = self.model
         theta = model.amplitudes(goal.parameter)
@@ -184,7 +192,16 @@ class NewtonStepper(CorrectionStepper):
         )
 
     def tried(self, load: StepInput, correction: np.ndarray, active: np.ndarray) -> Trial:
-        """Contact from some statuses, laws and R at a correction; Diverged without one of them."""
+        """Contact, laws and R at a correction.
+
+        Args:
+            load: input of the step.
+            correction: correction g, (ell,).
+            active: statuses to start from, (m,) bool.
+
+        Raises:
+            Diverged: if contact forces, an answer of a law or R are missing.
+        """
         model = self.model
         slack = load.slack - model.flow.moved @ correction
         statuses, motions = model.touched(load.contact, slack, load.driving, active)
@@ -204,7 +221,12 @@ class NewtonStepper(CorrectionStepper):
         return Trial(correction, statuses, motions, update, strain, residual)
 
     def slope(self, load: StepInput, at: Trial) -> np.ndarray:
-        """-dR/dg, (ell, ell), at the trial that was solved last."""
+        """-dR/dg, (ell, ell), at the trial that was solved last.
+
+        Args:
+            load: input of the step.
+            at: the trial that was solved last.
+        """
         model = self.model
         forces = model.pushed(load.contact, at.found, -model.flow.moved)
         flowing = model.flowing(at.update.tangents)

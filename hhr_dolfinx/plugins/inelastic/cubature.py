@@ -219,8 +219,14 @@ class _Factor:
         return self.wanted - self._columns.all @ self.weights
 
     def add(self, point: int, column: np.ndarray) -> bool:
-        """Add a column, with weight zero; returns False, and does nothing, if it depends on those
-        chosen.
+        """Add a column with weight zero.
+
+        Args:
+            point: its number among the candidates.
+            column: its contributions, (R,), of length one.
+
+        Returns:
+            False, if it depends on the chosen ones: then nothing is added.
         """
         residual = column
         shares = np.zeros(len(self.points))
@@ -246,9 +252,12 @@ class _Factor:
         return True
 
     def take(self, points: np.ndarray, columns: np.ndarray, weights: np.ndarray) -> None:
-        """Start with some columns, (R, n), n <= R, and weights > 0.
+        """Start with some columns; those that depend on others are left out.
 
-        Those that depend on others are left out.
+        Args:
+            points: their numbers among the candidates, (n,).
+            columns: their contributions, (R, n), n <= R.
+            weights: weight of each, (n,), > 0.
         """
         q, r, order = linalg.qr(columns, mode="economic", pivoting=True, check_finite=False)
         independent = np.abs(np.diag(r)) > DEPENDENT_COLUMN
@@ -301,7 +310,12 @@ class _ShortList:
         self.columns = rows[:, self.points] * inverse[self.points]
 
     def along(self, misfit: np.ndarray, left_out: set[int]) -> np.ndarray:
-        """Cosines of the columns with a misfit; -inf for points left out."""
+        """Cosines of the columns with a misfit; -inf for points left out.
+
+        Args:
+            misfit: misfit of the integrals, (R,).
+            left_out: numbers of points to leave out.
+        """
         along = misfit @ self.columns
         along[np.isin(self.points, list(left_out))] = -np.inf
         return along
@@ -342,8 +356,11 @@ class _Search:
         return self.factor
 
     def begin(self, start: Cubature, most: int) -> None:
-        """Start from the points of another cubature, at most ``most``, with the best weights for
-        them.
+        """Start from the points of another cubature, with the best weights for them.
+
+        Args:
+            start: the other cubature.
+            most: largest number of points.
         """
         heavy = np.argsort(-start.weights * self.lengths[start.points], kind="stable")[:most]
         points = start.points[heavy]

@@ -52,7 +52,12 @@ class ElasticResponse:
         )
 
     def correction(self, problem: ContactProblem, answer: Answer) -> np.ndarray:
-        """u_p of a full answer, (N,)."""
+        """u_p of a full answer, (N,).
+
+        Args:
+            problem: contact problem of the full model.
+            answer: answer of the full model.
+        """
         theta = problem.amplitudes(answer.parameter)
         scale = self.factors.compliances(answer.parameter)[self.parts]
         elastic = scale * (self.forced @ theta - self.per_force @ answer.multipliers)
@@ -128,7 +133,8 @@ def _eigenforces(full: FullModel) -> csc_matrix:
 def parts_of(problem: ContactProblem) -> tuple[np.ndarray, PartFactors]:
     """Part of the stiffness of each dof, (N,), and the moduli of the parts.
 
-    ReductionError if parts are connected.
+    Raises:
+        ReductionError: if parts are connected, and for moduli that are no factors.
     """
     if problem.reshaped is not None:
         raise ReductionError(
@@ -167,8 +173,7 @@ def correction_modes(
     left_out: float,
     most: int | None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Modes of corrections, (N, S), orthonormal in energy, (N, ell), and the energy norm of each
-    state, (S,).
+    """Modes of corrections, orthonormal in energy, and the energy norm of each state.
 
     They leave out a part of the summed norm of all corrections, unless there would be more than
     ``most``. Each counts by the root of its size. By their sizes, corrections of training part
@@ -176,6 +181,16 @@ def correction_modes(
     wrong on a cantilever, 12 to 25 % on the pellet; by the root 2 to 3 and 1 %, with twice as many
     modes. With equal weights there were three times as many. If moduli vary, each part has separate
     modes: a mode across parts would have no definite energy.
+
+    Args:
+        problem: contact problem of the full model.
+        corrections: corrections, (N, S).
+        elastic: elastic response, for the part of each dof.
+        left_out: part of their summed norm to leave out.
+        most: largest number of modes; None for no limit.
+
+    Returns:
+        Modes, (N, ell), and norms, (S,).
     """
     sizes = np.sqrt(
         np.maximum(np.einsum("ns,ns->s", corrections, problem.stiffness @ corrections), 0.0)

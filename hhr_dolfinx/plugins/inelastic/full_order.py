@@ -381,7 +381,13 @@ class FullOrderEquilibrium(MeshEquilibrium):
     def residual(
         self, x: np.ndarray, gauss: GaussState | Update, theta: Theta
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Loads less internal forces on free dofs, and the norm of their terms in each body."""
+        """Loads less internal forces on free dofs, and the norm of their terms in each body.
+
+        Args:
+            x: unknown, (n,).
+            gauss: stress and state at the Gauss points.
+            theta: amplitudes θ of the loads at the parameter.
+        """
         loads = self.problem.external @ theta
         grounded = 0.0 if self.springs is None else self.springs * (x + self.lifts @ theta)
         internal, size = self.internal(gauss.stress, grounded)
@@ -401,9 +407,13 @@ class FullOrderEquilibrium(MeshEquilibrium):
     def internal(
         self, stress: np.ndarray, grounded: np.ndarray | float = 0.0
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Forces of a stress and of springs on free dofs, with those on dependent ones.
+        """Forces of a stress and of springs on free dofs, and the size of their terms.
 
-        The size of their terms.
+        Forces on dependent dofs are included.
+
+        Args:
+            stress: stress at the Gauss points, (Gauss points, components).
+            grounded: forces of springs to ground, (N,).
         """
         internal, size = self.operator.internal(stress)
         if self._ranks is not None:
@@ -454,7 +464,8 @@ class FullOrderEquilibrium(MeshEquilibrium):
 def equilibrium_of(full: FullModel) -> FullOrderEquilibrium:
     """Equilibrium of a full model of inelastic bodies.
 
-    NotOfferedError for laws that another plug-in reads.
+    Raises:
+        NotOfferedError: for elastic bodies, and for laws that another plug-in reads.
     """
     equilibrium: Any = full.equilibrium
     if equilibrium is None or equilibrium.reader != "inelastic":

@@ -50,9 +50,14 @@ def places_of(discretisation: DiscreteSpace) -> np.ndarray:
 
 
 def grading_at(discretisation: DiscreteSpace, place: int) -> np.ndarray:
-    """Grading of a body, by its index, at its Gauss points, (n,); empty without one.
+    """Grading of a body at its Gauss points, (n,); empty without one.
 
-    SceneError if it is not positive.
+    Args:
+        discretisation: discrete space of the scene.
+        place: index of the body in the scene.
+
+    Raises:
+        SceneError: if it is not positive and finite.
     """
     body = discretisation.scene.bodies[place]
     if body.grading is None:
@@ -74,10 +79,13 @@ def material_at(
     *,
     flat: bool | None = None,
 ) -> Material:
-    """Laws at the Gauss points of the cells of an operator, with bodies as indices in the scene,
-    (cells,).
+    """Laws at the Gauss points of the cells of an operator.
 
-    They are stated for plane stress if ``flat``, by default in scenes of plane stress.
+    Args:
+        discretisation: discrete space of the scene.
+        bodies: body of each cell as its index in the scene, (cells,).
+        operator: strain at the Gauss points.
+        flat: state laws for plane stress; None does in scenes of plane stress.
     """
     scene = discretisation.scene
     flat = scene.hypothesis == "plane_stress" if flat is None else flat
@@ -119,6 +127,11 @@ def stiffness_parts(
 
     A formula of E has a part, one of ν a part for the change of volume and one for that of shape,
     and all numbers have one part. Constant elasticity has one part and no modulus.
+
+    Args:
+        material: laws at the Gauss points.
+        operator: strain at the Gauss points.
+        pattern: sparsity of the stiffness.
     """
     if not any(group.texts for group in material.groups):
         return (operator.stiffness(material.elastic, pattern),), ()
@@ -154,11 +167,15 @@ def _parts_of(group: Group, components: int) -> Iterator[tuple[str, str, np.ndar
 
 
 def at_gauss_points(discretisation: DiscreteSpace, operator: StrainOperator) -> csc_matrix:
-    """Eigenstrains at the Gauss points of inelastic bodies, for each term of θ, (points *
-    components, 1 + T).
+    """Eigenstrains at Gauss points for each term of θ, (points * components, 1 + T).
 
-    SceneError for a user-defined load whose ``eigenstrain_of`` lacks the one term of the
-    assembler's ``eigenstress``.
+    Args:
+        discretisation: discrete space of the scene.
+        operator: strain at the Gauss points.
+
+    Raises:
+        SceneError: for a user-defined load whose ``eigenstrain_of`` lacks the one term of the
+            assembler's ``eigenstress``.
     """
     loads = discretisation.scene.loads
     points = operator.gauss_points * operator.components

@@ -123,6 +123,10 @@ def with_gradients(model: MaterialEquilibrium, history: History) -> None:
     """Give each answer of a history its derivatives along the parameters.
 
     See :func:`history_gradient`.
+
+    Args:
+        model: equilibrium that solved the history.
+        history: its history, whose answers get them.
     """
     for index, step_gradient in enumerate(history_gradient(model, history)):
         unknown, multipliers, slack, near, kinks = step_gradient
@@ -173,11 +177,13 @@ class _SolvedStep:
         scale: float,
         contacts: ContactSlopes,
     ) -> tuple[StepGradient, InternalVariables]:
-        """Derivatives of the step, and of the state after it, along directions of the parameter,
-        (P, K).
+        """Derivatives of the step, and of the state after it, along directions.
 
-        ``before`` are derivatives of the state before the step, with K last, ``scale`` is the
-        largest strain so far.
+        Args:
+            directions: directions of the parameter, (P, K).
+            before: derivatives of the state before the step, K last.
+            scale: largest strain so far.
+            contacts: derivatives of the contacts.
         """
         local = self._there
         answer = self._answer

@@ -101,7 +101,11 @@ class Law(KnownArguments):
     elastic: ClassVar[bool] = False
 
     def statement(self, at: At) -> Stated:
-        """The law in UFL, see :mod:`hhr_dolfinx.forms.laws`."""
+        """The law in UFL, see :mod:`hhr_dolfinx.forms.laws`.
+
+        Raises:
+            NotImplementedError: a law must state it.
+        """
         raise NotImplementedError
 
     def in_plane_stress(self) -> Law:
@@ -112,9 +116,14 @@ class Law(KnownArguments):
         return _Thin(self)
 
     def at_points(self, strains: int, *, plane_stress: bool = False) -> LawProgram:
-        """The law as models evaluate it, for strains of 4 or 6 components.
+        """The law as models evaluate it.
 
-        SceneError for those that cannot be.
+        Args:
+            strains: components of a strain, 4 or 6.
+            plane_stress: state it for plane stress.
+
+        Raises:
+            SceneError: if it cannot be evaluated at points.
         """
         return program_of(self, strains, plane_stress=plane_stress)
 
@@ -129,11 +138,23 @@ class Law(KnownArguments):
         return {name: value for name, value in self.constants().items() if isinstance(value, str)}
 
     def with_numbers(self, numbers: Mapping[str, Any], place: str = "") -> None:
-        """Raise SceneError for numbers of constants outside their limits."""
+        """Refuse numbers of constants outside their limits.
+
+        Args:
+            numbers: numbers of constants by name.
+            place: description of the point, for messages.
+
+        Raises:
+            SceneError: for such numbers.
+        """
         _check_numbers(self.name, numbers, self.limits, place)
 
     def constants(self) -> dict[str, float | str]:
-        """Constants by name, numbers or formulas."""
+        """Constants by name, numbers or formulas.
+
+        Raises:
+            SceneError: if the class is no dataclass.
+        """
         if not is_dataclass(self):
             raise SceneError(
                 f"{self.name} is no dataclass: write @dataclass(frozen=True) above its class"
@@ -195,7 +216,18 @@ def _check_numbers(
 def check_constant(
     law: str, name: str, value: float, limits: tuple[float, float], place: str = ""
 ) -> None:
-    """Raise SceneError for a constant that is no number in its open interval."""
+    """Refuse a constant that is no number in its open interval.
+
+    Args:
+        law: name of the law.
+        name: name of the constant.
+        value: its value.
+        limits: open interval of it.
+        place: description of the point, for messages.
+
+    Raises:
+        SceneError: for such a constant.
+    """
     low, high = limits
     if not (is_number(value) and low < value < high):
         least = (
@@ -269,6 +301,15 @@ def hooke(
 
     In plane stress C is that of strains in the plane; strains across are 0 there, and so is their
     stress.
+
+    Args:
+        young: Young's modulus E.
+        poisson: Poisson's ratio ν.
+        components: components of a strain, c: 4 or 6.
+        plane_stress: take C of strains in the plane.
+
+    Returns:
+        C and C^-1, (c, c) each.
     """
     lam, mu = lame_parameters(young, poisson)
     count = 2 if plane_stress else 3
@@ -281,7 +322,12 @@ def hooke(
 
 
 def compliance_slope(components: int, *, plane_stress: bool = False) -> np.ndarray:
-    """Derivative of C^-1 of :func:`hooke` along ν times E, (c, c): C^-1 E is (1 + ν) I - ν 1⊗1."""
+    """Derivative of C^-1 of :func:`hooke` along ν times E, (c, c): C^-1 E is (1 + ν) I - ν 1⊗1.
+
+    Args:
+        components: components of a strain, c: 4 or 6.
+        plane_stress: take C of strains in the plane.
+    """
     unit = np.zeros(components)
     unit[: 2 if plane_stress else 3] = 1.0
     return np.eye(components) - np.outer(unit, unit)
@@ -402,7 +448,15 @@ class LawProgram(Rebuilt):
         }
 
     def with_numbers(self, numbers: Mapping[str, Any], place: str = "") -> LawProgram:
-        """The law with numbers for some constants; SceneError for those outside their limits."""
+        """The law with numbers for some constants.
+
+        Args:
+            numbers: numbers of constants by name.
+            place: description of the point, for messages.
+
+        Raises:
+            SceneError: for numbers outside their limits.
+        """
         limits = zip(self.low, self.high, strict=True)
         _check_numbers(self.name, numbers, dict(zip(self.constants, limits, strict=True)), place)
         values = [
@@ -422,7 +476,15 @@ class LawProgram(Rebuilt):
     ) -> Update:
         """Stress, state and tangents at the end of a step at some points.
 
-        ConvergenceError without an answer.
+        Args:
+            strain: total strain at its end, (n, c).
+            old: state before it; not modified.
+            dt: duration of the step in seconds.
+            given: constants of the law and the elasticity.
+            tangent: compute consistent tangents.
+
+        Raises:
+            ConvergenceError: if a point has no answer.
         """
         components = self.strains
         points = len(strain)
@@ -454,8 +516,14 @@ class LawProgram(Rebuilt):
         return Update(stress.T, state, tangents.transpose(2, 0, 1) if tangent else None)
 
     def given(self, young: float, poisson: float) -> LawNumbers:
-        """Constants, which must be numbers, and the elasticity at rest; SceneError for a
-        formula.
+        """Constants and the elasticity at rest.
+
+        Args:
+            young: Young's modulus E.
+            poisson: Poisson's ratio ν.
+
+        Raises:
+            SceneError: for a constant that is a formula.
         """
         texts = [value for value in self.values if isinstance(value, str)]
         if texts:
@@ -468,7 +536,15 @@ class LawProgram(Rebuilt):
         return LawNumbers(constants, *self.elasticity(young, poisson))
 
     def elasticity(self, young: float, poisson: float) -> tuple[np.ndarray, np.ndarray]:
-        """C and C^-1, (c, c) each; SceneError if a constant that states them is no number."""
+        """C and C^-1, (c, c) each.
+
+        Args:
+            young: Young's modulus E.
+            poisson: Poisson's ratio ν.
+
+        Raises:
+            SceneError: if a constant that states them is no number.
+        """
         if not self.elastic:
             return hooke(young, poisson, self.strains, plane_stress=self.plane_stress)
         numbers = [value if is_number(value) else math.nan for value in self.values]
@@ -536,7 +612,12 @@ class LawProgram(Rebuilt):
 
 
 def law_sizes(declared: Mapping[str, int], strains: int) -> dict[str, int]:
-    """Numbers of components by name, those of the strain for tensors."""
+    """Numbers of components by name, those of the strain for tensors.
+
+    Args:
+        declared: sizes by name, :data:`TENSOR` for tensors.
+        strains: components of a strain, 4 or 6.
+    """
     return {name: size or strains for name, size in declared.items()}
 
 
@@ -593,9 +674,15 @@ class Graded(Law):
 
 
 def program_of(law: Law, strains: int, *, plane_stress: bool = False) -> LawProgram:
-    """A law as data for strains of 4 or 6 components.
+    """A law as data.
 
-    SceneError for what programs cannot state.
+    Args:
+        law: law of a body.
+        strains: components of a strain, 4 or 6.
+        plane_stress: state it for plane stress.
+
+    Raises:
+        SceneError: for statements that programs do not have.
     """
     law = law.in_plane_stress() if plane_stress else law
     statement = _Made(law, strains)
@@ -730,7 +817,8 @@ class _Made:
     def parts(self) -> list[list[int]]:
         """Nodes of the outputs of each part.
 
-        SceneError for a statement whose parts do not fit the law.
+        Raises:
+            SceneError: for a statement whose parts do not fit the law.
         """
         law = self.law
         graph = self.graph

@@ -82,6 +82,11 @@ class StepSlopes(NamedTuple):
 def slopes_of(material: Material, given: Inputs, along: Along) -> StepSlopes:
     """Derivatives of the step of a material whose constants are numbers.
 
+    Args:
+        material: laws at the Gauss points.
+        given: inputs of the step.
+        along: their derivatives along K directions.
+
     Raises:
         NotSolvableError: if the equations of a law are singular at a point.
         NotOfferedError: for a law that is code at points whose two sides differ.

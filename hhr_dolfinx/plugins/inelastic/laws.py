@@ -424,8 +424,15 @@ class Orthotropic(_Framed):
         shear: float,
         frame: Frame = AXES,
     ) -> Orthotropic:
-        """Isotropic across the first axis: moduli along and across it, contraction across of a pull
-        along it, ratio across, and shear modulus along.
+        """Elasticity that is isotropic across the first axis.
+
+        Args:
+            along: modulus along the first axis.
+            across: modulus across it.
+            ratio_along: contraction across of a pull along it.
+            ratio_across: contraction across of a pull across.
+            shear: shear modulus along it.
+            frame: unit vectors of the material as rows.
         """
         plane = across / (2 * (1 + ratio_across))
         return cls(

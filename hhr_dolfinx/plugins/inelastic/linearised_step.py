@@ -124,7 +124,12 @@ class MeshEquilibrium(MarchingEquilibrium):
         return self.field(x) + self.lifts @ theta if self.lifts.nnz else self.field(x)
 
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """See :class:`Equilibrium`."""
+        """See :class:`Equilibrium`.
+
+        Args:
+            x: unknown, (n,).
+            theta: amplitudes θ of the loads at the parameter.
+        """
         strain = self.operator.strain(self._displacement(x, theta))
         return (
             strain - (self.eigenstrains @ theta).reshape(strain.shape)
@@ -137,7 +142,12 @@ class MeshEquilibrium(MarchingEquilibrium):
         return self.operator.strain(self.field(change))
 
     def round_off(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Size of round-off of the sum of stiffness times displacement for each body, (bodies,)."""
+        """Size of round-off of the sum of stiffness times displacement for each body, (bodies,).
+
+        Args:
+            x: unknown, (n,).
+            theta: amplitudes θ of the loads at the parameter.
+        """
         return 1e-13 * self.norms(self._sizes @ np.abs(self._displacement(x, theta)))
 
     def stepper(self, settings: MarchSettings) -> LinearisedStepper:
@@ -180,7 +190,14 @@ class LinearisedStepper(Stepper):
     def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
         """Solve from the extrapolation of the answers before.
 
-        If that fails, with new tangents, elastically started.
+        If that fails, with new tangents from an elastic start.
+
+        Args:
+            trail: last answers, at most three, the present one last.
+            goal: time and parameter at the end of the step.
+
+        Raises:
+            Diverged: if neither converges.
         """
         settings = self.settings
         careful = replace(settings, search="tangent") if settings.search == "frozen" else settings

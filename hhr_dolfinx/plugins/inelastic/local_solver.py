@@ -447,14 +447,25 @@ def solve_points(
     tangent: np.ndarray,
     result: np.ndarray,
 ) -> None:
-    """Stress, (c, n), memory, (k, n), and tangents, (c, c, n), at the end of a step.
+    """Solve a step of a law at some points.
 
-    Tangents may be empty.
+    Memory and constants may have more rows than the law.
 
-    The points are those from ``start`` to ``end`` - 1 of n. Strains are (c, n), constants
-    (constants, n), or (constants, 1) if they are the same at all points, C^-1 is (c, c). At a point
-    it is over ``grading``, (n,), which is empty for 1. Memory and constants may have more rows than
-    the law. ``result`` is one of :data:`SOLVED` and the others at each point.
+    Args:
+        code: programs of laws.
+        law: number of the law in ``code``.
+        start: first point.
+        end: last point and one.
+        strain: strain at the end of the step, (c, n).
+        old: memory before it, (k, n).
+        dt: duration of the step in seconds.
+        constants: E, ν and constants, (constants, n), or (constants, 1) if all points share them.
+        compliance: C^-1, (c, c), for the grading 1.
+        grading: factor of C at each point, (n,); empty for 1.
+        stress: set to the stress, (c, n).
+        new: set to the memory, (k, n).
+        tangent: set to the tangents, (c, c, n); may be empty.
+        result: set to :data:`SOLVED` or another code at each point, (n,).
     """
     strains = code.sizes[law, STRAINS]
     size = code.sizes[law, UNKNOWNS]
@@ -490,7 +501,14 @@ def solve_points(
 
 @compiled(inner=True)
 def subtract(share: float, row: np.ndarray, grading: np.ndarray, to: np.ndarray) -> None:
-    """Subtract a share of a row, over the grading if there is any, from another row."""
+    """Subtract a share of a row, over the grading if there is any, from another row.
+
+    Args:
+        share: factor of the row.
+        row: row to subtract, (n,).
+        grading: divisor at each point, (n,); empty for 1.
+        to: row to change, (n,).
+    """
     if grading.size > 0:
         for k in range(to.size):
             to[k] -= share * row[k] / grading[k]

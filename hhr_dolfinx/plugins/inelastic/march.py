@@ -62,7 +62,15 @@ class MarchingEquilibrium(MaterialEquilibrium):
         known: Sequence[Answer] = (),
         keep: Callable[[Answer], None] = lambda answer: None,
     ) -> History:
-        """History along a checked path, see :func:`march`."""
+        """History along a checked path, see :func:`march`.
+
+        Args:
+            model: not read: the equilibrium answers.
+            path: checked path.
+            settings: settings of the history.
+            known: answers of its first steps.
+            keep: called with each answer.
+        """
         return march(self._marching(settings), path, settings, known=known, keep=keep)
 
     def known_error(self, known: str) -> str:
@@ -84,7 +92,16 @@ class MarchingEquilibrium(MaterialEquilibrium):
     ) -> Answer:
         """One step from rest to a point, see :func:`one_step`.
 
-        NotOfferedError for a gradient and other arguments.
+        Args:
+            model: the model that answers.
+            point: parameter, (P,).
+            raise_on_failure: raise instead of returning NaN and a status.
+            outside: policy outside the training range.
+            gradient: compute the derivatives along the parameters.
+            **step: ``duration`` of the step.
+
+        Raises:
+            NotOfferedError: for a gradient and other keywords.
         """
         if step.keys() - {"duration"}:
             raise NotOfferedError(
@@ -186,7 +203,12 @@ class _MarchedSteps:
         return turned
 
     def known(self, number: int, answer: Answer) -> Answer:
-        """Take in a step that the full model solved before."""
+        """Take in a step that the full model solved before.
+
+        Args:
+            number: number of the step in the path, from 1 on.
+            answer: its answer.
+        """
         turned = self._begun(number, *self.path[number])
         after = self.model.together.own(answer)
         self.stepper.learn(after)
@@ -195,7 +217,16 @@ class _MarchedSteps:
         return self._ended(number, after, answer)
 
     def solved(self, number: int, time: float, point: np.ndarray) -> Answer:
-        """Solve a step, cut as often as necessary."""
+        """Solve a step, cut as often as necessary.
+
+        Args:
+            number: number of the step in the path, from 1 on.
+            time: its time in seconds.
+            point: parameter at its end, (P,).
+
+        Raises:
+            ConvergenceError: if the smallest parts do not converge.
+        """
         turned = self._begun(number, time, point)
         try:
             after = _stepped(
@@ -304,7 +335,12 @@ def _uniform(
 
 
 def elastic_axes(moduli: Sequence[str], names: Sequence[str]) -> dict[int, list[str]]:
-    """Formulas of the elasticity by the index of each parameter on which they depend."""
+    """Formulas of the elasticity by the index of each parameter on which they depend.
+
+    Args:
+        moduli: formulas of the elasticity of all bodies.
+        names: names of the parameters.
+    """
     if not moduli:
         return {}
     # imported here: most moduli are numbers, and then formulas need not be loaded
@@ -319,8 +355,15 @@ def elastic_axes(moduli: Sequence[str], names: Sequence[str]) -> dict[int, list[
 
 
 def check_elasticity(moduli: Sequence[str], names: Sequence[str], path: Path) -> None:
-    """Raise ParameterError for a checked path along which a modulus of elasticity changes, by their
-    formulas.
+    """Refuse a path along which a modulus of elasticity changes.
+
+    Args:
+        moduli: formulas of the elasticity of all bodies.
+        names: names of the parameters.
+        path: checked path.
+
+    Raises:
+        ParameterError: for such a path.
     """
     for index, texts in elastic_axes(moduli, names).items():
         values = np.array([point[index] for _, point in path])
@@ -342,11 +385,16 @@ def one_step(
     outside: str = "warn",
     duration: float = 1.0,
 ) -> Answer:
-    """Answer of a model of inelastic bodies: one step from rest, where the box is nearest to zero,
-    with its elasticity.
+    """Answer of a model of inelastic bodies: one step from rest, with the elasticity of the point.
 
-    The arguments are those of :meth:`Model.solve`, and the duration of the step in seconds, for
-    laws with rates.
+    Rest is where the box is nearest to zero.
+
+    Args:
+        model: model of inelastic bodies.
+        mu: parameter: number, sequence or mapping by name.
+        raise_on_failure: raise instead of returning NaN and a status.
+        outside: policy outside the training range.
+        duration: duration of the step in seconds, for laws with rates.
     """
     space = model.parameters
     target = space.point(mu)

@@ -47,7 +47,13 @@ class FlowMises(Functional):
 
 
 def mises(operator: StrainOperator, output: StressOutput, cells: np.ndarray) -> FlowMises:
-    """Von Mises' stress of an output at the Gauss points of some cells."""
+    """Von Mises' stress of an output at the Gauss points of some cells.
+
+    Args:
+        operator: strain at the Gauss points.
+        output: output of the scene.
+        cells: numbers of the cells.
+    """
     from hhr_dolfinx.outputs import no_rows  # scenes without outputs do without it
 
     points = operator.points_of(cells)
@@ -109,7 +115,13 @@ class FlowEnergy(Functional):
 
 
 def energy(operator: StrainOperator, material: Material, output: NamedOutput) -> FlowEnergy:
-    """Elastic energy of an output at all Gauss points."""
+    """Elastic energy of an output at all Gauss points.
+
+    Args:
+        operator: strain at the Gauss points.
+        material: laws at the Gauss points.
+        output: output of the scene.
+    """
     from hhr_dolfinx.outputs import no_rows  # scenes without outputs do without it
 
     bodies = np.empty(material.gauss_points, dtype=np.int64)
@@ -145,8 +157,17 @@ def _compliances(group: Group, components: int) -> Iterator[tuple[str, np.ndarra
 
 
 def check_elasticity(material: Material, space: ParameterSpace, output: NamedOutput) -> None:
-    """Raise SceneError for a law, not of plane stress, whose slope at rest is not C of its body
-    somewhere in a box.
+    """Refuse a law, not of plane stress, whose slope at rest is not C of its body.
+
+    The corners and the middle of a box are tried.
+
+    Args:
+        material: laws at the Gauss points.
+        space: box of the parameters.
+        output: output of the scene.
+
+    Raises:
+        SceneError: for such a law.
     """
     for point in (space.lower, space.middle, space.upper):
         local = material.at(np.array(point, dtype=float))

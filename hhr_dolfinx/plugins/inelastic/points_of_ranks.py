@@ -75,7 +75,12 @@ class PointsOfRanks(GaussPoints):
         return self.worst(float(values[point]), self.points.start + point)
 
     def worst(self, size: float, what: object) -> Any:
-        """See :class:`GaussPoints`."""
+        """See :class:`GaussPoints`.
+
+        Args:
+            size: size on this rank.
+            what: value of this rank.
+        """
         return max(self._comm.allgather((float(size), what)), key=lambda pair: pair[0])[1]
 
     def own(self, answer: Answer) -> Answer:

@@ -69,7 +69,13 @@ def check_tangents(draft: Draft) -> None:
 
 
 def project_flow(full: FullOrderEquilibrium, basis: np.ndarray, sets: IndexSets) -> ReducedFlow:
-    """Gauss points, laws and modes, (N, ell), of the cells that act on A, (6.17)."""
+    """Gauss points, laws and modes of the cells that act on A, (6.17).
+
+    Args:
+        full: equilibrium of the full model.
+        basis: V, (N, ell).
+        sets: index sets of the RID.
+    """
     problem = full.problem
     operator = full.operator
     mask = np.zeros(problem.free.size, dtype=bool)
@@ -103,8 +109,12 @@ def project_flow(full: FullOrderEquilibrium, basis: np.ndarray, sets: IndexSets)
 def training_tangents(
     full: FullOrderEquilibrium, snapshots: SnapshotSet, count: int
 ) -> list[tuple[np.ndarray, csr_matrix]]:
-    """Tangents and stiffness at some training states of each history, the last among them, with
-    their constants.
+    """Tangents and stiffness at some training states of each history, the last among them.
+
+    Args:
+        full: equilibrium of the full model.
+        snapshots: training answers.
+        count: states of each history.
     """
     states: list[tuple[Any, csr_matrix]] = []
     for history in snapshots.histories if full.material.flows else ():
@@ -130,7 +140,13 @@ def tangent_margin(model: ReducedModel, tangents: np.ndarray, stiffness: csr_mat
 
     1 if the RID is the whole mesh.
 
-    ``tangents`` are those at all Gauss points of the full model, ``stiffness`` is its K_T.
+    Args:
+        model: hyper-reduced model.
+        tangents: consistent tangents at all Gauss points of the full model.
+        stiffness: its K_T, (N, N).
+
+    Raises:
+        UnstableModelError: if the tangent is singular on the basis.
     """
     reduced: Any = model.equilibrium
     r = reduced.problem.motions  # of bodies that contact alone holds: they have no stiffness

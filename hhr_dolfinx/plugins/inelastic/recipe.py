@@ -33,8 +33,14 @@ from hhr_dolfinx.snapshots.records import SnapshotSet
 def nodes_of_values(
     problem: ContactProblem, fields: Sequence[np.ndarray], tolerance: float
 ) -> np.ndarray:
-    """Nodes of the cells in which DEIM picks values of fields of Gauss points, as many in each
-    cell; none of zeros.
+    """Nodes of the cells in which DEIM picks values of fields of Gauss points.
+
+    Each cell has as many values. Fields of zeros pick none.
+
+    Args:
+        problem: contact problem of the full model.
+        fields: one field of each state, (values,).
+        tolerance: part of the squared sum that the POD leaves out.
     """
     if not any(field.any() for field in fields):
         return np.zeros(0, dtype=np.int64)
@@ -50,7 +56,13 @@ class StressDeim(Truncated):
     def nodes(
         self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray
     ) -> np.ndarray:
-        """See :class:`Nodes`; empty for elastic bodies."""
+        """See :class:`Nodes`; empty for elastic bodies.
+
+        Args:
+            problem: contact problem of the full model.
+            snapshots: training answers.
+            basis: modes of the displacement, (N, ell).
+        """
         return nodes_of_values(
             problem, [gauss.stress.ravel() for gauss in states_of(snapshots)], self.tolerance
         )
@@ -65,7 +77,13 @@ class FlowDeim(Truncated):
     def nodes(
         self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray
     ) -> np.ndarray:
-        """See :class:`Nodes`; empty without plastic strain in training."""
+        """See :class:`Nodes`; empty without plastic strain in training.
+
+        Args:
+            problem: contact problem of the full model.
+            snapshots: training answers.
+            basis: modes of the displacement, (N, ell).
+        """
         return nodes_of_values(
             problem, [gauss.state.cumulated for gauss in states_of(snapshots)], self.tolerance
         )

@@ -94,7 +94,14 @@ class ReducedFlow:
         fields: Reconstruction,
         trained: Trained | None,
     ) -> ReducedEquilibrium:
-        """Equilibrium of gamma on all Gauss points of the RID."""
+        """Equilibrium of gamma on all Gauss points of the RID.
+
+        Args:
+            problem: projected problem.
+            parameters: box of the parameters.
+            fields: fields that complete answers.
+            trained: training range; None without one.
+        """
         equilibrium = ReducedEquilibrium(problem, self, parameters, fields)
         equilibrium.trained = trained if isinstance(trained, TrainedPaths) else None
         return equilibrium
@@ -198,7 +205,12 @@ class ReducedEquilibrium(MeshEquilibrium):
         return np.array([np.sqrt(residual @ residual)])
 
     def depth(self, answer: Answer, theta: Theta) -> float:
-        """Deepest violation of a gap anywhere on the contact surface, 0 if none."""
+        """Deepest violation of a gap anywhere on the contact surface, 0 if none.
+
+        Args:
+            answer: answer of the model.
+            theta: amplitudes θ at the parameter.
+        """
         over = self.fields.contact_basis @ answer.unknown - self.fields.gaps @ theta
         if self.fields.interface is not None:  # other rows have no gap
             over = over[self.fields.interface.whole.pressing(len(over))]
@@ -215,7 +227,13 @@ class ReducedEquilibrium(MeshEquilibrium):
     def residual(
         self, x: np.ndarray, gauss: GaussState | Update, theta: Theta
     ) -> tuple[np.ndarray, np.ndarray]:
-        """V[A]^T times loads minus internal forces, and the norm of its terms on A, (1,)."""
+        """V[A]^T times loads minus internal forces, and the norm of its terms on A, (1,).
+
+        Args:
+            x: unknown, (n,).
+            gauss: stress and state at the Gauss points.
+            theta: amplitudes θ at the parameter.
+        """
         loads = self._external @ theta
         internal, size = self._internal(x, gauss.stress, theta)
         return loads - self._test @ internal, self.norms(loads) + self.norms(size)

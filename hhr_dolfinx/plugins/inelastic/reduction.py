@@ -87,6 +87,10 @@ class StateErrors:
 def check_door(trained: TrainedPaths, limits: FlowLimits) -> None:
     """Warn of a model so inaccurate along known load paths that its steps hardly detect untrained
     states.
+
+    Args:
+        trained: training range of the model.
+        limits: limits of stress and strain.
     """
     if trained.estimate > limits.warn_estimate:
         warn(
@@ -132,6 +136,9 @@ class FittedFlow:
     def completion(self, flow: Any) -> FlowFields:
         """Reconstruction of stress and cumulated plastic strain from the Gauss points of the RID
         (section 6.2.3).
+
+        Raises:
+            ReductionError: if the training has no stress.
         """
         if self.stress is None:
             raise ReductionError(
@@ -178,7 +185,12 @@ class OfInelasticBodies(OfHistories):
     def condensed_from(
         self, snapshots: SnapshotSet, held_out: SnapshotSet | None
     ) -> tuple[SnapshotSet | None, SnapshotSet | None, bool | None]:
-        """Histories, with fields as settings say."""
+        """Histories for a condensed model, with fields as settings say.
+
+        Args:
+            snapshots: training answers.
+            held_out: validation answers, if any.
+        """
         return snapshots, held_out, None
 
     def skipped(self, recipe: Recipe) -> Iterator[tuple[str, str]]:
@@ -188,8 +200,16 @@ class OfInelasticBodies(OfHistories):
         yield from super().skipped(recipe)
 
     def check(self, name: str, solutions: object) -> SnapshotSet:
-        """Raise ReductionError for solutions that are no histories, or those of elastic bodies or
-        another mesh.
+        """Check solutions of inelastic bodies.
+
+        Args:
+            name: name of the answers, for messages.
+            solutions: answers as a user gives them.
+
+        Raises:
+            NotOfferedError: for shapes that are parameters.
+            ReductionError: for solutions that are no histories, or those of elastic bodies or
+                another mesh.
         """
         problem = self.full.problem
         self.contacts.require_completion()
@@ -215,7 +235,12 @@ class OfInelasticBodies(OfHistories):
         return histories
 
     def warn_of_training(self, snapshots: SnapshotSet, held_out: SnapshotSet | None) -> None:
-        """Warn of histories without contact or plastic strain, and without validation."""
+        """Warn of histories without contact or plastic strain, and without validation.
+
+        Args:
+            snapshots: training answers.
+            held_out: validation answers, if any.
+        """
         warn_of_no_contact(self.full.problem, snapshots)
         material = equilibrium_of(self.full).material
         if material.flows and not material.linear and not flowed(snapshots):
@@ -228,7 +253,12 @@ class OfInelasticBodies(OfHistories):
         warn_of_few_held_out(held_out, 0, "a history")
 
     def starts(self, snapshots: SnapshotSet, conditions: np.ndarray) -> None:
-        """None: a step starts from the one before."""
+        """Starts of steps: none, as a step starts from the one before.
+
+        Args:
+            snapshots: training answers.
+            conditions: conditions of the model.
+        """
 
     def range_of(self, snapshots: SnapshotSet) -> None:
         """None before the check, which solves the known paths."""
@@ -244,6 +274,13 @@ class OfInelasticBodies(OfHistories):
         """Errors against known load paths, and the training range.
 
         None without limits, or without any path.
+
+        Args:
+            model: model to check.
+            snapshots: training answers.
+            held_out: validation answers, if any.
+            limits: limits of stress and strain; None leaves out the comparison.
+            remedy: advice for errors beyond the limits.
 
         Raises:
             UnstableModelError: for errors beyond the limits.

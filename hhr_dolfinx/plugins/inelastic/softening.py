@@ -31,6 +31,10 @@ def warn_of_softening(full: FullModel, snapshots: Solutions) -> None:
     Tangents that are not symmetric, as of flow that is not associated, have negative eigenvalues
     without softening.
 
+    Args:
+        full: full model of inelastic bodies.
+        snapshots: training histories.
+
     Warns:
         StabilityWarning: with the law, the point of the parameters and the time.
     """

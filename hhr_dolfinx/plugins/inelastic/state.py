@@ -70,7 +70,12 @@ def check_answer(answer: Answer) -> None:
 
 
 def rows_of(points: np.ndarray, components: int) -> np.ndarray:
-    """Rows of some Gauss points in an array with a row for each component at each point."""
+    """Rows of some Gauss points in an array with a row for each component at each point.
+
+    Args:
+        points: numbers of the points, (n,).
+        components: components at each point.
+    """
     return (points[:, None] * components + np.arange(components)).ravel()
 
 

@@ -86,7 +86,12 @@ class StoredGauss:
         return {"gauss": GaussState(arrays["stress"], variables)}
 
     def residual(self, answer: Answer, forces: float) -> float:
-        """Residual of the stress, and of the slack."""
+        """Residual of the stress, and of the slack.
+
+        Args:
+            answer: stored answer.
+            forces: largest norm of forces, a scale.
+        """
         equilibrium = self._on_shape(answer)
         problem = equilibrium.problem
         theta = problem.amplitudes(answer.parameter)

@@ -100,11 +100,14 @@ class StrainOperator:
     def stiffness(
         self, tangents: np.ndarray, pattern: SparsePattern, elastic: ElasticPart | None = None
     ) -> csr_matrix:
-        """Stiffness ∫ ε(v) : H : ε(u) of tangents H (gauss_points, components, components), (size,
-        size).
+        """Stiffness ∫ ε(v) : H : ε(u) of tangents H, (size, size).
 
-        With the tangents and the data of an elastic part, cells whose tangents are elastic cost
-        nothing.
+        With an elastic part, cells whose tangents are elastic cost nothing.
+
+        Args:
+            tangents: H at the Gauss points, (gauss_points, components, components).
+            pattern: sparsity of the stiffness.
+            elastic: elastic tangents and the data of their stiffness; None for none.
         """
         if elastic is None:
             data = np.zeros(pattern.indices.size)

@@ -53,7 +53,13 @@ class Run(NamedTuple):
 
     @classmethod
     def of(cls, model: Model, path: HistoryPath, settings: MarchSettings) -> Run:
-        """A history, timed once."""
+        """A history, timed once.
+
+        Args:
+            model: small model.
+            path: load path.
+            settings: settings of the history.
+        """
 
         def march() -> History | HHRError:
             try:
@@ -70,11 +76,16 @@ class Run(NamedTuple):
 def runs_beside(
     models: Mapping[str, Model], path: HistoryPath, settings: Any, exact: History
 ) -> dict[str, Run]:
-    """Histories of several models, by name, compared with a full one: all once, then all again, in
-    turns.
+    """Histories of several models, by name: all once, then all again, in turns.
 
     They are timed as a user runs them, and answered in the parts of the steps of the full one: with
     a time tolerance each model has different parts, whose time errors would count as model errors.
+
+    Args:
+        models: models by name.
+        path: load path.
+        settings: settings of the study.
+        exact: history of the full model.
     """
     march = settings.march
     rounds = [
@@ -102,7 +113,13 @@ def runs_beside(
 def run_in_full(full: FullOrderModel, path: HistoryPath, ways: Sequence[MarchSettings]) -> Run:
     """A full history by the first of some settings that solves it.
 
-    ConvergenceError of the last one.
+    Args:
+        full: full model of inelastic bodies.
+        path: load path.
+        ways: settings, in the order of their trial.
+
+    Raises:
+        ConvergenceError: that of the last settings, if none does.
     """
     for settings in ways:
         run = Run.of(full, path, settings)
@@ -115,11 +132,18 @@ def run_in_full(full: FullOrderModel, path: HistoryPath, ways: Sequence[MarchSet
 def timed_searches(
     full: FullOrderModel, path: HistoryPath, march: MarchSettings
 ) -> tuple[list[MarchSettings], dict[str, float], list[dict[str, str]]]:
-    """Settings for full histories, the fastest search operator first; seconds of each on a path.
+    """Settings for full histories, the fastest search operator first, with the seconds of each.
 
-    Those that failed.
+    Args:
+        full: full model of inelastic bodies.
+        path: load path.
+        march: settings of the study.
 
-    ConvergenceError if none converges.
+    Returns:
+        Settings, seconds by search operator, and searches that failed.
+
+    Raises:
+        ConvergenceError: if none converges.
     """
     ways = {
         search: march if search == march.search else replace(march, search=search, iterations=200)
@@ -144,8 +168,14 @@ def history_errors(
     """Relative errors at the last step as in thesis table 6.1, and the largest ones of the history.
 
     ``resultant`` is the error of the sum of all contact forces at the last step over the largest
-    sum in the history. Errors in the RID are those of a model with one; below the force norm
-    ``floor`` a relative error has no meaning.
+    sum in the history. Errors in the RID are those of a model with one.
+
+    Args:
+        full: full model.
+        model: small model.
+        history: history of the model.
+        exact: history of the full model.
+        floor: force norm below which a relative error has no meaning.
     """
     last = history.answers[-1]
     reference = exact.answers[-1]
@@ -174,7 +204,14 @@ def history_errors(
 
 
 def row_of_runs(method: str, setting: str, runs: Sequence[Run], errors: Sequence[Report]) -> Row:
-    """Row of a method, from its histories and the errors of each."""
+    """Row of a method, from its histories and the errors of each.
+
+    Args:
+        method: name of the method.
+        setting: its setting, in words.
+        runs: its histories.
+        errors: errors of each.
+    """
     values = {name: np.array([row[name] for row in errors]) for name in errors[0] if name != "kkt"}
     residuals = [row["kkt"] for row in errors if row["kkt"]]
     kkt = {name: max(row[name] for row in residuals) for name in residuals[0]} if residuals else {}
@@ -206,9 +243,17 @@ class Measured:
         exact: list[History],
         floor: float,
     ) -> Measured:
-        """Compare histories of a model, with its method and setting, with those of the full one.
+        """Compare histories of a model with those of the full one.
 
         Without any it raises the error that ended the first one.
+
+        Args:
+            name: method and setting of the model.
+            full: full model.
+            model: small model.
+            runs: its histories.
+            exact: histories of the full model along the same paths.
+            floor: force norm below which a relative error has no meaning.
         """
         rows = [
             None
@@ -236,7 +281,12 @@ class Measured:
 def seconds_of_parts(
     full_or_reduced: FullOrderModel | ReducedModel, history: History
 ) -> dict[str, float]:
-    """Seconds of each part of an iteration in the last step of a history, and of a new tangent."""
+    """Seconds of each part of an iteration in the last step of a history, and of a new tangent.
+
+    Args:
+        full_or_reduced: full or hyper-reduced model.
+        history: its history.
+    """
     model: Any = full_or_reduced.equilibrium
     (before, _), (time, _), answer = *history.path[-2:], history.answers[-1]
     theta = model.amplitudes(answer.parameter)
@@ -292,6 +342,12 @@ def measure_histories(
     Under study is the hyper-reduced model, or the condensed inelastic one if that is refused. A
     path that one of them does not solve counts with infinite errors and the time that it took. The
     full model is no more accurate than its time steps, which is reported without a warning.
+
+    Args:
+        training: full model with training answers.
+        settings: settings of the study.
+        tests: test paths by label.
+        progress: shows the progress over the paths.
 
     Raises:
         ReductionError, UnstableModelError: if both are refused.
@@ -463,6 +519,10 @@ def time_error_of(exact: History, model: Model) -> float:
     """Largest time error of a full history.
 
     Without a tolerance, by a small model in the same steps, which is cheap.
+
+    Args:
+        exact: history of the full model.
+        model: small model, for a history without a tolerance.
     """
     if exact.time_tolerance is None:
         try:
@@ -477,6 +537,10 @@ def condensed_report(model: CondensedFlowModel, row: Row) -> Report:
 
     ``check`` holds misfit and largest energy of the cubature, and the largest errors along known
     histories.
+
+    Args:
+        model: condensed inelastic model.
+        row: its errors and times.
     """
     record = model.offline
     comparison = model.offline.comparison
@@ -551,8 +615,12 @@ def advice_flowing(report: Report) -> Advice:
 
 
 def draw_over_time(histories: dict[str, History], contacts: np.ndarray, folder: Path) -> None:
-    """Force of each contact, largest plastic strain and iterations of the steps of histories, by
-    method.
+    """Draw force of each contact, largest plastic strain and iterations of the steps, by method.
+
+    Args:
+        histories: histories by method.
+        contacts: pair of each condition, (m,).
+        folder: folder of the picture.
     """
     from hhr_dolfinx.plugins.studies.plots import (
         plot_curves,
@@ -599,7 +667,13 @@ class _Study:
     def fields(
         self, full: FullOrderModel, answers: dict[str, Answer], view: View
     ) -> dict[str, dict[str, np.ndarray]]:
-        """Plastic strain, and the first normal stress."""
+        """Plastic strain, and the first normal stress.
+
+        Args:
+            full: full model of inelastic bodies.
+            answers: answers by the name of their method.
+            view: units and scales of the pictures.
+        """
 
         def mean(values: np.ndarray) -> np.ndarray:
             return values.reshape(len(full.problem.cell_nodes), -1).mean(axis=1)

@@ -111,9 +111,12 @@ class SecondSolution:
         self.largest = np.zeros(len(TimeErrors._fields))  # norms of the fields so far
 
     def follow(self, before: Answer, after: Answer, turned: bool) -> None:
-        """Note a step of the history, which starts elastically if the path ``turned``.
+        """Note a step of the history; it is solved when needed.
 
-        It is solved when needed.
+        Args:
+            before: answer at its start.
+            after: answer at its end.
+            turned: True if the path turns at its start, which is elastic then.
         """
         self._behind.append((before, after, turned))
 
@@ -148,8 +151,15 @@ class SecondSolution:
     def attempt(
         self, stepper: Stepper, trail: Trail, goal: Goal
     ) -> tuple[list[Answer], list[Answer]]:
-        """A part of a step of the history, from the end of its trail: as a whole, and in halves by
-        its stepper.
+        """Solve a part of a step of the history as a whole, and in halves by its stepper.
+
+        Args:
+            stepper: solves the halves.
+            trail: last answers, at most three, the present one last.
+            goal: end of the part.
+
+        Returns:
+            The answers of both.
         """
         undivided = self.advanced(trail, [goal])
         halves = list[Answer]()
@@ -168,6 +178,10 @@ class SecondSolution:
     def norms(self, answer: Answer, other: Answer | None = None) -> np.ndarray:
         """Norms of stress, displacement and contact forces of an answer, or of its difference to
         another one, (3,).
+
+        Args:
+            answer: an answer.
+            other: another answer; None for the norms of ``answer``.
         """
         stress, displacement, forces = (
             first if other is None else first - second
@@ -180,7 +194,12 @@ class SecondSolution:
 
 
 def relative(errors: np.ndarray, largest: np.ndarray) -> np.ndarray:
-    """Errors over the largest norms; 0 of fields that are 0."""
+    """Errors over the largest norms; 0 of fields that are 0.
+
+    Args:
+        errors: errors of some fields.
+        largest: largest norm of each field.
+    """
     return np.divide(errors, largest, out=np.zeros_like(errors), where=largest > 0)
 
 
@@ -189,8 +208,11 @@ def _fields(answer: Answer) -> tuple[np.ndarray, ...]:
 
 
 def halved(before: Any, ends: Sequence[Goal]) -> list[Goal]:
-    """Ends of the halves of some steps, the first of which begins at the time and parameter of an
-    answer.
+    """Ends of the halves of some steps.
+
+    Args:
+        before: answer at their start.
+        ends: ends of the steps.
     """
     starts = [Goal(before.time, before.parameter), *ends]
     middles = [
@@ -215,6 +237,9 @@ def in_parts(
     finds the same parts.
 
     Args:
+        trail: last answers, at most three, the present one last.
+        goal: end of the step.
+        turned: True if the path turns at the start of the step.
         stepper: of the history, whose last answers are ``trail``; its settings have the tolerance.
         second: solution of the history in whole parts, which follows.
         number: of the step in the path, from 1 on; it starts elastically if the path ``turned``.

@@ -56,7 +56,12 @@ error is large, and as a limit it would accept all errors at full loads.
 
 
 def share_of_stress(misfit: float, stress: float) -> float:
-    """Misfit over stress: 0 for zero stress, infinite for non-finite stress."""
+    """Misfit over stress: 0 for zero stress, infinite for non-finite stress.
+
+    Args:
+        misfit: norm of the part that training does not explain.
+        stress: norm of the stress.
+    """
     if not math.isfinite(stress):
         return math.inf
     return misfit / stress if stress > 0 else 0.0
@@ -145,9 +150,13 @@ class TrainedPaths:
         known: Known,
         rated: bool = True,
     ) -> TrainedPaths:
-        """Training range from paths, the start first, and indicators.
+        """Training range from paths and indicators.
 
-        ``rated``: some law depends on rates.
+        Args:
+            paths: training paths, the start first.
+            space: box of the parameters.
+            known: indicators along them.
+            rated: True if some law depends on rates.
         """
         times = [np.array([time for time, _ in path]) for path in paths]
         points = [np.array([point for _, point in path]) for path in paths]
@@ -207,9 +216,12 @@ class TrainedPaths:
         return low, high, 1e-9 * (self.parameters.upper - self.parameters.lower)
 
     def complaint(self, step: float, before: np.ndarray, after: np.ndarray) -> str:
-        """Report of a step, in seconds, between two parameters, (P,), outside the training.
+        """Report of a step outside the training; empty if it is inside.
 
-        Empty if it is inside.
+        Args:
+            step: duration of the step in seconds.
+            before: parameter at its start, (P,).
+            after: parameter at its end, (P,).
         """
         outside_box = self.parameters.complaint(before) or self.parameters.complaint(after)
         if outside_box:
@@ -270,7 +282,15 @@ class Watch:
     def before(
         self, number: int, start: float, end: float, here: np.ndarray, there: np.ndarray
     ) -> None:
-        """Check a step before its solution, from one time and parameter to another."""
+        """Check a step before its solution.
+
+        Args:
+            number: number of the step in the path, from 1 on.
+            start: time at its start in seconds.
+            end: time at its end in seconds.
+            here: parameter at its start, (P,).
+            there: parameter at its end, (P,).
+        """
         if self._trained is not None:
             complaint = self._trained.complaint(end - start, here, there)
             if complaint:
@@ -280,7 +300,13 @@ class Watch:
                 )
 
     def after(self, number: int, time: float, signs: Signs) -> None:
-        """Check a solved step by its indicators."""
+        """Check a solved step by its indicators.
+
+        Args:
+            number: number of the step in the path, from 1 on.
+            time: its time in seconds.
+            signs: its error indicators.
+        """
         trained = self._trained
         if trained is None:
             return

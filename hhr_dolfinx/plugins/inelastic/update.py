@@ -114,7 +114,11 @@ class Group:
         return numbers._replace(constants=constants, grading=self.grading)
 
     def numbers(self) -> tuple[float, float]:
-        """E and ν, which must be numbers here."""
+        """E and ν.
+
+        Raises:
+            SceneError: for one that is a formula.
+        """
         for name, text in self.texts.items():
             raise SceneError(
                 f"{name} = {text} is a formula of the parameters: material.moduli_at(point) has "
@@ -131,7 +135,12 @@ class LastOf:
         self._last: tuple[object, Any] = None, None
 
     def of(self, key: object, make: Callable[[], Any]) -> Any:
-        """The value of a key, which is not None."""
+        """The value of a key, which is not None.
+
+        Args:
+            key: key to look for.
+            make: makes the value, unless the last key is the same.
+        """
         last = self._last
         if last[0] is not key and last[0] != key:
             self._last = last = key, make()  # in one assignment: several threads may be here
@@ -183,7 +192,12 @@ class Material:
     def faults_for(self, space: ParameterSpace, dimension: int) -> Iterator[str]:
         """Faults of a material read from a file.
 
-        SceneError for a formula with invalid values in the box.
+        Args:
+            space: box of the parameters.
+            dimension: dimension of the mesh.
+
+        Raises:
+            SceneError: for a formula with invalid values in the box.
         """
         if self.components != (4 if dimension == 2 else 6) or self.names not in ((), space.names):
             yield (
@@ -262,7 +276,9 @@ class Material:
     def restricted(self, indices: np.ndarray, *, empty: bool = False) -> Material:
         """Material of some Gauss points, renumbered in their order.
 
-        Groups without any are kept if ``empty``.
+        Args:
+            indices: numbers of the points, (n,).
+            empty: keep groups without any.
         """
         members = [np.flatnonzero(np.isin(indices, group.indices)) for group in self.groups]
         groups = [
