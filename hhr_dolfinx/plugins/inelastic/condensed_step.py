@@ -193,7 +193,17 @@ def touched(model: StepModel, free: np.ndarray, work: WorkArrays) -> bool:
 
 
 @compiled(inner=True)
-def _search(slack, forces, schur, per_force, inverse, order, active, rows, numbers):
+def _search(
+    slack: np.ndarray,
+    forces: np.ndarray,
+    schur: np.ndarray,
+    per_force: np.ndarray,
+    inverse: np.ndarray,
+    order: np.ndarray,
+    active: np.ndarray,
+    rows: np.ndarray,
+    numbers: np.ndarray,
+) -> bool:
     """Solve for the forces under a slack and their statuses.
 
     All wrong statuses are switched at once as long as that brings progress, then the first wrong
@@ -236,7 +246,16 @@ def _search(slack, forces, schur, per_force, inverse, order, active, rows, numbe
 
 
 @compiled(inner=True)
-def _forces(slack, forces, found, local, schur, inverse, order, count):
+def _forces(
+    slack: np.ndarray,
+    forces: np.ndarray,
+    found: np.ndarray,
+    local: np.ndarray,
+    schur: np.ndarray,
+    inverse: np.ndarray,
+    order: np.ndarray,
+    count: int,
+) -> float:
     """Compute forces of the active conditions and the slack ``found`` under them.
 
     Returns the largest force.
@@ -260,7 +279,14 @@ def _forces(slack, forces, found, local, schur, inverse, order, count):
 
 
 @compiled(inner=True)
-def _mark(slack, forces, found, active, largest, wrong):
+def _mark(
+    slack: np.ndarray,
+    forces: np.ndarray,
+    found: np.ndarray,
+    active: np.ndarray,
+    largest: float,
+    wrong: np.ndarray,
+) -> int:
     """Mark the conditions that pull or overlap by more than round-off; returns their number."""
     through = 0.0
     for i in range(wrong.size):
@@ -276,7 +302,16 @@ def _mark(slack, forces, found, active, largest, wrong):
 
 
 @compiled(inner=True)
-def _switch(schur, per_force, inverse, order, active, rows, numbers, condition):
+def _switch(
+    schur: np.ndarray,
+    per_force: np.ndarray,
+    inverse: np.ndarray,
+    order: np.ndarray,
+    active: np.ndarray,
+    rows: np.ndarray,
+    numbers: np.ndarray,
+    condition: int,
+) -> bool:
     """Change a status and update the inverse of S_AA.
 
     Returns False and changes nothing if that is singular.
@@ -300,7 +335,15 @@ def _switch(schur, per_force, inverse, order, active, rows, numbers, condition):
 
 
 @compiled(inner=True)
-def _join(schur, per_force, inverse, order, rows, condition, count):
+def _join(
+    schur: np.ndarray,
+    per_force: np.ndarray,
+    inverse: np.ndarray,
+    order: np.ndarray,
+    rows: np.ndarray,
+    condition: int,
+    count: int,
+) -> bool:
     """Border the inverse of S_AA by one condition."""
     column = np.zeros(count)
     for a in range(count):
@@ -326,7 +369,9 @@ def _join(schur, per_force, inverse, order, rows, condition, count):
 
 
 @compiled(inner=True)
-def _leave(inverse, order, rows, condition, count):
+def _leave(
+    inverse: np.ndarray, order: np.ndarray, rows: np.ndarray, condition: int, count: int
+) -> None:
     """Remove one condition from the inverse of S_AA."""
     position = 0
     while order[position] != condition:
@@ -347,7 +392,7 @@ def _leave(inverse, order, rows, condition, count):
 
 
 @compiled(inner=True)
-def _refresh(schur, inverse, order, count):
+def _refresh(schur: np.ndarray, inverse: np.ndarray, order: np.ndarray, count: int) -> None:
     """Compute the inverse of S_AA from S."""
     if count == 0:
         return
@@ -362,7 +407,7 @@ def _refresh(schur, inverse, order, count):
 
 
 @compiled(inner=True)
-def _inverse_of(matrix):
+def _inverse_of(matrix: np.ndarray) -> np.ndarray:
     """The inverse of a matrix; LinAlgError for a singular one."""
     return np.linalg.inv(matrix)
 
@@ -372,7 +417,17 @@ ANY_ORDER = {"reassoc", "contract"}
 
 
 @compiled(inner=True, fastmath=ANY_ORDER)
-def _set_strain(strain, free, forces, order, count, rows, scale, there, per_mode):
+def _set_strain(
+    strain: np.ndarray,
+    free: np.ndarray,
+    forces: np.ndarray,
+    order: np.ndarray,
+    count: int,
+    rows: np.ndarray,
+    scale: np.ndarray,
+    there: np.ndarray,
+    per_mode: np.ndarray,
+) -> None:
     """Compute the strain that the laws see, at ``there`` under the forces there."""
     for k in range(strain.size):
         strain[k] = 0.0
@@ -391,7 +446,9 @@ def _set_strain(strain, free, forces, order, count, rows, scale, there, per_mode
 
 
 @compiled(inner=True)
-def _evaluate(ends, load, laws, work, tangent):
+def _evaluate(
+    ends: np.ndarray, load: StepLoad, laws: StepLaws, work: WorkArrays, tangent: bool
+) -> None:
     """Evaluate the laws at the strain in ``work``: stress, memory, and with ``tangent`` slopes of
     inelastic strain.
     """
@@ -416,7 +473,14 @@ def _evaluate(ends, load, laws, work, tangent):
 
 
 @compiled(inner=True)
-def _store_slopes(slopes, tangents, compliance, grading, start, end):
+def _store_slopes(
+    slopes: np.ndarray,
+    tangents: np.ndarray,
+    compliance: np.ndarray,
+    grading: np.ndarray,
+    start: int,
+    end: int,
+) -> None:
     """1 - C^-1 H at the points of a group."""
     for i in range(len(compliance)):
         for j in range(len(compliance)):
@@ -429,7 +493,7 @@ def _store_slopes(slopes, tangents, compliance, grading, start, end):
 
 
 @compiled(inner=True)
-def _flows(memory, old, components):
+def _flows(memory: np.ndarray, old: np.ndarray, components: int) -> bool:
     """True if the inelastic strain of any point changes in the step."""
     for i in range(components):
         for k in range(memory.shape[1]):
@@ -439,7 +503,7 @@ def _flows(memory, old, components):
 
 
 @compiled(inner=True)
-def _possible(result):
+def _possible(result: np.ndarray) -> bool:
     """True if all laws have an answer."""
     for k in range(result.size):
         if result[k] != 0:
@@ -448,7 +512,17 @@ def _possible(result):
 
 
 @compiled(inner=True, fastmath=ANY_ORDER)
-def _set_residual(tested, memory, components, modal, there, coupled, forces, elastic, residual):
+def _set_residual(
+    tested: np.ndarray,
+    memory: np.ndarray,
+    components: int,
+    modal: np.ndarray,
+    there: np.ndarray,
+    coupled: np.ndarray,
+    forces: np.ndarray,
+    elastic: np.ndarray,
+    residual: np.ndarray,
+) -> float:
     """Compute R; returns the sum of its entries, which is finite if all are."""
     flat = memory[:components].reshape(-1)
     total = 0.0
@@ -466,7 +540,7 @@ def _set_residual(tested, memory, components, modal, there, coupled, forces, ela
 
 
 @compiled(inner=True, fastmath=ANY_ORDER)
-def _flowing_of(tested, slopes):
+def _flowing_of(tested: np.ndarray, slopes: np.ndarray) -> np.ndarray:
     """w (G V)^T C dε_p/dε, (ell, c n)."""
     # indices that are no sums, as loops over others do not vectorise
     weights = tested.reshape((len(tested), len(slopes), slopes.shape[2]))
@@ -526,7 +600,9 @@ def solve(
 
 
 @compiled(inner=True)
-def _judge(model, load, work, laws, tolerance, most):
+def _judge(
+    model: StepModel, load: StepLoad, work: WorkArrays, laws: StepLaws, tolerance: float, most: int
+) -> int:
     numbers = work.numbers
     numbers[ITERATION] += 1
     first = numbers[MERIT] == np.inf
@@ -569,7 +645,7 @@ def _judge(model, load, work, laws, tolerance, most):
 
 
 @compiled(inner=True, fastmath=ANY_ORDER)
-def _norm(values):
+def _norm(values: np.ndarray) -> float:
     total = 0.0
     for value in values:
         total += value * value
@@ -577,7 +653,9 @@ def _norm(values):
 
 
 @compiled(inner=True)
-def _learn(there, here, newton, left, residual):
+def _learn(
+    there: np.ndarray, here: np.ndarray, newton: np.ndarray, left: np.ndarray, residual: np.ndarray
+) -> None:
     """Update the inverse of -J by the step just made (Broyden 1965, the first of his updates)."""
     ell = here.size
     missed = np.empty(ell)
@@ -600,7 +678,7 @@ def _learn(there, here, newton, left, residual):
 
 
 @compiled(inner=True)
-def _go(work):
+def _go(work: WorkArrays) -> int:
     """Make a full Newton step from ``here``."""
     total = 0.0
     for i in range(work.here.size):
@@ -615,7 +693,7 @@ def _go(work):
 
 
 @compiled(inner=True)
-def _nearer(work, most):
+def _nearer(work: WorkArrays, most: int) -> int:
     """Recompute J at ``here`` if it is outdated; otherwise halve the step."""
     numbers = work.numbers
     if numbers[ITERATION] >= most:
@@ -636,7 +714,7 @@ def _nearer(work, most):
 
 
 @compiled(inner=True)
-def _linearise(model, load, work, laws):
+def _linearise(model: StepModel, load: StepLoad, work: WorkArrays, laws: StepLaws) -> bool:
     """Compute the inverse of -J at ``work.here`` from laws, strain and statuses there.
 
     Returns False if J is singular.
@@ -676,7 +754,9 @@ def _linearise(model, load, work, laws):
 
 
 @compiled(inner=True)
-def _add_flowing(model, work, responses, jacobian):
+def _add_flowing(
+    model: StepModel, work: WorkArrays, responses: np.ndarray, jacobian: np.ndarray
+) -> None:
     """Add the plastic part of -J, by W."""
     count, ell = responses.shape
     flowing = _flowing_of(model.single[1], work.slopes)

@@ -86,7 +86,7 @@ STRAINS, UNKNOWNS, MEMORY, CONSTANTS, REGISTERS, LIMITED = range(6)
 
 
 @compiled(inner=True, error_model="numpy")
-def _factor(factors, pivots, which):
+def _factor(factors: np.ndarray, pivots: np.ndarray, which: np.ndarray) -> None:
     """Replace ``factors``, which hold matrices, by LU factors; a singular one has a pivot 0 or
     NaN.
     """
@@ -111,7 +111,7 @@ def _factor(factors, pivots, which):
 
 
 @compiled(inner=True, error_model="numpy")
-def _solve(factors, pivots, which, vectors):
+def _solve(factors: np.ndarray, pivots: np.ndarray, which: np.ndarray, vectors: np.ndarray) -> None:
     """Replace right-hand sides ``vectors``, (u, m), by solutions with LU factors."""
     size = len(factors)
     if size == 1:
@@ -135,7 +135,9 @@ def _solve(factors, pivots, which, vectors):
 
 
 @compiled(inner=True, error_model="numpy")
-def _measure(steps, weights, kinds, lengths):
+def _measure(
+    steps: np.ndarray, weights: np.ndarray, kinds: np.ndarray, lengths: np.ndarray
+) -> None:
     """Set ``lengths``, (m,): largest change of an unknown relative to its kind.
 
     Infinite if a step is not finite.
@@ -150,7 +152,10 @@ def _measure(steps, weights, kinds, lengths):
 
 
 @compiled(inner=True, error_model="numpy")
-def _newton(code, law, work, open_, factors, pivots):
+def _newton(
+    code: Code, law: int, work: np.ndarray, open_: np.ndarray,
+    factors: np.ndarray, pivots: np.ndarray,
+) -> None:  # fmt: skip
     """Solve for y, in ``work``, at points that are not solved.
 
     ``open_`` becomes the result at each.
@@ -214,7 +219,16 @@ def _newton(code, law, work, open_, factors, pivots):
 
 
 @compiled(inner=True, error_model="numpy")
-def _settle(code, law, work, open_, factors, pivots, iterate, steps):
+def _settle(
+    code: Code,
+    law: int,
+    work: np.ndarray,
+    open_: np.ndarray,
+    factors: np.ndarray,
+    pivots: np.ndarray,
+    iterate: np.ndarray,
+    steps: np.ndarray,
+) -> None:
     """Take points as solved whose steps are as small as a change of the strain by round-off makes
     them.
 
@@ -252,7 +266,7 @@ def _settle(code, law, work, open_, factors, pivots, iterate, steps):
 
 
 @compiled(inner=True)
-def _mark_finite(outputs, work, count, finite):
+def _mark_finite(outputs: np.ndarray, work: np.ndarray, count: int, finite: np.ndarray) -> None:
     """Set ``finite``: true at points where ``count`` outputs of the last run are all finite."""
     finite[:] = True
     for i in range(count):
@@ -262,7 +276,7 @@ def _mark_finite(outputs, work, count, finite):
 
 
 @compiled(inner=True)
-def _negate(outputs, work, which, new):
+def _negate(outputs: np.ndarray, work: np.ndarray, which: np.ndarray, new: np.ndarray) -> None:
     """Set ``new`` to -r, which the last run of the machine computed."""
     for i in range(len(new)):
         row = work[outputs[i]]
@@ -272,7 +286,14 @@ def _negate(outputs, work, which, new):
 
 
 @compiled(inner=True)
-def _linearise(outputs, work, strains, which, factors, iterate):
+def _linearise(
+    outputs: np.ndarray,
+    work: np.ndarray,
+    strains: int,
+    which: np.ndarray,
+    factors: np.ndarray,
+    iterate: np.ndarray,
+) -> None:
     """Set ``factors`` to dr/dy of the last run, and ``iterate`` to its y."""
     size = len(iterate)
     for i in range(size):
@@ -287,7 +308,9 @@ def _linearise(outputs, work, strains, which, factors, iterate):
 
 
 @compiled(inner=True)
-def _weigh(iterate, new, which, kinds, weights):
+def _weigh(
+    iterate: np.ndarray, new: np.ndarray, which: np.ndarray, kinds: np.ndarray, weights: np.ndarray
+) -> None:
     """Set ``weights``: largest unknown or step of each kind."""
     for i in range(kinds.size):
         for k in range(which.size):
@@ -301,14 +324,24 @@ def _weigh(iterate, new, which, kinds, weights):
 
 
 @compiled(inner=True)
-def _copy(values, to):
+def _copy(values: np.ndarray, to: np.ndarray) -> None:
     """Copy a row; loops over rows vectorise, and those with sums as indices do not."""
     for k in range(values.size):
         to[k] = values[k]
 
 
 @compiled(inner=True)
-def _load(code, law, work, first, count, strain, old, dt, constants):
+def _load(
+    code: Code,
+    law: int,
+    work: np.ndarray,
+    first: int,
+    count: int,
+    strain: np.ndarray,
+    old: np.ndarray,
+    dt: float,
+    constants: np.ndarray,
+) -> None:
     """Set the inputs of a block from those of :func:`solve_points`.
 
     Points after the last one repeat it.
@@ -334,7 +367,16 @@ def _load(code, law, work, first, count, strain, old, dt, constants):
 
 
 @compiled(inner=True)
-def _store(code, law, work, part, block, solved_for, wanted, found):
+def _store(
+    code: Code,
+    law: int,
+    work: np.ndarray,
+    part: int,
+    block: tuple[int, int],
+    solved_for: np.ndarray,
+    wanted: bool,
+    found: tuple[np.ndarray, ...],
+) -> None:
     """Store stress, memory and BEYOND at points of a block at which ``solved_for``, (m,), is
     ``wanted``, a bool.
     """
@@ -356,7 +398,17 @@ def _store(code, law, work, part, block, solved_for, wanted, found):
 
 
 @compiled(inner=True, error_model="numpy")
-def _store_tangents(code, law, work, part, block, solved_for, wanted, tangent, factors):
+def _store_tangents(
+    code: Code,
+    law: int,
+    work: np.ndarray,
+    part: int,
+    block: tuple[int, int],
+    solved_for: np.ndarray,
+    wanted: bool,
+    tangent: np.ndarray,
+    factors: tuple[np.ndarray, ...],
+) -> None:
     """Store tangents dσ/dε - dσ/dy (dr/dy)^-1 dr/dε in ``tangent``, (c, c, n), at the points of
     :func:`_store`.
     """
@@ -387,7 +439,17 @@ def _store_tangents(code, law, work, part, block, solved_for, wanted, tangent, f
 
 
 @compiled(inner=True)
-def _finish(code, law, work, part, block, solved_for, wanted, found, factors):
+def _finish(
+    code: Code,
+    law: int,
+    work: np.ndarray,
+    part: int,
+    block: tuple[int, int],
+    solved_for: np.ndarray,
+    wanted: bool,
+    found: tuple[np.ndarray, ...],
+    factors: tuple[np.ndarray, ...],
+) -> None:
     """Run :data:`AFTER` or :data:`REST` and store its results at points that were solved for, or at
     the others.
     """
@@ -400,7 +462,16 @@ def _finish(code, law, work, part, block, solved_for, wanted, found, factors):
 
 
 @compiled(inner=True, error_model="numpy")
-def _solve_block(code, law, work, first, count, states, found, factors):
+def _solve_block(
+    code: Code,
+    law: int,
+    work: np.ndarray,
+    first: int,
+    count: int,
+    states: tuple[np.ndarray, np.ndarray],
+    found: tuple[np.ndarray, ...],
+    factors: tuple[np.ndarray, ...],
+) -> None:
     """Solve a block whose inputs are set; ``states`` is room for ``solved_for`` and ``open_``."""
     solved_for, open_ = states
     result = found[3]
@@ -518,7 +589,15 @@ def subtract(share: float, row: np.ndarray, grading: np.ndarray, to: np.ndarray)
 
 
 @compiled(inner=True)
-def _set_inelastic(start, end, strain, old, elasticity, stress, new):
+def _set_inelastic(
+    start: int,
+    end: int,
+    strain: np.ndarray,
+    old: np.ndarray,
+    elasticity: tuple[np.ndarray, np.ndarray],
+    stress: np.ndarray,
+    new: np.ndarray,
+) -> None:
     """Set the first rows of ``new`` to ε - C^-1 σ, (c, n).
 
     Where nothing flowed, it does not change by round-off.

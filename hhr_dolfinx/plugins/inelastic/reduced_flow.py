@@ -319,7 +319,14 @@ def _with_motions(
 
 
 @compiled()
-def _rows_times(indptr, indices, data, rows, dense, out):
+def _rows_times(
+    indptr: np.ndarray,
+    indices: np.ndarray,
+    data: np.ndarray,
+    rows: np.ndarray,
+    dense: np.ndarray,
+    out: np.ndarray,
+) -> None:
     """Add some rows of a sparse matrix, many of which are zero, times a dense one."""
     for r in range(rows.size):
         for position in range(indptr[rows[r]], indptr[rows[r] + 1]):

@@ -140,7 +140,7 @@ class SparsePattern:
 
 
 @compiled(fastmath=True)
-def _strain(gradients, dofs, field, out):
+def _strain(gradients: np.ndarray, dofs: np.ndarray, field: np.ndarray, out: np.ndarray) -> None:
     cells, per_cell, components, d = gradients.shape
     local = np.empty(d)
     for cell in range(cells):
@@ -155,7 +155,14 @@ def _strain(gradients, dofs, field, out):
 
 
 @compiled(fastmath=True)
-def _internal(gradients, weights, dofs, stress, out, size):
+def _internal(
+    gradients: np.ndarray,
+    weights: np.ndarray,
+    dofs: np.ndarray,
+    stress: np.ndarray,
+    out: np.ndarray,
+    size: np.ndarray,
+) -> None:
     cells, per_cell, components, d = gradients.shape
     local = np.empty(d)
     for cell in range(cells):
@@ -171,7 +178,14 @@ def _internal(gradients, weights, dofs, stress, out, size):
 
 
 @compiled(fastmath=True)
-def _stiffness(gradients, weights, tangents, reference, position, data):
+def _stiffness(
+    gradients: np.ndarray,
+    weights: np.ndarray,
+    tangents: np.ndarray,
+    reference: np.ndarray,
+    position: np.ndarray,
+    data: np.ndarray,
+) -> None:
     """Add the stiffness of ``tangents - reference``; points with equal tangents are skipped."""
     cells, per_cell, components, d = gradients.shape
     flux = np.empty((components, d))
