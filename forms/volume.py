@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 import ufl
@@ -47,7 +46,7 @@ def centrifugal(
 
 
 def eigenstrain(
-    strain: Sequence[Sequence[float]], field: Callable[[Any], Any] | None, mesh: ufl.Mesh
+    strain: Sequence[Sequence[float]], field: Callable[[Expr], Expr | float] | None, mesh: ufl.Mesh
 ) -> Expr:
     """A constant 3x3 strain times a function of the coordinates, None for 1.
 

@@ -9,7 +9,7 @@ the error of the halves.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
@@ -21,6 +21,9 @@ from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.path import check_settings, walked
 from hhr_dolfinx.one_thread import one_thread
 from hhr_dolfinx.warn import warn
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.model import AnsweringModel
 
 PROPORTIONAL = 4
 """Increments from rest to a single parameter before any is cut: one and two may agree by chance."""
@@ -232,7 +235,7 @@ class _CutStep:
 
 @one_thread
 def follow(
-    model: Any,
+    model: AnsweringModel,
     path: Path,
     settings: MarchSettings,
     *,
@@ -331,7 +334,7 @@ class _ByIncrements:
         return answer
 
 
-def _checked_answer(model: Any, step: _CutStep, solved: SolvedIncrement) -> Answer:
+def _checked_answer(model: AnsweringModel, step: _CutStep, solved: SolvedIncrement) -> Answer:
     """Answer at the end of a step; raises an error without one."""
     answer = step.increments.answer(solved)
     answer = answer._replace(iterations=step.iterations, cycled=step.cycled, ends=tuple(step.ends))
@@ -343,7 +346,7 @@ def _checked_answer(model: Any, step: _CutStep, solved: SolvedIncrement) -> Answ
 
 
 def proportional(
-    model: Any,
+    model: AnsweringModel,
     point: np.ndarray,
     raise_on_failure: bool,
     outside: str,
@@ -383,7 +386,7 @@ def proportional(
 class _Proportional:
     """Load in proportion from rest to a point, (P,)."""
 
-    def __init__(self, model: Any, point: np.ndarray):
+    def __init__(self, model: AnsweringModel, point: np.ndarray):
         space = model.parameters
         self._model = model
         self._point = point
@@ -488,7 +491,7 @@ def _changed(values: np.ndarray, last: np.ndarray) -> float:
 
 @one_thread
 def single(
-    model: Any, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool
+    model: AnsweringModel, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool
 ) -> Answer:
     """Answer to a checked point of laws without memory: one increment.
 

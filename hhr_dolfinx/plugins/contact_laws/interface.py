@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -18,6 +18,13 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.memory import NO_MEMORY, Memory
 from hhr_dolfinx.plain import Rebuilt
 from hhr_dolfinx.plugins.contact_laws.ranges import RangeSolver, RangeStep, UnilateralStep
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+    from hhr_dolfinx.contact.law import PairLaw
+    from hhr_dolfinx.parameters import ParameterSpace
+    from hhr_dolfinx.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +48,7 @@ class Range(Rebuilt):
 
 
 class _UnilateralSolver(RangeSolver):
-    def step(self, before: Mapping[str, Any], point: np.ndarray, seconds: float) -> RangeStep:
+    def step(self, before: Memory, point: np.ndarray, seconds: float) -> RangeStep:
         """Unilateral increment, see :class:`RangeSolver`.
 
         Args:
@@ -122,7 +129,7 @@ class Interface(ContactLaw, Rebuilt):
         count = sum(law_range.rows.size for law_range in self.ranges)
         return self._joined(count, [law_range.law.opened(memory) for law_range in self.ranges])
 
-    def _joined(self, count: int, values: Sequence[Any]) -> np.ndarray:
+    def _joined(self, count: int, values: Sequence[np.ndarray | float]) -> np.ndarray:
         """Values of the ranges in the order of all conditions."""
         array = np.zeros(count, dtype=np.result_type(*values))
         for law_range, value in zip(self.ranges, values, strict=True):
@@ -142,7 +149,7 @@ class Interface(ContactLaw, Rebuilt):
                 ranges.append(Range(law_range.law.within(local), index[law_range.rows[local]]))
         return Interface(tuple(ranges))
 
-    def kept_with(self, inside: np.ndarray, contact: Any) -> np.ndarray:
+    def kept_with(self, inside: np.ndarray, contact: csr_matrix) -> np.ndarray:
         """See :class:`ContactLaw`.
 
         Args:
@@ -168,7 +175,7 @@ class Interface(ContactLaw, Rebuilt):
         for law_range in self.ranges:
             yield from law_range.law.faults_for(dimension)
 
-    def check_path(self, space: Any, points: np.ndarray) -> None:
+    def check_path(self, space: ParameterSpace, points: np.ndarray) -> None:
         """See :class:`ContactLaw`.
 
         Args:
@@ -228,8 +235,8 @@ Attached = tuple[ContactRows, np.ndarray, ContactLaw]
 
 
 def joint(
-    scene: Any,
-    laws: Sequence[Mapping[int, Any]],
+    scene: Scene,
+    laws: Sequence[Mapping[int, PairLaw]],
     found: Sequence[Attached],
     rows: ContactRows,
     pairs: np.ndarray,
@@ -260,8 +267,8 @@ def _solves_itself(law: ContactLaw) -> bool:
 
 
 def _together(
-    scene: Any,
-    laws: Sequence[Mapping[int, Any]],
+    scene: Scene,
+    laws: Sequence[Mapping[int, PairLaw]],
     found: Sequence[Attached],
     rows: ContactRows,
     pairs: np.ndarray,
@@ -287,7 +294,7 @@ def _together(
     return joined(blocks), np.concatenate(numbers), interface
 
 
-def _check_memories(scene: Any, law: Interface) -> None:
+def _check_memories(scene: Scene, law: Interface) -> None:
     owner: dict[str, str] = {}
     for law_range in law.ranges:
         solver = law_range.solver()

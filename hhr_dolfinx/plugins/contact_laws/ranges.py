@@ -12,14 +12,17 @@ nothing is proved with it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import OTHER_PAIRS_ROUND_OFF, Status
 from hhr_dolfinx.errors import NotSolvableError
 from hhr_dolfinx.memory import NO_MEMORY, Memory
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.contact_laws.range_increments import RangeState
 
 PROJECTION_TOLERANCE = 1e-11
 """Relative deviation of forces from their projection up to which they have converged (measured
@@ -172,7 +175,7 @@ class RangeSolver:
         """Memory of undeformed bodies."""
         return NO_MEMORY
 
-    def step(self, before: Mapping[str, Any], point: np.ndarray, seconds: float) -> RangeStep:
+    def step(self, before: Memory, point: np.ndarray, seconds: float) -> RangeStep:
         """Increment from a memory to a point.
 
         A law without memory gets an empty one, and NaN seconds.
@@ -188,7 +191,7 @@ class RangeSolver:
         raise NotImplementedError
 
     def difference(
-        self, off: float, ends: Sequence[Any], rows: np.ndarray, largest: float
+        self, off: float, ends: Sequence[RangeState], rows: np.ndarray, largest: float
     ) -> float:
         """Error of a step in two halves.
 
@@ -201,7 +204,7 @@ class RangeSolver:
         """
         return off
 
-    def check(self, memory: Mapping[str, Any], place: str) -> None:
+    def check(self, memory: Memory, place: str) -> None:
         """Check the memory at the end of a step, and warn; ``place`` is the parameter, in words."""
 
     def coupling(self, schur: np.ndarray, rows: np.ndarray, point: np.ndarray) -> float:

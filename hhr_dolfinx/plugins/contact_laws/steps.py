@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,13 +20,18 @@ from hhr_dolfinx.plugins.contact_laws.increments import Increments, follow, prop
 from hhr_dolfinx.plugins.contact_laws.interface import ranged
 from hhr_dolfinx.plugins.contact_laws.range_increments import RangesIncrements, RangesStep
 
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.model import AnsweringModel
+
 
 class LawSteps(Steps):
     """Base of the facet of a law whose increments are solved one after another, see
     :mod:`.increments`.
     """
 
-    def march(self, model: Any, path: Path, settings: MarchSettings, **how: Any) -> History:
+    def march(
+        self, model: AnsweringModel, path: Path, settings: MarchSettings, **how: Any
+    ) -> History:
         """History along a path, see :func:`follow`.
 
         Args:
@@ -39,7 +44,7 @@ class LawSteps(Steps):
 
     def one_step(
         self,
-        model: Any,
+        model: AnsweringModel,
         point: np.ndarray,
         raise_on_failure: bool,
         outside: str,
@@ -66,7 +71,12 @@ class LawSteps(Steps):
         return proportional(model, point, raise_on_failure, outside, gradient, **step)
 
     def step_contact(
-        self, model: Any, before: Answer, point: np.ndarray, time: float, last: Any = None
+        self,
+        model: Any,
+        before: Answer,
+        point: np.ndarray,
+        time: float,
+        last: Any = None,
     ) -> StepContact:
         """All laws on the S of each linearisation, by their facet ``range``.
 
@@ -105,7 +115,7 @@ class InterfaceSteps(LawSteps):
 
     completes = True
 
-    def increments(self, model: Any, settings: MarchSettings) -> Increments:
+    def increments(self, model: AnsweringModel, settings: MarchSettings) -> Increments:
         """Increments of all laws together.
 
         Args:

@@ -135,7 +135,7 @@ class RigidKernel:
     law: ContactLaw
     contact_of_motions: np.ndarray  #: G = B R, (m, r)
     loads: np.ndarray  #: along the motions, (r, 1 + T), the same for every stiffness
-    reshaped: bool = False  #: whether B, and with it G, depends on parameters
+    reshaped: bool = False  #: True if B, and with it G, depends on parameters
     _known: tuple[Stiffness, FloatingEqualities] | None = field(default=None, init=False)
 
     @classmethod

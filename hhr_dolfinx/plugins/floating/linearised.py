@@ -25,9 +25,7 @@ from hhr_dolfinx.plugins.floating.statuses import (
 )
 
 BALANCE_ROUND_OFF = 1e-10
-"""The same at which it may end where one more step does not halve the imbalance: round-off of the
-law.
-"""
+"""Imbalance at which the search may end if one more step does not halve it: round-off of the law."""
 
 
 class LinearisedMotions:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,11 @@ from hhr_dolfinx.formulas import Scalar, check_over_box, formula_of
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plain import Rebuilt
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
+    from hhr_dolfinx.contact.law import PairLaw
 
 OPEN, STICKS, SLIPS = 0, 1, 2
 """Statuses of a contact with friction."""
@@ -48,7 +53,7 @@ class FrictionLaw(Rebuilt):
     limit: Scalar | None
 
     @classmethod
-    def of(cls, law: Any, space: ParameterSpace, what: str) -> FrictionLaw:
+    def of(cls, law: PairLaw, space: ParameterSpace, what: str) -> FrictionLaw:
         """Law of a pair over the parameter range of a scene.
 
         Args:
@@ -207,7 +212,7 @@ class Friction(ContactLaw, Rebuilt):
         """See :class:`ContactLaw`: all except tangential ones of corners."""
         return ~np.isin(np.arange(count), self.twice)
 
-    def kept_with(self, inside: np.ndarray, contact: Any) -> np.ndarray:
+    def kept_with(self, inside: np.ndarray, contact: csr_matrix) -> np.ndarray:
         """See :class:`ContactLaw`: tangential forces that act on no unknown are kept with their
         pressures.
 

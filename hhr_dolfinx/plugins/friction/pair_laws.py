@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
     from hhr_dolfinx.contact.rows import ContactRows
+    from hhr_dolfinx.scene import Scene
 
 
 class _Tangential(KnownArguments, PairLaw):
@@ -38,7 +39,7 @@ class _Tangential(KnownArguments, PairLaw):
         texts += [] if self.limit is None else [f"shear stress up to {self.limit}"]
         return ", ".join(texts)
 
-    def check(self, scene: Any, what: str) -> None:
+    def check(self, scene: Scene, what: str) -> None:
         """Warn of a coefficient that looks like an angle or a percentage, see :class:`PairLaw`.
 
         Args:
@@ -65,7 +66,7 @@ class _Tangential(KnownArguments, PairLaw):
     def attached(
         cls,
         laws: Mapping[int, Law],
-        scene: Any,
+        scene: Scene,
         rows: ContactRows,
         pairs: np.ndarray,
         free: np.ndarray,

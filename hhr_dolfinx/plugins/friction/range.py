@@ -4,9 +4,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,9 @@ from hhr_dolfinx.plugins.friction.slider import OPEN_GAP, WORK
 from hhr_dolfinx.plugins.friction.sliding_set import STIFFNESS_FACTORS, elastic_slip
 from hhr_dolfinx.plugins.friction.surfaces import FarSliding
 from hhr_dolfinx.plugins.friction.uniqueness import coupling
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.contact_laws.range_increments import RangeState
 
 
 class FrictionRange(RangeSolver):
@@ -42,7 +45,7 @@ class FrictionRange(RangeSolver):
         """No slip."""
         return Memory(slip=SlipState.at_rest(self.law))
 
-    def step(self, before: Mapping[str, Any], point: np.ndarray, seconds: float) -> FrictionStep:
+    def step(self, before: Memory, point: np.ndarray, seconds: float) -> FrictionStep:
         """One increment.
 
         Args:
@@ -53,7 +56,7 @@ class FrictionRange(RangeSolver):
         return FrictionStep(self.law, before[SLIP], point)
 
     def difference(
-        self, off: float, ends: Sequence[Any], rows: np.ndarray, largest: float
+        self, off: float, ends: Sequence[RangeState], rows: np.ndarray, largest: float
     ) -> float:
         """As that of :class:`~hhr_dolfinx.plugins.friction.slider.Slider`, of the contacts of the
         range.
@@ -82,7 +85,7 @@ class FrictionRange(RangeSolver):
             change / (work + WORK * second.energy or 1.0),
         )
 
-    def check(self, memory: Mapping[str, Any], place: str) -> None:
+    def check(self, memory: Memory, place: str) -> None:
         """Check the sliding distance.
 
         Args:

@@ -106,7 +106,7 @@ class _Given(NamedTuple):
     slack: np.ndarray
     driving: np.ndarray
     coefficient: np.ndarray  #: of each tangential row, (T,)
-    limit: np.ndarray  #: the same
+    limit: np.ndarray  #: of each tangential row, (T,)
     plain: bool  #: only finite coefficients bound tangential forces
     unforced: np.ndarray  #: forces that would compensate the slack, row by row, (M,)
     round_off: float  #: of the slack, as a force

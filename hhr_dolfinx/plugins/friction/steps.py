@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,6 +18,9 @@ from hhr_dolfinx.plugins.friction.laws import SLIP, SlipState
 from hhr_dolfinx.plugins.friction.slider import Slider
 from hhr_dolfinx.plugins.friction.sliding_set import Sliding, SlidingContact, SlidingIncrement
 from hhr_dolfinx.plugins.friction.surfaces import FarSliding, SolvedContacts
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.model import AnsweringModel
 
 
 class _RubbingStep:
@@ -107,7 +110,7 @@ class _RubbingStep:
 class _FrictionSteps(LawSteps):
     completes = True
 
-    def increments(self, model: Any, settings: MarchSettings) -> Increments:
+    def increments(self, model: AnsweringModel, settings: MarchSettings) -> Increments:
         """Increments of friction, see :class:`~hhr_dolfinx.models.histories.steps.Steps`.
 
         Args:
@@ -117,7 +120,12 @@ class _FrictionSteps(LawSteps):
         return Slider(model, settings.gradient, settings.limit)
 
     def step_contact(
-        self, model: Any, before: Answer, point: np.ndarray, time: float, last: Any = None
+        self,
+        model: Any,
+        before: Answer,
+        point: np.ndarray,
+        time: float,
+        last: Any = None,
     ) -> StepContact:
         """Friction on the S of each linearisation.
 

@@ -307,7 +307,9 @@ class CondensedEquilibrium(MarchingEquilibrium):
         """Slack without correction and contact forces, (m,)."""
         return self._free_slack @ theta
 
-    def residual(self, x: np.ndarray, gauss: Any, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
+    def residual(
+        self, x: np.ndarray, gauss: GaussState | Update, theta: Theta
+    ) -> tuple[np.ndarray, np.ndarray]:
         """R for the inelastic strain of ``gauss.state``, :mod:`plugins.inelastic.condensed_step`.
 
         Size of g, (1,).
@@ -492,9 +494,7 @@ class _CondensedLinearisation:
 
     @cached_property
     def motions(self) -> LinearisedKernel | None:
-        """Those of loose bodies, beside S with the corrections that forces cause; None without
-        any.
-        """
+        """Motions of loose bodies, on S with the corrections that forces cause; None without any."""
         model = self._model
         if model.motions is None:
             return None
@@ -515,7 +515,7 @@ class _CondensedLinearisation:
         return solution
 
     def push(self, forces: np.ndarray) -> np.ndarray:
-        """The same less those under forces, (m,)."""
+        """Correction, forces and motions without contact forces less those under forces, (m,)."""
         nothing = np.zeros(self._model.size - self._model.modes - forces.size)
         return np.concatenate([self._per_force @ forces, -forces, nothing])
 

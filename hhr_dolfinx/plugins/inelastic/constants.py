@@ -19,17 +19,18 @@ if TYPE_CHECKING:
 
     from hhr_dolfinx.formulas import Scalar
     from hhr_dolfinx.parameters import ParameterSpace
+    from hhr_dolfinx.plugins.inelastic.law import Law, LawProgram
 
 MUST = {
     "young": "Young's modulus must be positive and finite",
     "poisson": "Poisson's ratio must lie in (-1, 0.5)",
 }
-"""What elastic constants must be, by name."""
+"""Conditions on elastic constants, by name."""
 MOST_PLACES = 100
 """Places at which constants that vary in space are checked."""
 
 
-def formulas_of(law: Any) -> dict[str, str]:
+def formulas_of(law: Law | LawProgram | None) -> dict[str, str]:
     """Constants of a law that are formulas of the parameters, by name; empty without a law."""
     formulas: dict[str, str] = {} if law is None else law.formulas
     return formulas

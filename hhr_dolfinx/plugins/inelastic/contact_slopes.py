@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from hhr_dolfinx import registry
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.gradient import grazing
 from hhr_dolfinx.plugins.inelastic.loose import LinearisedKernel
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.inelastic.equilibrium import MaterialEquilibrium
 
 
 class ContactChange(NamedTuple):
@@ -123,7 +126,7 @@ class UnilateralSlopes:
         )
 
 
-def slopes_of_contacts(model: Any, count: int) -> ContactSlopes:
+def slopes_of_contacts(model: MaterialEquilibrium, count: int) -> ContactSlopes:
     """Derivatives of the contacts of a history along some directions.
 
     Args:

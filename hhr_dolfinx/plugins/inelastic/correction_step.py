@@ -93,7 +93,7 @@ class StepInput(NamedTuple):
     """Input of a step."""
 
     slack: np.ndarray  #: without correction and contact forces, (m,)
-    strain: np.ndarray  #: the same by component, (c n,)
+    strain: np.ndarray  #: strain without these by component, (c n,)
     forces: np.ndarray  #: λ_e, (m,)
     driving: np.ndarray  #: loads along motions of bodies that contact alone holds, (r,)
     contact: StepContact

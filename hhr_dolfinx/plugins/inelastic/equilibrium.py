@@ -361,7 +361,7 @@ class MaterialEquilibrium(ABC):
         """Signs at a solved step that the model left its training."""
 
     @abstractmethod
-    def linearised(self, tangents: Any) -> Any:
+    def linearised(self, tangents: np.ndarray) -> Any:
         """Linearisation for consistent tangents, with ``changed``.
 
         Those of earlier tangents become invalid.

@@ -274,7 +274,7 @@ class FullOrderEquilibrium(MeshEquilibrium):
         return self if settings.gradient else self.on_ranks(self._full.comm)
 
     def on_ranks(self, comm: MPI.Comm) -> FullOrderEquilibrium:
-        """The same equilibrium with some of the Gauss points on each rank, for collective paths.
+        """Equilibrium with some of the Gauss points on each rank, for collective paths.
 
         Itself on one rank.
         """
@@ -288,7 +288,7 @@ class FullOrderEquilibrium(MeshEquilibrium):
         return self._spread
 
     def _sharing(self, points: PointsOfRanks) -> FullOrderEquilibrium:
-        """The same equilibrium with the Gauss points of some cells."""
+        """Equilibrium with the Gauss points of some cells."""
         equilibrium = copy(self)
         MaterialEquilibrium.__init__(equilibrium)
         operator = self.operator

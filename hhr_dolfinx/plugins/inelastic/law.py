@@ -189,7 +189,7 @@ class Law(KnownArguments):
                 check_constant(self.name, name, value, self.limits.get(name, ANY))
 
 
-def _is_constant(kind: Any) -> bool:
+def _is_constant(kind: type | str) -> bool:
     """True for a field declared as a number, or as a number or a text."""
     words = (
         kind.replace(" ", "")
@@ -200,7 +200,10 @@ def _is_constant(kind: Any) -> bool:
 
 
 def _check_numbers(
-    law: str, numbers: Mapping[str, Any], limits: Mapping[str, tuple[float, float]], place: str
+    law: str,
+    numbers: Mapping[str, Any],
+    limits: Mapping[str, tuple[float, float]],
+    place: str,
 ) -> None:
     """Raise SceneError for constants outside their limits, each a number, or one for each place if
     there are any.
@@ -349,10 +352,10 @@ class LawProgram(Rebuilt):
     values: tuple[float | str, ...]  #: their numbers or formulas
     low: Annotated[Floats, "constants"]  #: start of their open intervals
     high: Annotated[Floats, "constants"]  #: end of these
-    rated: bool  #: whether the answer depends on the duration of a step
-    elastic: bool = False  #: whether its constants, and not E and ν, state the elasticity
-    reason: str = ""  #: what is wrong beyond its limit; empty without one
-    plane_stress: bool = False  #: whether it is stated for it
+    rated: bool  #: True if the answer depends on the duration of a step
+    elastic: bool = False  #: True if its constants, and not E and ν, state the elasticity
+    reason: str = ""  #: fault beyond its limit; empty without one
+    plane_stress: bool = False  #: True if it is stated for plane stress
 
     def __post_init__(self) -> None:
         count = len(self.constants)

@@ -55,7 +55,7 @@ SECOND_DIFFERENCE_ROUND_OFF = 1e-8
 
 
 class Inputs(NamedTuple):
-    """What a step depends on at n points."""
+    """Inputs of a step at n points."""
 
     strain: np.ndarray  #: at its end, (n, c)
     old: InternalVariables  #: before it

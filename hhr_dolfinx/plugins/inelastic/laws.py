@@ -207,7 +207,7 @@ class Chaboche(_Stated):
         return super().constants() | pairs
 
     def settings(self) -> dict[str, object]:
-        """See above."""
+        """Number of back stresses, see :class:`_Stated`."""
         return {"backs": len(self.backs)}
 
 

@@ -46,7 +46,7 @@ turn of a history, is kept for the next one. In the plane the plastic pellet tak
 with 5, 8, 10 and 15; its reduced model 1.6 times as long with 15.
 """
 PATIENCE_IN_SPACE = 15
-"""The same if a tangent costs as much as ten iterations, as of full models in space: the smallest
+"""Iterations if a tangent costs as much as ten of them, as of full models in space: the smallest
 indentation of the demo takes 0.46 s, as by the elastic operator alone, and 0.69 s with 5.
 """
 EXTRAPOLATED_ITERATIONS = 15

@@ -19,7 +19,7 @@ class LinearisedKernel(Protocol):
     """
 
     contact_of_motions: np.ndarray  #: (m, r)
-    modes: np.ndarray  #: they as unknowns, (n, r)
+    modes: np.ndarray  #: the motions as unknowns, (n, r)
 
     def solved(
         self, contact: StepContact, free_slack: np.ndarray, residual: np.ndarray,

@@ -40,7 +40,7 @@ class LawStep(NamedTuple):
     constants: Mapping[
         str, float | np.ndarray
     ]  #: with young and poisson; (n,) if they vary in space
-    tangent: bool  #: whether tangents are needed
+    tangent: bool  #: True if tangents are needed
 
 
 class OutsideLaw(Law):

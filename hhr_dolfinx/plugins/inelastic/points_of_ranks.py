@@ -14,7 +14,7 @@ from hhr_dolfinx.errors import ConvergenceError, class_of
 from hhr_dolfinx.group import share
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.plugins.inelastic.law import InternalVariables
-from hhr_dolfinx.plugins.inelastic.points import GaussPoints
+from hhr_dolfinx.plugins.inelastic.points import GaussPoints, Result
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 
@@ -74,7 +74,7 @@ class PointsOfRanks(GaussPoints):
         point = int(values.argmax())
         return self.worst(float(values[point]), self.points.start + point)
 
-    def worst(self, size: float, what: object) -> Any:
+    def worst(self, size: float, what: Result) -> Result:
         """See :class:`GaussPoints`.
 
         Args:

@@ -300,8 +300,9 @@ def _dense_linearisation(
 def _with_motions(
     problem: ReducedProblem, stiffness: np.ndarray, moduli: np.ndarray
 ) -> Linearisation:
-    """The same where the first modes are motions of bodies that contact alone holds, on which K~ is
-    zero.
+    """Linearisation whose first modes are motions of bodies that contact alone holds.
+
+    K~ is zero on them.
     """
     r = problem.motions
     factor = LapackLU(np.ascontiguousarray(stiffness[r:, r:]))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -47,6 +47,9 @@ from hhr_dolfinx.reduction.kinds import OfPoints
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.warn import warn
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.inelastic.reduced_flow import ReducedFlow
 
 STRESS_LEFT_OUT = 1e-9
 """Part of the squared training stresses that their modes leave out."""
@@ -133,7 +136,7 @@ class FittedFlow:
             return cls(stress)
         return cls(stress, state_modes([gauss.state.cumulated for gauss in states], PLASTIC_STRAIN))
 
-    def completion(self, flow: Any) -> FlowFields:
+    def completion(self, flow: ReducedFlow) -> FlowFields:
         """Reconstruction of stress and cumulated plastic strain from the Gauss points of the RID
         (section 6.2.3).
 

@@ -42,7 +42,7 @@ class StoredGauss:
         }
         self._behaviours: dict[tuple, str] = {}
 
-    def fingerprint(self) -> list[Any]:
+    def fingerprint(self) -> list[object]:
         """Points, elasticity and behaviour of each body, and eigenstrains."""
         groups = self._equilibrium.material.groups
         of_groups = (
@@ -79,7 +79,7 @@ class StoredGauss:
         gauss = state(answer)
         return {"stress": gauss.stress, **gauss.state._asdict()}
 
-    def memory(self, arrays: Mapping[str, np.ndarray]) -> dict[str, Any]:
+    def memory(self, arrays: Mapping[str, np.ndarray]) -> dict[str, GaussState]:
         """Stress and state."""
         unloaded = self._equilibrium.material.at_rest()
         variables = unloaded._replace(**{name: arrays[name] for name in unloaded._fields})

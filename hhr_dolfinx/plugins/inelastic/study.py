@@ -39,7 +39,7 @@ from hhr_dolfinx.timing import timed
 
 if TYPE_CHECKING:
     from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlowModel
-    from hhr_dolfinx.plugins.studies.settings import View
+    from hhr_dolfinx.plugins.studies.settings import StudySettings, View
 
 
 class Run(NamedTuple):
@@ -74,7 +74,7 @@ class Run(NamedTuple):
 
 
 def runs_beside(
-    models: Mapping[str, Model], path: HistoryPath, settings: Any, exact: History
+    models: Mapping[str, Model], path: HistoryPath, settings: StudySettings, exact: History
 ) -> dict[str, Run]:
     """Histories of several models, by name: all once, then all again, in turns.
 
@@ -334,7 +334,10 @@ STUDY_METHODS = {
 
 @told_once()
 def measure_histories(
-    training: Training, settings: Any, tests: Mapping[Any, HistoryPath], progress: Progress
+    training: Training,
+    settings: StudySettings,
+    tests: Mapping[str, HistoryPath],
+    progress: Progress,
 ) -> tuple[ReducedModel | CondensedFlowModel, Measurement]:
     """The model under study, and errors and times of both kinds of small models compared with the
     full model.
@@ -418,11 +421,11 @@ def measure_histories(
 def _runs(
     full: FullOrderModel,
     models: Mapping[str, Any],
-    tests: Mapping[Any, HistoryPath],
+    tests: Mapping[str, HistoryPath],
     ways: Any,
-    settings: Any,
+    settings: StudySettings,
     progress: Progress,
-) -> tuple[dict[Any, HistoryPath], list[Run], dict[str, list[Run]]]:
+) -> tuple[dict[str, HistoryPath], list[Run], dict[str, list[Run]]]:
     """Paths that the full model solves, by label, and histories along them: of the full model, and
     of each model.
     """
@@ -444,7 +447,7 @@ def _runs(
     return solved, exact, runs_by_name
 
 
-def _built(training: Training, settings: Any) -> tuple[Report, dict[str, HHRError]]:
+def _built(training: Training, settings: StudySettings) -> tuple[Report, dict[str, HHRError]]:
     """Small models by method, HHR first, and the errors of refused ones."""
     makers: dict[str, Callable[[], Any]] = {
         "HHR": partial(training.build, settings.recipe),
@@ -467,7 +470,7 @@ def _report(
     refused: dict[str, HHRError],
     best: Row,
     searches: dict[str, float],
-    labels: list[Any],
+    labels: list[str],
     exact: list[History],
 ) -> Report:
     """Parts of a report for histories only."""
@@ -653,7 +656,7 @@ class _Study:
     advice = staticmethod(advice_flowing)
     draw = staticmethod(draw_over_time)
 
-    def check(self, settings: Any) -> None:
+    def check(self, settings: StudySettings) -> None:
         """Raise StudyError for an invalid correction."""
         from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 
@@ -686,7 +689,7 @@ class _Study:
             stress: {name: mean(answer.stress()[:, 0]) for name, answer in answers.items()},
         }
 
-    def cells(self, model: Any) -> np.ndarray:
+    def cells(self, model: ReducedModel | CondensedFlowModel) -> np.ndarray:
         """Cells of the RID, or of the points where laws are evaluated."""
         if isinstance(model, ReducedModel):
             return model.offline.sets.cells

@@ -45,7 +45,7 @@ LAW_FAULTS = {
         "the memory"
     ),
 }
-"""What the check says of a law: what is wrong, and what to do."""
+"""Messages of the check of a law: the fault and the remedy."""
 TESTED_PATHS = 60
 """Random closed paths of strains, each at a Gauss point."""
 LEGS = 200

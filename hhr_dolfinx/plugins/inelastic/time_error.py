@@ -207,7 +207,7 @@ def _fields(answer: Answer) -> tuple[np.ndarray, ...]:
     return gauss_of(answer).stress, answer.displacement(), answer.multipliers
 
 
-def halved(before: Any, ends: Sequence[Goal]) -> list[Goal]:
+def halved(before: Answer, ends: Sequence[Goal]) -> list[Goal]:
     """Ends of the halves of some steps.
 
     Args:

@@ -339,7 +339,7 @@ class Watch:
                 f"{trained.shown(self._largest):.2g} at most",
             )
 
-    def _say(self, kind, message):
+    def _say(self, kind: str, message: str):
         if kind not in self._said:
             self._said.add(kind)
             announce(

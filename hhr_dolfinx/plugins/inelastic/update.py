@@ -366,7 +366,7 @@ class Material:
                 weights_by_formula[group.young, "", flat] = (young,)
         return [weight for weights in weights_by_formula.values() for weight in weights]
 
-    def constants(self, point: np.ndarray) -> list[dict[str, Any]]:
+    def constants(self, point: np.ndarray) -> list[dict[str, float | np.ndarray]]:
         """Values at a point, (P,), of the constants that are formulas, for each group by name."""
         by_group = [
             self._laws[body].constants(point) if body in self._laws else {}
