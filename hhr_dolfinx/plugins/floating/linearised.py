@@ -25,7 +25,7 @@ from hhr_dolfinx.plugins.floating.statuses import (
 )
 
 BALANCE_ROUND_OFF = 1e-10
-"""Imbalance at which the search may end if one more step does not halve it: round-off of the law."""
+"""Imbalance at which the search may end if one more step does not halve it: round-off of laws."""
 
 
 class LinearisedMotions:

@@ -494,7 +494,7 @@ class _CondensedLinearisation:
 
     @cached_property
     def motions(self) -> LinearisedKernel | None:
-        """Motions of loose bodies, on S with the corrections that forces cause; None without any."""
+        """Motions of loose bodies on S, with the corrections that forces cause; None without."""
         model = self._model
         if model.motions is None:
             return None
@@ -515,7 +515,7 @@ class _CondensedLinearisation:
         return solution
 
     def push(self, forces: np.ndarray) -> np.ndarray:
-        """Correction, forces and motions without contact forces less those under forces, (m,)."""
+        """Unknown without contact forces less that under forces, (m,)."""
         nothing = np.zeros(self._model.size - self._model.modes - forces.size)
         return np.concatenate([self._per_force @ forces, -forces, nothing])
 
